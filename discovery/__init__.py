@@ -1,0 +1,1 @@
+"""Decides between models: candidate tension laws, residual tracing, the closed loop."""

@@ -1,0 +1,1 @@
+"""Runs and shows: commands, virtual rig, figures and reports."""

@@ -1,0 +1,1 @@
+"""The virtual test rig: physics, sensors and campaign writer of its own."""

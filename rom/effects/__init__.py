@@ -1,0 +1,1 @@
+"""Catalogue of effects that a model may lack, a file per family."""

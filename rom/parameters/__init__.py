@@ -1,0 +1,1 @@
+"""Published parameter sets, a file per paper."""
