@@ -1,0 +1,236 @@
+"""From raw channels to motion and tension: filters, integration, decimation, impact, split of tension."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy import integrate, ndimage, signal
+
+FloatArray = npt.NDArray[np.float64]
+
+_LONGEST_PULSE_S = 0.02  # a hammer's pulse is over within this time; anything longer is a driven force
+_SHORTEST_PULSE_S = 5e-4  # a pulse this long must survive the removal of single-sample spikes
+
+
+@dataclass(frozen=True)
+class FilterChain:
+    """Zero-phase Butterworth high-pass, repeated after every integration.
+
+    ``y = HP(x)`` and, for each integration, ``y <- HP(cumulative trapezoid of y)``, where HP runs the filter
+    forwards and backwards. A quantity integrated n times has therefore passed the filter n + 1 times; a
+    simulation is compared with a measurement only after the very same call.
+
+    Parameters
+    ----------
+    cutoff_hz
+        Cutoff of the single pass (-3 dB; -6 dB after both directions) [Hz]: 2 uncoupled, 5 coupled.
+    order
+        Order of the Butterworth filter.
+
+    Raises
+    ------
+    ValueError
+        If the cutoff is not positive or the order is below one; on use, if the samples are not finite, or the
+        cutoff does not lie below half the sampling rate.
+
+    Notes
+    -----
+    He et al. (2025), Section 2.3. The record is extended at both ends by odd reflection over two cutoff
+    periods. The few samples that filtfilt takes by default make the noise of the very first sample act as an
+    offset, whose transient after two integrations is far above the integrated noise itself.
+    """
+
+    cutoff_hz: float
+    order: int = 3
+
+    def __post_init__(self) -> None:
+        """Check what a filter can be made of."""
+        if not self.cutoff_hz > 0 or not np.isfinite(self.cutoff_hz):
+            raise ValueError(
+                f"The filter's cutoff must be a positive frequency, instead got {self.cutoff_hz} Hz."
+            )
+        if self.order < 1:
+            raise ValueError(f"The filter's order must be at least 1, instead got {self.order}.")
+
+    def integrated(self, samples: FloatArray, rate_hz: float, times: int) -> FloatArray:
+        """Filter, then integrate and filter again, ``times`` times; shape (..., samples) is kept.
+
+        One call serves any motion channel: acceleration to displacement is 2, velocity to displacement 1,
+        displacement to displacement 0.
+        """
+        result = self.highpass(samples, rate_hz)
+        for _ in range(times):
+            result = integrate.cumulative_trapezoid(result, dx=1 / rate_hz, axis=-1, initial=0)
+            result = self.highpass(result, rate_hz)
+        return result
+
+    def highpass(self, samples: FloatArray, rate_hz: float, passes: int = 1) -> FloatArray:
+        """Zero-phase high-pass of samples (..., samples), ``passes`` times over.
+
+        Equation errors need every term, the force included, to have passed as often as the displacement: 3.
+        """
+        result = _finite(samples)
+        sections = _highpass_sections(self.order, self.cutoff_hz, rate_hz)
+        padding = min(result.shape[-1] - 1, int(2 * rate_hz / self.cutoff_hz))
+        for _ in range(passes):
+            result = signal.sosfiltfilt(sections, result, axis=-1, padlen=padding)
+        return result
+
+    def velocity(self, acceleration: FloatArray, rate_hz: float) -> FloatArray:
+        """Velocity [m/s] of an acceleration [m/s2]: HP, integrate, HP."""
+        return self.integrated(acceleration, rate_hz, 1)
+
+    def displacement(self, acceleration: FloatArray, rate_hz: float) -> FloatArray:
+        """Displacement [m] of an acceleration [m/s2]: HP, integrate, HP, integrate, HP."""
+        return self.integrated(acceleration, rate_hz, 2)
+
+    def from_velocity(self, velocity: FloatArray, rate_hz: float) -> FloatArray:
+        """Displacement [m] of a velocity [m/s]: HP, integrate, HP."""
+        return self.integrated(velocity, rate_hz, 1)
+
+
+@lru_cache(maxsize=64)
+def _highpass_sections(order: int, cutoff_hz: float, rate_hz: float) -> FloatArray:
+    if not 0 < cutoff_hz < rate_hz / 2:
+        raise ValueError(
+            f"The filter's cutoff must lie between 0 and half the sampling rate ({rate_hz / 2} Hz), "
+            f"instead got {cutoff_hz} Hz."
+        )
+    return np.asarray(signal.butter(order, cutoff_hz, "highpass", fs=rate_hz, output="sos"), dtype=np.float64)
+
+
+def _finite(samples: FloatArray) -> FloatArray:
+    array = np.asarray(samples, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] < 2:
+        raise ValueError(f"A signal must have at least 2 samples, instead got shape {array.shape}.")
+    if not np.isfinite(array).all():
+        raise ValueError(
+            f"A signal must be finite, instead {np.count_nonzero(~np.isfinite(array))} samples are not."
+        )
+    return array
+
+
+def decimate(samples: FloatArray, rate_hz: float, target_hz: float) -> FloatArray:
+    """Bring samples (..., samples) to a lower rate without aliasing and without delay.
+
+    A linear-phase FIR low-pass, flat to 0.8 of the new Nyquist frequency and below -60 dB from there on, is
+    applied with its delay removed; sample i of the result belongs to time i / target_hz. Ratios of whole
+    numbers go through an intermediate rate (polyphase).
+
+    Raises
+    ------
+    ValueError
+        If the target lies above the rate, or the ratio is no fraction of whole numbers up to 1000.
+    """
+    array = _finite(samples)
+    ratio = Fraction(target_hz / rate_hz).limit_denominator(1000)
+    if not 0 < target_hz <= rate_hz or abs(ratio - target_hz / rate_hz) > 1e-9:
+        raise ValueError(
+            f"The target rate must be a simple fraction of the sampling rate and not above it, instead got "
+            f"{target_hz} Hz of {rate_hz} Hz."
+        )
+    if ratio == 1:
+        return array.copy()
+    taps, beta = signal.kaiserord(60.0, 0.2 / ratio.denominator)
+    lowpass = signal.firwin(taps | 1, 0.9 / ratio.denominator, window=("kaiser", beta))
+    # "line" continues the record past its ends: a tension of 3000 N must not fall to zero there.
+    resampled = signal.resample_poly(  # type: ignore[call-overload]  # the stubs know no window given as taps
+        array, ratio.numerator, ratio.denominator, axis=-1, window=lowpass, padtype="line"
+    )
+    return np.asarray(resampled, dtype=np.float64)
+
+
+def find_impact(force: FloatArray, rate_hz: float) -> float | None:
+    """Time [s] at which the hammer first touches, or None where there is no hit.
+
+    A hit is the first stretch of force, of either sign, that rises above eight times the noise (from the
+    median absolute deviation) and three tenths of the record's peak, and ends within 20 ms. Its onset is the
+    last sample before it within three times the noise or one hundredth of its peak. Spikes of one sample do
+    not count.
+    """
+    deviation = np.abs(_finite(force) - np.median(force))
+    if rate_hz * _SHORTEST_PULSE_S >= 3:
+        deviation = ndimage.median_filter(deviation, size=3, mode="nearest")
+    moved = deviation[deviation > 0]
+    if moved.size == 0:
+        return None
+    # A quantised quiet channel has a median deviation of zero: its noise is then the smallest step.
+    noise = max(1.4826 * float(np.median(deviation)), float(moved.min()))
+    above = deviation > max(8 * noise, 0.3 * float(deviation.max()))
+    edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
+    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+        if stop - start <= _LONGEST_PULSE_S * rate_hz:
+            quiet = np.flatnonzero(deviation[:start] <= max(3 * noise, 0.01 * deviation[start:stop].max()))
+            return float((quiet[-1] if quiet.size else 0) / rate_hz)
+    return None
+
+
+def split_tension(
+    tension: FloatArray, rate_hz: float, window_s: float, impact_s: float | None = None, periods: int = 2
+) -> tuple[FloatArray, FloatArray]:
+    """Split a tension (samples,) [N] into its non-oscillatory and its oscillatory part, whose sum it is.
+
+    The non-oscillatory part is a moving mean over ``window_s``, which must hold a whole number ``periods`` of
+    the first mode, so that its oscillation cancels. The record before and after ``impact_s`` is treated
+    apart: at a border the window is moved inwards, never shortened. After the impact, however, the step of a
+    loosening joint takes 0.5 to 20 ms: there the oscillation is estimated by a linear regression (two
+    harmonics, amplitudes linear in time, beside a straight line) over four periods that begin one period
+    after the impact, taken out, and the window grows from a single sample with the time since the impact.
+
+    Both parts are linear in the tension: a simulated tension goes through the same call before a difference.
+    The bias left on known steps is printed by ``python -m benchmarks.tension_split``.
+
+    Raises
+    ------
+    ValueError
+        If the window holds fewer than three samples or the impact lies outside the record.
+    """
+    samples = _finite(tension)
+    half = round(window_s * rate_hz / 2)
+    impact = 0 if impact_s is None else round(impact_s * rate_hz)
+    if half < 1 or periods < 1:
+        raise ValueError(
+            f"The window must hold at least three samples and one period, instead got {window_s} s at "
+            f"{rate_hz} Hz and {periods} periods."
+        )
+    if not 0 <= impact < samples.size:
+        raise ValueError(
+            f"The impact must lie within the {samples.size / rate_hz} s record, instead got {impact_s} s."
+        )
+    before, after = samples[:impact], samples[impact:]
+    smooth = np.concatenate((_moving_mean(before, half), _moving_mean(after, half)))
+    period = rate_hz * window_s / periods
+    if impact_s is not None and after.size > 4 * period:  # fewer cannot tell an oscillation from a transient
+        steady = after - _oscillation(after, period)
+        near = np.arange(min(2 * half, after.size - half))
+        smooth[impact + near] = _window_mean(steady, near - near // 2, near + near // 2 + 1)
+    return smooth, samples - smooth
+
+
+def _window_mean(samples: FloatArray, first: npt.NDArray[np.intp], last: npt.NDArray[np.intp]) -> FloatArray:
+    """Mean of samples[first:last] for each pair; summed about the overall mean to keep the digits."""
+    centre = samples.mean()
+    total = np.concatenate(([0.0], np.cumsum(samples - centre)))
+    return np.asarray((total[last] - total[first]) / (last - first) + centre)
+
+
+def _moving_mean(samples: FloatArray, half: int) -> FloatArray:
+    if samples.size == 0:
+        return samples
+    width = min(2 * half + 1, samples.size)
+    first = np.clip(np.arange(samples.size) - half, 0, samples.size - width)
+    return _window_mean(samples, first, first + width)
+
+
+def _oscillation(samples: FloatArray, period: float) -> FloatArray:
+    """Two harmonics of ``period`` [samples], fitted from one to five periods after the first sample."""
+    time = np.arange(samples.size) / period
+    waves = [wave(2 * np.pi * n * time) for n in (1, 2) for wave in (np.cos, np.sin)]
+    terms = np.stack([*waves, *(time * wave for wave in waves), np.ones_like(time), time], axis=1)
+    fitted = slice(round(period), round(5 * period))
+    weights = np.linalg.lstsq(terms[fitted], samples[fitted], rcond=None)[0]
+    return np.asarray(terms[:, :-2] @ weights[:-2])
