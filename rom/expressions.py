@@ -1,0 +1,100 @@
+"""Arithmetic expressions as functions: one text for people, for files and for the compiler."""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import cast
+
+_CALLS = {"exp": 1, "log": 1, "sqrt": 1, "tanh": 1, "abs": 1, "sign": 1, "min": 2, "max": 2}
+_NODES = (
+    ast.Expression,
+    ast.BinOp,
+    ast.UnaryOp,
+    ast.Load,
+    ast.Add,
+    ast.Sub,
+    ast.Mult,
+    ast.Div,
+    ast.Pow,
+    ast.USub,
+    ast.UAdd,
+)
+
+
+def _sign(value: float) -> float:
+    return math.copysign(1.0, value) if value != 0.0 else 0.0
+
+
+class _Placed(ast.NodeTransformer):
+    """Checks every node and turns parameter names into places of the parameter array."""
+
+    def __init__(self, arguments: tuple[str, ...], parameters: tuple[str, ...]) -> None:
+        self.arguments = arguments
+        self.parameters = parameters
+
+    def visit(self, node: ast.AST) -> ast.AST:
+        """Refuse every node that is not arithmetic."""
+        if isinstance(node, ast.Call):
+            return self._call(node)
+        if isinstance(node, ast.Name):
+            return self._name(node)
+        if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
+            return ast.Constant(float(node.value))
+        if isinstance(node, _NODES):
+            return self.generic_visit(node)
+        raise ValueError(f"an expression must be arithmetic, got {type(node).__name__}")
+
+    def _call(self, node: ast.Call) -> ast.AST:
+        name = node.func.id if isinstance(node.func, ast.Name) else ""
+        if len(node.args) != _CALLS.get(name, -1) or node.keywords:
+            raise ValueError(f"an expression may call {', '.join(_CALLS)}, got {ast.unparse(node)!r}")
+        node.args = [cast(ast.expr, self.visit(argument)) for argument in node.args]
+        return node
+
+    def _name(self, node: ast.Name) -> ast.AST:
+        if node.id in self.parameters:
+            place = ast.Constant(self.parameters.index(node.id))
+            return ast.Subscript(ast.Name("p", ast.Load()), place, ast.Load())
+        if node.id in self.arguments:
+            return node
+        known = ", ".join((*self.arguments, *self.parameters))
+        raise ValueError(f"an expression may use {known}, got {node.id!r}")
+
+
+@cache
+def compile_expression(
+    expression: str, arguments: tuple[str, ...], parameters: tuple[str, ...]
+) -> Callable[..., float]:
+    """A function ``f(*arguments, p)`` from an arithmetic expression; equal texts give the same function.
+
+    Raises
+    ------
+    ValueError
+        If the expression cannot be read or is more than arithmetic.
+    """
+    clash = sorted(set(parameters) & {*arguments, *_CALLS, "p"})
+    if clash or not all(name.isidentifier() for name in parameters):
+        raise ValueError(
+            f"parameter names must be identifiers other than {', '.join(arguments)}, got {parameters}"
+        )
+    try:
+        tree = ast.parse(expression, mode="eval")
+    except SyntaxError as error:
+        raise ValueError(f"an expression must be arithmetic, got {expression!r}") from error
+    body = ast.fix_missing_locations(_Placed(arguments, parameters).visit(tree))
+    source = f"def law({', '.join((*arguments, 'p'))}):\n    return 1.0 * ({ast.unparse(body)})\n"
+    names: dict[str, object] = {name: getattr(math, name) for name in ("exp", "log", "sqrt", "tanh")}
+    names["sign"] = _compilable_sign()
+    exec(source, names)  # nothing but checked arithmetic reaches this line
+    function = names["law"]
+    assert callable(function)
+    return function
+
+
+def _compilable_sign() -> object:
+    from numba.extending import register_jitable
+
+    return register_jitable(_sign)

@@ -1,0 +1,69 @@
+"""Compiled laws as addresses, and the call of an address from compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from numba import cfunc, types
+from numba.core.cgutils import ir  # type: ignore[attr-defined]
+from numba.extending import intrinsic
+
+_POINTER: Any = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
+_SCALAR = types.float64
+
+SIGNATURES = {
+    # (tension, p) -> stiffness [N/m] or damping [N s/m]
+    "stiffness": _SCALAR(_SCALAR, _POINTER),
+    "damping": _SCALAR(_SCALAR, _POINTER),
+    # (tension, relative displacement, relative velocity, link force, damping force, p) -> dT/dt [N/s]
+    "tension rate": _SCALAR(*[_SCALAR] * 5, _POINTER),
+    # (time, displacement, velocity, tension, stiffness, damping, state, p, state_rate, tension_rate) -> force
+    "effect": _SCALAR(*[_SCALAR] * 6, *[_POINTER] * 4),
+}
+
+
+@cache
+def _compiled(function: Callable[..., float], enters: str, on_disk: bool) -> Any:
+    return cfunc(SIGNATURES[enters], cache=on_disk, error_model="numpy")(function)
+
+
+def address_of(function: Callable[..., float], enters: str, on_disk: bool = True) -> int:
+    """Compile a scalar function to the signature of the place where it enters; its address.
+
+    Parameters
+    ----------
+    function : callable
+        Plain function of scalars and parameter arrays in the order of ``SIGNATURES[enters]``.
+    enters : {"stiffness", "damping", "tension rate", "effect"}
+        The place, which fixes the signature.
+    on_disk : bool
+        Keep the compiled code on disk; only for functions that live in a file.
+
+    Returns
+    -------
+    int
+        Address of machine code, valid as long as the process lives.
+    """
+    return int(_compiled(function, enters, on_disk).address)
+
+
+def _invoke(typing_context: Any, address: Any, arguments: Any) -> Any:  # noqa: ARG001 - fixed by numba
+    """Call the float64 function at ``address``; arrays in ``arguments`` pass as pointers to their data."""
+    signature = types.float64(address, arguments)
+
+    def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+        passed = []
+        for place, kind in enumerate(arguments):
+            value = builder.extract_value(values[1], place)
+            if isinstance(kind, types.Array):
+                value = context.make_array(kind)(context, builder, value=value).data
+            passed.append(value)
+        function = ir.FunctionType(ir.DoubleType(), [value.type for value in passed])
+        return builder.call(builder.inttoptr(values[0], function.as_pointer()), passed)
+
+    return signature, generate
+
+
+invoke: Any = intrinsic(_invoke)

@@ -1,0 +1,241 @@
+"""The reduced-order model: a structure, the laws of its links, and effects; simulation and model.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from rom.effects.effect import Effect
+from rom.laws import Law, Parameter
+from rom.simulation import PLACES, Assembly, Response, assemble, final_tension, simulate
+from rom.structure import Structure
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LinkLaws:
+    """Stiffness, damping and, for a bolted link, the law of its tension.
+
+    Raises
+    ------
+    ValueError
+        If a law stands where it does not enter.
+    """
+
+    stiffness: Law
+    damping: Law
+    tension_rate: Law | None = None
+
+    def __post_init__(self) -> None:
+        for place, law in zip(PLACES, (self.stiffness, self.damping, self.tension_rate), strict=True):
+            if law is not None and law.enters != place.replace("_", " "):
+                raise ValueError(f"{place} must be a law that enters there, got {law.name!r} ({law.enters})")
+
+
+@dataclass(frozen=True)
+class Model:
+    """Structure, laws, effects and what ``predict`` needs beside them.
+
+    Parameters
+    ----------
+    structure : Structure
+        Bodies and links.
+    link_laws : mapping of str to LinkLaws
+        Laws of every link, by link.
+    effects : tuple of Effect
+        Added effects, in order.
+    filter_cutoff_hz : mapping of str to float
+        High-pass cutoff of the filter chain by kind of test [Hz].
+    calibration : tuple of float
+        Coefficients of the tension calibration, lowest first.
+    windows, sampling : mapping
+        As in the campaign file.
+    identification : object
+        What an identification reports of itself; not saved.
+
+    Raises
+    ------
+    ValueError
+        If laws and links do not match, or an effect enters where there is nothing.
+    """
+
+    structure: Structure
+    link_laws: Mapping[str, LinkLaws]
+    effects: tuple[Effect, ...] = ()
+    filter_cutoff_hz: Mapping[str, float] = field(default_factory=dict)
+    calibration: tuple[float, ...] = ()
+    windows: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    sampling: Mapping[str, float] = field(default_factory=dict)
+    identification: object | None = field(default=None, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("link_laws", "filter_cutoff_hz", "windows", "sampling"):
+            object.__setattr__(self, name, dict(getattr(self, name)))
+        names = set(self.structure.link_names)
+        if set(self.link_laws) != names:
+            raise ValueError(
+                f"laws must be given for the links {sorted(names)}, got {sorted(self.link_laws)}"
+            )
+        for link in self.structure.links:
+            if (self.link_laws[link.name].tension_rate is not None) != (link.law == "bolted"):
+                raise ValueError(
+                    f"link {link.name!r} is {link.law}: only bolted links have a tension law, and all have"
+                )
+        places = {*names, *(f"body:{name}" for name in self.structure.body_names)}
+        if self.structure.bolted_links:
+            places.add("tension")
+        for effect in self.effects:
+            if effect.enters not in places:
+                raise ValueError(
+                    f"effect {effect.name!r} must enter at {sorted(places)}, got {effect.enters!r}"
+                )
+
+    @cached_property
+    def assembly(self) -> Assembly:
+        """Tables and coefficients for the kernels; made on first use."""
+        return assemble(self)
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Every parameter by path, e.g. ``"joint.tension_rate.gamma"`` or ``"body.lo.mass"``."""
+        found = {f"body.{body.name}.mass": Parameter(body.mass, "kg") for body in self.structure.bodies}
+        for link, laws in self.link_laws.items():
+            for place, law in zip(PLACES, (laws.stiffness, laws.damping, laws.tension_rate), strict=True):
+                if law is not None:
+                    found |= {f"{link}.{place}.{name}": value for name, value in law.parameters.items()}
+        for effect in self.effects:
+            found |= {f"{effect.enters}.{effect.name}.{name}": p for name, p in effect.parameters.items()}
+        return MappingProxyType(found)
+
+    def parameter(self, path: str) -> Parameter:
+        """The parameter at a path.
+
+        Raises
+        ------
+        ValueError
+            If there is none.
+        """
+        try:
+            return self.parameters[path]
+        except KeyError:
+            raise ValueError(f"parameter must be one of {', '.join(self.parameters)}, got {path!r}") from None
+
+    def with_values(self, values: Mapping[str, float]) -> Model:
+        """The same model with other parameter values, by path; nothing is compiled again.
+
+        Raises
+        ------
+        ValueError
+            If a path is unknown or a value is outside its bounds.
+        """
+        for path in values:
+            self.parameter(path)
+
+        def below(prefix: str) -> dict[str, float]:
+            return {path.removeprefix(prefix): v for path, v in values.items() if path.startswith(prefix)}
+
+        bodies = tuple(
+            replace(body, mass=float(values.get(f"body.{body.name}.mass", body.mass)))
+            for body in self.structure.bodies
+        )
+        link_laws = {}
+        for link, laws in self.link_laws.items():
+            rate = laws.tension_rate
+            link_laws[link] = LinkLaws(
+                laws.stiffness.with_values(**below(f"{link}.stiffness.")),
+                laws.damping.with_values(**below(f"{link}.damping.")),
+                rate and rate.with_values(**below(f"{link}.tension_rate.")),
+            )
+        effects = tuple(e.with_values(**below(f"{e.enters}.{e.name}.")) for e in self.effects)
+        return replace(
+            self, structure=replace(self.structure, bodies=bodies), link_laws=link_laws, effects=effects
+        )
+
+    def with_effect(self, effect: Effect) -> Model:
+        """The same model with one more effect."""
+        return replace(self, effects=(*self.effects, effect))
+
+    def simulate(
+        self,
+        force: Mapping[str, npt.ArrayLike],
+        rate_hz: float,
+        initial_tension: float | Mapping[str, float] | None = None,
+        initial_displacement: Mapping[str, float] | None = None,
+        initial_velocity: Mapping[str, float] | None = None,
+    ) -> Response:
+        """Simulate the response to forces that run linearly between their samples.
+
+        Parameters
+        ----------
+        force : mapping of str to array
+            Force on each driven body [N]; arrays of equal length, one at least.
+        rate_hz : float
+            Sampling rate of the forces [Hz].
+        initial_tension : float or mapping of str to float
+            Tension at the first sample [N], by link where there are several bolted links.
+        initial_displacement, initial_velocity : mapping of str to float
+            State at the first sample by body [m], [m/s]; zero where not given.
+
+        Returns
+        -------
+        Response
+            At the samples of the force; with the status ``"diverged"`` where the motion or a tension
+            grows beyond all bounds.
+
+        Raises
+        ------
+        ValueError
+            If a shape, a body or a value is not what is required.
+        """
+        return simulate(self, force, rate_hz, initial_tension, initial_displacement, initial_velocity)
+
+    def final_tension(
+        self,
+        forces: npt.ArrayLike,
+        rate_hz: float,
+        initial_tension: npt.ArrayLike,
+        vary: Mapping[str, npt.ArrayLike] | None = None,
+        window_s: tuple[float, float] | None = None,
+        body: str | None = None,
+    ) -> FloatArray:
+        """Final tension of many cases that start at rest: the fast path.
+
+        Parameters
+        ----------
+        forces : array, shape (cases, samples)
+            Force on ``body`` [N].
+        rate_hz : float
+            Sampling rate [Hz].
+        initial_tension : array, shape (cases,) or (cases, bolted links)
+            Initial tensions [N].
+        vary : mapping of str to array, shape (cases,)
+            Values of parameters that differ between cases, by path; nothing is compiled again.
+        window_s : tuple of float
+            Mean over the samples of this window [s] in place of the last value; cut at the record's end.
+        body : str
+            The driven body; the first one if not given.
+
+        Returns
+        -------
+        ndarray, shape (cases,) or (cases, bolted links)
+            Tension [N]; NaN for a case that diverged.
+
+        Raises
+        ------
+        ValueError
+            If a shape, a path or a value is not what is required.
+        """
+        return final_tension(self, forces, rate_hz, initial_tension, vary or {}, window_s, body)
+
+    def save(self, path: str | Path, **header: object) -> None:
+        """Write ``model.json``; ``header`` fills the keys campaign, seed and elapsed_s, or adds others."""
+        from rom.model_file import write_model
+
+        write_model(self, Path(path), header)

@@ -1,0 +1,326 @@
+"""From a model to the tables of the kernels, and from their arrays to a response."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from rom.laws import constant_stiffness
+from rom.structure import Structure
+
+if TYPE_CHECKING:
+    from rom.kernels.equations import Program
+    from rom.model import LinkLaws, Model
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Status = Literal["ok", "diverged"]
+PLACES = ("stiffness", "damping", "tension_rate")
+
+
+@dataclass(frozen=True)
+class Response:
+    """The simulated response to a record of force, at the force's own samples.
+
+    Attributes
+    ----------
+    status : {"ok", "diverged"}
+        A diverged response holds NaN from the first sample that could not be reached.
+    time : ndarray
+        Time [s] from the first sample, shape (samples,).
+    displacement, velocity, acceleration : mapping of str to ndarray
+        By body [m], [m/s], [m/s2].
+    tension : ndarray or mapping of str to ndarray
+        Tension [N]; by link where there are several bolted links, empty where there is none.
+    states : ndarray
+        Internal states of the effects, shape (states, samples).
+    steps : int
+        Steps taken.
+    estimated_error : float
+        Estimated error of the final tension relative to the tension's greatest change; NaN where the
+        method has no estimate.
+    """
+
+    status: Status
+    time: FloatArray
+    displacement: Mapping[str, FloatArray]
+    velocity: Mapping[str, FloatArray]
+    acceleration: Mapping[str, FloatArray]
+    tension: FloatArray | Mapping[str, FloatArray]
+    states: FloatArray
+    steps: int
+    estimated_error: float
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """What the kernels need of a model: tables, coefficients, and where each parameter is among them."""
+
+    program: Program
+    coefficients: FloatArray
+    places: Mapping[str, int]
+
+
+class _Layout:
+    """Coefficients as they are laid out one after the other, and their places by path."""
+
+    def __init__(self) -> None:
+        self.values: list[float] = []
+        self.places: dict[str, int] = {}
+
+    def add(self, path: str, names: Iterable[str], values: Iterable[float]) -> int:
+        """Append values under their paths; the offset of the first."""
+        offset = len(self.values)
+        self.places.update({f"{path}.{name}": offset + i for i, name in enumerate(names)})
+        self.values.extend(float(value) for value in values)
+        return offset
+
+
+def assemble(model: Model) -> Assembly:
+    """Tables and coefficients of a model; compiles those laws that are new to this process."""
+    from rom.kernels.equations import Program
+
+    structure = model.structure
+    layout = _Layout()
+    layout.add("body", (f"{name}.mass" for name in structure.body_names), structure.masses)
+    zero = layout.add("", (), (0.0,))
+    driven = [(_link_index(model, effect.enters), effect) for effect in model.effects]
+    laws = [_law_row(layout, name, model.link_laws[name]) for name in structure.link_names]
+    nothing = constant_stiffness(0.0).address
+    loaded = sorted({link for link, _ in driven if link >= len(laws)})  # bodies with effects of their own
+    body_rows = {link: len(laws) + i for i, link in enumerate(loaded)}
+    laws += [[nothing, zero, nothing, zero, 0, 0] for _ in loaded]
+    ends = np.array([*structure.ends.tolist(), *([link - len(structure.links), -1] for link in loaded)])
+    rows = sorted(((body_rows.get(link, link), effect) for link, effect in driven), key=lambda pair: pair[0])
+    table, states = [], 0
+    for _, effect in rows:
+        table.append(
+            [
+                effect.address,
+                layout.add(f"{effect.enters}.{effect.name}", effect.parameters, effect.values),
+                states,
+            ]
+        )
+        states += effect.states
+    program = Program(
+        ends=_table(ends, 2),
+        tension=_tension_seen(structure, len(laws)),
+        laws=_table(laws, 6),
+        effects=_table(table, 3),
+        effect_start=np.searchsorted([row for row, _ in rows], np.arange(len(laws) + 1)).astype(np.int64),
+        size=np.array([len(structure.bodies), len(structure.bolted_links), states], dtype=np.int64),
+    )
+    # one more number, so that a law without parameters has a valid place behind the last one
+    return Assembly(program, np.array([*layout.values, 0.0]), MappingProxyType(layout.places))
+
+
+def _table(rows: npt.ArrayLike, columns: int) -> IntArray:
+    return np.ascontiguousarray(np.asarray(rows, dtype=np.int64).reshape(-1, columns))
+
+
+def _law_row(layout: _Layout, link: str, laws: LinkLaws) -> list[int]:
+    row = []
+    for kind, law in zip(PLACES, (laws.stiffness, laws.damping, laws.tension_rate), strict=True):
+        if law is None:
+            row += [0, 0]
+        else:
+            row += [law.address, layout.add(f"{link}.{kind}", law.parameters, law.values)]
+    return row
+
+
+def _link_index(model: Model, enters: str) -> int:
+    """Row of the link where an effect enters; behind the links, a row for every body."""
+    structure = model.structure
+    if enters == "tension":
+        return structure.link_names.index(structure.bolted_links[0])
+    if enters.startswith("body:"):
+        return len(structure.links) + structure.body_names.index(enters.removeprefix("body:"))
+    return structure.link_names.index(enters)
+
+
+def _tension_seen(structure: Structure, rows: int) -> IntArray:
+    """A bolted link sees its own tension, every other one that of the only bolt, if there is only one."""
+    bolts = structure.bolted_links
+    seen = np.full(rows, 0 if len(bolts) == 1 else -1, dtype=np.int64)
+    for row, name in enumerate(structure.link_names):
+        if name in bolts:
+            seen[row] = bolts.index(name)
+    return seen
+
+
+def _number(name: str, value: object, low: float = -np.inf, *, strict: bool = False) -> float:
+    """A finite number not below (strictly: above) ``low``."""
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        number = np.nan
+    if not np.isfinite(number) or number < low or (strict and number == low):
+        sign = ">" if strict else ">="
+        raise ValueError(f"{name} must be a finite number {sign} {low:g}, got {value!r}")
+    return number
+
+
+def _forces(structure: Structure, force: Mapping[str, npt.ArrayLike]) -> tuple[IntArray, FloatArray]:
+    """Indices of the driven bodies and their forces, shape (driven, samples)."""
+    if not isinstance(force, Mapping) or not force:
+        raise ValueError(
+            f"force must map bodies to arrays, one at least, got {type(force).__name__} {force!r:.60}"
+        )
+    unknown = sorted(set(force) - set(structure.body_names))
+    if unknown:
+        raise ValueError(f"force must act on {', '.join(structure.body_names)}, got {', '.join(unknown)}")
+    arrays = {name: np.asarray(samples, dtype=np.float64) for name, samples in force.items()}
+    shapes = {name: array.shape for name, array in arrays.items()}
+    if len(set(shapes.values())) > 1 or any(len(s) != 1 or s[0] < 2 for s in shapes.values()):
+        raise ValueError(
+            f"forces must be 1-D arrays of one length of at least 2 samples, got shapes {shapes}"
+        )
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise ValueError(f"force on {name!r} must be finite, got NaN or infinity")
+    driven = np.array([structure.body_names.index(name) for name in arrays], dtype=np.int64)
+    return driven, np.stack(list(arrays.values()))
+
+
+def _by_body(structure: Structure, name: str, values: Mapping[str, float] | None) -> list[float]:
+    values = values or {}
+    unknown = sorted(set(values) - set(structure.body_names))
+    if unknown:
+        raise ValueError(f"{name} must name {', '.join(structure.body_names)}, got {', '.join(unknown)}")
+    return [_number(f"{name} of {body!r}", values.get(body, 0.0)) for body in structure.body_names]
+
+
+def _tensions(structure: Structure, initial: float | Mapping[str, float] | None) -> list[float]:
+    bolts = structure.bolted_links
+    if not isinstance(initial, Mapping):
+        if (initial is None) != (not bolts) or len(bolts) > 1:
+            raise ValueError(f"initial_tension must be given for the bolted links {bolts}, got {initial!r}")
+        initial = {} if initial is None else {bolts[0]: initial}
+    if set(initial) != set(bolts):
+        raise ValueError(f"initial_tension must be given for the bolted links {bolts}, got {tuple(initial)}")
+    return [_number(f"initial_tension of {bolt!r}", initial[bolt], 0.0) for bolt in bolts]
+
+
+def simulate(
+    model: Model,
+    force: Mapping[str, npt.ArrayLike],
+    rate_hz: float,
+    initial_tension: float | Mapping[str, float] | None,
+    initial_displacement: Mapping[str, float] | None,
+    initial_velocity: Mapping[str, float] | None,
+) -> Response:
+    """See ``Model.simulate``."""
+    from rom.kernels.runge_kutta import accelerations, runge_kutta
+
+    structure = model.structure
+    rate = _number("rate_hz", rate_hz, 0.0, strict=True)
+    driven, forces = _forces(structure, force)
+    tensions = _tensions(structure, initial_tension)
+    program, coefficients = model.assembly.program, model.assembly.coefficients
+    start = [
+        *_by_body(structure, "initial_displacement", initial_displacement),
+        *_by_body(structure, "initial_velocity", initial_velocity),
+        *tensions,
+        *[0.0] * int(program.size[2]),
+    ]
+    states = np.full((forces.shape[1], len(start)), np.nan)
+    reached = runge_kutta(program, coefficients, rate, driven, forces, np.array(start), 1, states)
+    acceleration = accelerations(program, coefficients, rate, driven, forces, states).T
+    return _response(structure, rate, states.T, acceleration, reached, forces.shape[1] - 1, np.nan)
+
+
+def _response(
+    structure: Structure,
+    rate: float,
+    states: FloatArray,
+    acceleration: FloatArray,
+    reached: int,
+    steps: int,
+    error: float,
+) -> Response:
+    n, samples = len(structure.bodies), states.shape[1]
+    columns = np.ascontiguousarray(states)
+
+    def by_body(rows: FloatArray) -> Mapping[str, FloatArray]:
+        return MappingProxyType(dict(zip(structure.body_names, np.ascontiguousarray(rows), strict=True)))
+
+    bolts = structure.bolted_links
+    tensions = columns[2 * n : 2 * n + len(bolts)]
+    tension = tensions[0] if len(bolts) == 1 else MappingProxyType(dict(zip(bolts, tensions, strict=True)))
+    return Response(
+        status="ok" if reached == samples else "diverged",
+        time=np.arange(samples) / rate,
+        displacement=by_body(columns[:n]),
+        velocity=by_body(columns[n : 2 * n]),
+        acceleration=by_body(acceleration),
+        tension=tension,
+        states=columns[2 * n + len(bolts) :],
+        steps=steps,
+        estimated_error=error,
+    )
+
+
+def final_tension(
+    model: Model,
+    forces: npt.ArrayLike,
+    rate_hz: float,
+    initial_tension: npt.ArrayLike,
+    vary: Mapping[str, npt.ArrayLike],
+    window_s: tuple[float, float] | None,
+    body: str | None,
+) -> FloatArray:
+    """See ``Model.final_tension``."""
+    from rom.kernels.runge_kutta import runge_kutta
+
+    structure, assembly = model.structure, model.assembly
+    rate = _number("rate_hz", rate_hz, 0.0, strict=True)
+    force = _finite("forces", forces, ("cases", "samples"))
+    cases, samples = force.shape
+    bolts = len(structure.bolted_links)
+    if bolts == 0:
+        raise ValueError("final_tension needs a bolted link, the structure has none")
+    tension = _finite(
+        "initial_tension", np.broadcast_to(initial_tension, (cases, bolts) if bolts > 1 else (cases,))
+    )
+    start = np.zeros((cases, 2 * len(structure.bodies) + bolts + int(assembly.program.size[2])))
+    start[:, 2 * len(structure.bodies) :][:, :bolts] = tension.reshape(cases, bolts)
+    driven = np.array([structure.body_names.index(body or structure.body_names[0])])
+    coefficients = np.tile(assembly.coefficients, (cases, 1))
+    for path, values in vary.items():
+        model.parameter(path)
+        coefficients[:, assembly.places[path]] = _finite(path, np.broadcast_to(values, (cases,)), ("cases",))
+    first, last = _window(window_s, rate, samples)
+    result = np.full((cases, bolts), np.nan)
+    states = np.empty((samples, start.shape[1]))
+    for case in range(cases):
+        reached = runge_kutta(
+            assembly.program, coefficients[case], rate, driven, force[case : case + 1], start[case], 1, states
+        )
+        if reached == samples:
+            result[case] = states[first:last, 2 * len(structure.bodies) :][:, :bolts].mean(axis=0)
+    return result[:, 0] if bolts == 1 else result
+
+
+def _finite(name: str, values: npt.ArrayLike, axes: tuple[str, ...] = ()) -> FloatArray:
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if axes and (array.ndim != len(axes) or 0 in array.shape):
+        raise ValueError(f"{name} must have the shape ({', '.join(axes)}), got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite, got NaN or infinity")
+    return array
+
+
+def _window(window_s: tuple[float, float] | None, rate: float, samples: int) -> tuple[int, int]:
+    """First sample and the one after the last of a window; the last sample alone without one."""
+    if window_s is None:
+        return samples - 1, samples
+    first = int(np.ceil(window_s[0] * rate - 1e-6))
+    last = min(int(np.floor(window_s[1] * rate + 1e-6)) + 1, samples)
+    if not 0 <= first < last:
+        raise ValueError(f"window_s must hold samples of 0 to {(samples - 1) / rate:g} s, got {window_s}")
+    return first, last
