@@ -1,0 +1,302 @@
+"""Campaigns: a folder of `campaign.toml` and one file per record, checked once and read record by record."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+import shutil
+import tomllib
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import ValidationError
+
+from rom.channels import (
+    BOLT_CHANNELS,
+    MOTIONS,
+    Channel,
+    motion_channels,
+    one_of,
+)
+from rom.checks import Check, check_record, moving_bodies
+from rom.records import Precision, read_channels, write_channels
+from rom.settings import (
+    FORMAT,
+    BodySettings,
+    BoltSettings,
+    CampaignSettings,
+    LinkSettings,
+    RecordSettings,
+    SamplingSettings,
+    Test,
+    WindowSettings,
+    contradictions,
+    parsing_faults,
+)
+
+__all__ = [
+    "FORMAT",
+    "BodySettings",
+    "BoltSettings",
+    "Campaign",
+    "CampaignError",
+    "CampaignSettings",
+    "LinkSettings",
+    "Record",
+    "RecordSettings",
+    "SamplingSettings",
+    "WindowSettings",
+    "read_campaign",
+    "write_campaign",
+]
+
+
+class CampaignError(ValueError):
+    """A campaign that is refused; `faults` holds one line for each fault: file, key, found, expected."""
+
+    def __init__(self, faults: Iterable[str]) -> None:
+        self.faults = tuple(faults)
+        super().__init__("\n".join(self.faults))
+
+    def __reduce__(self) -> tuple[type[CampaignError], tuple[tuple[str, ...]]]:
+        return type(self), (self.faults,)
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One test: its settings, its channels by name, and the bodies that move in it."""
+
+    settings: RecordSettings
+    channels: Mapping[str, Channel]
+    bodies: tuple[str, ...]
+
+    @property
+    def file(self) -> str:
+        """Path inside the campaign folder."""
+        return self.settings.file
+
+    @property
+    def test(self) -> Test:
+        """Kind of test."""
+        return self.settings.test
+
+    @property
+    def hold_out(self) -> bool:
+        """True where the record must not be used to fit anything."""
+        return self.settings.hold_out
+
+    @property
+    def preload_n(self) -> float | None:
+        """Nominal preload [N], None where not stated."""
+        return self.settings.preload_n
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the record [s]: that of its longest channel."""
+        return max(channel.duration_s for channel in self.channels.values())
+
+    def motion(self, body: str) -> tuple[str, Channel]:
+        """Return what was measured of a body ("acceleration", "velocity" or "displacement") and its channel.
+
+        Raises
+        ------
+        ValueError
+            If the record holds no motion of that body.
+        """
+        for motion, name in zip(MOTIONS, motion_channels(body), strict=True):
+            if name in self.channels:
+                return motion, self.channels[name]
+        raise ValueError(f'{self.file}: found no motion of "{body}", expected one of {motion_channels(body)}')
+
+    def force(self, body: str) -> Channel | None:
+        """Return the force on a body, None where none was measured."""
+        return self.channels.get(f"force_{body}")
+
+    def tension_channel(self) -> Channel:
+        """Return the channel "tension", or else "strain".
+
+        Raises
+        ------
+        ValueError
+            If the record holds neither.
+        """
+        for name in BOLT_CHANNELS:
+            if name in self.channels:
+                return self.channels[name]
+        raise ValueError(f'{self.file}: found no bolt channel, expected "tension" or "strain"')
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A checked campaign folder: `path`, its settings, and `digest` (SHA-256 of settings and records)."""
+
+    path: Path
+    settings: CampaignSettings
+    digest: str
+
+    def select(
+        self, test: str | Collection[str] | None = None, hold_out: bool | None = None
+    ) -> tuple[RecordSettings, ...]:
+        """Return the records of the given kinds of test (None: all), training, hold-out or both (None).
+
+        Raises
+        ------
+        ValueError
+            If a kind of test is unknown.
+        """
+        kinds = get_args(Test) if test is None else (test,) if isinstance(test, str) else tuple(test)
+        for kind in kinds:
+            if kind not in get_args(Test):
+                raise ValueError(f'test: found "{kind}", expected {one_of(kind, get_args(Test))}')
+        return tuple(
+            record
+            for record in self.settings.record
+            if record.test in kinds and hold_out in (None, record.hold_out)
+        )
+
+    def load(self, record: RecordSettings) -> Record:
+        """Read one record.
+
+        Raises
+        ------
+        RecordError
+            If the file is not what it was when the campaign was checked.
+        """
+        sampling = self.settings.sampling
+        channels = read_channels(self.path / record.file, sampling.motion_rate_hz, sampling.tension_rate_hz)
+        return Record(record, channels, moving_bodies(record, self.settings, channels))
+
+
+def read_campaign(
+    path: Path | str, jobs: int = 1, progress: Callable[[int, int], None] | None = None
+) -> Campaign:
+    """Check a whole campaign, record by record, one in memory per job.
+
+    Parameters
+    ----------
+    path
+        The campaign folder, or its `campaign.toml`.
+    jobs
+        Number of processes that check records.
+    progress
+        Called with the number of records checked and their total.
+
+    Raises
+    ------
+    CampaignError
+        If anything in the folder is not as it must be: one line for each fault.
+    """
+    toml = Path(path) / "campaign.toml" if Path(path).is_dir() else Path(path)
+    settings = _read_settings(toml)
+    folder = toml.parent
+    faults = [f"{toml.name}: {line}" for line in contradictions(settings)]
+    checks: list[Check] = []
+    for check in _checks(folder, settings, jobs):
+        checks.append(check)
+        if progress is not None:
+            progress(len(checks), len(settings.record))
+    uncalibrated = [check.file for check in checks if check.needs_calibration]
+    if uncalibrated:
+        found = f"found nothing, but {uncalibrated[0]} and {len(uncalibrated) - 1} more records hold strain"
+        faults.append(f'{toml.name}: bolt.calibration: {found}, expected coefficients or a channel "tension"')
+    faults += [f"{check.file}: {line}" for check in checks for line in check.faults]
+    if faults:
+        raise CampaignError(faults)
+    digest = hashlib.sha256(toml.read_bytes())
+    for check in checks:
+        digest.update(f"{check.file}\0{check.digest}".encode())
+    return Campaign(folder, settings, digest.hexdigest())
+
+
+def _read_settings(toml: Path) -> CampaignSettings:
+    try:
+        data = tomllib.loads(toml.read_bytes().decode("utf-8-sig"))
+        return CampaignSettings.model_validate(data)
+    except FileNotFoundError:
+        raise CampaignError([f"{toml}: found no such file, expected the settings of a campaign"]) from None
+    except OSError as cause:
+        raise CampaignError([f"{toml}: unreadable, expected a text file ({cause.strerror})"]) from None
+    except ValidationError as error:
+        raise CampaignError(f"{toml.name}: {line}" for line in parsing_faults(error)) from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as cause:
+        raise CampaignError([f"{toml.name}: found {cause}, expected TOML in UTF-8"]) from None
+
+
+def _checks(folder: Path, settings: CampaignSettings, jobs: int) -> Iterator[Check]:
+    indices = range(len(settings.record))
+    if jobs == 1:
+        yield from (check_record(folder, settings, index) for index in indices)
+        return
+    import joblib  # slow to load, and not needed to simulate
+
+    tasks = (joblib.delayed(check_record)(folder, settings, index) for index in indices)
+    yield from joblib.Parallel(n_jobs=jobs, return_as="generator")(tasks)
+
+
+def write_campaign(
+    folder: Path | str,
+    settings: CampaignSettings,
+    records: Iterable[tuple[str, Mapping[str, Channel]]],
+    precision: Precision = "float64",
+) -> None:
+    """Write a campaign folder, one record in memory at a time; it appears whole or not at all.
+
+    Parameters
+    ----------
+    folder
+        A folder that does not exist yet.
+    settings
+        What `campaign.toml` will hold.
+    records
+        Pairs of file (as in `settings.record`) and channels, one for each record, in any order.
+    precision
+        Precision of the samples in `.h5` and `.mat` files.
+
+    Raises
+    ------
+    CampaignError
+        If the folder exists, the settings contradict each other, or the records are not the settings' own.
+    """
+    folder = Path(folder)
+    if folder.exists() or folder.is_symlink():
+        raise CampaignError([f"{folder}: found an existing path, expected a new folder"])
+    if faults := contradictions(settings):
+        raise CampaignError(f"campaign.toml: {line}" for line in faults)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    temporary = folder.with_name(f".{folder.name}.{os.getpid()}-{secrets.token_hex(4)}")
+    try:
+        temporary.mkdir()
+        _write_records(temporary, settings, records, precision)
+        (temporary / "campaign.toml").write_text(_toml(settings), encoding="utf-8")
+        temporary.rename(folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _write_records(
+    folder: Path,
+    settings: CampaignSettings,
+    records: Iterable[tuple[str, Mapping[str, Channel]]],
+    precision: Precision,
+) -> None:
+    expected = [record.file for record in settings.record]
+    for file, channels in records:
+        if file not in expected:
+            raise CampaignError(
+                [f"{file}: found a record that is not (or no longer) expected by the settings"]
+            )
+        expected.remove(file)
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        write_channels(folder / file, channels, precision)
+    if expected:
+        raise CampaignError(f"{file}: found no record, expected one as in the settings" for file in expected)
+
+
+def _toml(settings: CampaignSettings) -> str:
+    import tomli_w
+
+    data: dict[str, Any] = settings.model_dump(exclude_none=True)
+    return tomli_w.dumps(data)
