@@ -57,6 +57,8 @@ class Model:
         Coefficients of the tension calibration, lowest first.
     windows, sampling : mapping
         As in the campaign file.
+    uncoupled_laws : mapping of str to LinkLaws
+        Laws that differ while the bolt is out, by link (flexures stiffen when a bolt is tightened).
     identification : object
         What an identification reports of itself; not saved.
 
@@ -73,10 +75,11 @@ class Model:
     calibration: tuple[float, ...] = ()
     windows: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     sampling: Mapping[str, float] = field(default_factory=dict)
+    uncoupled_laws: Mapping[str, LinkLaws] = field(default_factory=dict)
     identification: object | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("link_laws", "filter_cutoff_hz", "windows", "sampling"):
+        for name in ("link_laws", "filter_cutoff_hz", "windows", "sampling", "uncoupled_laws"):
             object.__setattr__(self, name, dict(getattr(self, name)))
         names = set(self.structure.link_names)
         if set(self.link_laws) != names:
@@ -161,6 +164,37 @@ class Model:
     def with_effect(self, effect: Effect) -> Model:
         """The same model with one more effect."""
         return replace(self, effects=(*self.effects, effect))
+
+    def without_bolt(self) -> Model:
+        """The same structure with every bolted link, and every effect in one, taken out."""
+        links = tuple(link for link in self.structure.links if link.law != "bolted")
+        names = {link.name for link in links}
+        bodies = {f"body:{name}" for name in self.structure.body_names}
+        return replace(
+            self,
+            structure=replace(self.structure, links=links),
+            link_laws={name: self.uncoupled_laws.get(name, self.link_laws[name]) for name in names},
+            effects=tuple(effect for effect in self.effects if effect.enters in names | bodies),
+        )
+
+    def link_force(
+        self, link: str, displacement: npt.ArrayLike, rate_hz: float, tension: float = 0.0
+    ) -> FloatArray:
+        """Force [N] of one link driven on its own through a relative displacement (samples,) [m].
+
+        ``F = k(T) x + c(T) dx/dt``, the velocity by central differences.
+
+        Raises
+        ------
+        ValueError
+            If the link is unknown.
+        """
+        if link not in self.link_laws:
+            raise ValueError(f"link must be one of {sorted(self.link_laws)}, got {link!r}")
+        x = np.asarray(displacement, dtype=np.float64)
+        laws = self.link_laws[link]
+        velocity = np.gradient(x, 1 / rate_hz)
+        return np.asarray(float(laws.stiffness(tension)) * x + float(laws.damping(tension)) * velocity)
 
     def simulate(
         self,

@@ -77,6 +77,10 @@ def _as_data(model: Model) -> dict[str, Any]:
     return {
         "bodies": [{"name": b.name, "mass": {"value": b.mass, "unit": "kg"}} for b in model.structure.bodies],
         "links": [_link_as_data(link, model.link_laws[link.name]) for link in model.structure.links],
+        "uncoupled_links": [
+            {"name": name, "stiffness": _law_as_data(laws.stiffness), "damping": _law_as_data(laws.damping)}
+            for name, laws in model.uncoupled_laws.items()
+        ],
         "effects": [
             {
                 "name": e.name,
@@ -139,6 +143,7 @@ def _from_data(data: Mapping[str, Any]) -> Model:
         calibration=tuple(float(value) for value in data["calibration"]["coefficients"]),
         windows={name: (float(low), float(high)) for name, (low, high) in data["windows"].items()},
         sampling=data["sampling"],
+        uncoupled_laws={item["name"]: _laws_from_data(item) for item in data.get("uncoupled_links", ())},
     )
 
 
@@ -159,7 +164,7 @@ def _effects_from_data(items: list[Mapping[str, Any]]) -> tuple[Any, ...]:
 
 
 def _laws_from_data(item: Mapping[str, Any]) -> LinkLaws:
-    rate = item["tension_rate"]
+    rate = item.get("tension_rate")
     return LinkLaws(
         law_from_text(**_law_from_data(item["stiffness"]), enters="stiffness"),
         law_from_text(**_law_from_data(item["damping"]), enters="damping"),
