@@ -1,1 +1,1 @@
-"""The virtual test rig: physics, sensors and campaign writer of its own."""
+"""The virtual test rig: its own physics, integrator and sensors; shares nothing with the model under test."""

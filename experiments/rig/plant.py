@@ -1,0 +1,135 @@
+"""What stands on the table: two oscillators on flexures, a lap joint between them and one bolt."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol, Self
+
+
+class Constants(NamedTuple):
+    """Numbers the integrator works with for one assembly (SI units; index 0: LO, 1: SO)."""
+
+    mass_lo: float
+    mass_so: float
+    damping_lo: float
+    damping_so: float
+    stiffness_lo: float
+    stiffness_so: float
+    k_i: float
+    alpha: float
+    beta: float
+    c_d: float
+    c_i: float
+    eta: float
+
+
+@dataclass(frozen=True)
+class LooseningTerm:
+    """One term of the tension law.
+
+    ``dT/dt = -factor gamma(T) max(|v| - v_0, 0)^p max(|x| - x_0, 0)^q T`` with
+    ``gamma(T) = 10^(gamma_d - gamma_i / (1 + exp(rho T)))`` (He et al. 2025, Eqs. 12-13 for p = 4, q = 0).
+    ``gamma_i = 0`` makes gamma constant. x, v: relative displacement [m] and velocity [m/s], LO minus SO.
+    """
+
+    gamma_d: float = 11.79
+    gamma_i: float = 7.974
+    rho: float = -0.00362
+    velocity_power: float = 4.0
+    displacement_power: float = 0.0
+    velocity_threshold: float = 0.0
+    displacement_threshold: float = 0.0
+
+    def row(self, factor: float) -> tuple[float, ...]:
+        """Numbers of the compiled rate function, in its order."""
+        return (
+            factor,
+            self.gamma_d,
+            self.gamma_i,
+            self.rho,
+            self.velocity_power,
+            self.displacement_power,
+            self.velocity_threshold,
+            self.displacement_threshold,
+        )
+
+
+class Effect(Protocol):
+    """Physics the campaign does not declare: a frozen object with a compiled contribution.
+
+    ``contribution(time, x_lo, v_lo, x_so, v_so, tension, parameters)`` returns the added force on LO [N], the
+    added force on SO [N] and the added tension rate [N/s].
+    """
+
+    @property
+    def name(self) -> str:
+        """Name in the truth file."""
+
+    @property
+    def contribution(self) -> Callable[..., tuple[float, float, float]]:
+        """Function compiled by Numba."""
+
+    @property
+    def parameters(self) -> tuple[float, ...]:
+        """Numbers handed to the contribution."""
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Physical parameters of the rig.
+
+    Eqs. 2, 5, 11: ``k_C(T) = k_i / (1 + exp(alpha (T - beta)))``, ``c_C(T) = c_d - c_i / (1 + exp(eta T))``.
+
+    Attributes
+    ----------
+    mass_lo, mass_so : float
+        Masses [kg], Section 2.2.
+    damping_lo, damping_so : float
+        Flexure dampings [N s/m], Section 3.1. For SO the printed 2.696 is taken, a damping ratio of 0.0049;
+        the printed ratio 0.004 would be 2.20 N s/m.
+    stiffness_lo, stiffness_so : float
+        Flexure stiffnesses without the bolt [N/m], Section 3.1.
+    stiffening_lo, stiffening_so : float
+        Factors on the flexure stiffnesses once the bolt is in, Section 3.2.
+    loosening : tuple of LooseningTerm
+        Terms of the tension law; empty for a bolt that holds.
+    effects : tuple of Effect
+        Physics beyond the paper's model.
+    """
+
+    mass_lo: float = 8.625
+    mass_so: float = 0.9888
+    damping_lo: float = 8.200
+    damping_so: float = 2.696
+    stiffness_lo: float = 8148.7
+    stiffness_so: float = 76500.0
+    stiffening_lo: float = 1.10
+    stiffening_so: float = 1.20
+    k_i: float = 9.763e5
+    alpha: float = -0.0608
+    beta: float = 2.003
+    c_d: float = 1853.0
+    c_i: float = 1717.4
+    eta: float = -0.00922
+    loosening: tuple[LooseningTerm, ...] = (LooseningTerm(),)
+    effects: tuple[Effect, ...] = ()
+
+    def without_bolt(self) -> Self:
+        """The same rig with the bolt taken out: no joint, no stiffening, no tension law."""
+        return replace(self, stiffening_lo=1.0, stiffening_so=1.0, k_i=0.0, c_d=0.0, c_i=0.0, loosening=())
+
+    def constants(self) -> Constants:
+        """Numbers of this assembly for the integrator, flexures stiffened."""
+        return Constants(
+            self.mass_lo,
+            self.mass_so,
+            self.damping_lo,
+            self.damping_so,
+            self.stiffness_lo * self.stiffening_lo,
+            self.stiffness_so * self.stiffening_so,
+            self.k_i,
+            self.alpha,
+            self.beta,
+            self.c_d,
+            self.c_i,
+            self.eta,
+        )

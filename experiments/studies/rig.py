@@ -1,0 +1,170 @@
+"""A campaign of raw records from the virtual test rig."""
+
+import json
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from experiments.rig.campaign import Laboratory, Truth, settings
+from experiments.rig.plant import Plant
+from experiments.rig.schedule import plan
+from experiments.rig.sensors import Instruments
+from rom.campaign import write_campaign
+from rom.records import Channel
+
+
+def run(
+    new_dir: str | Path,
+    cases: int | None = None,
+    noise: float = 1.0,
+    seed: int = 0,
+    jobs: int = 2,
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    duration_s: float | None = None,
+    strengths: tuple[float, ...] = (1.0,),
+    scatter: float = 1.0,
+    tightening: bool | None = None,
+    hold_out_every: int = 5,
+    plant: Plant | None = None,
+    instruments: Instruments | None = None,
+) -> Path:
+    """Measure a campaign on the virtual rig; the truth goes beside it, to ``<new_dir>.truth.json``.
+
+    Parameters
+    ----------
+    new_dir : str or Path
+        Folder to create; it must not exist.
+    cases : int or None
+        Number of preloads from 6 to 3000 N, one coupled and one loosening test each, and two uncoupled tests.
+        None: the paper's full scale of 58 coupled, 84 loosening and 2 uncoupled tests.
+    noise : float
+        Factor on noise, quantisation, drift, floor motion and the oscillating part of the tension; 0: none.
+    seed : int
+        Same seed, same records, whatever `jobs`.
+    jobs : int
+        Tests simulated at the same time.
+    progress : callable or None
+        Called with (records written, records in all).
+    duration_s : float or None
+        Length of a record [s]; None: 30.5 at full scale, 8.5 otherwise.
+    strengths : tuple of float
+        Loosening hits per preload, as shares of 1608.7 N.
+    scatter : float
+        Factor on the scatter of gamma from test to test; 0: none.
+    tightening : bool or None
+        Whether tests below 1100 N may tighten and are repeated; None: at full scale only.
+    hold_out_every : int
+        One in so many preloads is held out, never the extremes; 0 for none.
+    plant, instruments : Plant, Instruments or None
+        The rig and its sensors; None: those of the paper.
+
+    Returns
+    -------
+    Path
+        The campaign folder.
+
+    Raises
+    ------
+    ValueError
+        If `new_dir` exists or an option cannot be.
+    """
+    folder = Path(new_dir)
+    check(folder, cases, noise, jobs, duration_s, strengths, scatter, hold_out_every)
+    full_scale = cases is None
+    laboratory = Laboratory(
+        plant or Plant(),
+        (instruments or Instruments()).scaled(noise),
+        duration_s if duration_s is not None else (30.5 if full_scale else 8.5),
+    )
+    schedule_seed, record_seed = np.random.SeedSequence(seed).spawn(2)
+    tighten = full_scale if tightening is None else tightening
+    tests = plan(cases, strengths, scatter, tighten, hold_out_every, schedule_seed)
+    truths: list[Truth] = []
+
+    def records() -> Iterator[tuple[str, Mapping[str, Channel]]]:
+        for case, channels, truth in laboratory.measure_all(tests, record_seed.spawn(len(tests)), jobs):
+            truths.append(truth)
+            yield case.file, channels
+            if progress is not None:
+                progress(len(truths), len(tests))
+
+    declared = settings(
+        "two oscillators, lap joint, virtual rig", tests, laboratory.plant, laboratory.instruments
+    )
+    # A 32-bit float rounds by less than the converter's step; without noise there is no step to hide it.
+    write_campaign(folder, declared, records(), precision="float32" if noise > 0.0 else "float64")
+    options: Truth = {
+        "cases": cases,
+        "noise": noise,
+        "seed": seed,
+        "scatter": scatter,
+        "strengths": list(strengths),
+    }
+    write_truth(truth_path(folder), options, laboratory, truths)
+    return folder
+
+
+def truth_path(folder: Path) -> Path:
+    """Where the truth of a campaign lies: beside its folder."""
+    return folder.with_name(folder.name + ".truth.json")
+
+
+def write_truth(path: Path, options: Truth, laboratory: Laboratory, truths: list[Truth]) -> None:
+    """Write all that was hidden from the campaign, at once or not at all."""
+    plant = {
+        key: value for key, value in vars(laboratory.plant).items() if key not in ("loosening", "effects")
+    }
+    plant["loosening"] = [asdict(term) for term in laboratory.plant.loosening]
+    plant["effects"] = [{"name": e.name, "parameters": list(e.parameters)} for e in laboratory.plant.effects]
+    content = {
+        "format": "boltlaw-truth/1",
+        **options,
+        "duration_s": laboratory.duration,
+        "plant": plant,
+        "instruments": asdict(laboratory.instruments),
+        "records": truths,
+    }
+    with tempfile.NamedTemporaryFile(
+        "w", dir=path.parent, suffix=".tmp", delete=False, encoding="utf-8"
+    ) as file:
+        json.dump(content, file, indent=1, allow_nan=False)
+    Path(file.name).replace(path)
+
+
+def check(
+    folder: Path,
+    cases: int | None,
+    noise: float,
+    jobs: int,
+    duration_s: float | None,
+    strengths: tuple[float, ...],
+    scatter: float,
+    hold_out_every: int,
+) -> None:
+    """Refuse what cannot be, before anything is computed."""
+    demands = [
+        (
+            not folder.exists(),
+            f"{folder}: exists already; a campaign is written to a new folder, name another one",
+        ),
+        (cases is None or cases >= 2, f"cases: got {cases}, expected at least 2 preloads"),
+        (0.0 <= noise < np.inf, f"noise: got {noise}, expected a factor of 0 or more"),
+        (jobs >= 1, f"jobs: got {jobs}, expected 1 or more"),
+        (
+            duration_s is None or 2.5 <= duration_s < np.inf,
+            f"duration_s: got {duration_s}, expected 2.5 s or more",
+        ),
+        (
+            bool(strengths) and min(strengths, default=0.0) > 0.0,
+            f"strengths: got {strengths}, expected shares > 0",
+        ),
+        (0.0 <= scatter < np.inf, f"scatter: got {scatter}, expected a factor of 0 or more"),
+        (hold_out_every >= 0, f"hold_out_every: got {hold_out_every}, expected 0 (none) or more"),
+    ]
+    faults = [message for met, message in demands if not met]
+    if faults:
+        raise ValueError("\n".join(faults))
