@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from joblib import Parallel, delayed
 
-from experiments.rig.integrator import STEP_RATE_HZ, Motion, run
 from experiments.rig.plant import Plant
 from experiments.rig.schedule import Case
 from experiments.rig.sensors import CALIBRATION, Instruments, Transducer, couple, drift, sample, strain_of
+from experiments.rig.simulation import STEP_RATE_HZ, Motion, run
 from rom.campaign import CampaignSettings
 from rom.records import Channel
 
