@@ -54,9 +54,19 @@ def preloads(cases: int | None, rng: np.random.Generator) -> FloatArray:
     return np.round(spaced, 1)
 
 
-def gamma_deviation(tension: FloatArray) -> FloatArray:
-    """Return the standard deviation of log10 gamma from test to test: it shrinks with tension [N]."""
-    return 0.04 + 0.41 * np.exp(-tension / 600.0)
+def gamma_deviation(tension: float) -> float:
+    """Return the standard deviation of log10 gamma from test to test at a tension [N].
+
+    It falls from 0.33 to 0.05 about the 850 N above which the paper's losses repeat: a compromise between the
+    paper's scatter of gamma (R^2 0.94) and of final tensions (mean error 3.66 %, median 1.15 %).
+    """
+    return 0.05 + 0.28 / (1.0 + float(np.exp((tension - 850.0) / 100.0)))
+
+
+def gamma_factor(tension: float, scatter: float, rng: np.random.Generator) -> float:
+    """Draw a test's factor on gamma: lognormal, cut at 1.5 deviations: no test emptied its bolt."""
+    normal = float(np.clip(rng.standard_normal(), -1.5, 1.5))
+    return float(10.0 ** (scatter * gamma_deviation(tension) * normal))
 
 
 def tightening_cases(nominal: FloatArray, count: int, rng: np.random.Generator) -> list[int]:
@@ -79,9 +89,9 @@ def held_out(index: int, count: int, every: int) -> bool:
 
 
 def uncoupled_cases(rng: np.random.Generator) -> tuple[Case, ...]:
-    """Return the two set-ups without the bolt: each body struck by hand."""
+    """Return the two set-ups without the bolt: each body struck by hand, no harder than 49 m/s2."""
     return tuple(
-        Case(f"records/uncoupled_{body}.h5", "uncoupled", hammer(body, rng.uniform(20.0, 60.0), rng))
+        Case(f"records/uncoupled_{body}.h5", "uncoupled", hammer(body, rng.uniform(20.0, 40.0), rng))
         for body in ("lo", "so")
     )
 
@@ -131,6 +141,6 @@ def plan(
         for sign, share in [(-1.0, 1.0)] * tightened.count(index) + [(1.0, share) for share in strengths]:
             counter += 1
             strength = share * (HAMMER_MEAN + HAMMER_DEVIATION * high.standard_normal())
-            deviation = scatter * float(gamma_deviation(preload)) * gamma.standard_normal()
-            planned.append(case("loosening", counter, hammer("lo", strength, high), sign * 10.0**deviation))
+            factor = sign * gamma_factor(preload, scatter, gamma)
+            planned.append(case("loosening", counter, hammer("lo", strength, high), factor))
     return tuple(planned)
