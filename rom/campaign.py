@@ -33,8 +33,9 @@ from rom.settings import (
     SamplingSettings,
     Test,
     WindowSettings,
-    contradictions,
     parsing_faults,
+    record_faults,
+    structure_faults,
 )
 
 __all__ = [
@@ -58,7 +59,7 @@ class CampaignError(ValueError):
     """A campaign that is refused; `faults` holds one line for each fault: file, key, found, expected."""
 
     def __init__(self, faults: Iterable[str]) -> None:
-        self.faults = tuple(faults)
+        self.faults = tuple(" ".join(fault.split()) for fault in faults)
         super().__init__("\n".join(self.faults))
 
     def __reduce__(self) -> tuple[type[CampaignError], tuple[tuple[str, ...]]]:
@@ -192,7 +193,9 @@ def read_campaign(
     toml = Path(path) / "campaign.toml" if Path(path).is_dir() else Path(path)
     settings = _read_settings(toml)
     folder = toml.parent
-    faults = [f"{toml.name}: {line}" for line in contradictions(settings)]
+    if faults := [f"{toml.name}: {line}" for line in structure_faults(settings)]:
+        raise CampaignError(faults)
+    faults = [f"{toml.name}: {line}" for line in record_faults(settings)]
     checks: list[Check] = []
     for check in _checks(folder, settings, jobs):
         checks.append(check)
@@ -263,7 +266,7 @@ def write_campaign(
     folder = Path(folder)
     if folder.exists() or folder.is_symlink():
         raise CampaignError([f"{folder}: found an existing path, expected a new folder"])
-    if faults := contradictions(settings):
+    if faults := (*structure_faults(settings), *record_faults(settings)):
         raise CampaignError(f"campaign.toml: {line}" for line in faults)
     folder.parent.mkdir(parents=True, exist_ok=True)
     temporary = folder.with_name(f".{folder.name}.{os.getpid()}-{secrets.token_hex(4)}")

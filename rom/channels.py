@@ -16,6 +16,7 @@ MOTIONS = ("acceleration", "velocity", "displacement")
 BODY_QUANTITIES = ("force", *MOTIONS)
 LINK_QUANTITIES = ("link_displacement", "link_force", "normal_force")
 BOLT_CHANNELS = ("tension", "strain")
+MOST_CHOICES = 8  # more names in one line of a message help nobody
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,5 +81,7 @@ def one_of(word: str, choices: Iterable[str]) -> str:
     guess = nearest(word, choices)
     if guess is not None:
         return f'"{guess}" (nearest known name)'
-    listed = ", ".join(f'"{choice}"' for choice in choices)
-    return f"one of {listed}" if choices else "none here"
+    if not choices:
+        return "none here"
+    listed = ", ".join(f'"{choice}"' for choice in choices[:MOST_CHOICES])
+    return f"one of {listed}{', ...' if len(choices) > MOST_CHOICES else ''}"

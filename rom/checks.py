@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rom.channels import BOLT_CHANNELS, LINK_QUANTITIES, Channel, channel_names, motion_channels
 from rom.records import inspect_channels
-from rom.settings import CampaignSettings, RecordSettings, file_fault
+from rom.settings import CampaignSettings, RecordSettings, file_fault, moving_faults
 
 MINIMUM_SAMPLES = 16  # fewer cannot be filtered (third order, both ways)
 IMPACT_TESTS = ("uncoupled", "coupled", "loosening", "driven")
@@ -53,7 +53,7 @@ def check_record(folder: Path, settings: CampaignSettings, index: int) -> Check:
     known = channel_names(settings.body_names, settings.link_names)
     found = inspect_channels(path, sampling.motion_rate_hz, sampling.tension_rate_hz, known)
     faults = list(found.faults)
-    if found.complete:
+    if found.complete and not any(moving_faults(record, settings.body_names)):
         faults += _absent(index, settings, found.names)
     if found.channels:
         faults += _too_short(record, settings, max(found.channels.values(), key=lambda c: c.duration_s))
@@ -70,7 +70,7 @@ def _file_digest(path: Path) -> str:
 def _absent(index: int, settings: CampaignSettings, names: Collection[str]) -> Iterator[str]:
     """Name the channels without which this kind of test says nothing."""
     record = settings.record[index]
-    bodies = [b for b in moving_bodies(record, settings, names) if b in settings.body_names]
+    bodies = moving_bodies(record, settings, names)
     if record.test == "uncoupled" and record.bodies is None and len(bodies) != 1:
         moving = ", ".join(bodies) or "no body"
         yield f"bodies: found the motion of {moving}, expected record[{index}].bodies to name one body"
@@ -107,7 +107,8 @@ def _too_short(record: RecordSettings, settings: CampaignSettings, longest: Chan
     least, why = MINIMUM_SAMPLES / longest.rate_hz, f"{MINIMUM_SAMPLES} samples"
     if record.test in IMPACT_TESTS and settings.sampling.pretrigger_s > 0:
         least, why = least + settings.sampling.pretrigger_s, f"sampling.pretrigger_s and {why}"
-    if record.test == "loosening" and settings.windows.final_s[0] > least:
-        least, why = settings.windows.final_s[0], "the start of windows.final_s"
+    final_s = min(settings.windows.final_s)  # told with the settings if it is not the first
+    if record.test == "loosening" and final_s > least:
+        least, why = final_s, "the start of windows.final_s"
     if longest.duration_s <= least:
         yield f"duration: found {longest.duration_s:.6g} s, expected more than {least:.6g} s ({why})"

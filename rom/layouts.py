@@ -115,20 +115,17 @@ def _read_csv(path: Path) -> Iterator[tuple[str, Read]]:
         raise LayoutError(f'header: found "{", ".join(header)[:60]}", expected "time_s, <channel>, ..."')
     if repeated := [name for name, count in Counter(header).items() if count > 1]:
         raise LayoutError(f"{repeated[0]}: found this column more than once, expected it once")
-    table = pd.read_csv(
-        path,
-        header=None,
-        skiprows=1,
-        skipinitialspace=True,
-        encoding="utf-8-sig",
-        float_precision="round_trip",
-    )
+    table = pd.read_csv(path, header=None, skiprows=1, skipinitialspace=True, encoding="utf-8-sig")
     if table.shape[1] != len(header):
         raise LayoutError(
             f"file: found {table.shape[1]} cells a row, expected {len(header)} as in the header"
         )
     try:
         time = _csv_time(_numbers(table[0]))
+        if (
+            not table.iloc[:, 1:].isna().any().all()
+        ):  # a channel with a cell in every row: time itself must be even
+            _require_even(time)
     except ValueError as fault:
         raise LayoutError(f"time_s: {fault}") from None
     for index, name in enumerate(header[1:], start=1):
@@ -160,33 +157,40 @@ def _csv_time(time: FloatArray) -> FloatArray:
         raise ValueError(
             f"found {time[row + 1]:.9g} after {time[row]:.9g} (data row {row + 2}), expected time to rise"
         )
+    return time
+
+
+def _require_even(time: FloatArray) -> None:
+    """Refuse times that are off an even grid by more than rounded digits explain."""
+    steps = np.diff(time)
     step = (time[-1] - time[0]) / (len(time) - 1)
     uneven = np.abs(steps - step) > STEP_TOLERANCE * step
     if uneven.any():
         row = int(np.argmax(uneven))
         raise ValueError(
-            f"found a step of {steps[row]:.6g} s at {time[row]:.9g} s, expected even steps of {step:.6g} s"
+            f"found a step of {steps[row]:.6g} s at {time[row]:.9g} s, "
+            f"expected even steps of {np.median(steps):.6g} s"
         )
     drift = np.abs(time - (time[0] + step * np.arange(len(time))))
     if drift.max() > 2 * STEP_TOLERANCE * step:
         raise ValueError(f"found times up to {drift.max():.3g} s off an even grid, expected even steps")
-    return time
 
 
 def _csv_column(time: FloatArray, column: Any) -> tuple[FloatArray, float]:
-    """Return the filled cells of a column and their rate [Hz]: every row, or every n-th of a slow channel."""
+    """Return the filled cells of a column and their rate [Hz]; a slower channel fills fewer cells."""
     cells = _numbers(column)
-    filled = np.flatnonzero(~np.isnan(cells))
-    if len(filled) < 2:
-        raise ValueError(f"found {len(filled)} filled cells, expected a signal")
-    step = int(np.median(np.diff(filled)))
-    gaps = np.diff(filled) != step
-    if gaps.any() or filled[0] >= step:
-        after = int(filled[np.argmax(gaps)]) if filled[0] < step else -1
-        raise ValueError(
-            f"found an empty cell or NaN near {time[after + 1]:.6g} s, expected a number in every {step}. row"
-        )
-    return cells[filled], (len(filled) - 1) / float(time[filled[-1]] - time[filled[0]])
+    filled = ~np.isnan(cells)
+    own_time = time[filled]
+    if len(own_time) < 2:
+        raise ValueError(f"found {len(own_time)} filled cells, expected a signal")
+    try:
+        _require_even(own_time)
+    except ValueError as fault:
+        raise ValueError(f"cells are empty or NaN: {fault}") from None
+    step = float(own_time[-1] - own_time[0]) / (len(own_time) - 1)
+    if own_time[0] - time[0] >= step:
+        raise ValueError(f"found the first number at {own_time[0]:.6g} s, expected it at {time[0]:.6g} s")
+    return cells[filled], 1 / step
 
 
 READERS: dict[str, Reader] = {

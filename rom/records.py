@@ -113,6 +113,8 @@ def inspect_channels(
 def _reader(path: Path) -> Reader:
     if path.suffix.lower() not in READERS:
         raise LayoutError(f'file: found the ending "{path.suffix}", expected .h5, .mat or .csv')
+    if path.exists() and not path.is_file():
+        raise LayoutError("file: found a folder or device, expected a file")
     return READERS[path.suffix.lower()]
 
 

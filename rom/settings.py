@@ -178,21 +178,20 @@ def _shown(value: Any) -> str:
         return "a table"
     if isinstance(value, bool):
         return str(value).lower()
-    shown = (
-        f'"{value}"' if isinstance(value, str) else str(list(value) if isinstance(value, tuple) else value)
-    )
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_shown(item) for item in value[:6])}{', ...' if len(value) > 6 else ''}]"
+    shown = f'"{value}"' if isinstance(value, str) else str(value)
     return shown if len(shown) <= 60 else f"{shown[:57]}..."
 
 
-def contradictions(settings: CampaignSettings) -> tuple[str, ...]:
-    """One line for each key that is sound by itself but cannot be true beside the others."""
-    return (
-        *_body_faults(settings),
-        *_link_faults(settings),
-        *_bolt_faults(settings),
-        *_window_faults(settings.windows),
-        *_record_faults(settings),
-    )
+def structure_faults(settings: CampaignSettings) -> tuple[str, ...]:
+    """Name each body and link that cannot be beside the others; no record makes sense without them."""
+    return (*_body_faults(settings), *_link_faults(settings))
+
+
+def record_faults(settings: CampaignSettings) -> tuple[str, ...]:
+    """Name each key of bolt, windows and records that is sound by itself but cannot be beside the others."""
+    return (*_bolt_faults(settings), *_window_faults(settings.windows), *_file_faults(settings))
 
 
 def _repeated(key: str, names: Iterable[str]) -> Iterator[str]:
@@ -212,7 +211,7 @@ def _body_faults(settings: CampaignSettings) -> Iterator[str]:
 
 def _link_faults(settings: CampaignSettings) -> Iterator[str]:
     yield from _repeated("link[{}].name", settings.link_names)
-    ends = (*settings.body_names, GROUND)
+    ends = tuple(dict.fromkeys((*settings.body_names, GROUND)))
     for index, link in enumerate(settings.link):
         unknown = [(i, end) for i, end in enumerate(link.between) if end not in ends]
         for i, end in unknown:
@@ -251,7 +250,7 @@ def _window_faults(windows: WindowSettings) -> Iterator[str]:
         yield f"windows.final_s: found a start of {start:g}, expected {end:g} (the end of initial_s) or later"
 
 
-def _record_faults(settings: CampaignSettings) -> Iterator[str]:
+def _file_faults(settings: CampaignSettings) -> Iterator[str]:
     paths = [str(PurePosixPath(record.file)) for record in settings.record]
     counts = Counter(paths)
     for index, record in enumerate(settings.record):
@@ -260,8 +259,7 @@ def _record_faults(settings: CampaignSettings) -> Iterator[str]:
             yield f"{key}.file: {fault}"
         elif counts[paths[index]] > 1 and (first := paths.index(paths[index])) < index:
             yield f'{key}.file: found "{record.file}" again, expected a file other than record[{first}].file'
-        if record.bodies is not None:
-            yield from _moving_faults(f"{key}.bodies", record, settings.body_names)
+        yield from (f"{key}.{line}" for line in moving_faults(record, settings.body_names))
         if record.test in ("loosening", "hold") and settings.bolt is None and not _has_bolted(settings):
             yield f'{key}.test: found "{record.test}", expected a link with law = "bolted" and a table [bolt]'
 
@@ -270,22 +268,25 @@ def _has_bolted(settings: CampaignSettings) -> bool:
     return any(link.law == "bolted" for link in settings.link)
 
 
-def _moving_faults(key: str, record: RecordSettings, known: tuple[str, ...]) -> Iterator[str]:
-    bodies = record.bodies or ()
-    yield from _repeated(f"{key}[{{}}]", bodies)
+def moving_faults(record: RecordSettings, known: tuple[str, ...]) -> Iterator[str]:
+    """Say why a record's `bodies` cannot be those that move in it."""
+    bodies = record.bodies
+    if bodies is None:
+        return
+    yield from _repeated("bodies[{}]", bodies)
     for index, body in enumerate(bodies):
         if body not in known:
-            yield f'{key}[{index}]: found "{body}", expected {one_of(body, known)}'
+            yield f'bodies[{index}]: found "{body}", expected {one_of(body, known)}'
     if not bodies and record.test not in ("cycled", "hold"):
-        yield f"{key}: found an empty list, expected the bodies that move"
+        yield "bodies: found an empty list, expected the bodies that move"
     if record.test == "uncoupled" and len(set(bodies)) > 1:
-        yield f"{key}: found {len(bodies)} bodies, expected one: an uncoupled test moves one body"
+        yield f"bodies: found {len(bodies)} names, expected one: an uncoupled test moves one body"
 
 
 def file_fault(file: str) -> str | None:
     """Say why a record's path cannot be one inside the campaign folder, or None."""
     windows = PureWindowsPath(file)
-    if file.startswith(("/", "\\", "~")) or windows.drive or "\0" in file:
+    if file.startswith(("/", "\\")) or windows.drive or "\0" in file:
         return f'found "{file}", expected a path relative to the campaign folder'.replace("\0", "")
     if ".." in windows.parts:
         return f'found "{file}", expected a path that stays inside the campaign folder'
