@@ -88,6 +88,11 @@ class Law:
         return np.array([parameter.value for parameter in self.parameters.values()], dtype=np.float64)
 
     @property
+    def sees_tension(self) -> bool:
+        """Whether the law can depend on the tension."""
+        return self.function is not _constant
+
+    @property
     def address(self) -> int:
         """Address of the compiled function; compiles on first use."""
         from rom.kernels.calling import address_of  # numba is loaded when something is computed

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Status = Literal["ok", "diverged"]
+TOLERANCE = 1e-6  # of a final tension relative to its change, of a velocity relative to its peak
 PLACES = ("stiffness", "damping", "tension_rate")
 
 
@@ -63,6 +64,7 @@ class Assembly:
 
     program: Program
     coefficients: FloatArray
+    active: IntArray
     places: Mapping[str, int]
 
 
@@ -109,14 +111,16 @@ def assemble(model: Model) -> Assembly:
         states += effect.states
     program = Program(
         ends=_table(ends, 2),
-        tension=_tension_seen(structure, len(laws)),
+        tension=_tension_seen(model, [row for row, _ in rows], len(laws)),
         laws=_table(laws, 6),
         effects=_table(table, 3),
         effect_start=np.searchsorted([row for row, _ in rows], np.arange(len(laws) + 1)).astype(np.int64),
         size=np.array([len(structure.bodies), len(structure.bolted_links), states], dtype=np.int64),
     )
+    loaded_rows = np.diff(program.effect_start) > 0
+    active = np.flatnonzero((program.tension >= 0) | loaded_rows).astype(np.int64)
     # one more number, so that a law without parameters has a valid place behind the last one
-    return Assembly(program, np.array([*layout.values, 0.0]), MappingProxyType(layout.places))
+    return Assembly(program, np.array([*layout.values, 0.0]), active, MappingProxyType(layout.places))
 
 
 def _table(rows: npt.ArrayLike, columns: int) -> IntArray:
@@ -143,13 +147,18 @@ def _link_index(model: Model, enters: str) -> int:
     return structure.link_names.index(enters)
 
 
-def _tension_seen(structure: Structure, rows: int) -> IntArray:
-    """A bolted link sees its own tension, every other one that of the only bolt, if there is only one."""
-    bolts = structure.bolted_links
-    seen = np.full(rows, 0 if len(bolts) == 1 else -1, dtype=np.int64)
-    for row, name in enumerate(structure.link_names):
+def _tension_seen(model: Model, loaded: list[int], rows: int) -> IntArray:
+    """A bolted link sees its own tension, every other one that of the only bolt if it can depend on it."""
+    bolts = model.structure.bolted_links
+    seen = np.full(rows, -1, dtype=np.int64)
+    for row, name in enumerate(model.structure.link_names):
+        laws = model.link_laws[name]
         if name in bolts:
             seen[row] = bolts.index(name)
+        elif len(bolts) == 1 and (laws.stiffness.sees_tension or laws.damping.sees_tension):
+            seen[row] = 0
+    if len(bolts) == 1:
+        seen[loaded] = 0
     return seen
 
 
@@ -181,7 +190,7 @@ def _forces(structure: Structure, force: Mapping[str, npt.ArrayLike]) -> tuple[I
             f"forces must be 1-D arrays of one length of at least 2 samples, got shapes {shapes}"
         )
     for name, array in arrays.items():
-        if not np.isfinite(array).all():
+        if not np.isfinite(array.sum()):
             raise ValueError(f"force on {name!r} must be finite, got NaN or infinity")
     driven = np.array([structure.body_names.index(name) for name in arrays], dtype=np.int64)
     return driven, np.stack(list(arrays.values()))
@@ -215,53 +224,45 @@ def simulate(
     initial_velocity: Mapping[str, float] | None,
 ) -> Response:
     """See ``Model.simulate``."""
-    from rom.kernels.runge_kutta import accelerations, runge_kutta
+    from rom.kernels.exponential import Task, integrate
 
     structure = model.structure
     rate = _number("rate_hz", rate_hz, 0.0, strict=True)
     driven, forces = _forces(structure, force)
-    tensions = _tensions(structure, initial_tension)
-    program, coefficients = model.assembly.program, model.assembly.coefficients
-    start = [
-        *_by_body(structure, "initial_displacement", initial_displacement),
-        *_by_body(structure, "initial_velocity", initial_velocity),
-        *tensions,
-        *[0.0] * int(program.size[2]),
-    ]
-    states = np.full((forces.shape[1], len(start)), np.nan)
-    reached = runge_kutta(program, coefficients, rate, driven, forces, np.array(start), 1, states)
-    acceleration = accelerations(program, coefficients, rate, driven, forces, states).T
-    return _response(structure, rate, states.T, acceleration, reached, forces.shape[1] - 1, np.nan)
+    tensions = np.array(_tensions(structure, initial_tension))
+    motion = np.array(
+        [
+            *_by_body(structure, "initial_displacement", initial_displacement),
+            *_by_body(structure, "initial_velocity", initial_velocity),
+        ]
+    )
+    assembly, samples, bodies = model.assembly, forces.shape[1], len(structure.bodies)
+    last = np.array([samples - 1, samples - 1])
+    task = Task(rate, driven, assembly.active, forces, motion, tensions, last, TOLERANCE)
+    out = np.full((3 * bodies + int(assembly.program.size[1:].sum()), samples), np.nan)
+    report = np.zeros(6)
+    integrate(assembly.program, assembly.coefficients, task, report, out)
+    return _response(structure, rate, out, report)
 
 
-def _response(
-    structure: Structure,
-    rate: float,
-    states: FloatArray,
-    acceleration: FloatArray,
-    reached: int,
-    steps: int,
-    error: float,
-) -> Response:
-    n, samples = len(structure.bodies), states.shape[1]
-    columns = np.ascontiguousarray(states)
+def _response(structure: Structure, rate: float, out: FloatArray, report: FloatArray) -> Response:
+    steps, motion_error, tension_error, reached, peak, loss = report
+    n, bolts = len(structure.bodies), structure.bolted_links
 
     def by_body(rows: FloatArray) -> Mapping[str, FloatArray]:
-        return MappingProxyType(dict(zip(structure.body_names, np.ascontiguousarray(rows), strict=True)))
+        return MappingProxyType(dict(zip(structure.body_names, rows, strict=True)))
 
-    bolts = structure.bolted_links
-    tensions = columns[2 * n : 2 * n + len(bolts)]
-    tension = tensions[0] if len(bolts) == 1 else MappingProxyType(dict(zip(bolts, tensions, strict=True)))
+    tensions = out[2 * n : 2 * n + len(bolts)]
     return Response(
-        status="ok" if reached == samples else "diverged",
-        time=np.arange(samples) / rate,
-        displacement=by_body(columns[:n]),
-        velocity=by_body(columns[n : 2 * n]),
-        acceleration=by_body(acceleration),
-        tension=tension,
-        states=columns[2 * n + len(bolts) :],
-        steps=steps,
-        estimated_error=error,
+        status="ok" if reached == out.shape[1] else "diverged",
+        time=np.arange(out.shape[1]) / rate,
+        displacement=by_body(out[:n]),
+        velocity=by_body(out[n : 2 * n]),
+        acceleration=by_body(out[-n:]),
+        tension=tensions[0] if len(bolts) == 1 else MappingProxyType(dict(zip(bolts, tensions, strict=True))),
+        states=out[2 * n + len(bolts) : -n],
+        steps=int(steps),
+        estimated_error=max(motion_error / peak if peak else 0.0, tension_error / loss if loss else 0.0),
     )
 
 
@@ -275,7 +276,7 @@ def final_tension(
     body: str | None,
 ) -> FloatArray:
     """See ``Model.final_tension``."""
-    from rom.kernels.runge_kutta import runge_kutta
+    from rom.kernels.exponential import Task, integrate_cases
 
     structure, assembly = model.structure, model.assembly
     rate = _number("rate_hz", rate_hz, 0.0, strict=True)
@@ -287,22 +288,15 @@ def final_tension(
     tension = _finite(
         "initial_tension", np.broadcast_to(initial_tension, (cases, bolts) if bolts > 1 else (cases,))
     )
-    start = np.zeros((cases, 2 * len(structure.bodies) + bolts + int(assembly.program.size[2])))
-    start[:, 2 * len(structure.bodies) :][:, :bolts] = tension.reshape(cases, bolts)
-    driven = np.array([structure.body_names.index(body or structure.body_names[0])])
     coefficients = np.tile(assembly.coefficients, (cases, 1))
     for path, values in vary.items():
         model.parameter(path)
         coefficients[:, assembly.places[path]] = _finite(path, np.broadcast_to(values, (cases,)), ("cases",))
-    first, last = _window(window_s, rate, samples)
-    result = np.full((cases, bolts), np.nan)
-    states = np.empty((samples, start.shape[1]))
-    for case in range(cases):
-        reached = runge_kutta(
-            assembly.program, coefficients[case], rate, driven, force[case : case + 1], start[case], 1, states
-        )
-        if reached == samples:
-            result[case] = states[first:last, 2 * len(structure.bodies) :][:, :bolts].mean(axis=0)
+    driven = _forces(structure, {body or structure.body_names[0]: np.zeros(2)})[0]
+    window = np.array(_window(window_s, rate, samples))
+    rest = np.zeros(2 * len(structure.bodies))
+    task = Task(rate, driven, assembly.active, force, rest, tension.reshape(cases, bolts), window, TOLERANCE)
+    result: FloatArray = integrate_cases(assembly.program, coefficients, task, np.zeros((cases, 6)))
     return result[:, 0] if bolts == 1 else result
 
 
@@ -310,17 +304,17 @@ def _finite(name: str, values: npt.ArrayLike, axes: tuple[str, ...] = ()) -> Flo
     array = np.ascontiguousarray(values, dtype=np.float64)
     if axes and (array.ndim != len(axes) or 0 in array.shape):
         raise ValueError(f"{name} must have the shape ({', '.join(axes)}), got {array.shape}")
-    if not np.isfinite(array).all():
+    if not np.isfinite(array.sum()):
         raise ValueError(f"{name} must be finite, got NaN or infinity")
     return array
 
 
 def _window(window_s: tuple[float, float] | None, rate: float, samples: int) -> tuple[int, int]:
-    """First sample and the one after the last of a window; the last sample alone without one."""
+    """First and last sample of a window; the last sample alone without one."""
     if window_s is None:
-        return samples - 1, samples
+        return samples - 1, samples - 1
     first = int(np.ceil(window_s[0] * rate - 1e-6))
-    last = min(int(np.floor(window_s[1] * rate + 1e-6)) + 1, samples)
-    if not 0 <= first < last:
+    last = min(int(np.floor(window_s[1] * rate + 1e-6)), samples - 1)
+    if not 0 <= first <= last:
         raise ValueError(f"window_s must hold samples of 0 to {(samples - 1) / rate:g} s, got {window_s}")
     return first, last

@@ -1,0 +1,265 @@
+"""One block of the exponential integrator: its nodes, their equations, and the sweeps that solve them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from rom.kernels.calling import invoke, pointer
+from rom.kernels.equations import Program
+from rom.kernels.propagators import INTEGRAL, NODES, SAMPLE, SIMPSON, TICKS, Propagators
+
+SWEEPS = 12
+# places in Block.change: what the last sweep changed, and what decides how much the next one would
+FORCE, TENSION, STIFFNESS, DAMPING, SHARPNESS = range(5)
+
+
+class Block(NamedTuple):
+    """Values at the nodes of a block; ``z`` holds the changes of the tensions, then the states."""
+
+    y: Any  # (node, displacements and velocities)
+    free: Any  # (node, displacements and velocities): what they would be without N
+    N: Any  # (node, active link): force beyond the linear part
+    z: Any  # (node, tensions + states)
+    r: Any  # (node, tensions + states + 1): rates of z, and a place for links without tension
+    start: Any  # (tensions,): initial tensions
+    base: Any  # (active link, 2): stiffness and damping of the linear part
+    active: Any  # (active links,)
+    spare: Any  # (1,): where an effect puts its tension rate
+    change: Any  # (5,): see above
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def linearise(program: Program, p: Any, block: Block, tables: Propagators) -> None:
+    """Take the linear part at the tensions of node 0."""
+    n = program.size[0]
+    A, laws = tables.A, program.laws
+    A[:, :] = 0.0
+    for i in range(n):
+        A[i, n + i] = 1.0
+    at = 0
+    for link in range(laws.shape[0]):
+        bolt = program.tension[link]
+        T = max(block.start[bolt] + block.z[0, bolt], 0.0) if bolt >= 0 else 0.0
+        k = invoke(laws[link, 0], (T, pointer(p, laws[link, 1])))
+        c = invoke(laws[link, 2], (T, pointer(p, laws[link, 3])))
+        if at < block.active.size and block.active[at] == link:
+            block.base[at, 0], block.base[at, 1] = k, c
+            at += 1
+        for row in range(2):
+            i = program.ends[link, row]
+            for column in range(2):
+                j = program.ends[link, column]
+                if i >= 0 and j >= 0:
+                    sign = -1.0 if row == column else 1.0
+                    A[n + i, j] += sign * k / p[i]
+                    A[n + i, n + j] += sign * c / p[i]
+    tables.built[0] = 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def evaluate(program: Program, p: Any, block: Block, from_node: int, t: float, d: float) -> None:
+    """Forces beyond the linear part and rates at the nodes from ``from_node`` on."""
+    n, tensions, _ = program.size
+    laws, change, width = program.laws, block.change, block.r.shape[1]
+    block.r[from_node:, :] = 0.0
+    change[FORCE] = change[STIFFNESS] = change[DAMPING] = 0.0
+    for a in range(block.active.size):
+        link = block.active[a]
+        first, second, bolt = program.ends[link, 0], program.ends[link, 1], program.tension[link]
+        place = bolt if bolt >= 0 else width - 1
+        for node in range(from_node, NODES):
+            x = v = T = 0.0
+            if first >= 0:
+                x, v = block.y[node, first], block.y[node, n + first]
+            if second >= 0:
+                x, v = x - block.y[node, second], v - block.y[node, n + second]
+            if bolt >= 0:
+                T = max(block.start[bolt] + block.z[node, bolt], 0.0)
+            k = invoke(laws[link, 0], (T, pointer(p, laws[link, 1])))
+            c = invoke(laws[link, 2], (T, pointer(p, laws[link, 3])))
+            damping_force = c * v
+            force = k * x + damping_force
+            for e in range(program.effect_start[link], program.effect_start[link + 1]):
+                address, offset, state = program.effects[e, 0], program.effects[e, 1], program.effects[e, 2]
+                states = pointer(block.z, node * block.z.shape[1] + tensions + state)
+                rates = pointer(block.r, node * width + tensions + state)
+                added = pointer(block.spare, 0)
+                block.spare[0] = 0.0
+                force += invoke(
+                    address, (t + node * d, x, v, T, k, c, states, pointer(p, offset), rates, added)
+                )
+                block.r[node, place] += block.spare[0]
+            if laws[link, 4] != 0:
+                block.r[node, place] += invoke(
+                    laws[link, 4], (T, x, v, force, damping_force, pointer(p, laws[link, 5]))
+                )
+            k, c = k - block.base[a, 0], c - block.base[a, 1]
+            force -= block.base[a, 0] * x + block.base[a, 1] * v
+            change[FORCE] = max(change[FORCE], abs(force - block.N[node, a]))
+            change[STIFFNESS] = max(change[STIFFNESS], abs(k))
+            change[DAMPING] = max(change[DAMPING], abs(c))
+            block.N[node, a] = force
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
+def _long_response(forced: Any, weights: Any, force: Any, count: int) -> None:
+    """Add the response to ``4 count + 1`` samples to four sub-blocks of ``count`` samples each."""
+    for i in range(forced.shape[1]):
+        first = second = third = fourth = 0.0
+        for j in range(count):
+            weight = weights[i, j]
+            first += weight * force[j]
+            second += weight * force[j + count]
+            third += weight * force[j + 2 * count]
+            fourth += weight * force[j + 3 * count]
+        weight = weights[i, count]
+        forced[0, i] += first + weight * force[count]
+        forced[1, i] += second + weight * force[2 * count]
+        forced[2, i] += third + weight * force[3 * count]
+        forced[3, i] += fourth + weight * force[4 * count]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def free_motion(free: Any, y: Any, E: Any, W: Any, force: Any, level: int, tick: int) -> None:
+    """Linear motion at nodes 1 to 4 from the motion ``y`` at node 0."""
+    free[0] = y[0]
+    forced = free[1:]
+    forced[:, :] = 0.0
+    for u in range(force.shape[0]):
+        if level >= SAMPLE:
+            count, sample = 2 ** (level - SAMPLE), tick // TICKS
+            _long_response(forced, W[level, u], force[u, sample : sample + 4 * count + 1], count)
+            continue
+        for place in range(NODES - 1):
+            at = tick + place * 2**level
+            sample = at // TICKS
+            slope = (force[u, sample + 1] - force[u, sample]) / TICKS
+            start = force[u, sample] + slope * (at - sample * TICKS)
+            end = start + slope * 2**level
+            for i in range(forced.shape[1]):
+                forced[place, i] += W[level, u, i, 0] * start + W[level, u, i, 1] * end
+    for node in range(1, NODES):
+        for j in range(free.shape[1]):
+            value = free[node - 1, j]
+            for i in range(free.shape[1]):
+                free[node, i] += E[level, j, i] * value
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _collocate(block: Block, H: Any, level: int, d: float) -> None:
+    """Motion, tension changes and states at nodes 1 to 4 from the forces and rates at all nodes."""
+    size = block.y.shape[1]
+    for node in range(1, NODES):
+        for i in range(size):
+            block.y[node, i] = block.free[node, i]
+    for a in range(block.active.size):
+        for other in range(NODES):
+            value = block.N[other, a]
+            for node in range(1, NODES):
+                for i in range(size):
+                    block.y[node, i] += H[level, a, other, node, i] * value
+    block.change[TENSION] = 0.0
+    for i in range(block.z.shape[1]):
+        for node in range(1, NODES):
+            total = 0.0
+            for other in range(NODES):
+                total += INTEGRAL[node, other] * block.r[other, i]
+            total = block.z[0, i] + d * total
+            if i < block.start.size:
+                block.change[TENSION] = max(block.change[TENSION], abs(total - block.z[node, i]))
+            block.z[node, i] = total
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def solve(
+    program: Program, p: Any, block: Block, H: Any, level: int, t: float, d: float, goal: Any, mobility: float
+) -> bool:
+    """Sweep until the next change would be below the goals, an impulse [N s] and a tension [N]."""
+    for node in range(1, NODES):
+        for a in range(block.active.size):
+            block.N[node, a] = block.N[0, a]
+        for i in range(block.z.shape[1]):
+            block.z[node, i] = block.z[0, i]
+            block.r[node, i] = block.r[0, i]
+    _collocate(block, H, level, d)
+    change = block.change
+    before = 0.0
+    for sweep in range(SWEEPS):
+        evaluate(program, p, block, 1, t, d)
+        _collocate(block, H, level, d)
+        now = max(4.0 * d * change[FORCE] / goal[0], change[TENSION] / goal[1])
+        if not np.isfinite(now):
+            return False
+        contraction = 1.0
+        if sweep > 0 and before > 0.0:
+            contraction = now / before
+        elif program.effects.shape[0] == 0:
+            span = 4.0 * d
+            contraction = mobility * span * (change[STIFFNESS] * span + change[DAMPING])
+            contraction += change[SHARPNESS] * change[TENSION]
+        if now * min(contraction, 1.0) <= 1.0:
+            return True
+        before = now
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _quadrature_error(values: Any, column: int, d: float) -> float:
+    """Error of the integral over a block: that of Simpson's rule taken to the order of the rule in use.
+
+    For an oscillation both errors are powers of frequency times length, e6 = 5.1 e4^(3/2).
+    """
+    simpson = boole = size = 0.0
+    for node in range(NODES):
+        simpson += SIMPSON[node] * values[node, column]
+        boole += INTEGRAL[NODES - 1, node] * values[node, column]
+        size += INTEGRAL[NODES - 1, node] * abs(values[node, column])
+    if size == 0.0:
+        return 0.0
+    ratio = abs(simpson - boole) / size
+    return d * size * min(ratio, 5.1 * ratio * np.sqrt(ratio))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def errors(block: Block, d: float) -> Any:
+    """Estimated errors of a block: the largest of a link's impulse [N s] and of a tension [N]."""
+    impulse = tension = 0.0
+    for a in range(block.active.size):
+        impulse = max(impulse, _quadrature_error(block.N, a, d))
+    for b in range(block.start.size):
+        tension = max(tension, _quadrature_error(block.r, b, d))
+    return impulse, tension
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(block: Block) -> None:
+    """Make the last node the first; a tension does not fall below zero."""
+    last = NODES - 1
+    block.y[0] = block.y[last]
+    block.N[0] = block.N[last]
+    block.r[0] = block.r[last]
+    block.z[0] = block.z[last]
+    for b in range(block.start.size):
+        block.z[0, b] = max(block.z[0, b], -block.start[b])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def drifted(program: Program, p: Any, block: Block, limit: float) -> bool:
+    """Whether the linear part has moved away from the last node's tension."""
+    for a in range(block.active.size):
+        link = block.active[a]
+        bolt = program.tension[link]
+        if bolt < 0:
+            continue
+        T = block.start[bolt] + block.z[0, bolt]
+        k = invoke(program.laws[link, 0], (T, pointer(p, program.laws[link, 1])))
+        c = invoke(program.laws[link, 2], (T, pointer(p, program.laws[link, 3])))
+        scale = limit * max(abs(k), abs(block.base[a, 0]))
+        if abs(k - block.base[a, 0]) > scale:
+            return True
+        if abs(c - block.base[a, 1]) > limit * max(abs(c), abs(block.base[a, 1])):
+            return True
+    return False

@@ -1,0 +1,265 @@
+"""Exponential block integrator: exact for the linear part, collocation for everything else.
+
+The structure linearised at a tension is propagated exactly under the piecewise linear force. What the links
+do beyond that, and the rates of tensions and internal states, are polynomials through the five nodes of a
+block (sixth order at its end), found by sweeps. Blocks of 1/4 to 256 samples start and end on the force's
+knots or within one sample; their length follows from an error estimate.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from rom.kernels.block import (
+    SHARPNESS,
+    Block,
+    advance,
+    drifted,
+    errors,
+    evaluate,
+    free_motion,
+    linearise,
+    solve,
+)
+from rom.kernels.calling import invoke, pointer
+from rom.kernels.dense import fill, fill_sample
+from rom.kernels.equations import Program
+from rom.kernels.propagators import (
+    INTEGRAL_SUM,
+    LEVELS,
+    NODES,
+    SAMPLE,
+    TICKS,
+    Propagators,
+    allocate,
+    build,
+)
+
+RUNS = 3  # how often a record is integrated until its own peaks are the scale of its errors
+
+
+class Task(NamedTuple):
+    """What is asked of a run."""
+
+    rate: float  # [Hz]
+    driven: Any  # (driven bodies,)
+    active: Any  # (active links,): links whose force is not linear, or which have a tension law
+    force: Any  # (driven bodies, samples) [N]
+    y0: Any  # (2 bodies,): displacements and velocities at the start
+    tensions: Any  # (tensions,): at the start [N]
+    window: Any  # (2,): first sample and last sample over which tensions are averaged
+    tolerance: float  # of the final tension, relative to its change, and of velocities to their peak
+
+
+# places in a report
+STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS = range(6)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _inputs(program: Program, p: Any, active: Any, driven: Any, tables: Propagators) -> None:
+    """Where forces on bodies and forces of active links enter the velocities."""
+    n = program.size[0]
+    for u in range(driven.size):
+        tables.b[u, n + driven[u]] = 1.0 / p[driven[u]]
+    for a in range(active.size):
+        first, second = program.ends[active[a]]
+        if first >= 0:
+            tables.b[driven.size + a, n + first] = -1.0 / p[first]
+        if second >= 0:
+            tables.b[driven.size + a, n + second] = 1.0 / p[second]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _prepare(program: Program, p: Any, task: Task) -> Any:
+    """Block and tables at the start of a run, with the linear part at the initial tensions."""
+    size, width, active = 2 * program.size[0], program.size[1] + program.size[2], task.active.size
+    block = Block(
+        np.zeros((NODES, size)),
+        np.zeros((NODES, size)),
+        np.zeros((NODES, active)),
+        np.zeros((NODES, width)),
+        np.zeros((NODES, width + 1)),
+        task.tensions,
+        np.zeros((active, 2)),
+        task.active,
+        np.zeros(1),
+        np.zeros(5),
+    )
+    block.change[SHARPNESS] = 20.0 / max(np.max(task.tensions), 1.0) if task.tensions.size else 0.0
+    tables = allocate(size, task.driven.size, active)
+    block.y[0] = task.y0
+    _inputs(program, p, task.active, task.driven, tables)
+    linearise(program, p, block, tables)
+    _restart(program, p, block, 0.0)
+    return block, tables
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _restart(program: Program, p: Any, block: Block, t: float) -> None:
+    """Forces and rates at node 0, by way of all nodes."""
+    for node in range(1, NODES):
+        block.y[node] = block.y[0]
+        block.z[node] = block.z[0]
+    evaluate(program, p, block, 0, t, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _highest(level: int, tick: int, boundary: int) -> int:
+    """The highest level, not above ``level``, whose block starts on its grid and ends by the boundary."""
+    while level > 0:
+        block = 4 * 2**level
+        if tick + block <= boundary and tick % min(block, TICKS) == 0:
+            break
+        level -= 1
+    return level
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _add_window(block: Block, level: int, tick: int, d: float, total: Any) -> None:
+    """Add the tension changes at the samples of the block that ends at ``tick``."""
+    samples = 4 * 2**level // TICKS
+    for b in range(total.size):
+        if samples > 1:
+            total[b] += samples * block.z[0, b]
+            for node in range(NODES):
+                total[b] += d * INTEGRAL_SUM[level, node] * block.r[node, b]
+        elif tick % TICKS == 0:
+            total[b] += block.z[NODES - 1, b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _run(program: Program, p: Any, task: Task, scale: Any, report: Any, total: Any, out: Any) -> None:
+    """Integrate over a record with errors relative to ``scale``: a velocity [m/s] and a tension [N]."""
+    block, tables = _prepare(program, p, task)
+    report[:] = 0.0
+    total[:] = 0.0
+    tick, level, sample = 0, 0, 1.0 / task.rate
+    n = program.size[0]
+    mobility = 1.0 / p[:n].min()
+    ends = (task.window[0], task.window[1], task.force.shape[1] - 1)
+    if out.size:
+        fill_sample(block, tables, task.force, 0, out, 0)
+    if ends[0] == 0:
+        total += block.z[0, : total.size]
+    for leg in range(3):
+        boundary = ends[leg] * TICKS
+        while tick < boundary:
+            level = _highest(level, tick, boundary)
+            if tables.built[0] <= max(level, SAMPLE):
+                build(tables, max(level, SAMPLE), sample)
+            d, t = sample * 2.0**level / TICKS, tick * sample / TICKS
+            allowed = task.tolerance * max(4.0 * d / 0.5, 0.002)
+            free_motion(block.free, block.y, tables.E, tables.W, task.force, level, tick)
+            goal = (0.1 * allowed * scale[0] / mobility, 0.1 * allowed * scale[1])
+            solved = solve(program, p, block, tables.H, level, t, d, goal, 2.0 * mobility)
+            impulse, tension = errors(block, d)
+            error = max(impulse * mobility / scale[0], tension / scale[1])
+            if level > 0 and not (solved and error <= allowed):
+                level -= 1
+                continue
+            if not np.isfinite(error + block.y[NODES - 1].sum()):
+                return
+            tick += 4 * 2**level
+            if leg == 1:
+                _add_window(block, level, tick, d, total)
+            if out.size:
+                fill(block, tables, task.force, level, tick, d, out)
+            report[STEPS] += 1.0
+            report[MOTION_ERROR] += impulse * mobility
+            report[TENSION_ERROR] += tension
+            report[REACHED] = tick // TICKS
+            advance(block)
+            for i in range(n, 2 * n):
+                report[PEAK] = max(report[PEAK], abs(block.y[0, i]))
+            for b in range(total.size):
+                report[LOSS] = max(report[LOSS], abs(block.z[0, b]))
+            if drifted(program, p, block, 0.01):
+                linearise(program, p, block, tables)
+                _restart(program, p, block, tick * sample / TICKS)
+            if error * 256.0 < allowed and level < LEVELS - 1:
+                level += 1
+        if leg == 0 and ends[0] > 0:
+            total += block.z[0, : total.size]
+    total /= ends[1] - ends[0] + 1.0
+    report[REACHED] += 1.0
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc"})
+def _sum(values: Any) -> Any:
+    total = 0.0
+    for value in values:
+        total += value
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _expected(program: Program, p: Any, task: Task) -> Any:
+    """First guess of the peak velocity [m/s] and the loss of tension [N]; only the cost depends on it."""
+    velocity = 0.0
+    n = program.size[0]
+    for i in range(n):
+        velocity = max(velocity, abs(task.y0[n + i]), 10.0 * abs(task.y0[i]))
+    for u in range(task.driven.size):
+        impulse = 0.0
+        for start in range(0, task.force.shape[1], 64):
+            impulse += _sum(task.force[u, start : start + 64])
+            velocity = max(velocity, abs(impulse) / task.rate / p[task.driven[u]])
+    loss = 0.0
+    for a in range(task.active.size):
+        link = task.active[a]
+        bolt = program.tension[link]
+        if bolt >= 0 and program.laws[link, 4] != 0:
+            T, v = task.tensions[bolt], 0.5 * velocity
+            D = v * invoke(program.laws[link, 2], (T, pointer(p, program.laws[link, 3])))
+            rate = invoke(program.laws[link, 4], (T, 1e-3 * v, v, D, D, pointer(p, program.laws[link, 5])))
+            loss = max(loss, min(abs(rate) * 1e-3, T))
+    if not loss > 0.0:
+        loss = 1e-3
+    return np.array([max(velocity, 1e-12), loss])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def integrate(program: Program, p: Any, task: Task, report: Any, out: Any) -> Any:
+    """Integrate over a record; its own peak velocity and loss of tension are the scale of its errors.
+
+    Fills ``report`` (6,) and, unless empty, ``out``, shape (2 bodies + tensions + states + bodies, samples):
+    displacements, velocities, tensions, states, accelerations. Returns the mean change of the tensions
+    over the window, shape (tensions,). The run is complete where ``report[REACHED]`` is the number of samples.
+    """
+    total = np.zeros(program.size[1])
+    scale = _expected(program, p, task)
+    for _ in range(RUNS):
+        _run(program, p, task, scale, report, total, out)
+        motion = report[MOTION_ERROR] > 20.0 * task.tolerance * report[PEAK]
+        tension = report[TENSION_ERROR] > 20.0 * task.tolerance * report[LOSS]
+        if report[REACHED] < task.force.shape[1] or not (motion or tension):
+            break
+        if motion:
+            scale[0] = min(scale[0], report[PEAK])
+        if tension:
+            scale[1] = min(scale[1], report[LOSS])
+    return total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def integrate_cases(program: Program, coefficients: Any, tasks: Task, reports: Any) -> Any:
+    """Final tensions of many cases [N], shape (cases, tensions); NaN for a case that diverged.
+
+    ``coefficients``, and the forces, initial states and tensions of ``tasks``, have a row for every case.
+    """
+    cases = coefficients.shape[0]
+    result = np.full((cases, program.size[1]), np.nan)
+    nothing = np.empty((0, 0))
+    for case in range(cases):
+        task = Task(
+            tasks.rate, tasks.driven, tasks.active, tasks.force[case : case + 1], tasks.y0,
+            tasks.tensions[case], tasks.window, tasks.tolerance,
+        )  # fmt: skip
+        change = integrate(program, coefficients[case], task, reports[case], nothing)
+        if reports[case, REACHED] == task.force.shape[1]:
+            for b in range(program.size[1]):
+                result[case, b] = max(task.tensions[b] + change[b], 0.0)
+    return result

@@ -1,0 +1,215 @@
+"""Exact propagation of the linear part over a sub-block, for a ladder of lengths.
+
+With ``y' = A y + sum_i b_i u_i(t)`` a sub-block of length d takes ``y`` to ``E y`` plus what the inputs add.
+An input that runs linearly between samples adds ``W u`` with u its samples; one that is a polynomial over
+the block of four sub-blocks adds ``H N`` with N its values at the block's five nodes. All three follow from
+the moments ``P_q = int_0^d exp(A (d - s)) b (s / d)^q ds``, which double exactly.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+from numpy.polynomial import Polynomial
+
+NODES = 5
+LEVELS = 11  # sub-blocks of 1/16, 1/8, 1/4, 1/2, 1, 2 ... 64 samples
+SAMPLE = 4  # the level whose sub-block is one sample
+TICKS = 2**SAMPLE  # ticks in a sample; the shortest sub-block is a tick
+LONGEST = 2 ** (LEVELS - 1 - SAMPLE)
+
+FloatArray = npt.NDArray[np.float64]
+
+
+def _lagrange() -> list[Polynomial]:
+    """Lagrange polynomials of the nodes 0 ... 4."""
+    basis = []
+    for node in range(NODES):
+        others = [other for other in range(NODES) if other != node]
+        product = Polynomial.fromroots(others)
+        basis.append(product / product(node))
+    return basis
+
+
+def _local(node: int, place: int) -> FloatArray:
+    """Coefficients of a Lagrange polynomial about the start of sub-block ``place``."""
+    coefficients = np.zeros(NODES)
+    shifted = _lagrange()[node](Polynomial([place, 1.0])).coef
+    coefficients[: shifted.size] = shifted
+    return coefficients
+
+
+# shape (sub-block, node, power)
+LOCAL = np.array([[_local(node, place) for node in range(NODES)] for place in range(NODES - 1)])
+# shape (node, node): integral from node 0 to node i of the polynomial through the values, in sub-blocks
+INTEGRAL = np.array([[basis.integ()(i) - basis.integ()(0) for basis in _lagrange()] for i in range(NODES)])
+# the two-panel rule of Simpson on the same nodes, in sub-blocks
+SIMPSON = np.array([1.0, 4.0, 2.0, 4.0, 1.0]) / 3.0
+_BINOMIAL = np.array([[1, 0, 0, 0, 0], [1, 1, 0, 0, 0], [1, 2, 1, 0, 0], [1, 3, 3, 1, 0], [1, 4, 6, 4, 1.0]])
+
+
+class Propagators(NamedTuple):
+    """Tables by level; ``built[0]`` counts the levels that are up to date."""
+
+    A: FloatArray  # (state, state)
+    b: FloatArray  # (inputs, state): first those of the driven bodies, then those of the active links
+    E: FloatArray  # (level, state, state), transposed
+    P: FloatArray  # (level, input, power, state)
+    W: FloatArray  # (level, driven, state, sample)
+    H: FloatArray  # (level, active link, node with N, node with y, state): from the block's start
+    built: npt.NDArray[np.int64]
+
+
+@njit(cache=True, nogil=True)
+def allocate(size: int, driven: int, active: int) -> Propagators:
+    """Empty tables."""
+    return Propagators(
+        np.zeros((size, size)),
+        np.zeros((driven + active, size)),
+        np.zeros((LEVELS, size, size)),
+        np.zeros((LEVELS, driven + active, NODES, size)),
+        np.zeros((LEVELS, driven, size, LONGEST + 1)),
+        np.zeros((LEVELS, active, NODES, NODES, size)),
+        np.zeros(1, dtype=np.int64),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _series(A: Any, start: Any, d: float, power: int, result: Any, term: Any, image: Any) -> None:
+    """``int_0^d exp(A (d - s)) start (s / d)^power ds`` by its series; ``exp(A d) start`` for power -1."""
+    size = start.size
+    factor = 1.0 if power < 0 else d / (power + 1.0)
+    for i in range(size):
+        term[i] = start[i] * factor
+        result[i] = term[i]
+    for k in range(1, 80):
+        largest = total = 0.0
+        for i in range(size):
+            image[i] = 0.0
+            for j in range(size):
+                image[i] += A[i, j] * term[j]
+        for i in range(size):
+            term[i] = image[i] * d / (k + power + 1.0)
+            result[i] += term[i]
+            largest = max(largest, abs(term[i]))
+            total = max(total, abs(result[i]))
+        if largest <= 1e-20 * total:
+            break
+
+
+@njit(cache=True, nogil=True)
+def _build_first(tables: Propagators, d: float) -> None:
+    """Exponential and moments of the shortest sub-block, by series."""
+    size = tables.A.shape[0]
+    term, image, unit = np.zeros(size), np.zeros(size), np.zeros(size)
+    for i in range(size):
+        unit[:] = 0.0
+        unit[i] = 1.0
+        _series(tables.A, unit, d, -1, tables.E[0, i], term, image)
+    for i in range(tables.b.shape[0]):
+        for q in range(NODES):
+            _series(tables.A, tables.b[i], d, q, tables.P[0, i, q], term, image)
+
+
+@njit(cache=True, nogil=True)
+def _double(tables: Propagators, level: int) -> None:
+    """Exponential and moments of a level from those of the level below."""
+    size = tables.A.shape[0]
+    E, P = tables.E, tables.P
+    for i in range(size):
+        for j in range(size):
+            total = 0.0
+            for k in range(size):
+                total += E[level - 1, i, k] * E[level - 1, k, j]
+            E[level, i, j] = total
+    for u in range(P.shape[1]):
+        for q in range(NODES):
+            for i in range(size):
+                total = 0.0
+                for j in range(size):
+                    total += E[level - 1, j, i] * P[level - 1, u, q, j]
+                for j in range(q + 1):
+                    total += _BINOMIAL[q, j] * P[level - 1, u, j, i]
+                P[level, u, q, i] = total / 2.0**q
+
+
+@njit(cache=True, nogil=True)
+def _input_weights(tables: Propagators, level: int) -> None:
+    """Weights of the samples within a sub-block."""
+    driven, size = tables.W.shape[1], tables.W.shape[2]
+    W, E = tables.W, tables.E
+    half = 2 ** (level - 1 - SAMPLE) if level > SAMPLE else 0
+    for u in range(driven):
+        for i in range(size):
+            if level <= SAMPLE:
+                W[level, u, i, 1] = tables.P[level, u, 1, i]
+                W[level, u, i, 0] = tables.P[level, u, 0, i] - tables.P[level, u, 1, i]
+                continue
+            for j in range(half + 1):
+                total = 0.0
+                for k in range(size):
+                    total += E[level - 1, k, i] * W[level - 1, u, k, j]
+                W[level, u, i, j] = total
+            W[level, u, i, half] += W[level - 1, u, i, 0]
+            for j in range(1, half + 1):
+                W[level, u, i, half + j] = W[level - 1, u, i, j]
+
+
+@njit(cache=True, nogil=True)
+def _node_weights(tables: Propagators, level: int) -> None:
+    """Weights of the nodes of the block."""
+    driven = tables.W.shape[1]
+    size, H, E = tables.A.shape[0], tables.H, tables.E
+    for a in range(H.shape[1]):
+        for node in range(NODES):
+            for place in range(NODES - 1):
+                for i in range(size):
+                    total = 0.0
+                    for j in range(size):
+                        total += E[level, j, i] * H[level, a, node, place, j]
+                    for q in range(NODES):
+                        total += LOCAL[place, node, q] * tables.P[level, driven + a, q, i]
+                    H[level, a, node, place + 1, i] = total
+
+
+@njit(cache=True, nogil=True)
+def build(tables: Propagators, level: int, sample: float) -> None:
+    """Bring the tables up to date as far as ``level``; ``sample`` is the length of a sample [s]."""
+    while tables.built[0] <= level:
+        now = tables.built[0]
+        if now == 0:
+            _build_first(tables, sample / 2.0**SAMPLE)
+        else:
+            _double(tables, now)
+        _input_weights(tables, now)
+        _node_weights(tables, now)
+        tables.built[0] = now + 1
+
+
+def _within(level: int) -> FloatArray:
+    """Where the samples of a block lie behind its start, in sub-blocks."""
+    samples = max(4 * 2**level // TICKS, 1)
+    return np.arange(1, samples + 1) * (4.0 / samples)
+
+
+def _at_samples(polynomials: list[Polynomial]) -> FloatArray:
+    """Polynomials at the samples of a block of every level, shape (level, sample, node)."""
+    table = np.zeros((LEVELS, 4 * LONGEST, NODES))
+    for level in range(LEVELS):
+        places = _within(level)
+        for node, polynomial in enumerate(polynomials):
+            table[level, : places.size, node] = polynomial(places)
+    return table
+
+
+def _integrals() -> list[Polynomial]:
+    return [basis.integ() - basis.integ()(0) for basis in _lagrange()]
+
+
+# the polynomial through the nodes, and its integral from node 0, at the samples of a block
+VALUE_AT = _at_samples(_lagrange())
+INTEGRAL_AT = _at_samples(_integrals())
+INTEGRAL_SUM = INTEGRAL_AT.sum(axis=1)
