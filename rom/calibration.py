@@ -120,7 +120,8 @@ def fit_calibration(
 
     Residuals of neighbouring bins are correlated (misfit, drift). The covariance is that of least squares
     times (1 + r) / (1 - r), r being the lag-one correlation of the residuals: the variance of a mean of
-    first-order autoregressive noise.
+    first-order autoregressive noise. What the alignment leaves of the clocks' shift is common to all bins and
+    is added: the change of the coefficients for one standard error of the shift.
 
     Parameters
     ----------
@@ -153,10 +154,20 @@ def fit_calibration(
     time, strain_time = np.arange(load.size) / force_rate_hz, np.arange(smooth.size) / strain_rate_hz
     shift = float(np.median(strain_time[strain_peaks[1:]] - time[peaks[1:]]))
     top = starts[0] + np.flatnonzero(load[starts[0] :] > _TOP * load[peaks[1:]].min())
-    shift = _align(load[top], time[top], smooth, strain_time, shift)
-    aligned = np.interp(time + shift, strain_time, smooth, left=np.nan, right=np.nan)
+    shift, shift_error = _align(load[top], time[top], smooth, strain_time, shift)
     branches = [np.arange(start, peak + 1) for start, peak in zip(starts, peaks[1:], strict=True)]
-    return _fit(*_mean_branch([(load[part], aligned[part]) for part in branches]), degree)
+
+    def fitted(lag: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        aligned = np.interp(time + lag, strain_time, smooth, left=np.nan, right=np.nan)
+        return _fit(*_mean_branch([(load[part], aligned[part]) for part in branches]), degree)
+
+    coefficients, covariance, strains = fitted(shift)
+    moved = fitted(shift + shift_error)[0] - coefficients
+    return Calibration(
+        tuple(float(value) for value in coefficients),
+        covariance + np.outer(moved, moved),
+        (min(0.0, float(strains.min())), float(strains.max())),
+    )
 
 
 def _record(name: str, samples: npt.ArrayLike) -> FloatArray:
@@ -182,16 +193,21 @@ def _cycle_peaks(samples: FloatArray) -> npt.NDArray[np.intp]:
 
 def _align(
     load: FloatArray, time: FloatArray, strain: FloatArray, strain_time: FloatArray, coarse: float
-) -> float:
-    """Shift [s] of the strain's clock for which the load is closest to one parabola of strain."""
+) -> tuple[float, float]:
+    """Shift [s] of the strain's clock for which the load is closest to one parabola of strain; its error."""
+
+    def parabola(shift: float) -> FloatArray:
+        reading = np.interp(time + shift, strain_time, strain)
+        return np.asarray(np.polynomial.Polynomial.fit(reading, load, 2)(reading))
 
     def misfit(shift: float) -> float:
-        reading = np.interp(time + shift, strain_time, strain)
-        return float(np.sum((load - np.polynomial.Polynomial.fit(reading, load, 2)(reading)) ** 2))
+        return float(np.sum((load - parabola(shift)) ** 2))
 
     reach = _REACH * (time[-1] - time[0])
     found = optimize.minimize_scalar(misfit, bounds=(coarse - reach, coarse + reach), method="bounded")
-    return float(found.x)
+    shift, step = float(found.x), float(np.median(np.diff(time)))
+    slope = (parabola(shift + step) - parabola(shift - step)) / (2 * step)
+    return shift, float(np.sqrt(misfit(shift) / load.size / np.sum(slope**2)))
 
 
 def _mean_branch(branches: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
@@ -210,7 +226,8 @@ def _mean_branch(branches: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[Flo
     return load, strain
 
 
-def _fit(load: FloatArray, strain: FloatArray, degree: int) -> Calibration:
+def _fit(load: FloatArray, strain: FloatArray, degree: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Coefficients, covariance and the strains they rest on."""
     if strain.size < 3 * degree:
         raise ValueError(
             f"Only {strain.size} bins of force are loaded in every cycle: a degree of {degree} needs more."
@@ -222,11 +239,8 @@ def _fit(load: FloatArray, strain: FloatArray, degree: int) -> Calibration:
     correlation = float(np.clip(residual[1:] @ residual[:-1] / (residual @ residual), 0.0, 0.99))
     variance = residual @ residual / (strain.size - degree) * (1 + correlation) / (1 - correlation)
     normal = (powers / size).T @ (powers / size)
-    return Calibration(
-        tuple(float(value) for value in coefficients),
-        np.asarray(variance * np.linalg.inv(normal) / np.outer(size, size)),
-        (min(0.0, float(strain.min())), float(strain.max())),
-    )
+    covariance = variance * np.linalg.inv(normal) / np.outer(size, size)
+    return np.asarray(coefficients), np.asarray(covariance), strain
 
 
 def _powers(strain: FloatArray, degree: int) -> FloatArray:
