@@ -1,0 +1,212 @@
+"""One raw record into what a model is compared with: clean force, motion, and the bolt's tension.
+
+He et al. (2025), Sections 2.1, 2.3 and 2.4. Nothing here knows a model; a simulated response passes through the same
+`FilterChain` and the same tension windows before any difference is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage, signal
+
+from rom.calibration import Calibration
+from rom.campaign import CampaignSettings, Record
+from rom.channels import BOLT_CHANNELS, Channel, FloatArray
+from rom.signals import FilterChain, decimate, find_impact, split_tension
+
+IMPACT_TESTS = ("uncoupled", "coupled", "loosening")
+INTEGRATIONS = {"acceleration": 2, "velocity": 1, "displacement": 0}
+CUTOFF_HZ = {"uncoupled": 2.0}
+COUPLED_CUTOFF_HZ = 5.0
+_CUTOFF_BELOW_FIRST_MODE = 0.45
+_BATCHES = 8
+_FLANK_S = 5e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Measured motion of one body: `kind` is "acceleration", "velocity" or "displacement", `samples` raw in SI."""
+
+    kind: str
+    samples: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class TensionRecord:
+    """The bolt's tension in one record [N].
+
+    `initial` and `final` are means over the campaign's windows with standard errors from batch means; `slope` is
+    dT/d(argument of the calibration), the factor from strain noise to tension noise.
+    """
+
+    samples: FloatArray
+    non_oscillatory: FloatArray
+    rate_hz: float
+    initial: float
+    final: float
+    initial_error: float
+    final_error: float
+    slope: float
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def loss(self) -> float:
+        """Initial minus final tension [N]; negative where the bolt tightened."""
+        return self.initial - self.final
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """A processed record: forces and motion at one rate, times from the record's first sample."""
+
+    file: str
+    test: str
+    hold_out: bool
+    preload_n: float | None
+    rate_hz: float
+    samples: int
+    force: Mapping[str, FloatArray]
+    force_noise: Mapping[str, float]
+    motion: Mapping[str, Motion]
+    impact_s: float | None
+    chain: FilterChain
+    tension: TensionRecord | None
+    link: Mapping[str, Channel]
+
+    def displacement(self, body: str) -> FloatArray:
+        """Return the measured displacement [m] of a body after the filter chain."""
+        return displacement(self.motion[body].kind, self.motion[body].samples, self.rate_hz, self.chain)
+
+
+def displacement(kind: str, samples: FloatArray, rate_hz: float, chain: FilterChain) -> FloatArray:
+    """Return displacement [m] from samples of a motion quantity; measured displacement is not filtered."""
+    times = INTEGRATIONS[kind]
+    return chain.integrated(samples, rate_hz, times) if times else samples
+
+
+def process(record: Record, settings: CampaignSettings) -> Measurement:
+    """Process one raw record.
+
+    Parameters
+    ----------
+    record, settings
+        A record as loaded, and its campaign's settings.
+
+    Raises
+    ------
+    ValueError
+        Where a record lacks a channel that its kind of test needs.
+    """
+    test = record.test
+    force = {body: channel for body in settings.body_names if (channel := record.force(body)) is not None}
+    motion = {body: record.motion(body) for body in record.bodies}
+    rates = [c.rate_hz for c in force.values()] + [c.rate_hz for _, c in motion.values()]
+    rate = min(rates, default=settings.sampling.motion_rate_hz)
+    forces = {body: _at_rate(channel, rate) for body, channel in force.items()}
+    motions = {body: Motion(kind, _at_rate(channel, rate)) for body, (kind, channel) in motion.items()}
+    samples = min([len(f) for f in forces.values()] + [len(m.samples) for m in motions.values()], default=0)
+    impact, noise = None, dict.fromkeys(forces, 0.0)
+    if test in IMPACT_TESTS:
+        impact = min((t for f in forces.values() if (t := find_impact(f, rate)) is not None), default=None)
+        gated = {body: gated_force(f, rate, settings.sampling.pretrigger_s) for body, f in forces.items()}
+        forces, noise = {b: f for b, (f, _) in gated.items()}, {b: n for b, (_, n) in gated.items()}
+    first_mode = dominant_frequency(motions, rate, impact)
+    return Measurement(
+        file=record.file,
+        test=test,
+        hold_out=record.hold_out,
+        preload_n=record.preload_n,
+        rate_hz=rate,
+        samples=samples,
+        force={body: f[:samples] for body, f in forces.items()},
+        force_noise=noise,
+        motion={body: Motion(m.kind, m.samples[:samples]) for body, m in motions.items()},
+        impact_s=impact,
+        chain=FilterChain(cutoff(test, first_mode)),
+        tension=_tension(record, settings, impact, first_mode),
+        link={name: c for name, c in record.channels.items() if name.startswith(("link_", "normal_force_"))},
+    )
+
+
+def cutoff(test: str, first_mode_hz: float | None) -> float:
+    """Return the high-pass cutoff [Hz]: the paper's 2 Hz uncoupled, 5 Hz coupled (2.3), lower for a lower first mode."""
+    usual = CUTOFF_HZ.get(test, COUPLED_CUTOFF_HZ)
+    return usual if first_mode_hz is None else min(usual, _CUTOFF_BELOW_FIRST_MODE * first_mode_hz)
+
+
+def gated_force(force: FloatArray, rate_hz: float, pretrigger_s: float) -> tuple[FloatArray, float]:
+    """Return a hammer's force without offset and zero wherever it does not rise above its noise; and that noise [N].
+
+    The usual force window of impact testing, for any number of contacts: a contact is where the force exceeds
+    six times its noise, widened by half a millisecond so that the flanks stay whole.
+    """
+    quiet = force[: max(int(0.8 * pretrigger_s * rate_hz), 1)] if pretrigger_s > 0 else force
+    offset = float(np.median(quiet))
+    noise = 1.4826 * float(np.median(np.abs(force - offset)))
+    contact = np.abs(force - offset) > max(6 * noise, 2e-3 * float(np.abs(force - offset).max()))
+    wide = ndimage.binary_dilation(ndimage.binary_opening(contact, np.ones(3)), np.ones(2 * int(_FLANK_S * rate_hz) + 1))
+    return np.where(wide, force - offset, 0.0), noise
+
+
+def dominant_frequency(motion: Mapping[str, Motion], rate_hz: float, impact_s: float | None) -> float | None:
+    """Return the frequency [Hz] of the strongest line of all velocity spectra after the impact.
+
+    Velocity lies between acceleration, where fast modes speak, and displacement, where slow noise would.
+    """
+    start = int((impact_s or 0.0) * rate_hz)
+    power, frequency = 0.0, None
+    for channel in motion.values():
+        samples = channel.samples[start:]
+        if len(samples) < 16:
+            continue
+        lines = np.fft.rfftfreq(len(samples), 1 / rate_hz)
+        density = np.abs(np.fft.rfft(samples * signal.windows.hann(len(samples)))) ** 2
+        inside = lines > max(0.5, 4 * rate_hz / len(samples))
+        weight = density[inside] * lines[inside] ** (2 - 2 * INTEGRATIONS[channel.kind])
+        if weight.size and weight.max() > power:
+            power, frequency = float(weight.max()), float(lines[inside][np.argmax(weight)])
+    return frequency
+
+
+def _at_rate(channel: Channel, rate_hz: float) -> FloatArray:
+    return channel.samples if channel.rate_hz == rate_hz else decimate(channel.samples, channel.rate_hz, rate_hz)
+
+
+def _tension(
+    record: Record, settings: CampaignSettings, impact_s: float | None, first_mode_hz: float | None
+) -> TensionRecord | None:
+    if not set(BOLT_CHANNELS) & set(record.channels):
+        return None
+    channel = record.tension_channel()
+    slope, warnings = 1.0, ()
+    tension = channel.samples
+    if channel.name == "strain":
+        if settings.bolt is None or settings.bolt.calibration is None:
+            raise ValueError(f"{record.file}: strain needs bolt.calibration in campaign.toml, instead found none")
+        calibration = Calibration(tuple(settings.bolt.calibration))
+        tension = calibration.tension(channel.samples)
+        slope = float(calibration.sensitivity(np.median(channel.samples)))
+        message = calibration.warning(channel.samples)
+        warnings = (f"{record.file}: {message}",) if message else ()
+    non_oscillatory = tension
+    if record.test != "hold" and impact_s is not None and first_mode_hz:
+        non_oscillatory, _ = split_tension(tension, channel.rate_hz, 2 / first_mode_hz, impact_s, periods=2)
+    windows = settings.windows
+    initial, initial_error = _window_mean(tension, channel.rate_hz, windows.initial_s)
+    final, final_error = _window_mean(tension, channel.rate_hz, windows.final_s)
+    return TensionRecord(
+        tension, non_oscillatory, channel.rate_hz, initial, final, initial_error, final_error, slope, warnings
+    )
+
+
+def _window_mean(tension: FloatArray, rate_hz: float, window_s: tuple[float, float]) -> tuple[float, float]:
+    """Return mean and its standard error from batch means, which hold for coloured noise too."""
+    inside = tension[int(window_s[0] * rate_hz) : int(window_s[1] * rate_hz)]
+    if not len(inside):
+        inside = tension[-1:]
+    batches = np.array([part.mean() for part in np.array_split(inside, min(_BATCHES, len(inside)))])
+    error = float(batches.std(ddof=1) / np.sqrt(len(batches))) if len(batches) > 1 else 0.0
+    return float(inside.mean()), error

@@ -1,0 +1,183 @@
+"""What an identification keeps of a raw record: spectra, modal estimates, tensions. Records are streamed, never all held."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from rom.campaign import Campaign, CampaignSettings, Record, RecordSettings
+from rom.channels import FloatArray
+from rom.frequency_response import Estimate, FrequencyResponse, Mode, fit_modes, frequency_response
+from rom.linear import LINEAR_TESTS, spectral_records
+from rom.modal import average_period_frequency, logarithmic_decrement
+from rom.output_error import SpectralRecord
+from rom.processing import Measurement, TensionRecord, dominant_frequency, process
+from rom.quality import Doubt, assess
+
+Progress = Callable[[int, int], None]
+_PERIOD_MARGIN = 17.0 / 15.78  # the paper drops what lies above 17 Hz, its first mode being at most 15.78 Hz
+_FILTER_REACH_S = 0.2
+_SIMULATED_S = 30.0
+
+
+@dataclass(frozen=True)
+class FirstMode:
+    """First mode of a coupled record: average period and logarithmic decrement (Section 3.2)."""
+
+    frequency: Estimate
+    damping_ratio: Estimate
+
+
+@dataclass(frozen=True, eq=False)
+class UncoupledTest:
+    """One body without the bolt: measured frequency response and its rational-fraction fit (Section 3.1)."""
+
+    file: str
+    body: str
+    response: FrequencyResponse
+    mode: Mode
+
+
+@dataclass(frozen=True)
+class Tensions:
+    """Initial and final tension of a record [N] with standard errors, and the calibration's slope there."""
+
+    initial: float
+    final: float
+    initial_error: float
+    final_error: float
+    slope: float
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedRecord:
+    """What is kept of one record.
+
+    `force` runs from the record's start to the end of the final window: what a re-simulation needs.
+    """
+
+    settings: RecordSettings
+    doubts: tuple[Doubt, ...] = ()
+    warnings: tuple[str, ...] = ()
+    cutoff_hz: float | None = None
+    spectra: tuple[SpectralRecord, ...] = ()
+    first_mode: FirstMode | None = None
+    uncoupled: UncoupledTest | None = None
+    tensions: Tensions | None = None
+    struck: str = ""
+    force: FloatArray | None = None
+    rate_hz: float = 0.0
+    link: tuple[tuple[str, float, float], ...] = ()
+
+
+def reduce_records(
+    campaign: Campaign, records: Sequence[RecordSettings], jobs: int = 1, progress: Progress | None = None
+) -> Iterator[ReducedRecord]:
+    """Reduce records one by one, in order, over `jobs` processes; the numbers do not depend on `jobs`."""
+    tasks = (delayed(reduce_record)(campaign, record) for record in records)
+    results = Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs")(tasks)
+    for done, reduced in enumerate(results, start=1):
+        if progress is not None:
+            progress(done, len(records))
+        yield reduced
+
+
+def reduce_record(campaign: Campaign, record_settings: RecordSettings) -> ReducedRecord:
+    """Load, check and process one record and keep what an identification needs."""
+    record = campaign.load(record_settings)
+    settings = campaign.settings
+    doubts = tuple(assess(record, settings))
+    if doubts:
+        return ReducedRecord(record_settings, doubts)
+    measurement = process(record, settings)
+    tension = measurement.tension
+    struck = max(measurement.force, key=lambda body: float(np.abs(measurement.force[body]).max()), default="")
+    linear = measurement.test in LINEAR_TESTS or (measurement.test == "loosening" and not _has_linear(campaign))
+    return ReducedRecord(
+        record_settings,
+        warnings=() if tension is None else tension.warnings,
+        cutoff_hz=measurement.chain.cutoff_hz if measurement.motion else None,
+        spectra=spectral_records(measurement, settings) if linear and measurement.motion else (),
+        first_mode=_first_mode(measurement) if measurement.test == "coupled" else None,
+        uncoupled=_uncoupled(measurement, record) if measurement.test == "uncoupled" else None,
+        tensions=None if tension is None else _tensions(tension),
+        struck=struck,
+        force=_force(measurement, settings, struck) if measurement.test == "loosening" else None,
+        rate_hz=measurement.rate_hz,
+        link=_link_constants(measurement, settings) if measurement.test == "cycled" else (),
+    )
+
+
+def _has_linear(campaign: Campaign) -> bool:
+    """Return whether records other than loosening ones tell the joint's stiffness."""
+    return bool(campaign.select(("coupled", "free", "driven"), hold_out=False))
+
+
+def _tensions(tension: TensionRecord) -> Tensions:
+    return Tensions(tension.initial, tension.final, tension.initial_error, tension.final_error, tension.slope)
+
+
+def _force(measurement: Measurement, settings: CampaignSettings, struck: str) -> FloatArray | None:
+    if not struck:
+        return None
+    stop = int(min(settings.windows.final_s[1], _SIMULATED_S) * measurement.rate_hz)
+    return measurement.force[struck][:stop].copy()
+
+
+def _first_mode(measurement: Measurement) -> FirstMode | None:
+    """Return average-period frequency and decrement of the struck body's motion, None where there are too few peaks."""
+    strongest = dominant_frequency(measurement.motion, measurement.rate_hz, measurement.impact_s)
+    if strongest is None or measurement.impact_s is None or not measurement.force:
+        return None
+    body = max(measurement.force, key=lambda name: float(np.abs(measurement.force[name]).max()))
+    if body not in measurement.motion:
+        return None
+    displacement = measurement.displacement(body)
+    highest = _PERIOD_MARGIN * strongest
+    start = measurement.impact_s
+    try:
+        return FirstMode(
+            average_period_frequency(displacement, measurement.rate_hz, max_hz=highest, start_s=start),
+            logarithmic_decrement(
+                displacement, measurement.rate_hz, max_hz=highest, start_s=start + _FILTER_REACH_S, first_peak=1
+            ),
+        )
+    except ValueError:
+        return None
+
+
+def _uncoupled(measurement: Measurement, record: Record) -> UncoupledTest | None:
+    """Return the frequency response of a body alone and its single mode; None where body, force or peak is missing."""
+    bodies = [body for body in measurement.motion if body in measurement.force]
+    strongest = dominant_frequency(measurement.motion, measurement.rate_hz, measurement.impact_s)
+    if len(bodies) != 1 or strongest is None:
+        return None
+    body = bodies[0]
+    motion = measurement.motion[body]
+    force = record.force(body)
+    if force is None or len(force.samples) != len(motion.samples):
+        return None
+    try:
+        response = frequency_response(force.samples, motion.samples, measurement.rate_hz, motion.kind)
+        mode = fit_modes(response, 1, (0.7 * strongest, 1.4 * strongest))[0]
+    except ValueError:
+        return None
+    return UncoupledTest(measurement.file, body, response, mode)
+
+
+def _link_constants(measurement: Measurement, settings: CampaignSettings) -> tuple[tuple[str, float, float], ...]:
+    """Return (link, k, c) of F = k x + c v by least squares for every link driven on its own in the record."""
+    out = []
+    for link in settings.link:
+        force = measurement.link.get(f"link_force_{link.name}")
+        motion = measurement.link.get(f"link_displacement_{link.name}")
+        if force is None or motion is None:
+            continue
+        velocity = np.gradient(motion.samples, 1 / motion.rate_hz)
+        columns = [velocity] if link.law == "dashpot" else [motion.samples, velocity]
+        values = np.linalg.lstsq(np.stack(columns, axis=1), force.samples, rcond=None)[0]
+        out.append((link.name, 0.0 if link.law == "dashpot" else float(values[0]), float(values[-1])))
+    return tuple(out)
