@@ -1,6 +1,9 @@
 """The rig's own equations of motion and integrator, compiled: fourth-order Runge-Kutta."""
 
+from collections.abc import Callable
+from functools import cache
 from math import exp, log, pi, sin
+from types import FunctionType
 from typing import Any, NamedTuple
 
 from numba import njit
@@ -80,25 +83,23 @@ def advance(state: Any, step: float, slope: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def beyond(effect: Any, time: float, state: Any, parameters: Any) -> tuple[float, float, float]:
-    """Forces on LO and SO [N] and tension rate [N/s] of undeclared physics; zeros for no `effect`."""
-    if effect is None:
-        return 0.0, 0.0, 0.0
-    return effect(time, state, parameters)  # type: ignore[no-any-return]
+def beyond(_time: float, _state: Any, _parameters: Any) -> tuple[float, float, float]:
+    """Forces on LO and SO [N] and tension rate [N/s] of undeclared physics; `integrator` may replace it."""
+    return 0.0, 0.0, 0.0
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def derivative(time: float, state: Any, system: Any) -> Any:
     """Slope of (x_LO, v_LO, x_SO, v_SO, T): Eqs. 2, 5, 11, 12 and whatever the effect adds."""
     x_lo, v_lo, x_so, v_so, tension = state
-    constants, terms, floor, pulse, effect, parameters = system
+    constants, terms, floor, pulse, parameters = system
     c = constants
     joint_stiffness = c.k_i / (1.0 + exp(c.alpha * (tension - c.beta)))
     joint_damping = c.c_d - c.c_i / (1.0 + exp(c.eta * tension))
     joint = joint_stiffness * (x_lo - x_so) + joint_damping * (v_lo - v_so)
     ground, speed = floor_at(time, floor)
     force = pulse_at(time, pulse)
-    on_lo, on_so, rate = beyond(effect, time, state, parameters)
+    on_lo, on_so, rate = beyond(time, state, parameters)
     on_lo += pulse.on_lo * force - joint - c.stiffness_lo * (x_lo - ground) - c.damping_lo * (v_lo - speed)
     on_so += pulse.on_so * force + joint - c.stiffness_so * (x_so - ground) - c.damping_so * (v_so - speed)
     rate += tension_rate(x_lo - x_so, v_lo - v_so, tension, terms)
@@ -131,3 +132,23 @@ def integrate(start: float, rate: float, state: Any, system: Any, out: FloatArra
                 now, slope = edge, derivative(edge, state, system)
         state = runge_kutta(now, state, slope, end - now, system)
     return state
+
+
+@cache
+def integrator(effect: Callable[..., Any] | None) -> Callable[..., Any]:
+    """Return `integrate` with a compiled effect in the place of `beyond`.
+
+    Compiled once a process and not kept on disk, where every effect would leave its files.
+    """
+    if effect is None:
+        return integrate
+    slope = rebuilt(derivative, beyond=effect)
+    step = rebuilt(runge_kutta, derivative=slope)
+    return rebuilt(integrate, derivative=slope, runge_kutta=step)
+
+
+def rebuilt(function: Any, **replaced: Any) -> Callable[..., Any]:
+    """Compile a function anew with some of the names it calls standing for others."""
+    source = function.py_func
+    names = {**source.__globals__, **replaced}
+    return njit(nogil=True, error_model="numpy")(FunctionType(source.__code__, names, source.__name__))

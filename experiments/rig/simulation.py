@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from experiments.rig.equations import Floor, Pulse, integrate
+from experiments.rig.equations import Floor, Pulse, integrator
 from experiments.rig.excitation import FloatArray, Hit, floor_motion
 from experiments.rig.plant import LooseningTerm, Plant
 
@@ -59,9 +59,8 @@ def system(plant: Plant, hit: Hit, floor: Floor, gamma_factor: float) -> tuple[A
     terms = tuple(term.row(gamma_factor) for term in plant.loosening) or (LooseningTerm().row(0.0),)
     on_lo = float(hit.body == "lo")
     pulse = Pulse(on_lo, 1.0 - on_lo, hit.strength, hit.start, hit.start + hit.duration)
-    effect = combine(tuple(effect.contribution for effect in plant.effects))
     parameters = tuple(effect.parameters for effect in plant.effects)
-    return plant.constants(), terms, floor, pulse, effect, parameters
+    return plant.constants(), terms, floor, pulse, parameters
 
 
 def run(
@@ -110,6 +109,7 @@ def run(
     Motion
         ``round(duration * step_rate_hz) + 1`` instants.
     """
+    integrate = integrator(combine(tuple(effect.contribution for effect in plant.effects)))
     state = (0.0, 0.0, 0.0, 0.0, float(tension))
     floor = Floor(0.0, np.empty(0), np.empty(0))
     if floor_rms > 0.0:

@@ -1,7 +1,6 @@
 """A campaign of raw records from the virtual test rig."""
 
 import json
-import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -13,7 +12,7 @@ from experiments.rig.plant import Plant
 from experiments.rig.schedule import plan
 from experiments.rig.sensors import Instruments
 from rom.campaign import write_campaign
-from rom.records import Channel
+from rom.records import Channel, replacing
 
 
 def run(
@@ -128,11 +127,8 @@ def write_truth(path: Path, options: Truth, laboratory: Laboratory, truths: list
         "instruments": asdict(laboratory.instruments),
         "records": truths,
     }
-    with tempfile.NamedTemporaryFile(
-        "w", dir=path.parent, suffix=".tmp", delete=False, encoding="utf-8"
-    ) as file:
-        json.dump(content, file, indent=1, allow_nan=False)
-    Path(file.name).replace(path)
+    with replacing(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
 
 
 def check(

@@ -13,6 +13,7 @@ from experiments.rig import schedule, sensors
 from experiments.rig.equations import tension_rate
 from experiments.rig.excitation import FLOOR_RATE_HZ, Hit, contact_time, floor_motion
 from experiments.rig.plant import LooseningTerm, Plant
+from experiments.rig.rivals import RIVALS
 from experiments.rig.simulation import STEP_RATE_HZ, Contribution, run
 from experiments.studies import rig
 from rom.campaign import read_campaign
@@ -155,6 +156,19 @@ def test_tension_laws(term: LooseningTerm, expected: float) -> None:
         assert tension_rate(x, v, 100.0, (term.row(1.0),)) == pytest.approx(-100.0 * expected, rel=1e-12)
     twice = tension_rate(4e-5, 0.05, 100.0, (term.row(1.0), term.row(-0.5)))
     assert twice == pytest.approx(-50.0 * expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", RIVALS)
+def test_rival_laws_lose_the_same_once_and_otherwise_elsewhere(name: str) -> None:
+    def loss(loosening: tuple[LooseningTerm, ...], tension: float, strength: float) -> float:
+        hit = Hit("lo", strength, NOMINAL.start, NOMINAL.duration)
+        return float(tension - run(Plant(loosening=loosening), hit, tension, 3.0).tension[-1])
+
+    paper, rival = Plant().loosening, RIVALS[name]
+    assert loss(rival, 150.0, 1608.7) == pytest.approx(loss(paper, 150.0, 1608.7), rel=0.03)
+    elsewhere = [(150.0, 800.0), (20.0, 1608.7)]
+    ratios = [loss(rival, *test) / loss(paper, *test) for test in elsewhere]
+    assert max(abs(np.log(ratio)) for ratio in ratios) > 0.1
 
 
 def test_negative_gamma_tightens_and_no_term_holds() -> None:
