@@ -396,7 +396,16 @@ def test_the_truth_is_beside_the_folder_and_never_in_it(small: Path) -> None:
 
 
 def test_without_noise_only_the_instrument_remains(tmp_path: Path) -> None:
-    folder = rig.run(tmp_path / "quiet", cases=2, noise=0.0, scatter=0.0, duration_s=2.5)
+    steps: list[tuple[int, int]] = []
+    folder = rig.run(
+        tmp_path / "quiet",
+        cases=2,
+        noise=0.0,
+        scatter=0.0,
+        duration_s=2.5,
+        progress=lambda done, total: steps.append((done, total)),
+    )
+    assert steps == [(done, 6) for done in range(1, 7)]
     campaign = read_campaign(folder)
     channels = campaign.load(campaign.select("loosening")[0]).channels
     assert np.max(np.abs(channels["acceleration_lo"].samples[:9000])) < 1e-9
