@@ -39,9 +39,10 @@ class FilterChain:
 
     Notes
     -----
-    He et al. (2025), Section 2.3. The record is extended at both ends by odd reflection over two cutoff
-    periods. The few samples that filtfilt takes by default make the noise of the very first sample act as an
-    offset, whose transient after two integrations is far above the integrated noise itself.
+    He et al. (2025), Section 2.3. The record is extended at both ends by even reflection over two cutoff
+    periods. The few samples of odd reflection that filtfilt takes by default let the first sample, noise and
+    ring included, act as an offset, whose transient grows with every integration: after two of them the
+    errors of the first 0.3 s are about 1.7 (a ring) to 6 times (noise) larger. Elsewhere nothing differs.
     """
 
     cutoff_hz: float
@@ -77,7 +78,7 @@ class FilterChain:
         sections = _highpass_sections(self.order, self.cutoff_hz, rate_hz)
         padding = min(result.shape[-1] - 1, int(2 * rate_hz / self.cutoff_hz))
         for _ in range(passes):
-            result = signal.sosfiltfilt(sections, result, axis=-1, padlen=padding)
+            result = signal.sosfiltfilt(sections, result, axis=-1, padtype="even", padlen=padding)
         return result
 
     def velocity(self, acceleration: FloatArray, rate_hz: float) -> FloatArray:
@@ -137,11 +138,12 @@ def decimate(samples: FloatArray, rate_hz: float, target_hz: float) -> FloatArra
         return array.copy()
     taps, beta = signal.kaiserord(60.0, 0.2 / ratio.denominator)
     lowpass = signal.firwin(taps | 1, 0.9 / ratio.denominator, window=("kaiser", beta))
-    # "line" continues the record past its ends: a tension of 3000 N must not fall to zero there.
+    # A tension of 3000 N must neither fall to zero at the ends ("line") nor pass the taps' ripple (its mean).
+    level = array.mean(axis=-1, keepdims=True)
     resampled = signal.resample_poly(  # type: ignore[call-overload]  # the stubs know no window given as taps
-        array, ratio.numerator, ratio.denominator, axis=-1, window=lowpass, padtype="line"
+        array - level, ratio.numerator, ratio.denominator, axis=-1, window=lowpass, padtype="line"
     )
-    return np.asarray(resampled, dtype=np.float64)
+    return np.asarray(resampled + level, dtype=np.float64)
 
 
 def find_impact(force: FloatArray, rate_hz: float) -> float | None:
@@ -155,11 +157,10 @@ def find_impact(force: FloatArray, rate_hz: float) -> float | None:
     deviation = np.abs(_finite(force) - np.median(force))
     if rate_hz * _SHORTEST_PULSE_S >= 3:
         deviation = ndimage.median_filter(deviation, size=3, mode="nearest")
-    moved = deviation[deviation > 0]
-    if moved.size == 0:
+    if not deviation.any():
         return None
-    # A quantised quiet channel has a median deviation of zero: its noise is then the smallest step.
-    noise = max(1.4826 * float(np.median(deviation)), float(moved.min()))
+    # A quantised quiet channel has a median deviation of zero, yet steps now and then.
+    noise = max(float(np.quantile(deviation, 0.95)) / 1.96, 1.4826 * float(np.median(deviation)))
     above = deviation > max(8 * noise, 0.3 * float(deviation.max()))
     edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
