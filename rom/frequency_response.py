@@ -270,7 +270,7 @@ class _PoleFit:
 
 def _poles(unknowns: FloatArray) -> ComplexArray:
     frequency, decay = unknowns.reshape(-1, 2).T
-    return np.asarray(2 * np.pi * (1j * frequency - decay))
+    return np.asarray(2 * np.pi * (1j * frequency - np.abs(decay)))
 
 
 def _stack(values: npt.NDArray[np.complex128]) -> FloatArray:
