@@ -36,6 +36,7 @@ from rom.structure import Body, Link, Structure
 MODAL_LIMIT = 0.2  # largest damping ratio at which Eq. 7 may be trusted
 _Z95 = 1.959964
 _LEAST_FOR_A_CURVE = 5
+_LEAST_FOR_NOISE = 6
 
 
 @dataclass(frozen=True)
@@ -331,25 +332,29 @@ def _constant(law: type | object, parameter: str, linear: OutputErrorFit, name: 
 
 
 def _loosening_cases(records: Sequence[ReducedRecord]) -> tuple[LooseningCase, ...]:
-    """Return the cases for gamma; the noise of a mean is pooled over records in the unit of the strain."""
-    with_tension = [r for r in records if r.tensions is not None and r.force is not None and r.struck]
-    if not with_tension:
-        return ()
-    noise = float(np.hypot(*(_pooled(with_tension, name) for name in ("initial_error", "final_error"))))
-    cases = []
-    for record in with_tension:
-        tensions: Tensions | None = record.tensions
-        force: FloatArray | None = record.force
-        if tensions is not None and force is not None:
-            cases.append(
-                LooseningCase(record.settings.file, record.struck, force, record.rate_hz, tensions.initial, tensions.final,
-                              noise * tensions.slope)
-            )  # fmt: skip
-    return tuple(cases)
+    """Return the cases for gamma with the standard error of their losses."""
+    with_tension = [record for record in records if record.tensions is not None]
+    noise = _loss_noise(with_tension)
+    return tuple(
+        LooseningCase(r.settings.file, r.struck, r.force, r.rate_hz, r.tensions.initial, r.tensions.final,
+                      noise * r.tensions.slope)
+        for r in with_tension
+        if r.tensions is not None and r.force is not None and r.struck
+    )  # fmt: skip
 
 
-def _pooled(records: Sequence[ReducedRecord], name: str) -> float:
-    return float(np.median([getattr(record.tensions, name) / record.tensions.slope for record in records if record.tensions]))
+def _loss_noise(records: Sequence[ReducedRecord]) -> float:
+    """Return the standard error of a measured loss in the unit of the strain, drift included.
+
+    Coupled tests leave the tension alone, so what they seem to lose is that error; where they are few, batch means of
+    the windows stand in, which do not see the drift between them.
+    """
+    scale = [(r.tensions, r.settings.test) for r in records if r.tensions is not None]
+    quiet = np.array([(t.initial - t.final) / t.slope for t, test in scale if test == "coupled"])
+    if len(quiet) >= _LEAST_FOR_NOISE:
+        return float(np.sqrt(np.mean(quiet**2)))
+    batch = [np.hypot(t.initial_error, t.final_error) / t.slope for t, _ in scale]
+    return float(np.median(batch)) if batch else 0.0
 
 
 def _with_loosening(

@@ -80,7 +80,7 @@ def fit_law(
             (_least_squares(start, free, tension, values, whitener, curve) for start in candidates),
             key=lambda pair: float(pair[1] @ pair[1]),
         )
-        update = _scatter(np.log(values) - _logarithm(law, tension, curve), log_covariance, len(free))
+        update = excess_scatter(np.log(values) - _logarithm(law, tension, curve), log_covariance, len(free))
         settled = abs(update - scatter) <= 1e-3 * max(update, 1e-6)
         scatter, candidates = update, [law]
         if settled:
@@ -142,7 +142,7 @@ def _least_squares(
     return start.with_values(**dict(zip(free, fit.x, strict=True))), fit.fun
 
 
-def _scatter(residual: FloatArray, log_covariance: FloatArray, parameters: int) -> float:
+def excess_scatter(residual: FloatArray, log_covariance: FloatArray, parameters: int) -> float:
     """Return tau such that r^T (S + tau^2 I)^-1 r equals the degrees of freedom; 0 where S alone suffices."""
     freedom = len(residual) - parameters
     if freedom < 1:

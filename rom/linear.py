@@ -12,11 +12,12 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import fft
 
 from rom.campaign import CampaignSettings
 from rom.channels import FloatArray
 from rom.output_error import DERIVATIVE_ORDER, STRUCTURAL, ComplexArray, SpectralRecord, Term, spectrum
-from rom.processing import Measurement, dominant_frequency
+from rom.processing import Measurement
 
 LINEAR_TESTS = ("uncoupled", "coupled", "free", "driven")
 UNCOUPLED = "uncoupled"
@@ -64,12 +65,17 @@ def spectral_records(measurement: Measurement, settings: CampaignSettings) -> tu
     parts = [(stop, (low, high))]
     if measurement.impact_s is not None:
         start = max(0, int((measurement.impact_s - _BEFORE_IMPACT_S) * rate))
-        parts = [(min(stop, start + int(_LENGTH_S * rate)), (low, high))]
-        strongest = dominant_frequency(measurement.motion, rate, measurement.impact_s)
+        parts = [(start + _fast(min(stop - start, int(_LENGTH_S * rate))), (low, high))]
+        strongest = measurement.strongest_hz
         if strongest is not None and _SPLIT * strongest < high:
             split, brief = _SPLIT * strongest, max(_BRIEF_S, _BRIEF_PERIODS / strongest)
-            parts = [(parts[0][0], (low, split)), (min(stop, start + int(brief * rate)), (split, high))]
+            parts = [(parts[0][0], (low, split)), (start + _fast(min(stop - start, int(brief * rate))), (split, high))]
     return tuple(_part(measurement, settings, bodies, force, start, end, band) for end, band in parts)
+
+
+def _fast(length: int) -> int:
+    """Return the longest length up to `length` whose Fourier transform is fast."""
+    return int(fft.prev_fast_len(length, real=True))
 
 
 def _part(

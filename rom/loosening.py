@@ -14,11 +14,13 @@ from scipy import optimize
 from scipy.optimize import elementwise
 
 from rom.channels import FloatArray
-from rom.law_fits import LawFit, gamma_curve, with_limits
+from rom.law_fits import LawFit, excess_scatter, gamma_curve, with_limits
 from rom.laws import power_loosening
 from rom.model import LinkLaws, Model
 
 GAMMA_BOUND = 1e10
+_REFINEMENTS = 3
+_PROBE = 100.0  # loosens by a small share, yet far above rounding
 _NEVER = 1e12  # stands for the tension of a simulation that tightened beyond all bounds [N]
 
 
@@ -93,10 +95,17 @@ def identify_gamma(
         return simulated(place, index) - measured[index.astype(int)]
 
     index = np.arange(len(cases), dtype=float)
-    limit = np.full(len(cases), np.arcsinh(GAMMA_BOUND))
-    found = elementwise.find_root(miss, (-limit, limit), args=(index,), tolerances={"xrtol": 1e-10, "frtol": 1e-14})
-    at_bound = ~np.asarray(found.success)
-    ends = np.where(miss(limit, index) > 0, limit, -limit)
+    guess = np.arcsinh(_small_loss_gamma(trial, cases, window_s))
+    limit = float(np.arcsinh(GAMMA_BOUND))
+    bracket = elementwise.bracket_root(
+        miss, np.clip(guess - 1, -limit, limit - 1), np.clip(guess + 1, 1 - limit, limit), xmin=-limit, xmax=limit,
+        args=(index,),
+    )  # fmt: skip
+    found = elementwise.find_root(
+        miss, bracket.bracket, args=(index,), tolerances={"xatol": 0.0, "xrtol": 1e-10, "fatol": 1e-10, "frtol": 0.0}
+    )
+    at_bound = ~np.asarray(bracket.success)
+    ends = np.where(guess > 0, limit, -limit)
     gamma = np.sinh(np.where(at_bound, ends, found.x))
     step = 1e-3 * np.abs(gamma)
     slope = np.abs(
@@ -109,6 +118,14 @@ def identify_gamma(
     )
 
 
+def _small_loss_gamma(trial: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float]) -> FloatArray:
+    """Return gamma per case as if the tension's fall left the motion alone: ln(T_0 / T_1) / integral |v|^n dt."""
+    probe = np.full(len(cases), _PROBE)
+    initial = np.array([case.initial for case in cases])
+    exposure = np.log(initial / final_tensions(trial, cases, window_s, probe)) / probe
+    return np.asarray(np.log(initial / np.maximum([case.final for case in cases], 1e-3 * initial)) / exposure)
+
+
 def refine_gamma_law(
     model: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float], fit: LawFit
 ) -> LawFit:
@@ -119,21 +136,29 @@ def refine_gamma_law(
     """
     used = [case for case in cases if case.initial > case.final]
     link = model.structure.bolted_links[0]
-    measured = np.array([case.initial - case.final for case in used])
-    weight = 1 / np.sqrt((np.array([case.loss_error for case in used]) / measured) ** 2 + fit.scatter**2 + 1e-12)
-    first = np.array([fit.law.parameters[name].value for name in fit.free])
+    initial = np.array([case.initial for case in used])
+    measured = initial - np.array([case.final for case in used])
+    noise = np.diag((np.array([case.loss_error for case in used]) / measured) ** 2)
+    scatter, values = fit.scatter, np.array([fit.law.parameters[name].value for name in fit.free])
 
-    def residual(parameters: FloatArray) -> FloatArray:
+    def misfit(parameters: FloatArray) -> FloatArray:
         law = fit.law.with_values(**dict(zip(fit.free, parameters, strict=True)))
         laws: LinkLaws = replace(model.link_laws[link], tension_rate=law)
         final = final_tensions(replace(model, link_laws={**model.link_laws, link: laws}), used, window_s)
-        loss = np.array([case.initial for case in used]) - np.where(np.isfinite(final), final, 0.0)
-        return np.asarray(weight * np.log(measured / np.maximum(loss, 1e-9)))
+        loss = initial - np.where(np.isfinite(final), final, 0.0)
+        return np.asarray(np.log(measured / np.maximum(loss, 1e-9)))
 
-    found = optimize.least_squares(
-        residual, first, x_scale=np.maximum(np.abs(first), 1e-9), diff_step=1e-4, xtol=1e-6, ftol=1e-8
-    )
-    covariance = np.linalg.pinv(found.jac.T @ found.jac)
-    law = fit.law.with_values(**dict(zip(fit.free, found.x, strict=True)))
+    jacobian = np.empty((len(used), len(values)))
+    for _ in range(_REFINEMENTS):
+        weight = 1 / np.sqrt(np.diag(noise) + scatter**2 + 1e-12)
+        found = optimize.least_squares(
+            lambda parameters, weight=weight: weight * misfit(parameters),
+            values, x_scale=np.maximum(np.abs(values), 1e-9), diff_step=1e-4, xtol=1e-6, ftol=1e-8,
+        )  # fmt: skip
+        values, jacobian = found.x, found.jac
+        scatter = excess_scatter(found.fun / weight, noise, len(values))
+    covariance = np.linalg.pinv(jacobian.T @ jacobian)
+    law = fit.law.with_values(**dict(zip(fit.free, values, strict=True)))
     limited = with_limits(law, fit.free, covariance, len(used) - len(fit.free))
-    return replace(fit, law=limited, covariance=covariance, records=tuple(case.file for case in used), curve=gamma_curve)
+    files = tuple(case.file for case in used)
+    return replace(fit, law=limited, covariance=covariance, scatter=scatter, records=files, curve=gamma_curve)

@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, signal
+from scipy import fft, ndimage, signal
 
 from rom.calibration import Calibration
 from rom.campaign import CampaignSettings, Record
 from rom.channels import BOLT_CHANNELS, Channel, FloatArray
-from rom.signals import FilterChain, decimate, find_impact, split_tension
+from rom.signals import FilterChain, decimate, find_impact, for_straight_lines, split_tension
 
 IMPACT_TESTS = ("uncoupled", "coupled", "loosening")
 INTEGRATIONS = {"acceleration": 2, "velocity": 1, "displacement": 0}
@@ -24,6 +24,7 @@ COUPLED_CUTOFF_HZ = 5.0
 _CUTOFF_BELOW_FIRST_MODE = 0.45
 _BATCHES = 8
 _FLANK_S = 5e-4
+_STRONGEST_S = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +71,17 @@ class Measurement:
     samples: int
     force: Mapping[str, FloatArray]
     force_noise: Mapping[str, float]
+    strongest_hz: float | None
     motion: Mapping[str, Motion]
     impact_s: float | None
     chain: FilterChain
     tension: TensionRecord | None
     link: Mapping[str, Channel]
+
+    @property
+    def applied_force(self) -> Mapping[str, FloatArray]:
+        """Force [N] by body as a simulation takes it, which joins samples by straight lines."""
+        return {body: for_straight_lines(samples) for body, samples in self.force.items()}
 
     def displacement(self, body: str) -> FloatArray:
         """Return the measured displacement [m] of a body after the filter chain."""
@@ -123,6 +130,7 @@ def process(record: Record, settings: CampaignSettings) -> Measurement:
         samples=samples,
         force={body: f[:samples] for body, f in forces.items()},
         force_noise=noise,
+        strongest_hz=first_mode,
         motion={body: Motion(m.kind, m.samples[:samples]) for body, m in motions.items()},
         impact_s=impact,
         chain=FilterChain(cutoff(test, first_mode)),
@@ -159,11 +167,12 @@ def dominant_frequency(motion: Mapping[str, Motion], rate_hz: float, impact_s: f
     start = int((impact_s or 0.0) * rate_hz)
     power, frequency = 0.0, None
     for channel in motion.values():
-        samples = channel.samples[start:]
+        samples = channel.samples[start : start + int(_STRONGEST_S * rate_hz)]
         if len(samples) < 16:
             continue
-        lines = np.fft.rfftfreq(len(samples), 1 / rate_hz)
-        density = np.abs(np.fft.rfft(samples * signal.windows.hann(len(samples)))) ** 2
+        size = fft.next_fast_len(len(samples), real=True)
+        lines = fft.rfftfreq(size, 1 / rate_hz)
+        density = np.abs(fft.rfft(samples * signal.windows.hann(len(samples)), size)) ** 2
         inside = lines > max(0.5, 4 * rate_hz / len(samples))
         weight = density[inside] * lines[inside] ** (2 - 2 * INTEGRATIONS[channel.kind])
         if weight.size and weight.max() > power:

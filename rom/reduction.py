@@ -14,7 +14,7 @@ from rom.frequency_response import Estimate, FrequencyResponse, Mode, fit_modes,
 from rom.linear import LINEAR_TESTS, spectral_records
 from rom.modal import average_period_frequency, logarithmic_decrement
 from rom.output_error import SpectralRecord
-from rom.processing import Measurement, TensionRecord, dominant_frequency, process
+from rom.processing import Measurement, TensionRecord, process
 from rom.quality import Doubt, assess
 
 Progress = Callable[[int, int], None]
@@ -124,12 +124,12 @@ def _force(measurement: Measurement, settings: CampaignSettings, struck: str) ->
     if not struck:
         return None
     stop = int(min(settings.windows.final_s[1], _SIMULATED_S) * measurement.rate_hz)
-    return measurement.force[struck][:stop].copy()
+    return measurement.applied_force[struck][:stop].copy()
 
 
 def _first_mode(measurement: Measurement) -> FirstMode | None:
     """Return average-period frequency and decrement of the struck body's motion, None where there are too few peaks."""
-    strongest = dominant_frequency(measurement.motion, measurement.rate_hz, measurement.impact_s)
+    strongest = measurement.strongest_hz
     if strongest is None or measurement.impact_s is None or not measurement.force:
         return None
     body = max(measurement.force, key=lambda name: float(np.abs(measurement.force[name]).max()))
@@ -152,7 +152,7 @@ def _first_mode(measurement: Measurement) -> FirstMode | None:
 def _uncoupled(measurement: Measurement, record: Record) -> UncoupledTest | None:
     """Return the frequency response of a body alone and its single mode; None where body, force or peak is missing."""
     bodies = [body for body in measurement.motion if body in measurement.force]
-    strongest = dominant_frequency(measurement.motion, measurement.rate_hz, measurement.impact_s)
+    strongest = measurement.strongest_hz
     if len(bodies) != 1 or strongest is None:
         return None
     body = bodies[0]

@@ -73,7 +73,7 @@ def simulate_measurement(model: Model, measurement: Measurement) -> Response:
     """
     if measurement.test == "uncoupled":
         model = model.without_bolt()
-    force = {body: samples for body, samples in measurement.force.items() if body in model.structure.body_names}
+    force = {body: f for body, f in measurement.applied_force.items() if body in model.structure.body_names}
     if not force:
         force = {model.structure.body_names[0]: np.zeros(measurement.samples)}
     tension = _initial_tension(model, measurement)
