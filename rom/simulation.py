@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Status = Literal["ok", "diverged"]
-TOLERANCE = 1e-6  # of a final tension relative to its change, of a velocity relative to its peak
+TOLERANCE = 2e-6  # of a final tension relative to its change, of a velocity relative to its peak
 PLACES = ("stiffness", "damping", "tension_rate")
 
 

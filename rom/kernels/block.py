@@ -149,8 +149,8 @@ def free_motion(free: Any, y: Any, E: Any, W: Any, force: Any, level: int, tick:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _collocate(block: Block, H: Any, level: int, d: float) -> None:
-    """Motion, tension changes and states at nodes 1 to 4 from the forces and rates at all nodes."""
+def _collocate_motion(block: Block, H: Any, level: int) -> None:
+    """Motion at nodes 1 to 4 from the forces at all nodes."""
     size = block.y.shape[1]
     for node in range(1, NODES):
         for i in range(size):
@@ -161,6 +161,11 @@ def _collocate(block: Block, H: Any, level: int, d: float) -> None:
             for node in range(1, NODES):
                 for i in range(size):
                     block.y[node, i] += H[level, a, other, node, i] * value
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _collocate_rates(block: Block, d: float) -> None:
+    """Tension changes and states at nodes 1 to 4 from the rates at all nodes."""
     block.change[TENSION] = 0.0
     for i in range(block.z.shape[1]):
         for node in range(1, NODES):
@@ -184,12 +189,13 @@ def solve(
         for i in range(block.z.shape[1]):
             block.z[node, i] = block.z[0, i]
             block.r[node, i] = block.r[0, i]
-    _collocate(block, H, level, d)
+    _collocate_motion(block, H, level)
     change = block.change
     before = 0.0
     for sweep in range(SWEEPS):
         evaluate(program, p, block, 1, t, d)
-        _collocate(block, H, level, d)
+        _collocate_motion(block, H, level)
+        _collocate_rates(block, d)
         now = max(4.0 * d * change[FORCE] / goal[0], change[TENSION] / goal[1])
         if not np.isfinite(now):
             return False
@@ -220,7 +226,8 @@ def _quadrature_error(values: Any, column: int, d: float) -> float:
     if size == 0.0:
         return 0.0
     ratio = abs(simpson - boole) / size
-    return d * size * min(ratio, 5.1 * ratio * np.sqrt(ratio))
+    error: float = d * size * min(ratio, 5.1 * ratio * np.sqrt(ratio))
+    return error
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -67,7 +67,7 @@ def _invoke(typing_context: Any, address: Any, arguments: Any) -> Any:  # noqa: 
 
 
 def _pointer(typing_context: Any, array: Any, offset: Any) -> Any:  # noqa: ARG001 - fixed by numba
-    """Pointer to the element ``offset`` of a contiguous array, counted flat; costs nothing, unlike a slice."""
+    """Pointer to the element ``offset`` of a contiguous array, counted flat, without a slice."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, value=values[0]).data

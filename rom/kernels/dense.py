@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numba import njit
 
 from rom.kernels.block import Block
@@ -14,7 +15,7 @@ from rom.kernels.propagators import INTEGRAL_AT, NODES, SAMPLE, TICKS, VALUE_AT,
 def _put(
     block: Block, tables: Propagators, force: Any, y: Any, z: Any, N: Any, out: Any, sample: int
 ) -> None:
-    """Write a sample: motion ``y``, changes of tension and states ``z``, accelerations from both and ``N``."""
+    """Write a sample: motion ``y``, changes of tension and states ``z``, and accelerations."""
     size, width, driven = y.size, z.size, force.shape[0]
     for i in range(size):
         out[i, sample] = y[i]
@@ -44,52 +45,72 @@ def fill_sample(block: Block, tables: Propagators, force: Any, node: int, out: A
 def fill(block: Block, tables: Propagators, force: Any, level: int, tick: int, d: float, out: Any) -> None:
     """Write the samples of the block that ends at ``tick``."""
     samples = 4 * 2**level // TICKS
-    if samples <= 2:
-        for i in range(samples - 1):
-            fill_sample(block, tables, force, NODES // 2, out, tick // TICKS - 1)
-        if tick % TICKS == 0:
-            fill_sample(block, tables, force, NODES - 1, out, tick // TICKS)
+    if samples > 2:
+        _fill_long(block, tables, force, level, tick // TICKS - samples, d, out)
         return
-    _fill_long(block, tables, force, level, tick // TICKS - samples, d, out)
+    if samples == 2:
+        fill_sample(block, tables, force, NODES // 2, out, tick // TICKS - 1)
+    if tick % TICKS == 0:
+        fill_sample(block, tables, force, NODES - 1, out, tick // TICKS)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _add(row: Any, factor: float, values: Any) -> None:
+    """``row += factor * values``."""
+    for i in range(row.size):
+        row[i] += factor * values[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _follow(y: Any, E: Any, inputs: Any, starts: Any, ends: Any, count: int) -> None:
+    """Motion ``y`` (state, samples) at ``count`` samples of four sub-blocks, all four side by side.
+
+    A sample follows from the one before by ``E`` and by ``inputs`` (input, samples + 1), linear between
+    samples, with the weights ``starts`` and ``ends`` (input, state).
+    """
+    size = y.shape[0]
+    for step in range(1, count):
+        for i in range(size):
+            for place in range(4):
+                y[i, place * count + step] = 0.0
+            for u in range(inputs.shape[0]):
+                for place in range(4):
+                    at = place * count + step
+                    y[i, at] += starts[u, i] * inputs[u, at - 1] + ends[u, i] * inputs[u, at]
+            for j in range(size):
+                for place in range(4):
+                    at = place * count + step
+                    y[i, at] += E[j, i] * y[j, at - 1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill_long(
     block: Block, tables: Propagators, force: Any, level: int, start: int, d: float, out: Any
 ) -> None:
-    """Write the samples of a block of four or more, sample by sample from its nodes.
-
-    Between nodes the nodes' polynomial stands for N, taken linear between samples.
-    """
-    size, driven = block.y.shape[1], force.shape[0]
-    E, W, P = tables.E[SAMPLE], tables.W[SAMPLE], tables.P[SAMPLE]
-    count = 2 ** (level - SAMPLE)
-    y, last, z = block.y[0].copy(), block.y[0].copy(), block.z[0].copy()
-    N, before = block.N[0].copy(), block.N[0].copy()
-    for i in range(4 * count):
-        sample = start + i + 1
-        before[:] = N
-        last[:] = y
-        for a in range(N.size):
-            N[a] = 0.0
-            for node in range(NODES):
-                N[a] += VALUE_AT[level, i, node] * block.N[node, a]
-        for j in range(z.size):
-            z[j] = 0.0
-            for node in range(NODES):
-                z[j] += INTEGRAL_AT[level, i, node] * block.r[node, j]
-            z[j] = block.z[0, j] + d * z[j]
-        if (i + 1) % count == 0:
-            y[:] = block.y[(i + 1) // count]
-        else:
-            for j in range(size):
-                total = 0.0
-                for k in range(size):
-                    total += E[k, j] * last[k]
-                for u in range(driven):
-                    total += W[u, j, 0] * force[u, sample - 1] + W[u, j, 1] * force[u, sample]
-                for a in range(N.size):
-                    total += (P[driven + a, 0, j] - P[driven + a, 1, j]) * before[a]
-                    total += P[driven + a, 1, j] * N[a]
-                y[j] = total
-        _put(block, tables, force, y, z, N, out, sample)
+    """Write the samples of a block of four or more, row by row."""
+    size, width, driven, count = block.y.shape[1], block.z.shape[1], force.shape[0], 2 ** (level - SAMPLE)
+    span = 4 * count
+    inputs, y = np.zeros((tables.b.shape[0], span + 1)), np.zeros((size, span + 1))
+    inputs[:driven] = force[:, start : start + span + 1]
+    for a in range(block.active.size):
+        inputs[driven + a, 0] = block.N[0, a]
+        for node in range(NODES):
+            _add(inputs[driven + a, 1:], block.N[node, a], VALUE_AT[level, node, :span])
+    for node in range(NODES):
+        y[:, node * count] = block.y[node]
+    ends = tables.P[SAMPLE, :, 1, :]
+    _follow(y, tables.E[SAMPLE], inputs, tables.P[SAMPLE, :, 0, :] - ends, ends, count)
+    rows = out[:, start + 1 : start + span + 1]
+    rows[:size] = y[:, 1:]
+    rows[size:] = 0.0
+    for i in range(width):
+        rows[size + i] = block.z[0, i]
+        for node in range(NODES):
+            _add(rows[size + i], d * block.r[node, i], INTEGRAL_AT[level, node, :span])
+    for b in range(block.start.size):
+        rows[size + b] = np.maximum(block.start[b] + rows[size + b], 0.0)
+    for i in range(size // 2):
+        for j in range(size):
+            _add(rows[size + width + i], tables.A[size // 2 + i, j], rows[j])
+        for u in range(inputs.shape[0]):
+            _add(rows[size + width + i], tables.b[u, size // 2 + i], inputs[u, 1:])

@@ -54,6 +54,8 @@ class Task(NamedTuple):
     tolerance: float  # of the final tension, relative to its change, and of velocities to their peak
 
 
+SPREAD, LEAST = 0.5, 0.002  # a block of d seconds may spend d / SPREAD of the tolerance, or LEAST of it
+DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS = range(6)
 
@@ -131,59 +133,74 @@ def _add_window(block: Block, level: int, tick: int, d: float, total: Any) -> No
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _account(program: Program, block: Block, impulse: float, tension: float, report: Any) -> None:
+    """Add a block to the report, and keep the peaks at its end."""
+    n = program.size[0]
+    report[STEPS] += 1.0
+    report[MOTION_ERROR] += impulse
+    report[TENSION_ERROR] += tension
+    for i in range(n, 2 * n):
+        report[PEAK] = max(report[PEAK], abs(block.y[NODES - 1, i]))
+    for b in range(block.start.size):
+        report[LOSS] = max(report[LOSS], abs(block.z[NODES - 1, b]))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _leg(
+    program: Program, p: Any, task: Task, block: Block, tables: Propagators, scale: Any, clock: Any, leg: int,
+    report: Any, total: Any, out: Any,
+) -> bool:  # fmt: skip
+    """Integrate to the end of a leg; whether it was reached. ``clock`` holds the tick and the level."""
+    tick, level, sample = clock[0], clock[1], 1.0 / task.rate
+    boundary = TICKS * (task.window[leg] if leg < 2 else task.force.shape[1] - 1)
+    mobility = 1.0 / p[: program.size[0]].min()
+    while tick < boundary:
+        level = _highest(level, tick, boundary)
+        build(tables, max(level, SAMPLE), sample)
+        d, t = sample * 2.0**level / TICKS, tick * sample / TICKS
+        allowed = task.tolerance * max(4.0 * d / SPREAD, LEAST)
+        free_motion(block.free, block.y, tables.E, tables.W, task.force, level, tick)
+        goal = (0.1 * allowed * scale[0] / mobility, 0.1 * allowed * scale[1])
+        solved = solve(program, p, block, tables.H, level, t, d, goal, 2.0 * mobility)
+        impulse, tension = errors(block, d)
+        error = max(impulse * mobility / scale[0], tension / scale[1])
+        if level > 0 and not (solved and error <= allowed):
+            level -= 1
+            continue
+        if not np.isfinite(error + block.y[NODES - 1].sum()):
+            return False
+        tick += 4 * 2**level
+        if leg == 1:
+            _add_window(block, level, tick, d, total)
+        if out.size:
+            fill(block, tables, task.force, level, tick, d, out)
+        _account(program, block, impulse * mobility, tension, report)
+        report[REACHED] = tick // TICKS
+        advance(block)
+        if drifted(program, p, block, DRIFT):
+            linearise(program, p, block, tables)
+            _restart(program, p, block, tick * sample / TICKS)
+        if error * 256.0 < allowed and level < LEVELS - 1:
+            level += 1
+    clock[0], clock[1] = tick, level
+    return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _run(program: Program, p: Any, task: Task, scale: Any, report: Any, total: Any, out: Any) -> None:
     """Integrate over a record with errors relative to ``scale``: a velocity [m/s] and a tension [N]."""
     block, tables = _prepare(program, p, task)
     report[:] = 0.0
     total[:] = 0.0
-    tick, level, sample = 0, 0, 1.0 / task.rate
-    n = program.size[0]
-    mobility = 1.0 / p[:n].min()
-    ends = (task.window[0], task.window[1], task.force.shape[1] - 1)
+    clock = np.zeros(2, dtype=np.int64)
     if out.size:
         fill_sample(block, tables, task.force, 0, out, 0)
-    if ends[0] == 0:
-        total += block.z[0, : total.size]
     for leg in range(3):
-        boundary = ends[leg] * TICKS
-        while tick < boundary:
-            level = _highest(level, tick, boundary)
-            if tables.built[0] <= max(level, SAMPLE):
-                build(tables, max(level, SAMPLE), sample)
-            d, t = sample * 2.0**level / TICKS, tick * sample / TICKS
-            allowed = task.tolerance * max(4.0 * d / 0.5, 0.002)
-            free_motion(block.free, block.y, tables.E, tables.W, task.force, level, tick)
-            goal = (0.1 * allowed * scale[0] / mobility, 0.1 * allowed * scale[1])
-            solved = solve(program, p, block, tables.H, level, t, d, goal, 2.0 * mobility)
-            impulse, tension = errors(block, d)
-            error = max(impulse * mobility / scale[0], tension / scale[1])
-            if level > 0 and not (solved and error <= allowed):
-                level -= 1
-                continue
-            if not np.isfinite(error + block.y[NODES - 1].sum()):
-                return
-            tick += 4 * 2**level
-            if leg == 1:
-                _add_window(block, level, tick, d, total)
-            if out.size:
-                fill(block, tables, task.force, level, tick, d, out)
-            report[STEPS] += 1.0
-            report[MOTION_ERROR] += impulse * mobility
-            report[TENSION_ERROR] += tension
-            report[REACHED] = tick // TICKS
-            advance(block)
-            for i in range(n, 2 * n):
-                report[PEAK] = max(report[PEAK], abs(block.y[0, i]))
-            for b in range(total.size):
-                report[LOSS] = max(report[LOSS], abs(block.z[0, b]))
-            if drifted(program, p, block, 0.01):
-                linearise(program, p, block, tables)
-                _restart(program, p, block, tick * sample / TICKS)
-            if error * 256.0 < allowed and level < LEVELS - 1:
-                level += 1
-        if leg == 0 and ends[0] > 0:
+        if leg == 1:
             total += block.z[0, : total.size]
-    total /= ends[1] - ends[0] + 1.0
+        if not _leg(program, p, task, block, tables, scale, clock, leg, report, total, out):
+            return
+    total /= task.window[1] - task.window[0] + 1.0
     report[REACHED] += 1.0
 
 
@@ -227,7 +244,7 @@ def integrate(program: Program, p: Any, task: Task, report: Any, out: Any) -> An
 
     Fills ``report`` (6,) and, unless empty, ``out``, shape (2 bodies + tensions + states + bodies, samples):
     displacements, velocities, tensions, states, accelerations. Returns the mean change of the tensions
-    over the window, shape (tensions,). The run is complete where ``report[REACHED]`` is the number of samples.
+    over the window, shape (tensions,); the run is complete where ``report[REACHED]`` counts all samples.
     """
     total = np.zeros(program.size[1])
     scale = _expected(program, p, task)

@@ -192,16 +192,17 @@ def build(tables: Propagators, level: int, sample: float) -> None:
 def _within(level: int) -> FloatArray:
     """Where the samples of a block lie behind its start, in sub-blocks."""
     samples = max(4 * 2**level // TICKS, 1)
-    return np.arange(1, samples + 1) * (4.0 / samples)
+    places: FloatArray = 4.0 / samples * np.arange(1, samples + 1)
+    return places
 
 
 def _at_samples(polynomials: list[Polynomial]) -> FloatArray:
-    """Polynomials at the samples of a block of every level, shape (level, sample, node)."""
-    table = np.zeros((LEVELS, 4 * LONGEST, NODES))
+    """Polynomials at the samples of a block of every level, shape (level, node, sample)."""
+    table = np.zeros((LEVELS, NODES, 4 * LONGEST))
     for level in range(LEVELS):
         places = _within(level)
         for node, polynomial in enumerate(polynomials):
-            table[level, : places.size, node] = polynomial(places)
+            table[level, node, : places.size] = polynomial(places)
     return table
 
 
@@ -212,4 +213,4 @@ def _integrals() -> list[Polynomial]:
 # the polynomial through the nodes, and its integral from node 0, at the samples of a block
 VALUE_AT = _at_samples(_lagrange())
 INTEGRAL_AT = _at_samples(_integrals())
-INTEGRAL_SUM = INTEGRAL_AT.sum(axis=1)
+INTEGRAL_SUM = INTEGRAL_AT.sum(axis=2)
