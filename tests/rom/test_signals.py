@@ -6,7 +6,7 @@ import numpy.typing as npt
 import pytest
 from scipy import integrate, signal
 
-from rom.signals import FilterChain, decimate, find_impact, split_tension
+from rom.signals import FilterChain, decimate, find_impact, for_straight_lines, split_tension
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -241,3 +241,13 @@ def test_split_refuses_windows_and_impacts_that_cannot_be(
 ) -> None:
     with pytest.raises(ValueError, match="must"):
         split_tension(np.ones(4800), RATE_HZ, window, impact, periods)
+
+
+@pytest.mark.parametrize("cycles_per_sample", [0.01, 0.05, 0.1])
+def test_straight_lines_keep_the_amplitude(cycles_per_sample: float) -> None:
+    """Lines weaken a wave by sinc^2; what is left after the correction is of fourth order."""
+    wave = np.cos(2 * np.pi * cycles_per_sample * np.arange(1000))
+    gain = (for_straight_lines(wave) / wave)[500]
+    left = gain * np.sinc(cycles_per_sample) ** 2 - 1
+    assert abs(left) < (2 * np.pi * cycles_per_sample) ** 4 / 100
+    assert abs(left) < 0.2 * abs(np.sinc(cycles_per_sample) ** 2 - 1)
