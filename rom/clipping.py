@@ -37,7 +37,10 @@ def resolution(samples: FloatArray) -> tuple[float, float]:
     quiet = samples[:QUIET_SAMPLES]
     noise = 1.4826 * float(np.median(np.abs(np.diff(quiet)))) / np.sqrt(2)
     steps = np.diff(np.unique(quiet))
-    return float(noise), float(steps.min()) if steps.size else 0.0
+    step = float(steps.min()) if steps.size else 0.0
+    places = (quiet - quiet.min()) / step if step > 0 else quiet
+    on_grid = np.abs(places - np.round(places)).max() < 0.01
+    return float(noise), step if on_grid else 0.0
 
 
 def _flat_stretch(samples: FloatArray, peak: float, band: float) -> tuple[int, int]:
