@@ -142,6 +142,29 @@ class TestImpactRecords:
             scores.append((mode.damping_ratio.value - ratio) / mode.damping_ratio.standard_error)
         assert 0.3 < np.std(scores) < 2.0
 
+    def test_errors_cover_on_a_trembling_floor(self) -> None:
+        """Ambient force, white over the band, moves the body before and after the hit."""
+        rate, mass, frequency, ratio = 1200.0, 9.61, 15.77, 0.0061
+        scores = []
+        for seed in range(40):
+            rng = np.random.default_rng(seed)
+            force = np.concatenate((np.zeros(round(15 * rate)), pulse(rate, 8.0, width_s=4e-3)))
+            ambient = 0.05 * rng.standard_normal(force.size)
+            moved = single(force + ambient, rate, frequency, ratio, mass)[round(15 * rate) :]
+            measured = moved + 1e-3 * rng.standard_normal(moved.size)
+            response = modal.frequency_response(force[round(15 * rate) :], measured, rate)
+            (mode,) = modal.fit_modes(response, 1, (11.0, 21.0))
+            found = (mode.natural_frequency, mode.damping_ratio, mode.mass)
+            scores.append(
+                [
+                    (e.value - t) / e.standard_error
+                    for e, t in zip(found, (frequency, ratio, mass), strict=True)
+                ]
+            )
+        spread = np.std(scores, axis=0)
+        assert np.all((spread > 0.6) & (spread < 1.5)), spread
+        assert np.mean(np.abs(scores) < 1.96) > 0.87
+
     def test_the_same_filters_on_force_and_response_leave_the_pole(self) -> None:
         rate, chain = 4800.0, FilterChain(2.0)
         force = pulse(rate, 30.0, width_s=2e-3)
