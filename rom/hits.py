@@ -21,7 +21,7 @@ CONTACT_SHARE = 0.02  # of the peak force: below it the contact is over
 SHORTEST_PULSE = 4  # samples: fewer have no shape
 SHORTEST_RINGING_S = 0.5  # after the hit: less does not show the lowest mode
 LOWEST_HZ = 2.0  # below it a displacement from an acceleration is drift
-MOMENTUM_WINDOW_S, JOINT_WINDOW_S = 0.25, 0.05  # after the hit: balanced for the masses, for a sign
+MOMENTUM_WINDOW_S, JOINT_WINDOW_S = 0.25, 0.02  # after the hit: balanced for the masses, for a sign
 GUARD_S = 0.005  # after the hit: belongs to it still
 HIT_SHARE, HIT_NOISE = 0.03, 8.0  # smallest second hit, in shares of the first and in noise of its estimate
 HIT_LIKENESS = 0.8  # correlation of its shape with the first
@@ -122,14 +122,19 @@ def _neighbour_sign(record: Record, hit: Hit, known: str, other: str) -> int:
         return 0
     columns = [record.bodies.index(known), record.bodies.index(other)]
     pair = accelerations[hit.stop : hit.stop + round(3 * rate), columns].T
-    segment = min(round(rate), pair.shape[1])
-    frequency, spectra = signal.csd(pair[:, None], pair[None], rate, nperseg=segment)
-    cross, level = spectra[0, 1], np.sqrt(spectra[0, 0].real * spectra[1, 1].real)
-    peak = frequency[1:][np.argmax(level[1:] / np.maximum(frequency[1:], LOWEST_HZ) ** 4)]
+    # Without taking out the mean, which is that of the ringing: the pre-trigger tells the sensors' offset.
+    offset = accelerations[: hit.start, columns].mean(axis=0) if hit.start else np.zeros(2)
+    spectra = np.fft.rfft((pair - offset[:, None]) * signal.windows.hann(pair.shape[1]))
+    frequency = np.fft.rfftfreq(pair.shape[1], 1 / rate)
+    cross, level = (spectra[0] * spectra[1].conj()).real, np.abs(spectra[0] * spectra[1])
+    heard = frequency >= max(LOWEST_HZ, 3 * frequency[1])
+    peak = frequency[heard][np.argmax(level[heard] / frequency[heard] ** 4)]
     band = np.abs(frequency - peak) <= max(0.2 * peak, 2 * frequency[1])
-    sign = _sign(float(cross.real[band].sum() / max(level[band].sum(), np.finfo(float).tiny)))
+    sign = _sign(float(cross[band].sum() / max(level[band].sum(), np.finfo(float).tiny)))
     turned = np.where(np.arange(len(record.bodies)) == columns[1], -1.0, 1.0)
-    as_is, if_turned = (_balance(accelerations * signs, hit, JOINT_WINDOW_S)[1] for signs in (1.0, turned))
+    as_is, if_turned = (
+        _balance(accelerations * signs, hit, JOINT_WINDOW_S, flexures=False)[1] for signs in (1.0, turned)
+    )
     return 0 if sign < 0 and as_is < 0.7 * if_turned else sign
 
 
@@ -141,12 +146,13 @@ def _accelerations(record: Record, hit: Hit) -> FloatArray | None:
 
 
 def _balance(
-    accelerations: FloatArray, hit: Hit, window_s: float, suspect: int | None = None
+    accelerations: FloatArray, hit: Hit, window_s: float, suspect: int | None = None, flexures: bool = True
 ) -> tuple[FloatArray, float]:
     """Return the mass of each body, none below zero, and the misfit [N] that balance the momentum best.
 
-    Velocities and displacements (integrated), and a trend for what integration adds, are fitted as well, with
-    either sign. What is around the sample `suspect` is left out.
+    A trend is fitted as well, and with `flexures` velocities and displacements (integrated) with either sign,
+    which could stand for a joint too and then tell nothing about signs. What is around the sample `suspect`
+    is left out.
     """
     rate = hit.force.rate_hz
     span = slice(max(hit.start - round(GUARD_S * rate), 0), hit.stop + round(window_s * rate))
@@ -154,7 +160,7 @@ def _balance(
     velocities = integrate.cumulative_trapezoid(inertia, dx=1 / rate, axis=0, initial=0)
     displacements = integrate.cumulative_trapezoid(velocities, dx=1 / rate, axis=0, initial=0)
     trend = np.polynomial.polynomial.polyvander(np.linspace(-1, 1, len(force)), 3)
-    others = np.hstack([velocities, displacements, trend])
+    others = np.hstack([velocities, displacements, trend]) if flexures else trend
     if suspect is not None:
         width = 2 * len(hit.pulse)
         around = np.abs(np.arange(len(force)) - (suspect + width // 4 - span.start)) <= width

@@ -102,7 +102,7 @@ def test_good_records_raise_no_doubt(joint: str, test: str, peak: float, noise: 
 def test_false_alarms_are_rare_over_many_records() -> None:
     random = np.random.default_rng(3)
     alarms = 0
-    for seed in range(300):
+    for seed in range(200):
         joint = tuple(JOINTS)[seed % 3]
         peak = random.uniform(20, 45) if seed % 2 else random.uniform(500, 1700)
         test = "coupled" if peak < 100 else "loosening"
