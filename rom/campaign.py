@@ -18,6 +18,7 @@ from rom.channels import (
     BOLT_CHANNELS,
     MOTIONS,
     Channel,
+    Motion,
     motion_channels,
     one_of,
 )
@@ -99,7 +100,7 @@ class Record:
         """Length of the record [s]: that of its longest channel."""
         return max(channel.duration_s for channel in self.channels.values())
 
-    def motion(self, body: str) -> tuple[str, Channel]:
+    def motion(self, body: str) -> tuple[Motion, Channel]:
         """Return what was measured of a body ("acceleration", "velocity" or "displacement") and its channel.
 
         Raises

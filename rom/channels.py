@@ -5,14 +5,15 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
-MOTIONS = ("acceleration", "velocity", "displacement")
+Motion: TypeAlias = Literal["acceleration", "velocity", "displacement"]
+MOTIONS: tuple[Motion, ...] = ("acceleration", "velocity", "displacement")
 BODY_QUANTITIES = ("force", *MOTIONS)
 LINK_QUANTITIES = ("link_displacement", "link_force", "normal_force")
 BOLT_CHANNELS = ("tension", "strain")

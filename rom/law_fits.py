@@ -1,8 +1,8 @@
 """Curves of stiffness, damping and gamma over tension, fitted to per-record values with their covariance.
 
-ln y_i = ln f(T_i; p) + e_i,  e ~ N(0, S + tau^2 I): S is what the records' own fits say, tau the case-to-case scatter beyond
-it, chosen such that the weighted misfit equals its degrees of freedom (R. Paule and J. Mandel, J. Res. NBS 87, 377, 1982).
-He et al. (2025) fits Eqs. 5, 11 and 13 without weights.
+ln y_i = ln f(T_i; p) + e_i,  e ~ N(0, S + tau^2 I): S is what the records' own fits say, tau the case-to-case
+scatter beyond it, chosen such that the weighted misfit equals its degrees of freedom (R. Paule and J. Mandel,
+J. Res. NBS 87, 377, 1982). He et al. (2025) fits Eqs. 5, 11 and 13 without weights.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ _TINY = 1e-300
 class LawFit:
     """A fitted law with 95 % limits on its parameters.
 
-    `free` names the fitted parameters in the order of `covariance`; `scatter` is tau, a standard deviation of ln y;
-    `r_squared` is that of y, as the paper reports it.
+    `free` names the fitted parameters in the order of `covariance`; `scatter` is tau, a standard deviation of
+    ln y; `r_squared` is that of y, as the paper reports it.
     """
 
     law: Law
@@ -71,12 +71,14 @@ def fit_law(
     if len(values) < len(free):
         raise ValueError(f"a fit of {len(free)} parameters needs as many values, instead got {len(values)}")
     if not np.all(values > 0):
-        raise ValueError(f"a fit of logarithms needs positive values, instead got {float(np.min(values)):.3g}")
+        raise ValueError(
+            f"a fit of logarithms needs positive values, instead got {float(np.min(values)):.3g}"
+        )
     scatter, law = 0.0, starts[0]
     candidates: Sequence[Law] = starts
     for _ in range(8):
         whitener = _whitener(log_covariance, scatter)
-        law, residual = min(
+        law, _ = min(
             (_least_squares(start, free, tension, values, whitener, curve) for start in candidates),
             key=lambda pair: float(pair[1] @ pair[1]),
         )
@@ -86,7 +88,7 @@ def fit_law(
         if settled:
             break
     jacobian = _whitener(log_covariance, scatter) @ _log_jacobian(law, free, tension, curve)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian)
+    covariance = np.asarray(np.linalg.pinv(jacobian.T @ jacobian), dtype=np.float64)
     fitted = curve(law, tension)
     spread = float(np.sum((values - values.mean()) ** 2))
     r_squared = 1 - float(np.sum((values - fitted) ** 2)) / spread if spread > 0 else float("nan")
@@ -127,10 +129,15 @@ def _whitener(log_covariance: FloatArray, scatter: float) -> FloatArray:
 
 
 def _least_squares(
-    start: Law, free: Sequence[str], tension: FloatArray, values: FloatArray, whitener: FloatArray, curve: Curve
+    start: Law,
+    free: Sequence[str],
+    tension: FloatArray,
+    values: FloatArray,
+    whitener: FloatArray,
+    curve: Curve,
 ) -> tuple[Law, FloatArray]:
     first = np.array([start.parameters[name].value for name in free])
-    bounds = np.array([start.parameters[name].bounds for name in free]).T
+    low, high = zip(*(start.parameters[name].bounds for name in free), strict=True)
     logarithms = np.log(values)
 
     def residual(parameters: FloatArray) -> FloatArray:
@@ -138,7 +145,9 @@ def _least_squares(
         return np.asarray(whitener @ (np.clip(_logarithm(law, tension, curve), -50, 100) - logarithms))
 
     with np.errstate(over="ignore"):
-        fit = optimize.least_squares(residual, first, x_scale=np.maximum(np.abs(first), 1e-9), bounds=bounds)
+        fit = optimize.least_squares(
+            residual, first, x_scale=np.maximum(np.abs(first), 1e-9), bounds=(low, high)
+        )
     return start.with_values(**dict(zip(free, fit.x, strict=True))), fit.fun
 
 

@@ -1,9 +1,9 @@
 """Linear part of a structure from its records: spectra, starting values and the joint output-error fit.
 
-Every link's stiffness and damping (and every mass that is not given) is one shared term; a bolted link has a stiffness
-and damping of its own in every record, for the tension differs. In a campaign with a bolt, links have one stiffness with
-the bolt in and another without (He et al. (2025), Section 3.2, suspects that the flexures stiffen); dampings and masses
-stay. Both come out of the same fit.
+Every link's stiffness and damping (and every mass that is not given) is one shared term; a bolted link has a
+stiffness and damping of its own in every record, for the tension differs. In a campaign with a bolt, links
+have one stiffness with the bolt in and another without (He et al. (2025), Section 3.2, suspects that the
+flexures stiffen); dampings and masses stay. Both come out of the same fit.
 """
 
 from __future__ import annotations
@@ -55,8 +55,9 @@ class LinearNames:
 def spectral_records(measurement: Measurement, settings: CampaignSettings) -> tuple[SpectralRecord, ...]:
     """Return the spectra of one record with all terms that act on its moving bodies.
 
-    An impact record is cut after 8 s. Its part above four times the strongest frequency is taken from the first second
-    alone, where fast modes ring: the end states make any cut exact, and later samples would add noise and work.
+    An impact record is cut after 8 s. Its part above four times the strongest frequency is taken from the
+    first second alone, where fast modes ring: the end states make any cut exact, and later samples would add
+    noise and work.
     """
     bodies = tuple(body for body in settings.body_names if body in measurement.motion)
     rate, start, stop = measurement.rate_hz, 0, measurement.samples
@@ -69,7 +70,10 @@ def spectral_records(measurement: Measurement, settings: CampaignSettings) -> tu
         strongest = measurement.strongest_hz
         if strongest is not None and _SPLIT * strongest < high:
             split, brief = _SPLIT * strongest, max(_BRIEF_S, _BRIEF_PERIODS / strongest)
-            parts = [(parts[0][0], (low, split)), (start + _fast(min(stop - start, int(brief * rate))), (split, high))]
+            parts = [
+                (parts[0][0], (low, split)),
+                (start + _fast(min(stop - start, int(brief * rate))), (split, high)),
+            ]
     return tuple(_part(measurement, settings, bodies, force, start, end, band) for end, band in parts)
 
 
@@ -100,7 +104,9 @@ def _part(
 
 
 def _force_errors(measurement: Measurement) -> tuple[float, float]:
-    """Return the standard errors of the hammer's impulse (relative) and of its instant [s] from its sensor's noise."""
+    """Return the standard errors of the hammer's impulse (relative) and of its instant [s] from its sensor's
+    noise.
+    """
     body = max(measurement.force, key=lambda name: float(np.abs(measurement.force[name]).max()), default=None)
     if body is None or measurement.force_noise[body] == 0:
         return (0.0, 0.0)
@@ -108,7 +114,9 @@ def _force_errors(measurement: Measurement) -> tuple[float, float]:
     inside = np.flatnonzero(force) / measurement.rate_hz
     impulse = abs(float(force.sum()))
     noise = measurement.force_noise[body]
-    return noise * np.sqrt(len(inside)) / impulse, noise * float(np.sqrt(np.sum((inside - inside.mean()) ** 2))) / impulse
+    return noise * np.sqrt(len(inside)) / impulse, noise * float(
+        np.sqrt(np.sum((inside - inside.mean()) ** 2))
+    ) / impulse
 
 
 def _band(force: FloatArray, rate_hz: float, lowest_hz: float) -> tuple[float, float]:
@@ -164,8 +172,9 @@ def with_starts(
 ) -> tuple[SpectralRecord, ...]:
     """Return all parts of all records with starting values.
 
-    The campaign's own starting values come first; a link whose stiffness was seen without the bolt starts from that; the
-    rest are medians of equation-error fits. Then the joint of every record is estimated beside these.
+    The campaign's own starting values come first; a link whose stiffness was seen without the bolt starts
+    from that; the rest are medians of equation-error fits. Then the joint of every record is estimated beside
+    these.
     """
     given = {LinearNames.stiffness(link.name): link.stiffness_n_per_m for link in settings.link}
     given |= {LinearNames.damping(link.name): link.damping_ns_per_m for link in settings.link}
@@ -177,19 +186,22 @@ def with_starts(
     shared |= {name: value for name, value in given.items() if value}
     started = []
     for parts in records:
-        parts = [_with_values(part, shared) for part in parts]
-        own = equation_error_fit(parts, only=parts[0].local)
+        beside = [_with_values(part, shared) for part in parts]
+        own = equation_error_fit(beside, only=parts[0].local)
         own |= {name: value for name, value in given.items() if value and name in own}
-        started += [_with_values(part, own) for part in parts]
+        started += [_with_values(part, own) for part in beside]
     return tuple(started)
 
 
-def equation_error_fit(parts: Sequence[SpectralRecord], only: Collection[str] | None = None) -> dict[str, float]:
+def equation_error_fit(
+    parts: Sequence[SpectralRecord], only: Collection[str] | None = None
+) -> dict[str, float]:
     """Fit sum_terms value d d^T s^p X = F by least squares over the lines, a row for every moving body.
 
-    Four polynomial columns a row and part (1/s^2, 1/s, 1, s) take up the record's ends. A value that comes out negative
-    is replaced by one that the mass and the strongest line allow; the result only starts the output-error fit. `only`
-    names the terms to fit, None for all free ones; the others are taken at their values.
+    Four polynomial columns a row and part (1/s^2, 1/s, 1, s) take up the record's ends. A value that comes
+    out negative is replaced by one that the mass and the strongest line allow; the result only starts the
+    output-error fit. `only` names the terms to fit, None for all free ones; the others are taken at their
+    values.
     """
     structural = [term for term in parts[0].terms if term.matrix in STRUCTURAL]
     free = [term for term in structural if (term.free if only is None else term.name in only)]
@@ -211,7 +223,14 @@ def _equations(
     n = len(part.orders)
     names = {term.name for term in free}
     displacement = np.stack([part.motion[:, i] / s**order for i, order in enumerate(part.orders)], axis=1)
-    known = sum((t.value * _action(t, s, displacement) for t in part.terms if t.matrix in STRUCTURAL and t.name not in names), np.zeros_like(displacement))
+    known = sum(
+        (
+            t.value * _action(t, s, displacement)
+            for t in part.terms
+            if t.matrix in STRUCTURAL and t.name not in names
+        ),
+        np.zeros_like(displacement),
+    )
     nuisance = np.stack([s**-2, s**-1, np.ones_like(s), s], axis=1)
     block = np.zeros((len(s), n, len(free) + 4 * n * n_parts), dtype=np.complex128)
     for column, term in enumerate(free):

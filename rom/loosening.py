@@ -1,13 +1,15 @@
 """Gamma of every loosening case, and the law gamma(T), by re-simulation.
 
-The final tension falls monotonically with gamma, so that a bracketing root-finder finds what the pattern search of He et al.
-(2025), Section 3.5, finds: the gamma whose simulated final tension is the measured one, negative for net tightening.
+The final tension falls monotonically with gamma, so that a bracketing root-finder finds what the pattern
+search of He et al. (2025), Section 3.5, finds: the gamma whose simulated final tension is the measured one,
+negative for net tightening.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy import optimize
@@ -26,7 +28,7 @@ _NEVER = 1e12  # stands for the tension of a simulation that tightened beyond al
 
 @dataclass(frozen=True, eq=False)
 class LooseningCase:
-    """What gamma is identified from: one impact, the tension before and after [N] and the loss's standard error."""
+    """One impact, the tension before and after [N], and the standard error of the loss."""
 
     file: str
     body: str
@@ -56,9 +58,12 @@ class GammaEstimate:
 
 
 def final_tensions(
-    model: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float], gamma: FloatArray | None = None
+    model: Model,
+    cases: Sequence[LooseningCase],
+    window_s: tuple[float, float],
+    gamma: FloatArray | None = None,
 ) -> FloatArray:
-    """Return simulated final tensions [N], (cases,): means over the final window; nan where a run diverged."""
+    """Return simulated final tensions [N], (cases,): means over the final window; nan where it diverged."""
     out = np.empty(len(cases))
     path = f"{model.structure.bolted_links[0]}.tension_rate.gamma"
     keys = [(case.body, case.rate_hz, len(case.force)) for case in cases]
@@ -89,27 +94,31 @@ def identify_gamma(
     def simulated(place: FloatArray, index: FloatArray) -> FloatArray:
         rows = index.astype(int).ravel()
         final = final_tensions(trial, [cases[i] for i in rows], window_s, np.sinh(place.ravel()))
-        return np.where(np.isfinite(final), final, _NEVER).reshape(place.shape)
+        return np.asarray(np.where(np.isfinite(final), final, _NEVER).reshape(place.shape))
 
     def miss(place: FloatArray, index: FloatArray) -> FloatArray:
-        return simulated(place, index) - measured[index.astype(int)]
+        return np.asarray(simulated(place, index) - measured[index.astype(int)])
 
     index = np.arange(len(cases), dtype=float)
     guess = np.arcsinh(_small_loss_gamma(trial, cases, window_s))
     limit = float(np.arcsinh(GAMMA_BOUND))
     bracket = elementwise.bracket_root(
-        miss, np.clip(guess - 1, -limit, limit - 1), np.clip(guess + 1, 1 - limit, limit), xmin=-limit, xmax=limit,
-        args=(index,),
+        miss, np.clip(guess - 1, -limit, limit - 1), np.clip(guess + 1, 1 - limit, limit), xmin=-limit,
+        xmax=limit, args=(index,),
     )  # fmt: skip
     found = elementwise.find_root(
-        miss, bracket.bracket, args=(index,), tolerances={"xatol": 0.0, "xrtol": 1e-10, "fatol": 1e-10, "frtol": 0.0}
+        miss,
+        bracket.bracket,
+        args=(index,),
+        tolerances={"xatol": 0.0, "xrtol": 1e-10, "fatol": 1e-10, "frtol": 0.0},
     )
     at_bound = ~np.asarray(bracket.success)
     ends = np.where(guess > 0, limit, -limit)
     gamma = np.sinh(np.where(at_bound, ends, found.x))
     step = 1e-3 * np.abs(gamma)
     slope = np.abs(
-        final_tensions(trial, cases, window_s, gamma + step) - final_tensions(trial, cases, window_s, gamma - step)
+        final_tensions(trial, cases, window_s, gamma + step)
+        - final_tensions(trial, cases, window_s, gamma - step)
     ) / (2e-3)
     error = np.array([case.loss_error for case in cases]) / np.maximum(slope, 1e-12)
     return tuple(
@@ -118,8 +127,10 @@ def identify_gamma(
     )
 
 
-def _small_loss_gamma(trial: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float]) -> FloatArray:
-    """Return gamma per case as if the tension's fall left the motion alone: ln(T_0 / T_1) / integral |v|^n dt."""
+def _small_loss_gamma(
+    trial: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float]
+) -> FloatArray:
+    """Return ln(T_0 / T_1) / integral |v|^n dt: gamma as if the falling tension left the motion alone."""
     probe = np.full(len(cases), _PROBE)
     initial = np.array([case.initial for case in cases])
     exposure = np.log(initial / final_tensions(trial, cases, window_s, probe)) / probe
@@ -129,10 +140,10 @@ def _small_loss_gamma(trial: Model, cases: Sequence[LooseningCase], window_s: tu
 def refine_gamma_law(
     model: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float], fit: LawFit
 ) -> LawFit:
-    """Refit the tension law of `fit` to the losses themselves by re-simulation: gamma moves while the tension falls.
+    """Refit a law to the losses themselves by re-simulation, for gamma moves while the tension falls.
 
-    The residual is ln(measured loss / simulated loss), weighted with the loss's standard error and the scatter of `fit`.
-    Cases without a positive loss do not enter.
+    The residual is ln(measured loss / simulated loss), weighted with the loss's standard error and the
+    scatter of `fit`. Cases without a positive loss do not enter.
     """
     used = [case for case in cases if case.initial > case.final]
     link = model.structure.bolted_links[0]
@@ -148,17 +159,23 @@ def refine_gamma_law(
         loss = initial - np.where(np.isfinite(final), final, 0.0)
         return np.asarray(np.log(measured / np.maximum(loss, 1e-9)))
 
-    jacobian = np.empty((len(used), len(values)))
+    covariance = fit.covariance
     for _ in range(_REFINEMENTS):
         weight = 1 / np.sqrt(np.diag(noise) + scatter**2 + 1e-12)
         found = optimize.least_squares(
-            lambda parameters, weight=weight: weight * misfit(parameters),
-            values, x_scale=np.maximum(np.abs(values), 1e-9), diff_step=1e-4, xtol=1e-6, ftol=1e-8,
+            partial(_weighted, misfit, weight), values, x_scale=np.maximum(np.abs(values), 1e-9),
+            diff_step=np.full(len(values), 1e-4), xtol=1e-6, ftol=1e-8,
         )  # fmt: skip
-        values, jacobian = found.x, found.jac
+        values, jacobian = found.x, np.asarray(found.jac)
+        covariance = np.asarray(np.linalg.pinv(jacobian.T @ jacobian), dtype=np.float64)
         scatter = excess_scatter(found.fun / weight, noise, len(values))
-    covariance = np.linalg.pinv(jacobian.T @ jacobian)
     law = fit.law.with_values(**dict(zip(fit.free, values, strict=True)))
     limited = with_limits(law, fit.free, covariance, len(used) - len(fit.free))
     files = tuple(case.file for case in used)
     return replace(fit, law=limited, covariance=covariance, scatter=scatter, records=files, curve=gamma_curve)
+
+
+def _weighted(
+    misfit: Callable[[FloatArray], FloatArray], weight: FloatArray, values: FloatArray
+) -> FloatArray:
+    return weight * misfit(values)

@@ -1,16 +1,19 @@
 r"""Linear output-error fit of a lumped structure, all records at once, in the frequency domain.
 
-For a record of length D the Fourier integral of M x'' + C x' + K x = F over [0, D] gives, with no leakage left out,
+For a record of length D the Fourier integral of M x'' + C x' + K x = F over [0, D] gives, with no leakage
+left out,
 
     X = Z(s)^-1 (F - M (dv + s dx) - C dx),   Z = s^2 M + s C + K,   s = 2 pi i f,
 
-where dx and dv are what displacement and velocity gain between the record's ends. They enter linearly, are eliminated
-for each record, and carry a free decay's initial state. By Parseval's theorem the weighted misfit of the spectra is the
-time-domain output error after ideal band-pass filtering, so no integration or filter bias enters (maximum likelihood for
-stationary noise; R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2012, ch. 9-12).
+where dx and dv are what displacement and velocity gain between the record's ends. They enter linearly, are
+eliminated for each record, and carry a free decay's initial state. By Parseval's theorem the weighted misfit
+of the spectra is the time-domain output error after ideal band-pass filtering, so no integration or filter
+bias enters (maximum likelihood for stationary noise; R. Pintelon and J. Schoukens, System Identification: A
+Frequency Domain Approach, 2012, ch. 9-12).
 
-The weight is the inverse of S = G Q(f) G^H + R, G = s^q Z^-1: ambient forces Q(f), smooth in frequency, reach a channel
-through the structure's own resonances; sensor noise R does not. Both are estimated from what the model leaves over.
+The weight is the inverse of S = G Q(f) G^H + R, G = s^q Z^-1: ambient forces Q(f), smooth in frequency, reach
+a channel through the structure's own resonances; sensor noise R does not. Both are estimated from what the
+model leaves over.
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
-ComplexArray = npt.NDArray[np.complex128]
+ComplexArray = npt.NDArray[np.complexfloating[Any, Any]]
 
 DERIVATIVE_ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
 STRUCTURAL = ("stiffness", "damping", "mass")
@@ -35,10 +38,11 @@ _SMOOTHING_HZ = 2.0
 
 @dataclass(frozen=True)
 class Term:
-    """One coefficient: a stiffness, damping or mass along a direction in body space, or the corner of the sensors.
+    """One coefficient: a stiffness, damping or mass along a direction in body space, or the corner of the
+    sensors.
 
-    K, C or M gains value * direction direction^T. Terms of equal `name` share one value over all records. The one term
-    "corner" w [rad/s] stands for the AC coupling s / (s + w) of all accelerometers.
+    K, C or M gains value * direction direction^T. Terms of equal `name` share one value over all records. The
+    one term "corner" w [rad/s] stands for the AC coupling s / (s + w) of all accelerometers.
     """
 
     name: str
@@ -58,8 +62,8 @@ class SpectralRecord:
     """Spectra of one record: force (lines, bodies) and motion (lines, channels), one channel a moving body.
 
     `local` names the terms that belong to this record alone; the others have one value for all records.
-    `force_errors` are the standard errors of the force's relative gain and of its delay [s] that the hammer's noise
-    leaves; they are estimated beside the end states, within their own spread.
+    `force_errors` are the standard errors of the force's relative gain and of its delay [s] that the hammer's
+    noise leaves; they are estimated beside the end states, within their own spread.
     """
 
     file: str
@@ -113,11 +117,13 @@ class _Linearised:
     gain: ComplexArray
 
 
-def spectrum(samples: FloatArray, rate_hz: float, band_hz: tuple[float, float]) -> tuple[FloatArray, ComplexArray]:
+def spectrum(
+    samples: FloatArray, rate_hz: float, band_hz: tuple[float, float]
+) -> tuple[FloatArray, ComplexArray]:
     """Return frequencies [Hz] and Fourier integral of `samples` (n,) or (n, channels) within a band."""
     frequency = np.fft.rfftfreq(len(samples), 1 / rate_hz)
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
-    return frequency[inside], np.fft.rfft(samples, axis=0)[inside] / rate_hz
+    return np.asarray(frequency[inside], dtype=np.float64), np.fft.rfft(samples, axis=0)[inside] / rate_hz
 
 
 def _key(record: SpectralRecord, term: Term) -> str:
@@ -138,7 +144,9 @@ def _linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Co
     mass, damping = matrices["mass"], matrices["damping"]
     s_ = s[:, None, None]
     receptance = np.linalg.inv(s_**2 * mass + s_ * damping + matrices["stiffness"])
-    coupled = np.stack([s / (s + corner) if order == 2 else np.ones_like(s) for order in record.orders], axis=1)
+    coupled = np.stack(
+        [s / (s + corner) if order == 2 else np.ones_like(s) for order in record.orders], axis=1
+    )
     gain = (coupled * np.stack([s**order for order in record.orders], axis=1))[:, :, None] * receptance
     by_velocity, by_displacement = -mass, -(s_ * mass + damping)
     ends = np.concatenate(
@@ -160,7 +168,11 @@ def _linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Co
     gain_v, gain_x = states[:n], states[n : 2 * n]
     total = record.force + (by_velocity @ gain_v) + by_displacement @ gain_x
     motion = (receptance @ total[:, :, None])[:, :, 0]
-    derivative = (motion, s[:, None] * motion + gain_x, (s**2)[:, None] * motion + s[:, None] * gain_x + gain_v)
+    derivative = (
+        motion,
+        s[:, None] * motion + gain_x,
+        (s**2)[:, None] * motion + s[:, None] * gain_x + gain_v,
+    )
     residual = record.motion - forced - ends @ states
     free = [term for term in record.terms if term.free]
     columns = [
@@ -168,7 +180,9 @@ def _linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Co
         * (
             -(gain @ t.direction) * (derivative[t.power] @ t.direction)[:, None]
             if t.matrix in STRUCTURAL
-            else -np.where(np.array(record.orders) == 2, (record.motion - residual) / (s + corner)[:, None], 0.0)
+            else -np.where(
+                np.array(record.orders) == 2, (record.motion - residual) / (s + corner)[:, None], 0.0
+            )
         )
         for t in free
     ]
@@ -185,7 +199,9 @@ def _linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Co
 
 
 def _sensor_ends(s: ComplexArray, corner: float, orders: Sequence[int]) -> ComplexArray:
-    """Return what the state of each accelerometer's AC coupling at the record's ends adds: (lines, channels, sensors)."""
+    """Return what the state of each accelerometer's AC coupling at the record's ends adds: (lines, channels,
+    sensors).
+    """
     sensors = [channel for channel, order in enumerate(orders) if order == 2]
     out = np.zeros((len(s), len(orders), len(sensors)), dtype=np.complex128)
     for place, channel in enumerate(sensors):
@@ -194,7 +210,9 @@ def _sensor_ends(s: ComplexArray, corner: float, orders: Sequence[int]) -> Compl
 
 
 def _polynomial(s: ComplexArray, orders: Sequence[int], state: int) -> ComplexArray:
-    """Return what the end states add to the transform of x' (dx) and x'' (dv + s dx): (lines, channels, bodies)."""
+    """Return what the end states add to the transform of x' (dx) and x'' (dv + s dx): (lines, channels,
+    bodies).
+    """
     n = len(orders)
     out = np.zeros((len(s), n, n), dtype=np.complex128)
     for channel, order in enumerate(orders):
@@ -219,7 +237,9 @@ def _whiteners(records: Sequence[SpectralRecord], parts: Sequence[_Linearised]) 
         groups.setdefault((record.group, len(record.frequency)), []).append(i)
     out: list[ComplexArray] = [np.empty(0, dtype=np.complex128)] * len(records)
     for members in groups.values():
-        sensor = np.median(np.abs(np.stack([parts[i].unweighted for i in members])) ** 2, axis=(0, 1)) / np.log(2)
+        sensor = np.median(
+            np.abs(np.stack([parts[i].unweighted for i in members])) ** 2, axis=(0, 1)
+        ) / np.log(2)
         sensor = np.maximum(sensor, 1e-12 * sensor.max() + np.finfo(float).tiny)
         ambient = _ambient(records[members[0]].frequency, [parts[i] for i in members], sensor)
         for i in members:
@@ -230,7 +250,8 @@ def _whiteners(records: Sequence[SpectralRecord], parts: Sequence[_Linearised]) 
 
 
 def _ambient(frequency: FloatArray, parts: Sequence[_Linearised], sensor: FloatArray) -> ComplexArray:
-    """Return the cross-spectrum Q(f) of the ambient forces: residuals brought to the joint of force, less their noise.
+    """Return the cross-spectrum Q(f) of the ambient forces: residuals brought to the joint of force, less
+    their noise.
 
     The running mean weights lines by the inverse variance that sensor noise has there, so resonances speak.
     """
@@ -268,7 +289,10 @@ class _State:
 
 
 def _evaluate(
-    records: Sequence[SpectralRecord], values: dict[str, float], whiteners: Sequence[ComplexArray], names: Sequence[str]
+    records: Sequence[SpectralRecord],
+    values: dict[str, float],
+    whiteners: Sequence[ComplexArray],
+    names: Sequence[str],
 ) -> _State:
     position = {name: i for i, name in enumerate(names)}
     parts = [_linearise(r, values, w) for r, w in zip(records, whiteners, strict=True)]
@@ -282,15 +306,23 @@ def _evaluate(
 
 
 def _levenberg_marquardt(
-    records: Sequence[SpectralRecord], state: _State, whiteners: Sequence[ComplexArray], names: Sequence[str], tolerance: float
+    records: Sequence[SpectralRecord],
+    state: _State,
+    whiteners: Sequence[ComplexArray],
+    names: Sequence[str],
+    tolerance: float,
 ) -> tuple[_State, bool]:
     """Return the minimum for fixed weights, and whether the last step was within the tolerance."""
     damping = 1e-3
     for _ in range(_INNER_ITERATIONS):
-        step = np.linalg.lstsq(state.hessian + damping * np.diag(np.diag(state.hessian)), state.gradient, rcond=None)[0]
+        step = np.linalg.lstsq(
+            state.hessian + damping * np.diag(np.diag(state.hessian)), state.gradient, rcond=None
+        )[0]
         largest = float(np.abs(step).max(initial=0.0))
         step *= min(1.0, _LARGEST_LOG_STEP / max(largest, 1e-30))
-        values = state.values | {n: state.values[n] * float(np.exp(d)) for n, d in zip(names, step, strict=True)}
+        values = state.values | {
+            n: state.values[n] * float(np.exp(d)) for n, d in zip(names, step, strict=True)
+        }
         trial = _evaluate(records, values, whiteners, names)
         if trial.cost <= state.cost * (1 + 1e-12):
             state, damping = trial, max(damping / 10, 1e-9)
@@ -311,8 +343,9 @@ def fit_output_error(
 ) -> OutputErrorFit:
     """Fit all free terms of `records` together by Levenberg-Marquardt on the weighted spectra.
 
-    The logarithms of the coefficients are the unknowns, so that masses, stiffnesses and dampings stay positive. The
-    weights start equal over the lines and are re-estimated from the residual after every minimisation until both settle.
+    The logarithms of the coefficients are the unknowns, so that masses, stiffnesses and dampings stay
+    positive. The weights start equal over the lines and are re-estimated from the residual after every
+    minimisation until both settle.
 
     Raises
     ------
@@ -340,7 +373,7 @@ def fit_output_error(
     return OutputErrorFit(
         names,
         np.log([state.values[name] for name in names]),
-        np.linalg.pinv(state.hessian, hermitian=True),
+        np.asarray(np.linalg.pinv(state.hessian, hermitian=True), dtype=np.float64),
         state.cost / max(rows, 1),
         converged,
     )
@@ -349,4 +382,6 @@ def fit_output_error(
 def _equal_weights(record: SpectralRecord) -> ComplexArray:
     """Return equal weights for every line, each channel scaled by its own size."""
     size = np.sqrt(np.mean(np.abs(record.motion) ** 2, axis=0)) + np.finfo(float).tiny
-    return np.broadcast_to(np.diag(1 / size).astype(np.complex128), (len(record.frequency), len(size), len(size)))
+    return np.broadcast_to(
+        np.diag(1 / size).astype(np.complex128), (len(record.frequency), len(size), len(size))
+    )

@@ -1,7 +1,7 @@
 """One raw record into what a model is compared with: clean force, motion, and the bolt's tension.
 
-He et al. (2025), Sections 2.1, 2.3 and 2.4. Nothing here knows a model; a simulated response passes through the same
-`FilterChain` and the same tension windows before any difference is taken.
+He et al. (2025), Sections 2.1, 2.3 and 2.4. Nothing here knows a model; a simulated response passes through
+the same `FilterChain` and the same tension windows before any difference is taken.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from scipy import fft, ndimage, signal
 from rom.calibration import Calibration
 from rom.campaign import CampaignSettings, Record
 from rom.channels import BOLT_CHANNELS, Channel, FloatArray
+from rom.channels import Motion as MotionKind
 from rom.signals import FilterChain, decimate, find_impact, for_straight_lines, split_tension
 
 IMPACT_TESTS = ("uncoupled", "coupled", "loosening")
@@ -29,9 +30,11 @@ _STRONGEST_S = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Measured motion of one body: `kind` is "acceleration", "velocity" or "displacement", `samples` raw in SI."""
+    """Measured motion of one body: `kind` is "acceleration", "velocity" or "displacement", `samples` raw in
+    SI.
+    """
 
-    kind: str
+    kind: MotionKind
     samples: FloatArray
 
 
@@ -39,8 +42,8 @@ class Motion:
 class TensionRecord:
     """The bolt's tension in one record [N].
 
-    `initial` and `final` are means over the campaign's windows with standard errors from batch means; `slope` is
-    dT/d(argument of the calibration), the factor from strain noise to tension noise.
+    `initial` and `final` are means over the campaign's windows with standard errors from batch means; `slope`
+    is dT/d(argument of the calibration), the factor from strain noise to tension noise.
     """
 
     samples: FloatArray
@@ -94,13 +97,17 @@ def displacement(kind: str, samples: FloatArray, rate_hz: float, chain: FilterCh
     return chain.integrated(samples, rate_hz, times) if times else samples
 
 
-def process(record: Record, settings: CampaignSettings) -> Measurement:
+def process(
+    record: Record, settings: CampaignSettings, cutoff_hz: Mapping[str, float] | None = None
+) -> Measurement:
     """Process one raw record.
 
     Parameters
     ----------
     record, settings
         A record as loaded, and its campaign's settings.
+    cutoff_hz
+        Cutoff of the high-pass by kind of test [Hz], as a model was identified with; else chosen by `cutoff`.
 
     Raises
     ------
@@ -109,7 +116,7 @@ def process(record: Record, settings: CampaignSettings) -> Measurement:
     """
     test = record.test
     force = {body: channel for body in settings.body_names if (channel := record.force(body)) is not None}
-    motion = {body: record.motion(body) for body in record.bodies}
+    motion: dict[str, tuple[MotionKind, Channel]] = {body: record.motion(body) for body in record.bodies}
     rates = [c.rate_hz for c in force.values()] + [c.rate_hz for _, c in motion.values()]
     rate = min(rates, default=settings.sampling.motion_rate_hz)
     forces = {body: _at_rate(channel, rate) for body, channel in force.items()}
@@ -133,20 +140,23 @@ def process(record: Record, settings: CampaignSettings) -> Measurement:
         strongest_hz=first_mode,
         motion={body: Motion(m.kind, m.samples[:samples]) for body, m in motions.items()},
         impact_s=impact,
-        chain=FilterChain(cutoff(test, first_mode)),
+        chain=FilterChain((cutoff_hz or {}).get(test) or cutoff(test, first_mode)),
         tension=_tension(record, settings, impact, first_mode),
         link={name: c for name, c in record.channels.items() if name.startswith(("link_", "normal_force_"))},
     )
 
 
 def cutoff(test: str, first_mode_hz: float | None) -> float:
-    """Return the high-pass cutoff [Hz]: the paper's 2 Hz uncoupled, 5 Hz coupled (2.3), lower for a lower first mode."""
+    """Return the high-pass cutoff [Hz]: the paper's 2 Hz uncoupled, 5 Hz coupled (2.3), lower for a lower
+    first mode.
+    """
     usual = CUTOFF_HZ.get(test, COUPLED_CUTOFF_HZ)
     return usual if first_mode_hz is None else min(usual, _CUTOFF_BELOW_FIRST_MODE * first_mode_hz)
 
 
 def gated_force(force: FloatArray, rate_hz: float, pretrigger_s: float) -> tuple[FloatArray, float]:
-    """Return a hammer's force without offset and zero wherever it does not rise above its noise; and that noise [N].
+    """Return a hammer's force without offset and zero wherever it does not rise above its noise; and that
+    noise [N].
 
     The usual force window of impact testing, for any number of contacts: a contact is where the force exceeds
     six times its noise, widened by half a millisecond so that the flanks stay whole.
@@ -155,7 +165,9 @@ def gated_force(force: FloatArray, rate_hz: float, pretrigger_s: float) -> tuple
     offset = float(np.median(quiet))
     noise = 1.4826 * float(np.median(np.abs(force - offset)))
     contact = np.abs(force - offset) > max(6 * noise, 2e-3 * float(np.abs(force - offset).max()))
-    wide = ndimage.binary_dilation(ndimage.binary_opening(contact, np.ones(3)), np.ones(2 * int(_FLANK_S * rate_hz) + 1))
+    wide = ndimage.binary_dilation(
+        ndimage.binary_opening(contact, np.ones(3, bool)), np.ones(2 * int(_FLANK_S * rate_hz) + 1, bool)
+    )
     return np.where(wide, force - offset, 0.0), noise
 
 
@@ -181,7 +193,9 @@ def dominant_frequency(motion: Mapping[str, Motion], rate_hz: float, impact_s: f
 
 
 def _at_rate(channel: Channel, rate_hz: float) -> FloatArray:
-    return channel.samples if channel.rate_hz == rate_hz else decimate(channel.samples, channel.rate_hz, rate_hz)
+    return (
+        channel.samples if channel.rate_hz == rate_hz else decimate(channel.samples, channel.rate_hz, rate_hz)
+    )
 
 
 def _tension(
@@ -190,11 +204,13 @@ def _tension(
     if not set(BOLT_CHANNELS) & set(record.channels):
         return None
     channel = record.tension_channel()
-    slope, warnings = 1.0, ()
-    tension = channel.samples
+    slope, tension = 1.0, channel.samples
+    warnings: tuple[str, ...] = ()
     if channel.name == "strain":
         if settings.bolt is None or settings.bolt.calibration is None:
-            raise ValueError(f"{record.file}: strain needs bolt.calibration in campaign.toml, instead found none")
+            raise ValueError(
+                f"{record.file}: strain needs bolt.calibration in campaign.toml, instead found none"
+            )
         calibration = Calibration(tuple(settings.bolt.calibration))
         tension = calibration.tension(channel.samples)
         slope = float(calibration.sensitivity(np.median(channel.samples)))

@@ -1,4 +1,6 @@
-"""What an identification keeps of a raw record: spectra, modal estimates, tensions. Records are streamed, never all held."""
+"""What an identification keeps of a raw record: spectra, modal estimates, tensions. Records are streamed,
+never all held.
+"""
 
 from __future__ import annotations
 
@@ -95,7 +97,9 @@ def reduce_record(campaign: Campaign, record_settings: RecordSettings) -> Reduce
     measurement = process(record, settings)
     tension = measurement.tension
     struck = max(measurement.force, key=lambda body: float(np.abs(measurement.force[body]).max()), default="")
-    linear = measurement.test in LINEAR_TESTS or (measurement.test == "loosening" and not _has_linear(campaign))
+    linear = measurement.test in LINEAR_TESTS or (
+        measurement.test == "loosening" and not _has_linear(campaign)
+    )
     return ReducedRecord(
         record_settings,
         warnings=() if tension is None else tension.warnings,
@@ -128,7 +132,9 @@ def _force(measurement: Measurement, settings: CampaignSettings, struck: str) ->
 
 
 def _first_mode(measurement: Measurement) -> FirstMode | None:
-    """Return average-period frequency and decrement of the struck body's motion, None where there are too few peaks."""
+    """Return average-period frequency and decrement of the struck body's motion, None where there are too few
+    peaks.
+    """
     strongest = measurement.strongest_hz
     if strongest is None or measurement.impact_s is None or not measurement.force:
         return None
@@ -142,7 +148,11 @@ def _first_mode(measurement: Measurement) -> FirstMode | None:
         return FirstMode(
             average_period_frequency(displacement, measurement.rate_hz, max_hz=highest, start_s=start),
             logarithmic_decrement(
-                displacement, measurement.rate_hz, max_hz=highest, start_s=start + _FILTER_REACH_S, first_peak=1
+                displacement,
+                measurement.rate_hz,
+                max_hz=highest,
+                start_s=start + _FILTER_REACH_S,
+                first_peak=1,
             ),
         )
     except ValueError:
@@ -150,7 +160,9 @@ def _first_mode(measurement: Measurement) -> FirstMode | None:
 
 
 def _uncoupled(measurement: Measurement, record: Record) -> UncoupledTest | None:
-    """Return the frequency response of a body alone and its single mode; None where body, force or peak is missing."""
+    """Return the frequency response of a body alone and its single mode; None where body, force or peak is
+    missing.
+    """
     bodies = [body for body in measurement.motion if body in measurement.force]
     strongest = measurement.strongest_hz
     if len(bodies) != 1 or strongest is None:
@@ -168,8 +180,10 @@ def _uncoupled(measurement: Measurement, record: Record) -> UncoupledTest | None
     return UncoupledTest(measurement.file, body, response, mode)
 
 
-def _link_constants(measurement: Measurement, settings: CampaignSettings) -> tuple[tuple[str, float, float], ...]:
-    """Return (link, k, c) of F = k x + c v by least squares for every link driven on its own in the record."""
+def _link_constants(
+    measurement: Measurement, settings: CampaignSettings
+) -> tuple[tuple[str, float, float], ...]:
+    """Return (link, k, c) of F = k x + c v by least squares for every link driven on its own."""
     out = []
     for link in settings.link:
         force = measurement.link.get(f"link_force_{link.name}")

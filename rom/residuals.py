@@ -1,7 +1,7 @@
 """Error of a model on measured records: the measures by which models are compared, like with like.
 
-A simulated response is turned into the quantity that was measured, passes through the same filter chain and the same
-tension windows, and only then is a difference taken.
+A simulated response is turned into the quantity that was measured, passes through the same filter chain and
+the same tension windows, and only then is a difference taken.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import numpy as np
 
 from rom.campaign import WindowSettings
 from rom.channels import FloatArray
-from rom.model import Model, Response
+from rom.model import Model
 from rom.processing import Measurement, displacement
-from rom.signals import split_tension
+from rom.simulation import Response
 
 _MOTION_TESTS = ("uncoupled", "coupled", "loosening", "free", "driven")
 _STATE_ITERATIONS = 3
@@ -58,13 +58,23 @@ class Comparison:
         return 100 * abs(self.simulated_final - self.measured_final) / abs(self.measured_final)
 
     @property
+    def simulated_loss(self) -> float:
+        """Return initial minus simulated final tension [N]."""
+        return self.initial_tension - self.simulated_final
+
+    @property
     def loss_error_percent(self) -> float:
         """Return 100 |simulated loss - measured loss| / |measured loss|."""
-        return 100 * abs(self.simulated_final - self.measured_final) / abs(self.initial_tension - self.measured_final)
+        return (
+            100
+            * abs(self.simulated_final - self.measured_final)
+            / abs(self.initial_tension - self.measured_final)
+        )
 
 
 def simulate_measurement(model: Model, measurement: Measurement) -> Response:
-    """Simulate a record from its measured force and initial tension; a free record's initial state is fitted to it.
+    """Simulate a record from its measured force and initial tension; a free record's initial state is fitted
+    to it.
 
     Raises
     ------
@@ -104,7 +114,9 @@ def compare(model: Model, measurement: Measurement, windows: WindowSettings) -> 
     relative = np.nan
     if pair is not None and set(pair) <= set(measured):
         first, second = pair
-        relative = _nrmse((simulated[first] - simulated[second])[start:], (measured[first] - measured[second])[start:])
+        relative = _nrmse(
+            (simulated[first] - simulated[second])[start:], (measured[first] - measured[second])[start:]
+        )
     return _with_tension(
         Comparison(measurement.file, measurement.test, True, nrmse, relative), response, measurement, windows
     )
@@ -149,14 +161,15 @@ def _initial_tension(model: Model, measurement: Measurement) -> float | None:
     if measurement.preload_n is not None:
         return measurement.preload_n
     raise ValueError(
-        f"{measurement.file}: a bolted link needs an initial tension, instead found no strain, tension or preload_n"
+        f"{measurement.file}: found no strain, tension or preload_n, "
+        "expected one of them as the initial tension of the bolted link"
     )
 
 
 def _free_response(
     model: Model, measurement: Measurement, force: Mapping[str, FloatArray], tension: float | None
 ) -> Response:
-    """Fit the initial displacement and velocity of every body by Gauss-Newton steps on the filtered motion."""
+    """Fit every body's initial displacement and velocity by Gauss-Newton steps on the filtered motion."""
     bodies = model.structure.body_names
     scale = max(float(np.abs(measurement.displacement(body)).max()) for body in measurement.motion)
     speed = scale * 2 * np.pi * _fastest_motion(measurement)
@@ -182,7 +195,9 @@ def _free_response(
     response, simulated = run(state)
     for _ in range(_STATE_ITERATIONS):
         step = 1e-2
-        jacobian = np.stack([(run(state + step * e)[1] - simulated) / step for e in np.eye(len(state))], axis=1)
+        jacobian = np.stack(
+            [(run(state + step * e)[1] - simulated) / step for e in np.eye(len(state))], axis=1
+        )
         if not np.isfinite(jacobian).all():
             break
         state = state + np.linalg.lstsq(jacobian, measured - simulated, rcond=None)[0]
@@ -195,7 +210,9 @@ def _fastest_motion(measurement: Measurement) -> float:
     ratios = []
     for body in measurement.motion:
         x = measurement.displacement(body)
-        ratios.append(float(np.std(np.diff(x)) * measurement.rate_hz / (2 * np.pi * max(float(np.std(x)), 1e-300))))
+        ratios.append(
+            float(np.std(np.diff(x)) * measurement.rate_hz / (2 * np.pi * max(float(np.std(x)), 1e-300)))
+        )
     return max(ratios)
 
 
@@ -206,7 +223,9 @@ def _compare_cycled(model: Model, measurement: Measurement) -> Comparison:
         motion = measurement.link.get(f"link_displacement_{name}")
         if force is not None and motion is not None:
             values.append(_nrmse(model.link_force(name, motion.samples, motion.rate_hz), force.samples))
-    return Comparison(measurement.file, measurement.test, True, {}, link_force_nrmse=_finite_mean(values) or np.nan)
+    return Comparison(
+        measurement.file, measurement.test, True, {}, link_force_nrmse=_finite_mean(values) or np.nan
+    )
 
 
 def _coupled_pair(model: Model) -> tuple[str, str] | None:

@@ -238,7 +238,7 @@ def simulate(
     )
     assembly, samples, bodies = model.assembly, forces.shape[1], len(structure.bodies)
     last = np.array([samples - 1, samples - 1])
-    task = Task(rate, driven, assembly.active, forces, motion, tensions, last, TOLERANCE)
+    task = Task(rate, driven, assembly.active, _fixed(forces), motion, tensions, last, TOLERANCE)
     out = np.full((3 * bodies + int(assembly.program.size[1:].sum()), samples), np.nan)
     report = np.zeros(6)
     integrate(assembly.program, assembly.coefficients, task, report, out)
@@ -285,9 +285,10 @@ def final_tension(
     bolts = len(structure.bolted_links)
     if bolts == 0:
         raise ValueError("final_tension needs a bolted link, the structure has none")
-    tension = _finite(
-        "initial_tension", np.broadcast_to(initial_tension, (cases, bolts) if bolts > 1 else (cases,))
-    )
+    shape = (cases, bolts) if bolts > 1 else (cases,)
+    if np.shape(initial_tension) not in (shape, ()):
+        raise ValueError(f"initial_tension must have the shape {shape}, got {np.shape(initial_tension)}")
+    tension = _finite("initial_tension", np.broadcast_to(initial_tension, shape).copy())
     coefficients = np.tile(assembly.coefficients, (cases, 1))
     for path, values in vary.items():
         model.parameter(path)
@@ -295,7 +296,16 @@ def final_tension(
     driven = _forces(structure, {body or structure.body_names[0]: np.zeros(2)})[0]
     window = np.array(_window(window_s, rate, samples))
     rest = np.zeros(2 * len(structure.bodies))
-    task = Task(rate, driven, assembly.active, force, rest, tension.reshape(cases, bolts), window, TOLERANCE)
+    task = Task(
+        rate,
+        driven,
+        assembly.active,
+        _fixed(force[:, None]),
+        rest,
+        tension.reshape(cases, bolts),
+        window,
+        TOLERANCE,
+    )
     result: FloatArray = integrate_cases(assembly.program, coefficients, task, np.zeros((cases, 6)))
     return result[:, 0] if bolts == 1 else result
 
@@ -307,6 +317,13 @@ def _finite(name: str, values: npt.ArrayLike, axes: tuple[str, ...] = ()) -> Flo
     if not np.isfinite(array.sum()):
         raise ValueError(f"{name} must be finite, got NaN or infinity")
     return array
+
+
+def _fixed(force: FloatArray) -> FloatArray:
+    """A read-only view: kernels are compiled for one kind of array, whether a record is mapped or in memory."""
+    view = force.view()
+    view.flags.writeable = False
+    return view
 
 
 def _window(window_s: tuple[float, float] | None, rate: float, samples: int) -> tuple[int, int]:

@@ -36,7 +36,9 @@ def linearise(program: Program, p: Any, block: Block, tables: Propagators) -> No
     """Take the linear part at the tensions of node 0."""
     n = program.size[0]
     A, laws = tables.A, program.laws
-    A[:, :] = 0.0
+    for i in range(2 * n):
+        for j in range(2 * n):
+            A[i, j] = 0.0
     for i in range(n):
         A[i, n + i] = 1.0
     at = 0
@@ -64,7 +66,9 @@ def evaluate(program: Program, p: Any, block: Block, from_node: int, t: float, d
     """Forces beyond the linear part and rates at the nodes from ``from_node`` on."""
     n, tensions, _ = program.size
     laws, change, width = program.laws, block.change, block.r.shape[1]
-    block.r[from_node:, :] = 0.0
+    for node in range(from_node, NODES):
+        for i in range(width):
+            block.r[node, i] = 0.0
     change[FORCE] = change[STIFFNESS] = change[DAMPING] = 0.0
     for a in range(block.active.size):
         link = block.active[a]
@@ -125,9 +129,11 @@ def _long_response(forced: Any, weights: Any, force: Any, count: int) -> None:
 @njit(cache=True, nogil=True, error_model="numpy")
 def free_motion(free: Any, y: Any, E: Any, W: Any, force: Any, level: int, tick: int) -> None:
     """Linear motion at nodes 1 to 4 from the motion ``y`` at node 0."""
-    free[0] = y[0]
     forced = free[1:]
-    forced[:, :] = 0.0
+    for i in range(free.shape[1]):
+        free[0, i] = y[0, i]
+        for place in range(NODES - 1):
+            forced[place, i] = 0.0
     for u in range(force.shape[0]):
         if level >= SAMPLE:
             count, sample = 2 ** (level - SAMPLE), tick // TICKS
@@ -178,7 +184,7 @@ def _collocate_rates(block: Block, d: float) -> None:
             block.z[node, i] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def solve(
     program: Program, p: Any, block: Block, H: Any, level: int, t: float, d: float, goal: Any, mobility: float
 ) -> bool:
@@ -242,13 +248,22 @@ def errors(block: Block, d: float) -> Any:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def copy_node(block: Block, node: int, target: int) -> None:
+    """Take the values at a node for those at another."""
+    for i in range(block.y.shape[1]):
+        block.y[target, i] = block.y[node, i]
+    for a in range(block.N.shape[1]):
+        block.N[target, a] = block.N[node, a]
+    for i in range(block.r.shape[1]):
+        block.r[target, i] = block.r[node, i]
+    for i in range(block.z.shape[1]):
+        block.z[target, i] = block.z[node, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def advance(block: Block) -> None:
     """Make the last node the first; a tension does not fall below zero."""
-    last = NODES - 1
-    block.y[0] = block.y[last]
-    block.N[0] = block.N[last]
-    block.r[0] = block.r[last]
-    block.z[0] = block.z[last]
+    copy_node(block, NODES - 1, 0)
     for b in range(block.start.size):
         block.z[0, b] = max(block.z[0, b], -block.start[b])
 

@@ -11,34 +11,25 @@ from rom.kernels.block import Block
 from rom.kernels.propagators import INTEGRAL_AT, NODES, SAMPLE, TICKS, VALUE_AT, Propagators
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _put(
-    block: Block, tables: Propagators, force: Any, y: Any, z: Any, N: Any, out: Any, sample: int
-) -> None:
-    """Write a sample: motion ``y``, changes of tension and states ``z``, and accelerations."""
-    size, width, driven = y.size, z.size, force.shape[0]
-    for i in range(size):
-        out[i, sample] = y[i]
-    for i in range(width):
-        out[size + i, sample] = z[i]
-    for b in range(block.start.size):
-        out[size + b, sample] = max(block.start[b] + z[b], 0.0)
-    for i in range(size // 2):
-        row = size // 2 + i
-        total = 0.0
-        for j in range(size):
-            total += tables.A[row, j] * y[j]
-        for u in range(driven):
-            total += tables.b[u, row] * force[u, sample]
-        for a in range(N.size):
-            total += tables.b[driven + a, row] * N[a]
-        out[size + width + i, sample] = total
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_sample(block: Block, tables: Propagators, force: Any, node: int, out: Any, sample: int) -> None:
-    """Write the sample at a node."""
-    _put(block, tables, force, block.y[node], block.z[node], block.N[node], out, sample)
+    """Write the sample at a node: motion, tensions and states, accelerations."""
+    size, width, driven = block.y.shape[1], block.z.shape[1], force.shape[0]
+    for i in range(size):
+        out[i, sample] = block.y[node, i]
+    for i in range(width):
+        out[size + i, sample] = block.z[node, i]
+    for b in range(block.start.size):
+        out[size + b, sample] = max(block.start[b] + block.z[node, b], 0.0)
+    for i in range(size // 2):
+        row, total = size // 2 + i, 0.0
+        for j in range(size):
+            total += tables.A[row, j] * block.y[node, j]
+        for u in range(driven):
+            total += tables.b[u, row] * force[u, sample]
+        for a in range(block.active.size):
+            total += tables.b[driven + a, row] * block.N[node, a]
+        out[size + width + i, sample] = total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -84,33 +75,52 @@ def _follow(y: Any, E: Any, inputs: Any, starts: Any, ends: Any, count: int) -> 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _fill_motion(block: Block, tables: Propagators, y: Any, inputs: Any, level: int) -> None:
+    """Motion ``y`` at the samples of a block, and the forces of active links among the ``inputs``."""
+    driven, count = tables.W.shape[1], 2 ** (level - SAMPLE)
+    for a in range(block.active.size):
+        for i in range(4 * count):
+            inputs[driven + a, i + 1] = 0.0
+        for node in range(NODES):
+            _add(inputs[driven + a, 1:], block.N[node, a], VALUE_AT[level, node])
+        inputs[driven + a, 0] = block.N[0, a]
+    for node in range(NODES):
+        for i in range(y.shape[0]):
+            y[i, node * count] = block.y[node, i]
+    size, inputs_count = y.shape[0], inputs.shape[0]
+    weights = np.empty((2, inputs_count, size))
+    for u in range(inputs_count):
+        for i in range(size):
+            weights[1, u, i] = tables.P[SAMPLE, u, 1, i]
+            weights[0, u, i] = tables.P[SAMPLE, u, 0, i] - weights[1, u, i]
+    _follow(y, tables.E[SAMPLE], inputs, weights[0], weights[1], count)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fill_long(
     block: Block, tables: Propagators, force: Any, level: int, start: int, d: float, out: Any
 ) -> None:
     """Write the samples of a block of four or more, row by row."""
-    size, width, driven, count = block.y.shape[1], block.z.shape[1], force.shape[0], 2 ** (level - SAMPLE)
-    span = 4 * count
-    inputs, y = np.zeros((tables.b.shape[0], span + 1)), np.zeros((size, span + 1))
-    inputs[:driven] = force[:, start : start + span + 1]
-    for a in range(block.active.size):
-        inputs[driven + a, 0] = block.N[0, a]
-        for node in range(NODES):
-            _add(inputs[driven + a, 1:], block.N[node, a], VALUE_AT[level, node, :span])
-    for node in range(NODES):
-        y[:, node * count] = block.y[node]
-    ends = tables.P[SAMPLE, :, 1, :]
-    _follow(y, tables.E[SAMPLE], inputs, tables.P[SAMPLE, :, 0, :] - ends, ends, count)
-    rows = out[:, start + 1 : start + span + 1]
-    rows[:size] = y[:, 1:]
-    rows[size:] = 0.0
-    for i in range(width):
-        rows[size + i] = block.z[0, i]
-        for node in range(NODES):
-            _add(rows[size + i], d * block.r[node, i], INTEGRAL_AT[level, node, :span])
-    for b in range(block.start.size):
-        rows[size + b] = np.maximum(block.start[b] + rows[size + b], 0.0)
-    for i in range(size // 2):
-        for j in range(size):
-            _add(rows[size + width + i], tables.A[size // 2 + i, j], rows[j])
-        for u in range(inputs.shape[0]):
-            _add(rows[size + width + i], tables.b[u, size // 2 + i], inputs[u, 1:])
+    size, width, span = block.y.shape[1], block.z.shape[1], 4 * 2 ** (level - SAMPLE)
+    inputs, y = np.empty((tables.b.shape[0], span + 1)), np.empty((size, span + 1))
+    for u in range(force.shape[0]):
+        for i in range(span + 1):
+            inputs[u, i] = force[u, start + i]
+    _fill_motion(block, tables, y, inputs, level)
+    for row in range(out.shape[0]):
+        values = out[row, start + 1 : start + span + 1]
+        initial = block.z[0, row - size] if size <= row < size + width else 0.0
+        for i in range(span):
+            values[i] = initial
+        if row < size:
+            _add(values, 1.0, y[row, 1:])
+        elif row < size + width:
+            for node in range(NODES):
+                _add(values, d * block.r[node, row - size], INTEGRAL_AT[level, node])
+            for i in range(span if row - size < block.start.size else 0):
+                values[i] = max(block.start[row - size] + values[i], 0.0)
+        else:
+            for j in range(size):
+                _add(values, tables.A[row - size - width + size // 2, j], y[j, 1:])
+            for u in range(inputs.shape[0]):
+                _add(values, tables.b[u, row - size - width + size // 2], inputs[u, 1:])

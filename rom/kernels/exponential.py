@@ -17,6 +17,7 @@ from rom.kernels.block import (
     SHARPNESS,
     Block,
     advance,
+    copy_node,
     drifted,
     errors,
     evaluate,
@@ -90,9 +91,13 @@ def _prepare(program: Program, p: Any, task: Task) -> Any:
         np.zeros(1),
         np.zeros(5),
     )
-    block.change[SHARPNESS] = 20.0 / max(np.max(task.tensions), 1.0) if task.tensions.size else 0.0
+    largest = 1.0
+    for T in task.tensions:
+        largest = max(largest, T)
+    block.change[SHARPNESS] = 20.0 / largest
     tables = allocate(size, task.driven.size, active)
-    block.y[0] = task.y0
+    for i in range(size):
+        block.y[0, i] = task.y0[i]
     _inputs(program, p, task.active, task.driven, tables)
     linearise(program, p, block, tables)
     _restart(program, p, block, 0.0)
@@ -103,8 +108,7 @@ def _prepare(program: Program, p: Any, task: Task) -> Any:
 def _restart(program: Program, p: Any, block: Block, t: float) -> None:
     """Forces and rates at node 0, by way of all nodes."""
     for node in range(1, NODES):
-        block.y[node] = block.y[0]
-        block.z[node] = block.z[0]
+        copy_node(block, 0, node)
     evaluate(program, p, block, 0, t, 0.0)
 
 
@@ -133,6 +137,16 @@ def _add_window(block: Block, level: int, tick: int, d: float, total: Any) -> No
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _finite(block: Block, error: float) -> bool:
+    """Whether the last node can be computed with."""
+    for i in range(block.y.shape[1]):
+        error += block.y[NODES - 1, i]
+    for i in range(block.z.shape[1]):
+        error += block.z[NODES - 1, i]
+    return bool(np.isfinite(error))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _account(program: Program, block: Block, impulse: float, tension: float, report: Any) -> None:
     """Add a block to the report, and keep the peaks at its end."""
     n = program.size[0]
@@ -145,7 +159,7 @@ def _account(program: Program, block: Block, impulse: float, tension: float, rep
         report[LOSS] = max(report[LOSS], abs(block.z[NODES - 1, b]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _leg(
     program: Program, p: Any, task: Task, block: Block, tables: Propagators, scale: Any, clock: Any, leg: int,
     report: Any, total: Any, out: Any,
@@ -153,7 +167,9 @@ def _leg(
     """Integrate to the end of a leg; whether it was reached. ``clock`` holds the tick and the level."""
     tick, level, sample = clock[0], clock[1], 1.0 / task.rate
     boundary = TICKS * (task.window[leg] if leg < 2 else task.force.shape[1] - 1)
-    mobility = 1.0 / p[: program.size[0]].min()
+    mobility = 0.0
+    for i in range(program.size[0]):
+        mobility = max(mobility, 1.0 / p[i])
     while tick < boundary:
         level = _highest(level, tick, boundary)
         build(tables, max(level, SAMPLE), sample)
@@ -167,7 +183,7 @@ def _leg(
         if level > 0 and not (solved and error <= allowed):
             level -= 1
             continue
-        if not np.isfinite(error + block.y[NODES - 1].sum()):
+        if not _finite(block, error):
             return False
         tick += 4 * 2**level
         if leg == 1:
@@ -190,25 +206,28 @@ def _leg(
 def _run(program: Program, p: Any, task: Task, scale: Any, report: Any, total: Any, out: Any) -> None:
     """Integrate over a record with errors relative to ``scale``: a velocity [m/s] and a tension [N]."""
     block, tables = _prepare(program, p, task)
-    report[:] = 0.0
-    total[:] = 0.0
+    for i in range(report.size):
+        report[i] = 0.0
+    for b in range(total.size):
+        total[b] = 0.0
     clock = np.zeros(2, dtype=np.int64)
     if out.size:
         fill_sample(block, tables, task.force, 0, out, 0)
     for leg in range(3):
-        if leg == 1:
-            total += block.z[0, : total.size]
+        for b in range(total.size if leg == 1 else 0):
+            total[b] += block.z[0, b]
         if not _leg(program, p, task, block, tables, scale, clock, leg, report, total, out):
             return
-    total /= task.window[1] - task.window[0] + 1.0
+    for b in range(total.size):
+        total[b] /= task.window[1] - task.window[0] + 1.0
     report[REACHED] += 1.0
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc"})
-def _sum(values: Any) -> Any:
+def _sum(values: Any, row: int, start: int, end: int) -> Any:
     total = 0.0
-    for value in values:
-        total += value
+    for i in range(start, end):
+        total += values[row, i]
     return total
 
 
@@ -222,7 +241,7 @@ def _expected(program: Program, p: Any, task: Task) -> Any:
     for u in range(task.driven.size):
         impulse = 0.0
         for start in range(0, task.force.shape[1], 64):
-            impulse += _sum(task.force[u, start : start + 64])
+            impulse += _sum(task.force, u, start, min(start + 64, task.force.shape[1]))
             velocity = max(velocity, abs(impulse) / task.rate / p[task.driven[u]])
     loss = 0.0
     for a in range(task.active.size):
@@ -265,14 +284,14 @@ def integrate(program: Program, p: Any, task: Task, report: Any, out: Any) -> An
 def integrate_cases(program: Program, coefficients: Any, tasks: Task, reports: Any) -> Any:
     """Final tensions of many cases [N], shape (cases, tensions); NaN for a case that diverged.
 
-    ``coefficients``, and the forces, initial states and tensions of ``tasks``, have a row for every case.
+    ``coefficients``, and the forces and tensions of ``tasks``, have a first axis of cases.
     """
     cases = coefficients.shape[0]
     result = np.full((cases, program.size[1]), np.nan)
     nothing = np.empty((0, 0))
     for case in range(cases):
         task = Task(
-            tasks.rate, tasks.driven, tasks.active, tasks.force[case : case + 1], tasks.y0,
+            tasks.rate, tasks.driven, tasks.active, tasks.force[case], tasks.y0,
             tasks.tensions[case], tasks.window, tasks.tolerance,
         )  # fmt: skip
         change = integrate(program, coefficients[case], task, reports[case], nothing)

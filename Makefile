@@ -1,0 +1,32 @@
+PYTHON ?= python3
+BIN := .venv/bin
+DEMO := demo
+
+.PHONY: demo test clean
+
+demo: .venv/installed  ## a small campaign from the virtual rig, its model, a page of figures
+	rm -rf $(DEMO)
+	mkdir $(DEMO)
+	$(BIN)/boltlaw rig $(DEMO)/campaign --cases 12 --seed 1
+	$(BIN)/boltlaw identify $(DEMO)/campaign --out $(DEMO)/results
+	$(BIN)/boltlaw report $(DEMO)/results
+
+test: .venv/installed-test  ## every check: style, walls between packages, types, tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports
+	$(BIN)/mypy
+	$(BIN)/pytest -n 2 --dist worksteal
+
+.venv/installed: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --editable .
+	touch $@
+
+.venv/installed-test: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --editable '.[test]'
+	touch $@ .venv/installed
+
+clean:
+	rm -rf .venv $(DEMO)

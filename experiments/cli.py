@@ -1,0 +1,199 @@
+"""The program `boltlaw`: one command per study."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+Report = Callable[[int, int], None]
+
+app = typer.Typer(
+    name="boltlaw",
+    help="From impact tests of a bolted joint to a model whose bolt tension is a state.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+CampaignPath = Annotated[Path, typer.Argument(help="Campaign folder: campaign.toml and its records.")]
+Out = Annotated[
+    Path | None, typer.Option(help="Folder for results; default: CAMPAIGN-results beside the campaign.")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
+Jobs = Annotated[int, typer.Option(min=1, help="Processes; results do not depend on it.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no summary.")]
+_CORES = os.cpu_count() or 1
+
+
+@app.command(epilog="Example: boltlaw rig rig-campaign --cases 12 --seed 1")
+def rig(
+    new_dir: Annotated[
+        Path, typer.Argument(help="Folder to create; the truth goes to NEW_DIR.truth.json beside it.")
+    ],
+    cases: Annotated[
+        int | None, typer.Option(min=2, help="Preloads; default: the paper's full scale.")
+    ] = None,
+    noise: Annotated[float, typer.Option(min=0.0, help="Factor on all noise.")] = 1.0,
+    scatter: Annotated[
+        float, typer.Option(min=0.0, help="Factor on gamma's scatter from test to test.")
+    ] = 1.0,
+    duration_s: Annotated[float | None, typer.Option(help="Length of a record [s].")] = None,
+    hold_out_every: Annotated[
+        int, typer.Option(min=0, help="One in so many preloads is held out; 0: none.")
+    ] = 5,
+    seed: Seed = 0,
+    jobs: Jobs = _CORES,
+    quiet: Quiet = False,
+) -> None:
+    """Measure a campaign of raw records on the virtual rig."""
+    from experiments.studies import rig as study
+
+    with _progress(quiet) as report:
+        folder = study.run(
+            new_dir, cases, noise, seed, jobs, report("measuring"), duration_s=duration_s, scatter=scatter,
+            hold_out_every=hold_out_every,
+        )  # fmt: skip
+    _say(f"wrote {folder}", quiet)
+
+
+@app.command(epilog="Example: boltlaw identify rig-campaign --out results")
+def identify(
+    campaign: CampaignPath, out: Out = None, seed: Seed = 0, jobs: Jobs = _CORES, quiet: Quiet = False
+) -> None:
+    """Identify the model of a campaign: links, k_C(T), c_C(T), gamma per case and gamma(T)."""
+    from experiments.studies import identify as study
+
+    with _progress(quiet) as report:
+        path = study.run(campaign, out, seed, jobs, report, _command())
+    _say(study.summary(path), quiet)
+    _say(f"wrote {path} and figures beside it", quiet)
+
+
+@app.command(epilog="Example: boltlaw reproduce --out reproduction")
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("reproduction"),
+    cases: Annotated[
+        int | None, typer.Option(min=8, help="Preloads; default: the paper's full scale.")
+    ] = None,
+    seed: Seed = 0,
+    jobs: Jobs = _CORES,
+    quiet: Quiet = False,
+) -> None:
+    """Set the paper's printed numbers beside ours, on its campaign as measured by the virtual rig."""
+    from experiments.studies import reproduce as study
+
+    with _progress(quiet) as report:
+        path = study.run(out, cases, seed, jobs, report, _command())
+    _say(study.summary(path), quiet)
+    _say(f"wrote {path} and figures beside it", quiet)
+
+
+@app.command(epilog="Example: boltlaw predict results/model.json other-campaign")
+def predict(
+    model: Annotated[Path, typer.Argument(help="A model.json.")],
+    campaign: CampaignPath,
+    out: Out = None,
+    seed: Seed = 0,
+    jobs: Jobs = _CORES,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate every record of a campaign with a model; nothing is fitted."""
+    from experiments.studies import predict as study
+
+    with _progress(quiet) as report:
+        path = study.run(model, campaign, out, seed, jobs, report("simulating"))
+    _say(f"wrote {path}", quiet)
+
+
+@app.command(epilog="Example: boltlaw report rig-campaign-results")
+def report(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with result files.")],
+    out: Annotated[Path | None, typer.Option(help="Folder for report.html; default: DIR.")] = None,
+    seed: Seed = 0,  # noqa: ARG001 - every command takes the same options
+    jobs: Jobs = 1,  # noqa: ARG001
+    quiet: Quiet = False,
+) -> None:
+    """Make one self-contained page of the result files in a folder."""
+    from experiments.studies import report as study
+
+    _say(f"wrote {study.run(folder, out)}", quiet)
+
+
+def main() -> None:
+    """Run the program; exit code 0: done, 2: bad input, 1: a fault of the program."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command and return its exit code; faults of the input go to standard error, a line each."""
+    command = typer.main.get_command(app)
+    try:
+        result = command.main(arguments, prog_name="boltlaw", standalone_mode=False)
+    except (ValueError, OSError) as error:
+        return _refuse(error)
+    except KeyboardInterrupt:
+        return _interrupted()
+    except Exception as error:
+        return _other(error)
+    return result if isinstance(result, int) else 0
+
+
+def _refuse(error: Exception) -> int:
+    print(str(error) or type(error).__name__, file=sys.stderr)
+    return 2
+
+
+def _interrupted() -> int:
+    print("interrupted: nothing was written", file=sys.stderr)
+    return 130
+
+
+def _other(error: Exception) -> int:
+    """Tell a wrong call (2) from a fault of the program (1)."""
+    message = getattr(error, "format_message", None)
+    if message is not None:  # how the command line library reports a wrong call
+        text = message()
+        if text:
+            print(" ".join(text.split()), file=sys.stderr)
+        return 2
+    if type(error).__name__ == "Abort":
+        return _interrupted()
+    traceback.print_exception(error)
+    print("boltlaw: this is a fault of the program, not of the input", file=sys.stderr)
+    return 1
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Callable[[str], Report | None]]:
+    """Yield what opens a bar under a name and returns its mover; silent unless on a terminal."""
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield lambda _: None
+        return
+    columns = (TextColumn("{task.description:>18}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console) as bars:
+
+        def open_bar(name: str) -> Report:
+            task = bars.add_task(name, total=None)
+            return lambda done, total: bars.update(task, completed=done, total=total)
+
+        yield open_bar
+
+
+def _say(text: str, quiet: bool) -> None:
+    if not quiet and text:
+        print(text)
+
+
+def _command() -> str:
+    return " ".join(["boltlaw", *sys.argv[1:]])

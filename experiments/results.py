@@ -1,0 +1,61 @@
+"""Result files: a header that says how they were made, no NaN, whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rom.records import replacing
+
+
+def write_result(
+    path: Path,
+    kind: str,
+    content: Mapping[str, Any],
+    *,
+    campaign: str | None,
+    seed: int | None,
+    elapsed_s: float,
+) -> Path:
+    """Write `content` as ``boltlaw-<kind>/1`` with the common header; returns the path."""
+    header = {
+        "format": f"boltlaw-{kind}/1",
+        "campaign": campaign,
+        "program_version": version("boltlaw"),
+        "seed": seed,
+        "elapsed_s": round(elapsed_s, 3),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        text = json.dumps(plain({**header, **content}), indent=1, allow_nan=False, ensure_ascii=False)
+        temporary.write_text(text + "\n", encoding="utf-8")
+    return path
+
+
+def plain(value: Any) -> Any:
+    """Return what JSON can hold: arrays as lists, NumPy numbers as numbers, NaN and infinity as None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def results_folder(campaign: Path, out: Path | None) -> Path:
+    """Return where results go: `out`, or ``<campaign>-results`` beside the campaign."""
+    if out is not None:
+        return out
+    folder = campaign.resolve()
+    if folder.is_file():
+        folder = folder.parent
+    return folder.with_name(folder.name + "-results")

@@ -1,0 +1,253 @@
+"""A campaign into the paper's model, its limits, its errors and its figures."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.results import plain, results_folder
+from rom.campaign import Campaign, read_campaign
+from rom.comparison import Judged, judge, without_loosening
+from rom.identification import Identification, identify_campaign
+from rom.joint import JointEstimate
+from rom.loosening import GammaEstimate
+from rom.residuals import summarise
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """An identification and what its model, and the model without loosening, make of every record."""
+
+    campaign: Campaign
+    identification: Identification
+    judged: tuple[Judged, ...]
+
+
+def run(
+    campaign_path: Path,
+    out: Path | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Callable[[str], Progress | None] | None = None,
+    command: str = "",
+) -> Path:
+    """Write ``model.json`` and the figures, and return the model's path.
+
+    Raises
+    ------
+    ValueError
+        If the campaign cannot be used.
+    """
+    started = time.perf_counter()
+    outcome = examine(campaign_path, jobs, progress)
+    folder = results_folder(campaign_path, out)
+    save_figures(outcome, folder)
+    path = folder / "model.json"
+    section = identification_section(outcome) | {"command": command}
+    outcome.identification.model.save(
+        path, campaign=outcome.campaign.settings.name, seed=seed, elapsed_s=round(time.perf_counter() -
+        started, 3), identification=plain(section),
+    )  # fmt: skip
+    return path
+
+
+def examine(
+    campaign_path: Path, jobs: int = 1, progress: Callable[[str], Progress | None] | None = None
+) -> Outcome:
+    """Identify a campaign and judge the model on all of its records."""
+    report = progress or (lambda _: None)
+    campaign = read_campaign(campaign_path, jobs, report("checking records"))
+    identification = identify_campaign(campaign, jobs, report("identifying"))
+    model = identification.model
+    judged = judge([model, without_loosening(model)], campaign, jobs=jobs, progress=report("simulating"))
+    return Outcome(campaign, identification, judged)
+
+
+def save_figures(outcome: Outcome, folder: Path) -> None:
+    """Draw what the identification's data allow and write it to `folder`, which is created."""
+    from experiments.report import figures  # matplotlib is loaded when something is drawn
+
+    campaign, found = outcome.campaign, outcome.identification
+    doubtful = [doubt.file for judged in outcome.judged for doubt in judged.doubts]
+    drawn = figures.identification_figures(
+        found,
+        windows=campaign.settings.windows,
+        examples=figures.example_records(campaign, leave_out=doubtful),
+        split_n=convergence(found.gamma)["split_n"],
+    )
+    compared = [judged for judged in outcome.judged if judged.comparisons]
+    drawn |= figures.validation_figures(
+        [j.comparisons[0] for j in compared if not j.settings.hold_out],
+        [j.comparisons[0] for j in compared if j.settings.hold_out],
+        [j.comparisons[1] for j in compared],
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, figure in drawn.items():
+        figures.save(figure, folder / f"{name}.svg")
+
+
+def identification_section(outcome: Outcome) -> dict[str, Any]:
+    """Return what model.json says of how the model was found."""
+    found, campaign = outcome.identification, outcome.campaign
+    return {
+        "campaign_digest": campaign.digest,
+        "records": len(found.records),
+        "set_aside": sorted({f"{d.file}: {d.message}" for j in outcome.judged for d in j.doubts}),
+        "warnings": list(found.warnings),
+        "errors": errors_by_set(outcome.judged, 0) | {"no_loosening": errors_by_set(outcome.judged, 1)},
+        "linear": _linear_rows(found),
+        "joint": [_joint_row(estimate) for estimate in found.joint],
+        "gamma": [_gamma_row(estimate) for estimate in found.gamma],
+        "fits": _fit_rows(found),
+        "convergence": convergence(found.gamma),
+    }
+
+
+def errors_by_set(judged: Iterable[Judged], model: int) -> dict[str, Any]:
+    """Return the errors of the model at place `model` on training and hold-out records."""
+    every = [j for j in judged if j.comparisons]
+    return {
+        name: summarise(j.comparisons[model] for j in every if j.settings.hold_out is held)
+        for name, held in (("training", False), ("hold_out", True))
+    }
+
+
+def convergence(gamma: Iterable[GammaEstimate]) -> dict[str, Any]:
+    """Return the tension that best splits the change of tension into two regimes (Fig. 9), and what lies
+    above it.
+
+    The split maximises the likelihood of two normal spreads about zero, below and above it.
+    """
+    cases = sorted(gamma, key=lambda estimate: estimate.initial)
+    if len(cases) < 8:
+        return {"split_n": None, "largest_loss_above_n": None, "tightening_above": None}
+    change = np.array([case.loss for case in cases])
+    splits = range(4, len(cases) - 3)
+    cost = [
+        i * np.log(np.mean(change[:i] ** 2)) + (len(cases) - i) * np.log(np.mean(change[i:] ** 2))
+        for i in splits
+    ]
+    best = splits[int(np.argmin(cost))]
+    return {
+        "split_n": 0.5 * (cases[best - 1].initial + cases[best].initial),
+        "largest_loss_above_n": float(np.abs(change[best:]).max()),
+        "tightening_above": int(np.sum(change[best:] < 0)),
+        "tightening": int(np.sum(change < 0)),
+        "cases": len(cases),
+    }
+
+
+def _linear_rows(found: Identification) -> list[dict[str, Any]]:
+    if found.linear is None:
+        return []
+    return [
+        {
+            "name": name,
+            "value": found.linear.value(name),
+            "error_percent": 100 * found.linear.relative_error(name),
+        }
+        for name in found.linear.names
+        if "@" not in name
+    ]
+
+
+def _joint_row(estimate: JointEstimate) -> dict[str, Any]:
+    mode = estimate.first_mode
+    return {
+        "file": estimate.file,
+        "tension_n": estimate.tension,
+        "stiffness_n_per_m": estimate.stiffness,
+        "damping_ns_per_m": estimate.damping,
+        "stiffness_error_percent": 100 * estimate.log_errors[0],
+        "damping_error_percent": 100 * estimate.log_errors[1],
+        "heaviest_damping_ratio": estimate.heaviest_damping_ratio,
+        "method": estimate.method,
+        "frequency_hz": None if mode is None else mode.frequency.value,
+        "damping_ratio": None if mode is None else mode.damping_ratio.value,
+        "modal_stiffness_n_per_m": estimate.modal_stiffness,
+        "modal_damping_ns_per_m": estimate.modal_damping,
+    }
+
+
+def _gamma_row(estimate: GammaEstimate) -> dict[str, Any]:
+    return {
+        "file": estimate.file,
+        "initial_tension_n": estimate.initial,
+        "final_tension_n": estimate.final,
+        "loss_error_n": estimate.loss_error,
+        "gamma_s3_per_m4": estimate.gamma,
+        "gamma_error_percent": 100 * estimate.log_error,
+        "at_bound": estimate.at_bound,
+    }
+
+
+def _fit_rows(found: Identification) -> dict[str, Any]:
+    fits = {
+        "stiffness": found.stiffness_fit,
+        "damping": found.damping_fit,
+        "gamma per case": found.gamma_case_fit,
+        "gamma": found.gamma_fit,
+    }
+    return {
+        name: {
+            "law": fit.law.name,
+            "r_squared": fit.r_squared,
+            "scatter_percent": 100 * fit.scatter,
+            "records": len(fit.records),
+        }
+        for name, fit in fits.items()
+        if fit is not None
+    }
+
+
+def summary(path: Path) -> str:
+    """Return a few lines for people: what was identified, how well it does on records no fit has seen."""
+    data = json.loads(path.read_text(encoding="utf-8"))
+    section = data["identification"]
+    lines = [
+        f"{data['campaign']}: {section['records']} training records, {len(section['set_aside'])} set aside"
+    ]
+    for link in data["links"]:
+        for place in ("stiffness", "damping", "tension_rate"):
+            law = link[place]
+            if law is not None and law["parameters"]:
+                values = ", ".join(_with_limits(name, item) for name, item in law["parameters"].items())
+                lines.append(f"  {link['name']} {place.replace('_', ' ')}: {law['equation']}   {values}")
+    for name in ("training", "hold_out"):
+        errors, rival = section["errors"][name], section["errors"]["no_loosening"][name]
+        if errors["records"]:
+            lines.append(f"  {name.replace('_', '-')}: {_percent(errors, rival)}")
+    return "\n".join(lines + [f"  note: {text}" for text in section["warnings"] + section["set_aside"]])
+
+
+def _with_limits(name: str, item: dict[str, Any]) -> str:
+    limits = "" if item["low"] is None else f" [{item['low']:.4g}, {item['high']:.4g}]"
+    return f"{name} = {item['value']:.5g}{limits} {item['unit']}"
+
+
+def _percent(errors: dict[str, Any], rival: dict[str, Any]) -> str:
+    parts = []
+    if errors["motion_nrmse"] is not None:
+        parts.append(f"motion {100 * errors['motion_nrmse']:.2f} %")
+    if errors["link_force_nrmse"] is not None:
+        parts.append(f"link force {100 * errors['link_force_nrmse']:.1f} %")
+    if errors["final_tension_error_percent_mean"] is not None:
+        parts.append(
+            f"final tension mean {errors['final_tension_error_percent_mean']:.2f} %, "
+            f"median {errors['final_tension_error_percent_median']:.2f} % "
+            f"(no loosening: {rival['final_tension_error_percent_mean']:.2f} %, "
+            f"{rival['final_tension_error_percent_median']:.2f} %)"
+        )
+        parts.append(
+            f"loss median {errors['tension_loss_error_percent_median']:.1f} % "
+            f"(no loosening: {rival['tension_loss_error_percent_median']:.1f} %)"
+        )
+    return "; ".join(parts)

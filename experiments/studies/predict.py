@@ -1,0 +1,66 @@
+"""A model on another campaign: every record simulated, nothing fitted."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from experiments.results import results_folder, write_result
+from rom.campaign import read_campaign
+from rom.comparison import Judged, judge
+from rom.model_file import load_model
+from rom.residuals import summarise
+
+
+def run(
+    model_path: Path,
+    campaign_path: Path,
+    out: Path | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Write ``prediction.json`` and return its path.
+
+    Raises
+    ------
+    ValueError
+        If the model or the campaign cannot be used, or the campaign has a body that the model lacks.
+    """
+    started = time.perf_counter()
+    model = load_model(model_path)
+    campaign = read_campaign(campaign_path, jobs)
+    missing = sorted(set(campaign.settings.body_names) - set(model.structure.body_names))
+    if missing:
+        known = ", ".join(model.structure.body_names)
+        raise ValueError(
+            f"{campaign_path}: found the body {missing[0]}, expected those of the model: {known}"
+        )
+    judged = judge([model], campaign, jobs=jobs, progress=progress)
+    content = {
+        "model": str(model_path),
+        "campaign_digest": campaign.digest,
+        "errors": summarise(j.comparisons[0] for j in judged if j.comparisons),
+        "records": [_row(j) for j in judged if j.comparisons],
+        "set_aside": [f"{d.file}: {d.message}" for j in judged for d in j.doubts],
+    }
+    return write_result(
+        results_folder(campaign_path, out) / "prediction.json", "prediction", content,
+        campaign=campaign.settings.name, seed=seed, elapsed_s=time.perf_counter() - started,
+    )  # fmt: skip
+
+
+def _row(judged: Judged) -> dict[str, Any]:
+    found = judged.comparisons[0]
+    motion = list(found.motion_nrmse.values())
+    return {
+        "file": found.file,
+        "test": found.test,
+        "finished": found.finished,
+        "initial_tension_n": found.initial_tension,
+        "final_tension_n": {"simulated": found.simulated_final, "measured": found.measured_final},
+        "motion_nrmse": sum(motion) / len(motion) if motion else None,
+        "link_force_nrmse": found.link_force_nrmse,
+    }
