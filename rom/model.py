@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from rom.effects.effect import Effect
 from rom.laws import Law, Parameter
-from rom.simulation import PLACES, Assembly, Response, assemble, final_tension, simulate
+from rom.simulation import PLACES, TOLERANCE, Assembly, Response, assemble, final_tension, simulate
 from rom.structure import Structure
 
 FloatArray = npt.NDArray[np.float64]
@@ -203,6 +203,7 @@ class Model:
         initial_tension: float | Mapping[str, float] | None = None,
         initial_displacement: Mapping[str, float] | None = None,
         initial_velocity: Mapping[str, float] | None = None,
+        tolerance: float = TOLERANCE,
     ) -> Response:
         """Simulate the response to forces that run linearly between their samples.
 
@@ -216,6 +217,8 @@ class Model:
             Tension at the first sample [N], by link where there are several bolted links.
         initial_displacement, initial_velocity : mapping of str to float
             State at the first sample by body [m], [m/s]; zero where not given.
+        tolerance : float
+            Local tolerance of the final tension relative to its change, and of velocities to their peak.
 
         Returns
         -------
@@ -228,7 +231,9 @@ class Model:
         ValueError
             If a shape, a body or a value is not what is required.
         """
-        return simulate(self, force, rate_hz, initial_tension, initial_displacement, initial_velocity)
+        return simulate(
+            self, force, rate_hz, initial_tension, initial_displacement, initial_velocity, tolerance
+        )
 
     def final_tension(
         self,

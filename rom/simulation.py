@@ -222,6 +222,7 @@ def simulate(
     initial_tension: float | Mapping[str, float] | None,
     initial_displacement: Mapping[str, float] | None,
     initial_velocity: Mapping[str, float] | None,
+    tolerance: float,
 ) -> Response:
     """See ``Model.simulate``."""
     from rom.kernels.exponential import Task, integrate
@@ -238,7 +239,7 @@ def simulate(
     )
     assembly, samples, bodies = model.assembly, forces.shape[1], len(structure.bodies)
     last = np.array([samples - 1, samples - 1])
-    task = Task(rate, driven, assembly.active, _fixed(forces), motion, tensions, last, TOLERANCE)
+    task = Task(rate, driven, assembly.active, _fixed(forces), motion, tensions, last, tolerance)
     out = np.full((3 * bodies + int(assembly.program.size[1:].sum()), samples), np.nan)
     report = np.zeros(6)
     integrate(assembly.program, assembly.coefficients, task, report, out)

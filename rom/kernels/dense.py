@@ -97,6 +97,18 @@ def _fill_motion(block: Block, tables: Propagators, y: Any, inputs: Any, level: 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _fill_change(block: Block, row: int, level: int, d: float, values: Any) -> None:
+    """A tension or state at the samples of a block."""
+    for i in range(values.size):
+        values[i] = block.z[0, row]
+    for node in range(NODES):
+        _add(values, d * block.r[node, row], INTEGRAL_AT[level, node])
+    if row < block.start.size:
+        for i in range(values.size):
+            values[i] = max(block.start[row] + values[i], 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _fill_long(
     block: Block, tables: Propagators, force: Any, level: int, start: int, d: float, out: Any
 ) -> None:
@@ -109,18 +121,14 @@ def _fill_long(
     _fill_motion(block, tables, y, inputs, level)
     for row in range(out.shape[0]):
         values = out[row, start + 1 : start + span + 1]
-        initial = block.z[0, row - size] if size <= row < size + width else 0.0
+        if size <= row < size + width:
+            _fill_change(block, row - size, level, d, values)
+            continue
         for i in range(span):
-            values[i] = initial
-        if row < size:
-            _add(values, 1.0, y[row, 1:])
-        elif row < size + width:
-            for node in range(NODES):
-                _add(values, d * block.r[node, row - size], INTEGRAL_AT[level, node])
-            for i in range(span if row - size < block.start.size else 0):
-                values[i] = max(block.start[row - size] + values[i], 0.0)
-        else:
+            values[i] = y[row, i + 1] if row < size else 0.0
+        if row >= size:
+            rate = row - size - width + size // 2
             for j in range(size):
-                _add(values, tables.A[row - size - width + size // 2, j], y[j, 1:])
+                _add(values, tables.A[rate, j], y[j, 1:])
             for u in range(inputs.shape[0]):
-                _add(values, tables.b[u, row - size - width + size // 2], inputs[u, 1:])
+                _add(values, tables.b[u, rate], inputs[u, 1:])
