@@ -18,7 +18,7 @@ from experiments.report.style import (
     tension_axis,
 )
 from rom.calibration import Calibration
-from rom.identification import MODAL_LIMIT, JointEstimate
+from rom.joint import MODAL_LIMIT, JointEstimate
 from rom.law_fits import LawFit
 from rom.model import Model
 from rom.reduction import UncoupledTest
