@@ -1,0 +1,74 @@
+"""Titles and captions of the figures by name, in the order of a report."""
+
+CAPTIONS: dict[str, tuple[str, str]] = {
+    "final-tension-error": (
+        "Error against preload",
+        "Above, the error of the final tension as the paper takes it; below, the error of the loss itself, where 100 % "
+        "is what a bolt that never loosens would score. Hollow: records in which the bolt tightened.",
+    ),
+    "overlays-loosening": (
+        "Large impacts: measured and simulated",
+        "Displacement of the struck body and tension of the bolt. The simulation passes through the measurement's own "
+        "filter chain before it is drawn. Grey: raw tension.",
+    ),
+    "overlays-coupled": (
+        "Small impacts: measured and simulated",
+        "Displacement of the struck body and tension of the bolt, which a small impact leaves alone.",
+    ),
+    "overlays-free": (
+        "Free decay: measured and simulated",
+        "The initial state is estimated from each record.",
+    ),
+    "overlays-driven": ("Forced runs: measured and simulated", "Displacement of the struck body."),
+    "gamma-law": (
+        "Rate of loosening over tension",
+        "Net-loosening cases with 95 % limits, and the law with the 95 % band of its parameters.",
+    ),
+    "gamma-cases": (
+        "Rate of loosening, case by case",
+        "The value whose simulated final tension is the measured one; negative where the bolt tightened.",
+    ),
+    "tension-change": (
+        "Change of tension",
+        "Final minus initial tension with 95 % limits; below the dashed line changes scatter, above it they repeat.",
+    ),
+    "tension-traces": (
+        "Tension traces",
+        "Measured tension, its non-oscillatory part, and the means before and after the impact (dotted). "
+        "In the titles: initial tension and its change.",
+    ),
+    "joint-stiffness": (
+        "Stiffness of the joint",
+        "One estimate per record with 95 % limits, and the fitted law with its band. Grey: the paper's modal estimates; "
+        "crosses where damping is too heavy for them.",
+    ),
+    "joint-damping": (
+        "Damping of the joint",
+        "One estimate per record with 95 % limits, and the fitted law with its band. Grey: the paper's modal estimates; "
+        "crosses where damping is too heavy for them.",
+    ),
+    "first-mode-frequency": (
+        "First mode",
+        "Frequency from the average period with 95 % limits, and the damped frequency of the identified model.",
+    ),
+    "frequency-responses": (
+        "Bodies alone",
+        "Measured frequency response without the bolt and the mode fitted to it.",
+    ),
+    "calibration": (
+        "Calibration of the bolt",
+        "Polynomial from strain reading to tension; ticks mark the tensions of the records.",
+    ),
+}
+
+
+def caption(name: str) -> tuple[str, str]:
+    """Return title and caption of a figure; the name itself in words where it has none."""
+    words = name.replace("-", " ").replace("_", " ").strip()
+    return CAPTIONS.get(name, (words[:1].upper() + words[1:], ""))
+
+
+def order(name: str) -> tuple[int, str]:
+    """Return where a figure stands in a report."""
+    names = list(CAPTIONS)
+    return (names.index(name) if name in names else len(names), name)

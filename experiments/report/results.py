@@ -1,0 +1,95 @@
+"""The result files and figures that a folder holds."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+KINDS = (
+    "closure",
+    "ranking",
+    "model",
+    "reproduction",
+    "prediction",
+)  # in the order in which a report answers
+_FORMAT = "boltlaw-"
+_HIDDEN = ("truth", "campaign")  # the rig's truth belongs to no report
+_LARGEST_FIGURE = 20_000_000
+
+
+class ResultError(ValueError):
+    """A folder without results; the message says what was expected."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One result file: its kind ("model", "closure", ...), name, content, and the digest of its bytes."""
+
+    kind: str
+    file: str
+    data: Mapping[str, Any]
+    digest: str
+
+
+@dataclass(frozen=True)
+class Results:
+    """All that a folder holds: results in order, figures by name, and a line for every file that could not be read."""
+
+    results: tuple[Result, ...]
+    figures: tuple[Path, ...]
+    faults: tuple[str, ...]
+
+
+def read_results(directory: Path) -> Results:
+    """Read the result files of a folder.
+
+    Raises
+    ------
+    ResultError
+        If there is no such folder, or no result file that can be read in it.
+    """
+    if not directory.is_dir():
+        raise ResultError(f"{directory}: expected a folder with result files, found no such folder")
+    results, faults = [], []
+    for path in sorted(directory.glob("*.json")):
+        try:
+            result = _read(path)
+        except (OSError, ValueError, RecursionError) as error:
+            faults.append(f"{path.name}: could not be read as a result file ({error})")
+            continue
+        if result is not None:
+            results.append(result)
+    if not results:
+        expected = ", ".join(f"{kind}.json" for kind in KINDS)
+        raise ResultError(
+            "\n".join([f"{directory}: expected one result file at least ({expected}), found none", *faults])
+        )
+    results.sort(
+        key=lambda result: (KINDS.index(result.kind) if result.kind in KINDS else len(KINDS), result.file)
+    )
+    figures = [path for path in sorted(directory.glob("*.svg")) if path.stat().st_size <= _LARGEST_FIGURE]
+    return Results(tuple(results), tuple(figures), tuple(faults))
+
+
+def _read(path: Path) -> Result | None:
+    """Return a result file; None for a JSON file that is none."""
+    content = path.read_bytes()
+    data = json.loads(content)
+    kind = _kind(data)
+    if kind is None:
+        if path.stem in KINDS:
+            raise ValueError(f'expected format "{_FORMAT}{path.stem}/1", found another content')
+        return None
+    return Result(kind, path.name, data, hashlib.sha256(content).hexdigest())
+
+
+def _kind(data: object) -> str | None:
+    named = data.get("format") if isinstance(data, dict) else None
+    if not isinstance(named, str) or not named.startswith(_FORMAT):
+        return None
+    kind = named.removeprefix(_FORMAT).partition("/")[0]
+    return None if kind in _HIDDEN else kind

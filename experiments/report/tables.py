@@ -1,0 +1,216 @@
+"""Tables of a report: numbers for people, errors, parameters, and anything else that a result file holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from markupsafe import Markup
+
+from experiments.report import equations
+
+Data = Mapping[str, Any]
+
+_UNITS = {
+    "ns_per_m": "N s/m",
+    "n_per_m": "N/m",
+    "percent": "%",
+    "hz": "Hz",
+    "kg": "kg",
+    "n": "N",
+    "s": "s",
+    "m": "m",
+}
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_MOST_ROWS = 400
+_MOST_VALUES = 40
+_DEEPEST = 4
+_NONE = "–"
+
+MEASURES = {
+    "motion_nrmse": ("Displacement, NRMSE", "%", 100.0),
+    "relative_motion_nrmse": ("Relative displacement of the joint, NRMSE", "%", 100.0),
+    "final_tension_error_percent_median": ("Final tension, median error (the paper's measure)", "%", 1.0),
+    "final_tension_error_percent_mean": ("Final tension, mean error (the paper's measure)", "%", 1.0),
+    "final_tension_error_percent_max": ("Final tension, largest error (the paper's measure)", "%", 1.0),
+    "tension_loss_error_percent_median": ("Loss of tension, median error", "%", 1.0),
+    "tension_rmse_n": ("Tension after the impact, RMS error", "N", 1.0),
+    "link_force_nrmse": ("Link force, NRMSE", "%", 100.0),
+    "records": ("Records compared", "", 1.0),
+    "failed": ("Simulations that did not finish", "", 1.0),
+}
+_SETS = {
+    "training": "training",
+    "hold_out": "hold-out",
+    "no_loosening": "no loosening",
+    "before": "before",
+    "after": "after",
+}
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table: caption, column heads, rows of text or markup; a folded one opens on a click."""
+
+    caption: str
+    columns: tuple[str | Markup, ...]
+    rows: tuple[tuple[str | Markup, ...], ...]
+    folded: bool = False
+    note: str = ""
+
+
+def number(value: object, digits: int = 4) -> str:
+    """Return a value for people: `digits` significant ones, powers of ten written out, a dash for nothing."""
+    if value is None:
+        return _NONE
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return str(value).replace("-", "−")
+    if not isinstance(value, float):
+        return str(value)
+    if not math.isfinite(value):
+        return _NONE
+    if value != 0 and not 1e-3 <= abs(value) < 1e6:
+        mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+        return f"{mantissa} × 10{str(int(power)).translate(_SUPERSCRIPT)}".replace("-", "−", 1)
+    decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0) if value else 0
+    return f"{value:.{decimals}f}".replace("-", "−")
+
+
+def with_limits(value: object, low: object, high: object) -> tuple[str, str]:
+    """Return a value and its limits, as many digits as the limits warrant."""
+    if not all(isinstance(x, int | float) and math.isfinite(x) for x in (value, low, high)):
+        return number(value), _NONE
+    ends = [float(x) for x in (value, low, high) if isinstance(x, int | float)]
+    width, size = abs(ends[2] - ends[1]) / 2, max(abs(end) for end in ends)
+    digits = 7 if width == 0 else min(max(math.floor(math.log10(size / width)) + 2, 3), 7)
+    shown = [number(end, digits) for end in ends]
+    return shown[0], f"{shown[1]} to {shown[2]}"
+
+
+def label(key: str) -> str:
+    """Return a key of a result file as words with its unit: "tension_n" is "Tension [N]"."""
+    for suffix, unit in _UNITS.items():
+        if key.endswith(f"_{suffix}"):
+            return f"{label(key.removesuffix(f'_{suffix}'))} [{unit}]"
+    words = str(key).replace("_", " ").strip()
+    return words[:1].upper() + words[1:]
+
+
+def error_columns(data: object, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Data]]:
+    """Yield every object of error measures below `data` with the keys that lead to it."""
+    if isinstance(data, Mapping):
+        if "motion_nrmse" in data:
+            yield path, data
+        else:
+            for key, value in data.items():
+                yield from error_columns(value, (*path, str(key)))
+
+
+def errors_table(data: object, caption: str) -> Table | None:
+    """Return a table of error measures, a column for every set of records; None where there is none."""
+    columns = [(path, errors) for path, errors in error_columns(data) if errors.get("records")]
+    if not columns:
+        return None
+    heads = tuple(
+        ", ".join(_SETS.get(key, label(key)) for key in path) or "all records" for path, _ in columns
+    )
+    rows = []
+    for key, (text, unit, factor) in MEASURES.items():
+        values = [errors.get(key) for _, errors in columns]
+        if any(value is not None for value in values) and (key != "failed" or any(values)):
+            rows.append((f"{text} [{unit}]" if unit else text, *(_scaled(value, factor) for value in values)))
+    return Table(caption, ("", *(head[:1].upper() + head[1:] for head in heads)), tuple(rows))
+
+
+def _scaled(value: object, factor: float) -> str:
+    scaled = value * factor if isinstance(value, float) else value
+    return number(scaled, 3)
+
+
+def parameter_rows(place: str, parameters: object) -> Iterator[tuple[str | Markup, ...]]:
+    """Yield (symbol, place, value, 95 % limits, unit, source) of the parameters of a law or an effect."""
+    if not isinstance(parameters, Mapping):
+        return
+    for name, parameter in parameters.items():
+        if isinstance(parameter, Mapping):
+            value, limits = with_limits(parameter.get("value"), parameter.get("low"), parameter.get("high"))
+            shown = equations.math(equations.symbol(str(name)))
+            unit, source = str(parameter.get("unit", "")), str(parameter.get("source") or "")
+            yield shown, place, value, limits, unit if unit != "1" else "", source
+
+
+def parameters_table(model: Data) -> Table | None:
+    """Return all parameters of a model.json with limits and units; None where it holds none."""
+    rows: list[tuple[str | Markup, ...]] = []
+    for body in _mappings(model.get("bodies")):
+        rows += parameter_rows(f"body {body.get('name')}", {"m": body.get("mass")})
+    for key, suffix in (("links", ""), ("uncoupled_links", ", bolt out")):
+        for link in _mappings(model.get(key)):
+            for place in ("stiffness", "damping", "tension_rate"):
+                law = link.get(place)
+                if isinstance(law, Mapping):
+                    where = f"{link.get('name')}: {place.replace('_', ' ')}{suffix}"
+                    rows += parameter_rows(where, law.get("parameters"))
+    for effect in _mappings(model.get("effects")):
+        rows += parameter_rows(f"{effect.get('name')} at {effect.get('enters')}", effect.get("parameters"))
+    heads = ("", "Where", "Value", "95 % limits", "Unit", "Source")
+    return Table("Parameters of the model", heads, tuple(rows)) if rows else None
+
+
+def _mappings(items: object) -> list[Data]:
+    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, Sequence) else []
+
+
+def tables_of(value: object, caption: str, depth: int = 0) -> Iterator[Table]:
+    """Yield tables that show any part of a result file: rows for a list of objects, a line for every plain value."""
+    if isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
+        yield _rows_table(value, caption)
+    elif isinstance(value, list):
+        if value:
+            yield Table(caption, (), ((_plain(value),),))
+    elif isinstance(value, Mapping):
+        plain = {key: item for key, item in value.items() if _is_plain(item) or depth >= _DEEPEST}
+        if plain:
+            yield Table(caption, (), tuple((label(key), _plain(item)) for key, item in plain.items()))
+        for key, item in value.items():
+            if key not in plain:
+                yield from tables_of(item, f"{caption}: {label(key).lower()}", depth + 1)
+    elif value is not None:
+        yield Table(caption, (), ((_plain(value),),))
+
+
+def _rows_table(rows: Sequence[Data], caption: str) -> Table:
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    columns = [key for key in columns if any(row.get(key) is not None for row in rows)]
+    shown = tuple(tuple(_plain(row.get(key)) for key in columns) for row in rows[:_MOST_ROWS])
+    note = (
+        ""
+        if len(rows) <= _MOST_ROWS
+        else f"The first {_MOST_ROWS} of {len(rows)} rows; the file holds them all."
+    )
+    return Table(caption, tuple(label(key) for key in columns), shown, folded=len(rows) > 12, note=note)
+
+
+def _is_plain(value: object) -> bool:
+    return not isinstance(value, Mapping | list) or (
+        isinstance(value, list) and not any(isinstance(item, Mapping | list) for item in value)
+    )
+
+
+def _plain(value: object) -> str:
+    """Return one cell; a law or parameter object as its value with limits."""
+    if isinstance(value, Mapping) and "value" in value:
+        shown, limits = with_limits(value["value"], value.get("low"), value.get("high"))
+        return f"{shown} {value.get('unit', '')}".strip() + (f" ({limits})" if limits != _NONE else "")
+    if isinstance(value, Mapping):
+        return "; ".join(
+            f"{label(str(key))}: {_plain(item)}" for key, item in list(value.items())[:_MOST_VALUES]
+        )
+    if isinstance(value, list):
+        text = ", ".join(_plain(item) for item in value[:_MOST_VALUES])
+        return text if len(value) <= _MOST_VALUES else f"{text}, … ({len(value)} values)"
+    return number(value)

@@ -1,0 +1,231 @@
+"""What the result files answer, in plain words; every number comes from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from experiments.report.tables import number
+
+Data = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Headline:
+    """One number to remember: words, value with unit, and the raw value as the file holds it."""
+
+    words: str
+    shown: str
+    raw: float
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Question and answer of one result file; `good` is None where there is nothing to judge."""
+
+    question: str
+    verdict: str
+    sentences: tuple[str, ...] = ()
+    headlines: tuple[Headline, ...] = ()
+    good: bool | None = None
+
+
+def answer(kind: str, data: Data) -> Answer | None:
+    """Return what a result file of a kind ("model", "reproduction", ...) answers; None for an unknown kind."""
+    make = _ANSWERS.get(kind)
+    return make(data) if make else None
+
+
+def _of_model(data: Data) -> Answer | None:
+    found = data.get("identification")
+    if not isinstance(found, Mapping):
+        return None
+    errors = _mapping(found.get("errors"))
+    chosen = "hold_out" if _mapping(errors.get("hold_out")).get("records") else "training"
+    own, rest = _mapping(errors.get(chosen)), _mapping(_mapping(errors.get("no_loosening")).get(chosen))
+    whose = (
+        "records that no fit has seen"
+        if chosen == "hold_out"
+        else "the records it was fitted to (none was held out)"
+    )
+    loss, rest_loss = (
+        own.get("tension_loss_error_percent_median"),
+        rest.get("tension_loss_error_percent_median"),
+    )
+    sentences = [
+        f"The model was identified from {number(found.get('records'))} records and checked on {whose}."
+    ]
+    if loss is not None:
+        sentences.append(_final_tension_sentence(own, rest))
+    if own.get("motion_nrmse") is not None:
+        sentences.append(f"Displacements are met within {number(100 * own['motion_nrmse'], 3)} % (NRMSE).")
+    sentences += _reservations(found)
+    verdict, good = _loss_verdict(loss, rest_loss)
+    return Answer(
+        "Which reduced-order model do these records support, and does its tension law tell how far a bolt loosens?",
+        verdict,
+        tuple(sentences),
+        tuple(_headlines(own, chosen)),
+        good,
+    )
+
+
+def _loss_verdict(loss: float | None, without: float | None) -> tuple[str, bool | None]:
+    if loss is None:
+        return "The structure is identified; no loosening record tells of the bolt's tension.", None
+    against = (
+        f", where a model without loosening misses {number(without, 3)} %" if without is not None else ""
+    )
+    if without is not None and loss >= without:
+        return (
+            f"The tension law does no better than a bolt that never loosens: it misses {number(loss, 3)} % of the loss{against}.",
+            False,
+        )
+    return (
+        f"The tension law misses {number(loss, 3)} % of a record's loss of tension (median){against}.",
+        without is not None,
+    )
+
+
+def _final_tension_sentence(own: Data, rest: Data) -> str:
+    names = ("median", "mean", "max")
+    median, mean, most = (number(own.get(f"final_tension_error_percent_{name}"), 3) for name in names)
+    text = f"The final tension is off by {median} % (median; mean {mean} %, largest {most} %)"
+    if rest.get("final_tension_error_percent_median") is not None:
+        text += f", without loosening by {number(rest['final_tension_error_percent_median'], 3)} %"
+    return (
+        text
+        + ". That measure flatters, since a loss is a small share of the tension; the error of the loss does not."
+    )
+
+
+def _headlines(errors: Data, chosen: str) -> list[Headline]:
+    where = "hold-out" if chosen == "hold_out" else "training"
+    listed = (
+        ("tension_loss_error_percent_median", "median error of the loss of tension", 1.0),
+        ("final_tension_error_percent_median", "median error of the final tension", 1.0),
+        ("motion_nrmse", "error of the displacement (NRMSE)", 100.0),
+    )
+    return [
+        Headline(f"{words}, {where}", f"{number(errors[key] * factor, 3)} %", errors[key])
+        for key, words, factor in listed
+        if isinstance(errors.get(key), float)
+    ]
+
+
+def _reservations(found: Data) -> list[str]:
+    sentences = []
+    aside, warnings = _lines(found.get("set_aside")), _lines(found.get("warnings"))
+    if aside:
+        sentences.append(f"{_count(len(aside), 'record')} of doubtful quality set aside, listed below.")
+    if warnings:
+        sentences.append(f"{_count(len(warnings), 'warning')}, listed below.")
+    return sentences
+
+
+def _of_reproduction(data: Data) -> Answer | None:
+    rows = [row for row in data.get("rows") or [] if isinstance(row, Mapping)]
+    judged = [row for row in rows if row.get("within") is not None]
+    if not judged:
+        return None
+    met = sum(bool(row["within"]) for row in judged)
+    missed = [str(row.get("quantity")) for row in judged if not row["within"]]
+    sentences = [
+        "Ours come from the virtual rig and the paper's printed parameters; the paper's raw records are not public."
+    ]
+    if missed:
+        sentences.insert(0, f"Outside: {'; '.join(missed)}.")
+    share = f"All {met}" if met == len(judged) else f"{met} of {len(judged)}"
+    return Answer(
+        "Does the chain give the numbers that He et al. (2025) print?",
+        f"{share} printed numbers are met within their stated tolerance.",
+        tuple(sentences),
+        (Headline(f"of {len(judged)} printed numbers within tolerance", str(met), float(met)),),
+        met == len(judged),
+    )
+
+
+def _of_prediction(data: Data) -> Answer | None:
+    errors = _mapping(data.get("errors"))
+    loss = errors.get("tension_loss_error_percent_median")
+    compared, failed = errors.get("records") or 0, errors.get("failed") or 0
+    if loss is not None:
+        verdict = f"With nothing fitted, the model misses {number(loss, 3)} % of a record's loss of tension (median)."
+    elif errors.get("motion_nrmse") is not None:
+        verdict = f"With nothing fitted, displacements are met within {number(100 * errors['motion_nrmse'], 3)} % (NRMSE)."
+    else:
+        verdict = "The model was simulated; the records hold nothing to compare it with."
+    sentences = [f"{_count(compared, 'record')} compared; {failed} of the simulations did not finish."]
+    if errors.get("final_tension_error_percent_median") is not None:
+        sentences.append(_final_tension_sentence(errors, {}))
+    return Answer(
+        "Does the model predict a campaign to which it was not fitted?",
+        verdict,
+        tuple(sentences),
+        tuple(
+            Headline(h.words.replace(", training", ", all records"), h.shown, h.raw)
+            for h in _headlines(errors, "training")
+        ),
+    )
+
+
+def _of_ranking(data: Data) -> Answer | None:
+    laws = [law for law in data.get("laws") or [] if isinstance(law, Mapping)]
+    if not laws:
+        return None
+    best = min(laws, key=lambda law: law.get("rank") if law.get("rank") is not None else len(laws) + 1)
+    sentences = []
+    p = best.get("p_value_against_baseline")
+    if p is not None:
+        sentences.append(f"Against the paper's law, p = {number(p, 2)}.")
+    wins = best.get("wins_against_baseline")
+    if isinstance(wins, Sequence) and len(wins) == 2:
+        sentences.append(f"It is nearer than the paper's law on {wins[0]} of {wins[1]} records.")
+    return Answer(
+        "Which law of loosening do the records support?",
+        f"Of {len(laws)} laws, “{best.get('name')}” ranks first by re-simulation.",
+        tuple(sentences),
+    )
+
+
+_CLOSURE = {
+    "closed": "The loop closes: the added effects bring the residual down to what repeat noise explains.",
+    "no-effect": "Nothing is missing that these records could show: no effect beats the baseline beyond chance.",
+    "unexplained": "Something is still missing: a significant residual is left after the effects that helped.",
+}
+
+
+def _of_closure(data: Data) -> Answer | None:
+    verdict = str(data.get("verdict"))
+    effects = [str(effect.get("name")) for effect in data.get("effects") or [] if isinstance(effect, Mapping)]
+    sentences = [f"Added: {', '.join(effects)}."] if effects else ["No effect was added."]
+    good = {"closed": True, "no-effect": True, "unexplained": False}.get(verdict)
+    return Answer(
+        "Is anything missing from the model, and what?",
+        _CLOSURE.get(verdict, f"Verdict: {verdict}."),
+        tuple(sentences),
+        (),
+        good,
+    )
+
+
+def _mapping(value: object) -> Data:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _lines(value: object) -> list[str]:
+    return [str(item) for item in value] if isinstance(value, list) else []
+
+
+def _count(n: object, noun: str) -> str:
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+_ANSWERS: Mapping[str, Callable[[Data], Answer | None]] = {
+    "model": _of_model,
+    "reproduction": _of_reproduction,
+    "prediction": _of_prediction,
+    "ranking": _of_ranking,
+    "closure": _of_closure,
+}
