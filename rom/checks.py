@@ -80,11 +80,11 @@ def _absent(index: int, settings: CampaignSettings, names: Collection[str]) -> I
                 f"acceleration_{body}: found no motion of this body, expected {_or(motion_channels(body))} "
                 f"(or record[{index}].bodies without it)"
             )
-    forces = tuple(f"force_{body}" for body in settings.body_names)
+    forces = tuple(f"force_{body}" for body in bodies or settings.body_names)
     if record.test in IMPACT_TESTS and set(forces).isdisjoint(names):
-        yield f"{forces[0]}: found no force, expected {_or(forces)} in a test of kind {record.test}"
+        yield f"{forces[0]}: found no force on a moving body, expected {_or(forces)} ({record.test} test)"
     if record.test in ("loosening", "hold") and set(BOLT_CHANNELS).isdisjoint(names):
-        yield f"tension: found none, expected {_or(BOLT_CHANNELS)} in a test of kind {record.test}"
+        yield f"tension: found none, expected {_or(BOLT_CHANNELS)} ({record.test} test)"
     if record.test == "cycled":
         yield from _absent_link(settings.link_names, names)
 
@@ -95,7 +95,7 @@ def _absent_link(links: tuple[str, ...], names: Collection[str]) -> Iterator[str
     for link in driven or links[:1]:
         for name in (f"{displacement}_{link}", f"{force}_{link}"):
             if name not in names:
-                yield f"{name}: found none, expected it in a test of kind cycled"
+                yield f"{name}: found none, expected it (cycled test)"
 
 
 def _or(names: Iterable[str]) -> str:

@@ -395,6 +395,10 @@ MALFORMED: list[tuple[str, Spoil]] = [
         _h5(lambda record: record.pop("acceleration_so"), "acceleration_so:", "record[2]"),
     ),
     ("no force", _h5(lambda record: record.pop("force_lo"), "force_lo:", "no force")),
+    (
+        "a force on a body at rest",
+        _h5(lambda record: record.move("force_lo", "force_so"), "force_lo:", "moving", file=UNCOUPLED),
+    ),
     ("loosening without tension", _h5(lambda record: record.pop("strain"), "tension:", "loosening")),
     (
         "uncoupled with two bodies",

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 import tomli_w
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from malformed import (
     COUPLED,
     CYCLED,
@@ -66,22 +68,63 @@ def test_each_fault_is_one_line_that_says_where_what_and_what_instead(spoil: Spo
         assert word in line
 
 
+JUNK = (
+    0,
+    -1,
+    1.5,
+    "",
+    "lo",
+    "ground",
+    True,
+    [],
+    ["lo"],
+    [1, 2],
+    {},
+    {"a": 1},
+    [{}],
+    float("nan"),
+    10**400,
+    "a\nb",
+)
+
+
+@given(st.data())
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_setting_may_be_junk(sound: Path, tmp_path: Path, data: st.DataObject) -> None:
+    tables = sound_settings()
+    table, key = tables, data.draw(st.sampled_from(sorted(tables)))
+    while isinstance(table[key], dict | list) and table[key] and data.draw(st.booleans()):
+        table = table[key]
+        key = data.draw(st.sampled_from(sorted(table) if isinstance(table, dict) else range(len(table))))
+    table[key] = data.draw(st.sampled_from(JUNK))
+    folder = tmp_path / "junk"
+    shutil.copytree(sound, folder, dirs_exist_ok=True)
+    (folder / "campaign.toml").write_text(tomli_w.dumps(tables))
+    try:
+        read_campaign(folder)
+    except CampaignError as refusal:
+        for line in refusal.faults:
+            assert "found" in line
+            assert "expected" in line
+            assert "\n" not in line
+
+
 def test_settings_are_those_of_the_file(campaign: Campaign) -> None:
-    settings = campaign.settings
-    assert settings.body_names == ("lo", "so")
-    assert settings.body[1].mass_kg is None
-    assert settings.link[2].between == ("lo", "so")
-    assert settings.bolt is not None
-    assert settings.bolt.calibration == (2718.7, 2363.7, -575.63)
-    assert settings.windows.final_s == (2.0, 8.0)
-    assert [record.test for record in settings.record][:3] == ["uncoupled", "coupled", "loosening"]
-    assert settings.record[0].preload_n is None
+    found = campaign.settings
+    assert found.body_names == ("lo", "so")
+    assert found.body[1].mass_kg is None
+    assert found.link[2].between == ("lo", "so")
+    assert found.bolt is not None
+    assert found.bolt.calibration == (2718.7, 2363.7, -575.63)
+    assert found.windows.final_s == (2.0, 8.0)
+    assert [record.test for record in found.record][:3] == ["uncoupled", "coupled", "loosening"]
+    assert found.record[0].preload_n is None
 
 
 def test_every_record_comes_back_as_written(campaign: Campaign) -> None:
-    for settings in campaign.settings.record:
-        record = campaign.load(settings)
-        written = sound_channels(settings.file)
+    for one in campaign.settings.record:
+        record = campaign.load(one)
+        written = sound_channels(one.file)
         assert record.channels.keys() == written.keys()
         for name, channel in written.items():
             assert record.channels[name].rate_hz == channel.rate_hz
@@ -89,7 +132,7 @@ def test_every_record_comes_back_as_written(campaign: Campaign) -> None:
 
 
 def test_a_record_knows_its_bodies_motion_force_and_bolt(campaign: Campaign) -> None:
-    records = {settings.file: campaign.load(settings) for settings in campaign.settings.record}
+    records = {one.file: campaign.load(one) for one in campaign.settings.record}
     assert records[UNCOUPLED].bodies == ("lo",)
     assert records[LOOSENING].bodies == ("lo", "so")
     assert records[CYCLED].bodies == records[HOLD].bodies == ()
