@@ -71,8 +71,8 @@ def _read_mat_hdf5(path: Path) -> Iterator[tuple[str, Read]]:
         samples, rate = _h5_samples(file, name)
         if f"rate_hz_{name}" in file:
             rate, _ = _h5_samples(file, f"rate_hz_{name}")
-        if file[name].attrs.get("MATLAB_class", b"double") in (b"char", b"logical", b"cell", b"struct"):
-            kind = file[name].attrs["MATLAB_class"].decode()
+        kind = np.asarray(file[name].attrs.get("MATLAB_class", "double")).astype(str).item()
+        if kind in ("char", "logical", "cell", "struct"):
             raise ValueError(f"found a MATLAB {kind} variable, expected real numbers")
         return samples, rate
 

@@ -101,7 +101,7 @@ def test_every_number_type_and_either_orientation(dtype: str, shape: tuple[int, 
 def test_a_matlab_hdf5_file_of_text_and_nothing_is_refused(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.mat", "w") as file:
         file["strain"] = np.array([104, 105], dtype=np.uint16)
-        file["strain"].attrs["MATLAB_class"] = np.bytes_("char")
+        file["strain"].attrs["MATLAB_class"] = "char"
         file["force_lo"] = np.array([0, 0], dtype=np.uint64)
         file["force_lo"].attrs["MATLAB_empty"] = np.uint8(1)
         file["tension"] = np.ones(3, dtype=[("real", "f8"), ("imag", "f8")])
