@@ -3,13 +3,14 @@
 CAPTIONS: dict[str, tuple[str, str]] = {
     "final-tension-error": (
         "Error against preload",
-        "Above, the error of the final tension as the paper takes it; below, the error of the loss itself, where 100 % "
-        "is what a bolt that never loosens would score. Hollow: records in which the bolt tightened.",
+        "Above, the error of the final tension as the paper takes it; below, the error of the loss "
+        "itself, where 100 % is what a bolt that never loosens would score. Hollow: records "
+        "in which the bolt tightened.",
     ),
     "overlays-loosening": (
         "Large impacts: measured and simulated",
-        "Displacement of the struck body and tension of the bolt. The simulation passes through the measurement's own "
-        "filter chain before it is drawn. Grey: raw tension.",
+        "Displacement of the struck body and tension of the bolt. The simulation passes through the "
+        "measurement's own filter chain before it is drawn. Grey: raw tension.",
     ),
     "overlays-coupled": (
         "Small impacts: measured and simulated",
@@ -30,7 +31,8 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     ),
     "tension-change": (
         "Change of tension",
-        "Final minus initial tension with 95 % limits; below the dashed line changes scatter, above it they repeat.",
+        "Final minus initial tension with 95 % limits. Below the dashed line changes scatter, above it they "
+        "repeat.",
     ),
     "tension-traces": (
         "Tension traces",
@@ -39,17 +41,17 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     ),
     "joint-stiffness": (
         "Stiffness of the joint",
-        "One estimate per record with 95 % limits, and the fitted law with its band. Grey: the paper's modal estimates; "
-        "crosses where damping is too heavy for them.",
+        "One estimate per record with 95 % limits, and the fitted law with its band. Grey: the paper's modal "
+        "estimates; crosses where damping is too heavy for them.",
     ),
     "joint-damping": (
         "Damping of the joint",
-        "One estimate per record with 95 % limits, and the fitted law with its band. Grey: the paper's modal estimates; "
-        "crosses where damping is too heavy for them.",
+        "One estimate per record with 95 % limits, and the fitted law with its band. Grey: the paper's modal "
+        "estimates; crosses where damping is too heavy for them.",
     ),
     "first-mode-frequency": (
         "First mode",
-        "Frequency from the average period with 95 % limits, and the damped frequency of the identified model.",
+        "Average-period frequency with 95 % limits, and the damped frequency of the identified model.",
     ),
     "frequency-responses": (
         "Bodies alone",

@@ -1,4 +1,4 @@
-"""One self-contained page from the result files of a folder: question, answer, errors, equations, figures, provenance."""
+"""One self-contained page from the result files of a folder: answer, errors, model, figures, provenance."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ from markupsafe import Markup
 from experiments.report import equations, verdicts
 from experiments.report.captions import caption, order
 from experiments.report.results import Result, Results, read_results
-from experiments.report.tables import Table, errors_table, label, number, parameters_table, tables_of
+from experiments.report.scores import comparison_tables, identification_of, mappings
+from experiments.report.tables import Table, label, number, parameters_table, tables_of
 
 Data = Mapping[str, Any]
 
 _HEADER = ("format", "campaign", "program_version", "seed", "elapsed_s", "command", "campaign_digest")
 _NOTES = ("set_aside", "warnings")
 _SHOWN_OF_MODEL = (
-    "bodies", "links", "uncoupled_links", "effects", "identification", "filter", "calibration", "windows", "sampling",
+    "bodies", "links", "uncoupled_links", "effects", "identification", "filter", "calibration", "windows",
+    "sampling",
 )  # fmt: skip
 _PLACES = (("stiffness", "k"), ("damping", "c"), ("tension_rate", "T"))
 
@@ -62,10 +64,11 @@ def render(directory: Path) -> str:
         undefined=jinja2.StrictUndefined,
     )
     environment.tests["numeric"] = _numeric
+    environment.filters["tied"] = _tied
     return environment.get_template("page.html.j2").render(
         title=_title(found.results),
         answers=[a for result in found.results if (a := verdicts.answer(result.kind, result.data))],
-        errors=_errors(found.results),
+        errors=comparison_tables(found.results),
         motion=_motion(found.results),
         laws=_laws(found.results),
         parameters=_present(parameters_table(r.data) for r in found.results if r.kind == "model"),
@@ -86,78 +89,11 @@ def _present(tables: Any) -> list[Table]:
     return [table for table in tables if table is not None]
 
 
-def _errors(results: Sequence[Result]) -> list[Table]:
-    """Return what is compared: the paper's numbers beside ours, and the error measures of every result file."""
-    tables: list[Table | None] = []
-    for result in results:
-        if result.kind == "reproduction":
-            tables.append(_reproduction(result.data))
-        if result.kind == "ranking":
-            tables.append(_ranking(result.data))
-            continue
-        errors = result.data.get("errors") or _identification(result.data).get("errors")
-        tables.append(errors_table(errors, f"Errors of the {_WORDS.get(result.kind, result.kind)}"))
-    return _present(tables)
-
-
-_WORDS = {
-    "model": "identified model",
-    "prediction": "prediction",
-    "closure": "model before and after",
-    "reproduction": "model",
-}
-
-
-def _reproduction(data: Data) -> Table | None:
-    rows = [row for row in data.get("rows") or [] if isinstance(row, Mapping)]
-    cells = tuple(
-        (str(row.get("quantity")), number(row.get("paper")), number(row.get("ours")), str(row.get("unit") or ""),
-         number(row.get("tolerance")), {True: "yes", False: "NO"}.get(row.get("within"), "–"))  # type: ignore[arg-type]
-        for row in rows
-    )  # fmt: skip
-    heads = ("Quantity", "Paper", "Ours", "Unit", "Tolerance", "Within")
-    return Table("The paper's numbers and ours", heads, cells) if cells else None
-
-
-def _ranking(data: Data) -> Table | None:
-    laws = [law for law in data.get("laws") or [] if isinstance(law, Mapping)]
-    cells = tuple(
-        (number(law.get("rank")), str(law.get("name")), _inline(law.get("equation")),
-         number(law.get("cross_validated_loss_error_percent_median"), 3), number(law.get("delta_bic"), 3),
-         number(law.get("p_value_against_baseline"), 2), str(law.get("source") or ""))
-        for law in laws
-    )  # fmt: skip
-    heads = (
-        "Rank",
-        "Law",
-        "Equation",
-        "Cross-validated error of the loss [%]",
-        "ΔBIC",
-        "p against the paper's law",
-        "Source",
-    )
-    return Table("Laws of loosening, ranked by re-simulation", heads, cells) if cells else None
-
-
-def _inline(text: object) -> str | Markup:
-    shown = equations.expression(str(text)) if text else None
-    return equations.math(shown) if shown is not None else str(text or "")
-
-
-def _identification(data: Data) -> Data:
-    found = data.get("identification")
-    return found if isinstance(found, Mapping) else {}
-
-
-def _mappings(items: object) -> list[Data]:
-    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []
-
-
 def _motion(results: Sequence[Result]) -> list[Markup]:
     for result in results:
         if result.kind == "model":
-            bodies = [str(body.get("name")) for body in _mappings(result.data.get("bodies"))]
-            links = [link for link in _mappings(result.data.get("links")) if "name" in link]
+            bodies = [str(body.get("name")) for body in mappings(result.data.get("bodies"))]
+            links = [link for link in mappings(result.data.get("links")) if "name" in link]
             return equations.equations_of_motion(bodies, links)
     return []
 
@@ -166,7 +102,7 @@ def _laws(results: Sequence[Result]) -> list[Law]:
     """Return the laws that are more than a constant, and the effects, of the first model."""
     model = next((result.data for result in results if result.kind == "model"), {})
     laws = []
-    for link in _mappings(model.get("links")):
+    for link in mappings(model.get("links")):
         for place, letter in _PLACES:
             law = link.get(place)
             if isinstance(law, Mapping) and str(law.get("name")) not in (
@@ -174,7 +110,7 @@ def _laws(results: Sequence[Result]) -> list[Law]:
                 "constant damping",
             ):
                 laws.append(Law(f"{link.get('name')}: {law.get('name')}", _law_equation(letter, law, link)))
-    for effect in _mappings(model.get("effects")):
+    for effect in mappings(model.get("effects")):
         name, left = str(effect.get("name")), equations.symbol("f")
         laws.append(
             Law(f"{name}, at {effect.get('enters')}", equations.equation(left, str(effect.get("equation"))))
@@ -184,9 +120,9 @@ def _laws(results: Sequence[Result]) -> list[Law]:
 
 def _law_equation(letter: str, law: Data, link: Data) -> Markup:
     if letter == "T":
-        return equations.equation(equations.dotted(equations.symbol("T")), str(law.get("equation")))
-    left = Markup('<msub><mi>{}</mi><mi mathvariant="normal">{}</mi></msub><mo>(</mo><mi>T</mi><mo>)</mo>')
-    return equations.equation(left.format(letter, str(link.get("name"))), str(law.get("equation")))
+        return equations.equation(equations.symbol("T", 1), str(law.get("equation")))
+    left = equations.symbol(f"{letter}_{link.get('name')}") + Markup("<mo>(</mo><mi>T</mi><mo>)</mo>")
+    return equations.equation(left, str(law.get("equation")))
 
 
 def _picture(path: Path) -> Picture:
@@ -201,7 +137,7 @@ def _notes(found: Results) -> list[tuple[str, list[str]]]:
     groups = {"Files that could not be read": list(found.faults)}
     for result in found.results:
         for key, title in (("set_aside", "Records set aside"), ("warnings", "Warnings")):
-            for data in (_identification(result.data), result.data):
+            for data in (identification_of(result.data), result.data):
                 lines = data.get(key)
                 if isinstance(lines, list):
                     groups[title] = groups.get(title, []) + [str(line) for line in lines]
@@ -215,7 +151,7 @@ def _details(results: Sequence[Result]) -> list[Table]:
         known = {*_HEADER, *_NOTES, "errors"}
         if result.kind == "model":
             known |= set(_SHOWN_OF_MODEL)
-            for key, value in _identification(result.data).items():
+            for key, value in identification_of(result.data).items():
                 if key not in {*_HEADER, *_NOTES, "errors", "records"}:
                     tables += tables_of(value, label(key))
         if result.kind == "reproduction":
@@ -229,10 +165,11 @@ def _details(results: Sequence[Result]) -> list[Table]:
 def _made(results: Sequence[Result]) -> Table:
     rows = []
     for result in results:
-        head = {**{key: _identification(result.data).get(key) for key in _HEADER}, **_given(result.data)}
+        head = {**{key: identification_of(result.data).get(key) for key in _HEADER}, **_given(result.data)}
         rows.append(
-            (result.file, _text(head.get("command")), _text(head.get("campaign")), _text(head.get("campaign_digest")),
-             _text(head.get("seed")), number(head.get("elapsed_s"), 3), _text(head.get("program_version")), result.digest)
+            (result.file, _text(head.get("command")), _text(head.get("campaign")),
+             _text(head.get("campaign_digest")), _text(head.get("seed")), number(head.get("elapsed_s"), 3),
+             _text(head.get("program_version")), result.digest)
         )  # fmt: skip
     heads = (
         "File",
@@ -256,6 +193,11 @@ def _given(data: Data) -> Data:
 
 def _text(value: object) -> str:
     return "–" if value is None else str(value)
+
+
+def _tied(text: str) -> str:
+    """Return text whose per cent signs stay on the line of their number."""
+    return text.replace(" %", "\u00a0%")
 
 
 def _numeric(cell: object) -> bool:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import ast
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
-_GREEK = {
-    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "epsilon": "ε", "zeta": "ζ", "eta": "η", "theta": "θ",
-    "kappa": "κ", "lambda": "λ", "mu": "μ", "nu": "ν", "xi": "ξ", "pi": "π", "rho": "ρ", "sigma": "σ", "tau": "τ",
-    "phi": "φ", "chi": "χ", "psi": "ψ", "omega": "ω",
-}  # fmt: skip
 _SHORT = {"exponent": "n"}
+_UPRIGHT = Markup(' mathvariant="normal"')
+_DOTS = {1: "˙", 2: "¨"}
+_MINUS = Markup("<mo>−</mo>")
 _OPERATORS: dict[type[ast.operator], str] = {ast.Add: "+", ast.Sub: "−", ast.Mult: "\u2062"}
-_RANK: dict[type[ast.operator], int] = {ast.Add: 1, ast.Sub: 1, ast.Mult: 2, ast.Div: 3, ast.Pow: 4}
 _ATOM = 9
 _MISSING_TIMES = re.compile(r"(?<=[\w)])\s+(?=[A-Za-z_(])")
 _DEEPEST = 40
@@ -29,19 +27,23 @@ def math(*parts: str | Markup, block: bool = False) -> Markup:
     return Markup("<math{}><mrow>{}</mrow></math>").format(display, body)
 
 
-def symbol(name: str) -> Markup:
-    """Return a name as a symbol: Greek where it spells a Greek letter, what follows an underscore as subscript."""
+def symbol(name: str, dots: int = 0) -> Markup:
+    """Return a name as a symbol: Greek where it spells a letter, its tail as subscript, dots on top."""
     head, _, tail = _SHORT.get(name, name).partition("_")
-    upright = "" if len(head) == 1 or head in _GREEK else ' mathvariant="normal"'
-    base = Markup("<mi{}>{}</mi>").format(Markup(upright), _GREEK.get(head, head))
+    base = Markup("<mi{}>{}</mi>").format(Markup("") if len(_letter(head)) == 1 else _UPRIGHT, _letter(head))
+    if dots:
+        base = Markup("<mover>{}<mo>{}</mo></mover>").format(base, _DOTS[dots])
     if not tail:
         return base
-    return Markup('<msub>{}<mi mathvariant="normal">{}</mi></msub>').format(base, _GREEK.get(tail, tail))
+    return Markup("<msub>{}<mi{}>{}</mi></msub>").format(base, _UPRIGHT, _letter(tail).replace("_", " "))
 
 
-def dotted(base: Markup, dots: int = 1) -> Markup:
-    """Return a time derivative."""
-    return Markup("<mover>{}<mo>{}</mo></mover>").format(base, "˙" if dots == 1 else "¨")
+def _letter(name: str) -> str:
+    """Return the Greek letter that a name spells, or the name."""
+    try:
+        return unicodedata.lookup(f"GREEK SMALL LETTER {name.upper()}")
+    except KeyError:
+        return name
 
 
 def expression(text: str) -> Markup | None:
@@ -70,33 +72,45 @@ def _shown(node: ast.expr, depth: int) -> tuple[Markup, int]:
     if depth > _DEEPEST:
         raise ValueError("an expression to be shown must not be nested so deeply")
     match node:
-        case ast.Constant(value=bool() | str() | bytes()):
-            raise ValueError("only numbers are shown")
-        case ast.Constant(value=int() | float() as value):
+        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
             return Markup("<mn>{}</mn>").format(f"{value:.6g}"), _ATOM
         case ast.Name(id=name):
             return symbol(name), _ATOM
         case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return Markup("<mo>−</mo>") + _within(operand, 2, depth), 1
-        case ast.BinOp(left=left, op=ast.Div(), right=right):
-            top, bottom = _shown(left, depth + 1)[0], _shown(right, depth + 1)[0]
-            return Markup("<mfrac><mrow>{}</mrow><mrow>{}</mrow></mfrac>").format(top, bottom), 3
-        case ast.BinOp(left=left, op=ast.Pow(), right=right):
-            base, power = _within(left, 5, depth), _shown(right, depth + 1)[0]
-            return Markup("<msup><mrow>{}</mrow><mrow>{}</mrow></msup>").format(base, power), 4
-        case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _OPERATORS:
-            rank = _RANK[type(operator)]
-            sign = Markup("<mo>{}</mo>").format(_OPERATORS[type(operator)])
-            return _within(left, rank, depth) + sign + _within(right, rank + 1, depth), rank
+            return _MINUS + _within(operand, 2, depth), 2
+        case ast.BinOp():
+            return _operation(node, depth)
         case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
             return _call(name, arguments, depth)
     raise ValueError(f"{type(node).__name__} is not part of an expression")
 
 
-def _within(node: ast.expr, rank: int, depth: int) -> Markup:
-    """Return the MathML of a node, in parentheses where it binds less tightly than `rank`."""
+def _operation(node: ast.BinOp, depth: int) -> tuple[Markup, int]:
+    if isinstance(node.op, ast.Div):
+        top, bottom = _shown(node.left, depth + 1)[0], _shown(node.right, depth + 1)[0]
+        return Markup("<mfrac><mrow>{}</mrow><mrow>{}</mrow></mfrac>").format(top, bottom), 3
+    if isinstance(node.op, ast.Pow):
+        power = _shown(node.right, depth + 1)[0]
+        return _power(_within(node.left, 5, depth), power), 4
+    if type(node.op) not in _OPERATORS:
+        raise ValueError(f"{type(node.op).__name__} is not part of an expression")
+    rank = 2 if isinstance(node.op, ast.Mult) else 1
+    left, right = _within(node.left, rank, depth, leading=True), _within(node.right, rank + 1, depth)
+    sign = "·" if rank == 2 and right.startswith("<mn>") else _OPERATORS[type(node.op)]
+    return left + Markup("<mo>{}</mo>").format(sign) + right, rank
+
+
+def _power(base: Markup, power: Markup) -> Markup:
+    """Return a power; a fraction in the exponent is not made smaller still."""
+    return Markup('<msup><mrow>{}</mrow><mstyle displaystyle="true">{}</mstyle></msup>').format(base, power)
+
+
+def _within(node: ast.expr, rank: int, depth: int, *, leading: bool = False) -> Markup:
+    """Return a node, in parentheses where it binds less tightly or its minus would follow a sign."""
     shown, own = _shown(node, depth + 1)
-    return shown if own >= rank else Markup("<mo>(</mo>{}<mo>)</mo>").format(shown)
+    if own >= rank and (leading or not shown.startswith(_MINUS)):
+        return shown
+    return Markup("<mo>(</mo>{}<mo>)</mo>").format(shown)
 
 
 def _call(name: str, arguments: Sequence[ast.expr], depth: int) -> tuple[Markup, int]:
@@ -104,7 +118,7 @@ def _call(name: str, arguments: Sequence[ast.expr], depth: int) -> tuple[Markup,
     if name == "max" and len(arguments) == 2 and ast.unparse(arguments[1]) in ("0", "0.0"):
         return _shown(arguments[0], depth + 1)
     if name == "exp" and len(shown) == 1:
-        return Markup("<msup><mi>e</mi><mrow>{}</mrow></msup>").format(shown[0]), 4
+        return _power(Markup("<mi>e</mi>"), shown[0]), 4
     if name == "sqrt" and len(shown) == 1:
         return Markup("<msqrt>{}</msqrt>").format(shown[0]), _ATOM
     if name == "abs" and len(shown) == 1:
@@ -114,37 +128,32 @@ def _call(name: str, arguments: Sequence[ast.expr], depth: int) -> tuple[Markup,
 
 
 def equations_of_motion(bodies: Sequence[str], links: Sequence[Mapping[str, Any]]) -> list[Markup]:
-    """Return m x'' + sum of link forces = F for every body; a link's relative motion is first minus second."""
+    """Return m x'' + sum of link forces = F for every body; relative motion is first body minus second."""
     lines = []
     for body in bodies:
-        terms = Markup("{}{}").format(_of("m", body), dotted(_of("x", body), 2))
+        terms = symbol(f"m_{body}") + symbol(f"x_{body}", 2)
         for link in links:
             ends = [str(end) for end in link.get("between", ())]
             if body in ends and len(ends) == 2:
                 terms += _link_terms(link, ends, body)
-        lines.append(math(terms, Markup("<mo>=</mo>"), _of("F", body), block=True))
+        lines.append(math(terms, Markup("<mo>=</mo>"), symbol(f"F_{body}"), block=True))
     return lines
 
 
 def _link_terms(link: Mapping[str, Any], ends: Sequence[str], body: str) -> Markup:
-    sign = "+" if body == ends[0] else "−"
+    sign = Markup("<mo>{}</mo>").format("+" if body == ends[0] else "−")
+    tension = Markup("<mo>(</mo><mi>T</mi><mo>)</mo>") if link.get("law") == "bolted" else Markup("")
     terms = Markup("")
-    for letter, place, dots in (("k", "stiffness", 0), ("c", "damping", 1)):
-        if place == "stiffness" and link.get("law") == "dashpot":
-            continue
-        motions = [dotted(_of("x", end), dots) if dots else _of("x", end) for end in ends if end != "ground"]
-        if ends[0] == "ground":
-            motion = Markup("<mo>(</mo><mo>−</mo>{}<mo>)</mo>").format(motions[0])
-        elif len(motions) == 2:
-            motion = Markup("<mo>(</mo>{}<mo>−</mo>{}<mo>)</mo>").format(*motions)
-        else:
-            motion = motions[0]
-        tension = Markup("<mo>(</mo><mi>T</mi><mo>)</mo>") if link.get("law") == "bolted" else Markup("")
-        terms += Markup("<mo>{}</mo>{}{}<mo>\u2062</mo>{}").format(
-            sign, _of(letter, str(link["name"])), tension, motion
-        )
+    for letter, dots in (("k", 0), ("c", 1)):
+        if letter == "c" or link.get("law") != "dashpot":
+            terms += sign + symbol(f"{letter}_{link['name']}") + tension + _relative(ends, dots)
     return terms
 
 
-def _of(letter: str, name: str) -> Markup:
-    return Markup('<msub><mi>{}</mi><mi mathvariant="normal">{}</mi></msub>').format(letter, escape(name))
+def _relative(ends: Sequence[str], dots: int) -> Markup:
+    """Return the motion of the first body minus that of the second; ground stands still."""
+    first, second = (None if end == "ground" else symbol(f"x_{end}", dots) for end in ends)
+    if first is not None and second is None:
+        return Markup("<mo>\u2062</mo>") + first
+    parts = _MINUS + (second or Markup("")) if first is None else first + _MINUS + (second or Markup(""))
+    return Markup("<mo>(</mo>{}<mo>)</mo>").format(parts)

@@ -37,7 +37,7 @@ class Result:
 
 @dataclass(frozen=True)
 class Results:
-    """All that a folder holds: results in order, figures by name, and a line for every file that could not be read."""
+    """All that a folder holds: results in order, figures, a line for every file that could not be read."""
 
     results: tuple[Result, ...]
     figures: tuple[Path, ...]

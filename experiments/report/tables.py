@@ -25,6 +25,7 @@ _UNITS = {
 }
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _MOST_ROWS = 400
+_LONG = 12
 _MOST_VALUES = 40
 _DEEPEST = 4
 _NONE = "–"
@@ -63,16 +64,12 @@ class Table:
 
 def number(value: object, digits: int = 4) -> str:
     """Return a value for people: `digits` significant ones, powers of ten written out, a dash for nothing."""
-    if value is None:
-        return _NONE
     if isinstance(value, bool):
         return "yes" if value else "no"
-    if isinstance(value, int):
-        return str(value).replace("-", "−")
-    if not isinstance(value, float):
-        return str(value)
-    if not math.isfinite(value):
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return _NONE
+    if not isinstance(value, float):
+        return str(value).replace("-", "−", 1) if isinstance(value, int) else str(value)
     if value != 0 and not 1e-3 <= abs(value) < 1e6:
         mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
         return f"{mantissa} × 10{str(int(power)).translate(_SUPERSCRIPT)}".replace("-", "−", 1)
@@ -83,7 +80,8 @@ def number(value: object, digits: int = 4) -> str:
 def with_limits(value: object, low: object, high: object) -> tuple[str, str]:
     """Return a value and its limits, as many digits as the limits warrant."""
     if not all(isinstance(x, int | float) and math.isfinite(x) for x in (value, low, high)):
-        return number(value), _NONE
+        alone = number(value, 6)
+        return alone.rstrip("0").rstrip(".") if "." in alone and "×" not in alone else alone, _NONE
     ends = [float(x) for x in (value, low, high) if isinstance(x, int | float)]
     width, size = abs(ends[2] - ends[1]) / 2, max(abs(end) for end in ends)
     digits = 7 if width == 0 else min(max(math.floor(math.log10(size / width)) + 2, 3), 7)
@@ -166,51 +164,62 @@ def _mappings(items: object) -> list[Data]:
 
 
 def tables_of(value: object, caption: str, depth: int = 0) -> Iterator[Table]:
-    """Yield tables that show any part of a result file: rows for a list of objects, a line for every plain value."""
+    """Yield tables of any part of a result file: rows for a list of objects, a line for every plain value."""
     if isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
         yield _rows_table(value, caption)
     elif isinstance(value, list):
         if value:
-            yield Table(caption, (), ((_plain(value),),))
+            yield Table(caption, (), ((plain(value),),))
     elif isinstance(value, Mapping):
-        plain = {key: item for key, item in value.items() if _is_plain(item) or depth >= _DEEPEST}
-        if plain:
-            yield Table(caption, (), tuple((label(key), _plain(item)) for key, item in plain.items()))
+        flat = {key: item for key, item in value.items() if _is_flat(item) or depth >= _DEEPEST}
+        if flat:
+            yield Table(caption, (), tuple((label(key), plain(item)) for key, item in flat.items()))
         for key, item in value.items():
-            if key not in plain:
+            if key not in flat:
                 yield from tables_of(item, f"{caption}: {label(key).lower()}", depth + 1)
     elif value is not None:
-        yield Table(caption, (), ((_plain(value),),))
+        yield Table(caption, (), ((plain(value),),))
 
 
 def _rows_table(rows: Sequence[Data], caption: str) -> Table:
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    columns = [key for key in columns if any(row.get(key) is not None for row in rows)]
-    shown = tuple(tuple(_plain(row.get(key)) for key in columns) for row in rows[:_MOST_ROWS])
-    note = (
-        ""
-        if len(rows) <= _MOST_ROWS
-        else f"The first {_MOST_ROWS} of {len(rows)} rows; the file holds them all."
-    )
-    return Table(caption, tuple(label(key) for key in columns), shown, folded=len(rows) > 12, note=note)
+    flat = [_flattened(row) for row in rows[:_MOST_ROWS]]
+    columns = list(dict.fromkeys(head for row in flat for head in row))
+    columns = [head for head in columns if any(row.get(head, _NONE) != _NONE for row in flat)]
+    shown = tuple(tuple(row.get(head, _NONE) for head in columns) for row in flat)
+    short = len(rows) <= _MOST_ROWS
+    note = "" if short else f"The first {_MOST_ROWS} of {len(rows)} rows; the file holds them all."
+    return Table(caption, tuple(columns), shown, folded=len(rows) > _LONG, note=note)
 
 
-def _is_plain(value: object) -> bool:
+def _flattened(row: Data) -> dict[str, str]:
+    """Return cells by column head; an object within a row gets a column for each of its values."""
+    cells: dict[str, str] = {}
+    for key, value in row.items():
+        if isinstance(value, Mapping) and "value" not in value:
+            cells |= {
+                f"{label(key)}, {str(inner).replace('_', ' ')}": plain(item) for inner, item in value.items()
+            }
+        else:
+            cells[label(key)] = plain(value)
+    return cells
+
+
+def _is_flat(value: object) -> bool:
     return not isinstance(value, Mapping | list) or (
         isinstance(value, list) and not any(isinstance(item, Mapping | list) for item in value)
     )
 
 
-def _plain(value: object) -> str:
-    """Return one cell; a law or parameter object as its value with limits."""
+def plain(value: object) -> str:
+    """Return one cell: a number, text, a short list, or a parameter as its value with limits."""
     if isinstance(value, Mapping) and "value" in value:
         shown, limits = with_limits(value["value"], value.get("low"), value.get("high"))
         return f"{shown} {value.get('unit', '')}".strip() + (f" ({limits})" if limits != _NONE else "")
     if isinstance(value, Mapping):
         return "; ".join(
-            f"{label(str(key))}: {_plain(item)}" for key, item in list(value.items())[:_MOST_VALUES]
+            f"{label(str(key))}: {plain(item)}" for key, item in list(value.items())[:_MOST_VALUES]
         )
     if isinstance(value, list):
-        text = ", ".join(_plain(item) for item in value[:_MOST_VALUES])
+        text = ", ".join(plain(item) for item in value[:_MOST_VALUES])
         return text if len(value) <= _MOST_VALUES else f"{text}, … ({len(value)} values)"
     return number(value)

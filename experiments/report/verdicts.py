@@ -32,7 +32,7 @@ class Answer:
 
 
 def answer(kind: str, data: Data) -> Answer | None:
-    """Return what a result file of a kind ("model", "reproduction", ...) answers; None for an unknown kind."""
+    """Return what a result file of a kind ("model", "reproduction", ...) answers; None if unknown."""
     make = _ANSWERS.get(kind)
     return make(data) if make else None
 
@@ -49,21 +49,17 @@ def _of_model(data: Data) -> Answer | None:
         if chosen == "hold_out"
         else "the records it was fitted to (none was held out)"
     )
-    loss, rest_loss = (
-        own.get("tension_loss_error_percent_median"),
-        rest.get("tension_loss_error_percent_median"),
-    )
     sentences = [
         f"The model was identified from {number(found.get('records'))} records and checked on {whose}."
     ]
-    if loss is not None:
+    if own.get("final_tension_error_percent_median") is not None:
         sentences.append(_final_tension_sentence(own, rest))
     if own.get("motion_nrmse") is not None:
         sentences.append(f"Displacements are met within {number(100 * own['motion_nrmse'], 3)} % (NRMSE).")
     sentences += _reservations(found)
-    verdict, good = _loss_verdict(loss, rest_loss)
+    verdict, good = _loss_verdict(own, rest)
     return Answer(
-        "Which reduced-order model do these records support, and does its tension law tell how far a bolt loosens?",
+        "Which reduced-order model do these records support, and does it tell how far a bolt loosens?",
         verdict,
         tuple(sentences),
         tuple(_headlines(own, chosen)),
@@ -71,21 +67,24 @@ def _of_model(data: Data) -> Answer | None:
     )
 
 
-def _loss_verdict(loss: float | None, without: float | None) -> tuple[str, bool | None]:
+def _loss_verdict(own: Data, without: Data) -> tuple[str, bool | None]:
+    """Return the verdict on the tension law, judged against a bolt that never loosens by both measures."""
+    loss, rest = (
+        own.get("tension_loss_error_percent_median"),
+        without.get("tension_loss_error_percent_median"),
+    )
     if loss is None:
         return "The structure is identified; no loosening record tells of the bolt's tension.", None
-    against = (
-        f", where a model without loosening misses {number(without, 3)} %" if without is not None else ""
-    )
-    if without is not None and loss >= without:
-        return (
-            f"The tension law does no better than a bolt that never loosens: it misses {number(loss, 3)} % of the loss{against}.",
-            False,
-        )
-    return (
-        f"The tension law misses {number(loss, 3)} % of a record's loss of tension (median){against}.",
-        without is not None,
-    )
+    if rest is None:
+        return f"The tension law misses {number(loss, 3)} % of a record's loss of tension (median).", None
+    final, rest_final = (errors.get("final_tension_error_percent_median") for errors in (own, without))
+    own_share, rest_share = number(loss, 3), number(rest, 3)
+    against = f"it misses {own_share} % of a loss of tension (median), no loosening {rest_share} %"
+    if loss >= rest:
+        return f"The tension law does no better than a bolt that never loosens: {against}.", False
+    if final is not None and rest_final is not None and final >= rest_final:
+        return f"The tension law is better by the loss, worse by the final tension: {against}.", None
+    return f"The tension law tells more than a bolt that never loosens: {against}.", True
 
 
 def _final_tension_sentence(own: Data, rest: Data) -> str:
@@ -94,10 +93,7 @@ def _final_tension_sentence(own: Data, rest: Data) -> str:
     text = f"The final tension is off by {median} % (median; mean {mean} %, largest {most} %)"
     if rest.get("final_tension_error_percent_median") is not None:
         text += f", without loosening by {number(rest['final_tension_error_percent_median'], 3)} %"
-    return (
-        text
-        + ". That measure flatters, since a loss is a small share of the tension; the error of the loss does not."
-    )
+    return f"{text}. This measure flatters, since a loss is a small share of the tension."
 
 
 def _headlines(errors: Data, chosen: str) -> list[Headline]:
@@ -132,7 +128,7 @@ def _of_reproduction(data: Data) -> Answer | None:
     met = sum(bool(row["within"]) for row in judged)
     missed = [str(row.get("quantity")) for row in judged if not row["within"]]
     sentences = [
-        "Ours come from the virtual rig and the paper's printed parameters; the paper's raw records are not public."
+        "Ours rest on the paper's printed parameters and the virtual rig; the paper's records are not public."
     ]
     if missed:
         sentences.insert(0, f"Outside: {'; '.join(missed)}.")
@@ -151,9 +147,10 @@ def _of_prediction(data: Data) -> Answer | None:
     loss = errors.get("tension_loss_error_percent_median")
     compared, failed = errors.get("records") or 0, errors.get("failed") or 0
     if loss is not None:
-        verdict = f"With nothing fitted, the model misses {number(loss, 3)} % of a record's loss of tension (median)."
+        verdict = f"With nothing fitted, the model misses {number(loss, 3)} % of a loss of tension (median)."
     elif errors.get("motion_nrmse") is not None:
-        verdict = f"With nothing fitted, displacements are met within {number(100 * errors['motion_nrmse'], 3)} % (NRMSE)."
+        motion = number(100 * errors["motion_nrmse"], 3)
+        verdict = f"With nothing fitted, displacements are met within {motion} % (NRMSE)."
     else:
         verdict = "The model was simulated; the records hold nothing to compare it with."
     sentences = [f"{_count(compared, 'record')} compared; {failed} of the simulations did not finish."]
@@ -174,7 +171,7 @@ def _of_ranking(data: Data) -> Answer | None:
     laws = [law for law in data.get("laws") or [] if isinstance(law, Mapping)]
     if not laws:
         return None
-    best = min(laws, key=lambda law: law.get("rank") if law.get("rank") is not None else len(laws) + 1)
+    best = min(laws, key=lambda law: float(law.get("rank") or len(laws) + 1))
     sentences = []
     p = best.get("p_value_against_baseline")
     if p is not None:
@@ -191,8 +188,8 @@ def _of_ranking(data: Data) -> Answer | None:
 
 _CLOSURE = {
     "closed": "The loop closes: the added effects bring the residual down to what repeat noise explains.",
-    "no-effect": "Nothing is missing that these records could show: no effect beats the baseline beyond chance.",
-    "unexplained": "Something is still missing: a significant residual is left after the effects that helped.",
+    "no-effect": "Nothing is missing that these records show: no effect beats chance on hold-out records.",
+    "unexplained": "Something is still missing: significant residual is left beside the effects that helped.",
 }
 
 

@@ -1,0 +1,83 @@
+"""Tables that compare: the paper's numbers beside ours, laws by rank, error measures of every result file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from markupsafe import Markup
+
+from experiments.report import equations
+from experiments.report.results import Result
+from experiments.report.tables import Table, errors_table, label, number, plain
+
+Data = Mapping[str, Any]
+
+_WORDS = {
+    "model": "identified model",
+    "closure": "model before and after",
+    "reproduction": "model",
+}
+_ROW = ("quantity", "paper", "ours", "unit", "tolerance", "within")
+
+
+def comparison_tables(results: Sequence[Result]) -> list[Table]:
+    """Return every table that compares, in the order of the results."""
+    tables: list[Table | None] = []
+    for result in results:
+        errors = result.data.get("errors") or identification_of(result.data).get("errors")
+        if result.kind == "reproduction":
+            tables.append(_reproduction(result.data))
+        if result.kind == "ranking":
+            tables.append(_ranking(result.data))
+        else:
+            tables.append(errors_table(errors, f"Errors of the {_WORDS.get(result.kind, result.kind)}"))
+    return [table for table in tables if table is not None]
+
+
+def identification_of(data: Data) -> Data:
+    """Return the section of model.json that an identification writes; empty where there is none."""
+    found = data.get("identification")
+    return found if isinstance(found, Mapping) else {}
+
+
+def mappings(items: object) -> list[Data]:
+    """Return the objects of a list; nothing for anything else."""
+    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []
+
+
+def _reproduction(data: Data) -> Table | None:
+    rows = mappings(data.get("rows"))
+    columns = [*_ROW, *dict.fromkeys(key for row in rows for key in row if key not in _ROW)]
+    cells = tuple(tuple(_verdict(row, key) for key in columns) for row in rows)
+    heads = tuple(label(key) for key in columns)
+    return Table("The paper's numbers and ours", heads, cells) if cells else None
+
+
+def _verdict(row: Data, key: str) -> str:
+    return "no ✗" if key == "within" and row.get(key) is False else plain(row.get(key))
+
+
+def _ranking(data: Data) -> Table | None:
+    cells = tuple(
+        (number(law.get("rank")), str(law.get("name")), inline(law.get("equation")),
+         number(law.get("cross_validated_loss_error_percent_median"), 3), number(law.get("delta_bic"), 3),
+         number(law.get("p_value_against_baseline"), 2), str(law.get("source") or ""))
+        for law in mappings(data.get("laws"))
+    )  # fmt: skip
+    heads = (
+        "Rank",
+        "Law",
+        "Equation",
+        "Cross-validated error of the loss [%]",
+        "ΔBIC",
+        "p against the paper's law",
+        "Source",
+    )
+    return Table("Laws of loosening, ranked by re-simulation", heads, cells) if cells else None
+
+
+def inline(text: object) -> str | Markup:
+    """Return an expression typeset within a line; as it is where it is no expression."""
+    shown = equations.expression(str(text)) if text else None
+    return equations.math(shown) if shown is not None else str(text or "")
