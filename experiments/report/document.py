@@ -22,10 +22,13 @@ Data = Mapping[str, Any]
 
 _HEADER = ("format", "campaign", "program_version", "seed", "elapsed_s", "command", "campaign_digest")
 _NOTES = ("set_aside", "warnings")
-_SHOWN_OF_MODEL = (
-    "bodies", "links", "uncoupled_links", "effects", "identification", "filter", "calibration", "windows",
-    "sampling",
-)  # fmt: skip
+_SHOWN = {
+    "model": {"bodies", "links", "uncoupled_links", "effects", "identification", "filter", "calibration",
+              "windows", "sampling"},
+    "reproduction": {"rows"},
+    "ranking": {"laws"},
+    "closure": {"verdict"},
+}  # fmt: skip
 _PLACES = (("stiffness", "k"), ("damping", "c"), ("tension_rate", "T"))
 
 
@@ -82,7 +85,7 @@ def render(directory: Path) -> str:
 
 def _title(results: Sequence[Result]) -> str:
     names = dict.fromkeys(str(r.data["campaign"]) for r in results if r.data.get("campaign"))
-    return ", ".join(Path(name).name for name in names) or "Results"
+    return ", ".join(names) or "Results"
 
 
 def _present(tables: Any) -> list[Table]:
@@ -100,7 +103,7 @@ def _motion(results: Sequence[Result]) -> list[Markup]:
 
 def _laws(results: Sequence[Result]) -> list[Law]:
     """Return the laws that are more than a constant, and the effects, of the first model."""
-    model = next((result.data for result in results if result.kind == "model"), {})
+    model: Data = next((result.data for result in results if result.kind in ("model", "closure")), {})
     laws = []
     for link in mappings(model.get("links")):
         for place, letter in _PLACES:
@@ -150,12 +153,10 @@ def _details(results: Sequence[Result]) -> list[Table]:
     for result in results:
         known = {*_HEADER, *_NOTES, "errors"}
         if result.kind == "model":
-            known |= set(_SHOWN_OF_MODEL)
             for key, value in identification_of(result.data).items():
                 if key not in {*_HEADER, *_NOTES, "errors", "records"}:
                     tables += tables_of(value, label(key))
-        if result.kind == "reproduction":
-            known.add("rows")
+        known |= _SHOWN.get(result.kind, set())
         for key, value in result.data.items():
             if key not in known:
                 tables += tables_of(value, f"{label(result.kind)}: {label(key).lower()}")

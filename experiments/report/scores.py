@@ -61,6 +61,7 @@ def _verdict(row: Data, key: str) -> str:
 def _ranking(data: Data) -> Table | None:
     cells = tuple(
         (number(law.get("rank")), str(law.get("name")), inline(law.get("equation")),
+         plain(law.get("parameters")),
          number(law.get("cross_validated_loss_error_percent_median"), 3), number(law.get("delta_bic"), 3),
          number(law.get("p_value_against_baseline"), 2), str(law.get("source") or ""))
         for law in mappings(data.get("laws"))
@@ -69,6 +70,7 @@ def _ranking(data: Data) -> Table | None:
         "Rank",
         "Law",
         "Equation",
+        "Parameters",
         "Cross-validated error of the loss [%]",
         "ΔBIC",
         "p against the paper's law",

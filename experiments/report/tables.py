@@ -42,6 +42,10 @@ MEASURES = {
     "records": ("Records compared", "", 1.0),
     "failed": ("Simulations that did not finish", "", 1.0),
 }
+_IN_ROWS = {
+    "motion_nrmse": "Error of the displacement",
+    "tension_loss_error_percent_median": "Error of the loss",
+}
 _SETS = {
     "training": "training",
     "hold_out": "hold-out",
@@ -80,8 +84,7 @@ def number(value: object, digits: int = 4) -> str:
 def with_limits(value: object, low: object, high: object) -> tuple[str, str]:
     """Return a value and its limits, as many digits as the limits warrant."""
     if not all(isinstance(x, int | float) and math.isfinite(x) for x in (value, low, high)):
-        alone = number(value, 6)
-        return alone.rstrip("0").rstrip(".") if "." in alone and "×" not in alone else alone, _NONE
+        return _trimmed(number(value, 6)), _NONE
     ends = [float(x) for x in (value, low, high) if isinstance(x, int | float)]
     width, size = abs(ends[2] - ends[1]) / 2, max(abs(end) for end in ends)
     digits = 7 if width == 0 else min(max(math.floor(math.log10(size / width)) + 2, 3), 7)
@@ -171,6 +174,11 @@ def tables_of(value: object, caption: str, depth: int = 0) -> Iterator[Table]:
         if value:
             yield Table(caption, (), ((plain(value),),))
     elif isinstance(value, Mapping):
+        scored = {key: item for key, item in value.items() if any(error_columns(item))}
+        scores = errors_table(value if "motion_nrmse" in value else scored, caption)
+        if scores is not None:
+            yield scores
+            value = {} if "motion_nrmse" in value else {k: v for k, v in value.items() if k not in scored}
         flat = {key: item for key, item in value.items() if _is_flat(item) or depth >= _DEEPEST}
         if flat:
             yield Table(caption, (), tuple((label(key), plain(item)) for key, item in flat.items()))
@@ -195,12 +203,24 @@ def _flattened(row: Data) -> dict[str, str]:
     """Return cells by column head; an object within a row gets a column for each of its values."""
     cells: dict[str, str] = {}
     for key, value in row.items():
-        if isinstance(value, Mapping) and "value" not in value:
+        if any(error_columns(value)):
+            cells |= _error_cells(value)
+        elif isinstance(value, Mapping) and "value" not in value:
             cells |= {
                 f"{label(key)}, {str(inner).replace('_', ' ')}": plain(item) for inner, item in value.items()
             }
         else:
             cells[label(key)] = plain(value)
+    return cells
+
+
+def _error_cells(value: object) -> dict[str, str]:
+    """Return the two errors that tell most of every set of records, by column head."""
+    cells = {}
+    for path, errors in error_columns(value):
+        where = ", ".join(_SETS.get(key, label(key)) for key in path)
+        for key, words in _IN_ROWS.items():
+            cells[f"{words}, {where} [%]"] = _scaled(errors.get(key), MEASURES[key][2])
     return cells
 
 
@@ -214,7 +234,8 @@ def plain(value: object) -> str:
     """Return one cell: a number, text, a short list, or a parameter as its value with limits."""
     if isinstance(value, Mapping) and "value" in value:
         shown, limits = with_limits(value["value"], value.get("low"), value.get("high"))
-        return f"{shown} {value.get('unit', '')}".strip() + (f" ({limits})" if limits != _NONE else "")
+        unit = str(value.get("unit") or "")
+        return f"{shown} {'' if unit == '1' else unit}".strip() + (f" ({limits})" if limits != _NONE else "")
     if isinstance(value, Mapping):
         return "; ".join(
             f"{label(str(key))}: {plain(item)}" for key, item in list(value.items())[:_MOST_VALUES]
@@ -222,4 +243,10 @@ def plain(value: object) -> str:
     if isinstance(value, list):
         text = ", ".join(plain(item) for item in value[:_MOST_VALUES])
         return text if len(value) <= _MOST_VALUES else f"{text}, … ({len(value)} values)"
-    return number(value)
+    return _trimmed(number(value, 5))
+
+
+def _trimmed(shown: str) -> str:
+    """Return a number without the zeros at its end, which say nothing where limits are not known."""
+    mantissa, times, power = shown.partition(" × ")
+    return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + times + power
