@@ -16,7 +16,8 @@ from experiments.report import equations, verdicts
 from experiments.report.captions import caption, order
 from experiments.report.results import Result, Results, read_results
 from experiments.report.scores import comparison_tables, identification_of, mappings
-from experiments.report.tables import Table, label, number, parameters_table, tables_of
+from experiments.report.tables import Table, parameters_table, tables_of
+from experiments.report.wording import label, number
 
 Data = Mapping[str, Any]
 

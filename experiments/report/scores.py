@@ -9,7 +9,8 @@ from markupsafe import Markup
 
 from experiments.report import equations
 from experiments.report.results import Result
-from experiments.report.tables import Table, errors_table, label, number, plain
+from experiments.report.tables import Table, errors_table
+from experiments.report.wording import label, number, plain
 
 Data = Mapping[str, Any]
 
@@ -48,13 +49,19 @@ def mappings(items: object) -> list[Data]:
 
 def _reproduction(data: Data) -> Table | None:
     rows = mappings(data.get("rows"))
-    columns = [*_ROW, *dict.fromkeys(key for row in rows for key in row if key not in _ROW)]
-    cells = tuple(tuple(_verdict(row, key) for key in columns) for row in rows)
-    heads = tuple(label(key) for key in columns)
+    others = dict.fromkeys(key for row in rows for key in row if key not in {*_ROW, "bound"})
+    cells = tuple(tuple(_cell(row, key) for key in (*_ROW, *others)) for row in rows)
+    heads = tuple(label(key) for key in (*_ROW, *others))
     return Table("The paper's numbers and ours", heads, cells) if cells else None
 
 
-def _verdict(row: Data, key: str) -> str:
+def _cell(row: Data, key: str) -> str:
+    if key == "tolerance" and row.get("bound"):
+        return "not above"
+    if key in ("paper", "ours"):
+        return number(row.get(key))
+    if key == "tolerance":
+        return number(row.get(key), 2)
     return "no ✗" if key == "within" and row.get(key) is False else plain(row.get(key))
 
 

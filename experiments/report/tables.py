@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,25 +9,13 @@ from typing import Any
 from markupsafe import Markup
 
 from experiments.report import equations
+from experiments.report.wording import NONE, label, number, plain, with_limits
 
 Data = Mapping[str, Any]
 
-_UNITS = {
-    "ns_per_m": "N s/m",
-    "n_per_m": "N/m",
-    "percent": "%",
-    "hz": "Hz",
-    "kg": "kg",
-    "n": "N",
-    "s": "s",
-    "m": "m",
-}
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _MOST_ROWS = 400
 _LONG = 12
-_MOST_VALUES = 40
 _DEEPEST = 4
-_NONE = "–"
 
 MEASURES = {
     "motion_nrmse": ("Displacement, NRMSE", "%", 100.0),
@@ -64,41 +51,6 @@ class Table:
     rows: tuple[tuple[str | Markup, ...], ...]
     folded: bool = False
     note: str = ""
-
-
-def number(value: object, digits: int = 4) -> str:
-    """Return a value for people: `digits` significant ones, powers of ten written out, a dash for nothing."""
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if value is None or (isinstance(value, float) and not math.isfinite(value)):
-        return _NONE
-    if not isinstance(value, float):
-        return str(value).replace("-", "−", 1) if isinstance(value, int) else str(value)
-    if value != 0 and not 1e-3 <= abs(value) < 1e6:
-        mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
-        return f"{mantissa} × 10{str(int(power)).translate(_SUPERSCRIPT)}".replace("-", "−", 1)
-    decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0) if value else 0
-    return f"{value:.{decimals}f}".replace("-", "−")
-
-
-def with_limits(value: object, low: object, high: object) -> tuple[str, str]:
-    """Return a value and its limits, as many digits as the limits warrant."""
-    if not all(isinstance(x, int | float) and math.isfinite(x) for x in (value, low, high)):
-        return _trimmed(number(value, 6)), _NONE
-    ends = [float(x) for x in (value, low, high) if isinstance(x, int | float)]
-    width, size = abs(ends[2] - ends[1]) / 2, max(abs(end) for end in ends)
-    digits = 7 if width == 0 else min(max(math.floor(math.log10(size / width)) + 2, 3), 7)
-    shown = [number(end, digits) for end in ends]
-    return shown[0], f"{shown[1]} to {shown[2]}"
-
-
-def label(key: str) -> str:
-    """Return a key of a result file as words with its unit: "tension_n" is "Tension [N]"."""
-    for suffix, unit in _UNITS.items():
-        if key.endswith(f"_{suffix}"):
-            return f"{label(key.removesuffix(f'_{suffix}'))} [{unit}]"
-    words = str(key).replace("_", " ").strip()
-    return words[:1].upper() + words[1:]
 
 
 def error_columns(data: object, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Data]]:
@@ -170,30 +122,42 @@ def tables_of(value: object, caption: str, depth: int = 0) -> Iterator[Table]:
     """Yield tables of any part of a result file: rows for a list of objects, a line for every plain value."""
     if isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
         yield _rows_table(value, caption)
-    elif isinstance(value, list):
-        if value:
-            yield Table(caption, (), ((plain(value),),))
     elif isinstance(value, Mapping):
-        scored = {key: item for key, item in value.items() if any(error_columns(item))}
-        scores = errors_table(value if "motion_nrmse" in value else scored, caption)
-        if scores is not None:
-            yield scores
-            value = {} if "motion_nrmse" in value else {k: v for k, v in value.items() if k not in scored}
-        flat = {key: item for key, item in value.items() if _is_flat(item) or depth >= _DEEPEST}
-        if flat:
-            yield Table(caption, (), tuple((label(key), plain(item)) for key, item in flat.items()))
-        for key, item in value.items():
-            if key not in flat:
-                yield from tables_of(item, f"{caption}: {label(key).lower()}", depth + 1)
-    elif value is not None:
+        yield from _tables_of_object(value, caption, depth)
+    elif value is not None and value != []:
         yield Table(caption, (), ((plain(value),),))
+
+
+def _tables_of_object(value: Data, caption: str, depth: int) -> Iterator[Table]:
+    if "motion_nrmse" in value:
+        yield from _present(errors_table(value, caption))
+        return
+    scored = {key: item for key, item in value.items() if any(error_columns(item))}
+    yield from _present(errors_table(scored, caption))
+    rest = {key: item for key, item in value.items() if key not in scored}
+    if len(rest) > 1 and all(
+        isinstance(item, Mapping) and all(map(_is_flat, item.values())) for item in rest.values()
+    ):
+        yield _rows_table([{"": key, **item} for key, item in rest.items()], caption)
+        return
+    flat = {key: item for key, item in rest.items() if _is_flat(item) or depth >= _DEEPEST}
+    if flat:
+        yield Table(caption, (), tuple((label(key), plain(item)) for key, item in flat.items()))
+    for key, item in rest.items():
+        if key not in flat:
+            yield from tables_of(item, f"{caption}: {label(key).lower()}", depth + 1)
+
+
+def _present(table: Table | None) -> Iterator[Table]:
+    if table is not None:
+        yield table
 
 
 def _rows_table(rows: Sequence[Data], caption: str) -> Table:
     flat = [_flattened(row) for row in rows[:_MOST_ROWS]]
     columns = list(dict.fromkeys(head for row in flat for head in row))
-    columns = [head for head in columns if any(row.get(head, _NONE) != _NONE for row in flat)]
-    shown = tuple(tuple(row.get(head, _NONE) for head in columns) for row in flat)
+    columns = [head for head in columns if any(row.get(head, NONE) != NONE for row in flat)]
+    shown = tuple(tuple(row.get(head, NONE) for head in columns) for row in flat)
     short = len(rows) <= _MOST_ROWS
     note = "" if short else f"The first {_MOST_ROWS} of {len(rows)} rows; the file holds them all."
     return Table(caption, tuple(columns), shown, folded=len(rows) > _LONG, note=note)
@@ -228,25 +192,3 @@ def _is_flat(value: object) -> bool:
     return not isinstance(value, Mapping | list) or (
         isinstance(value, list) and not any(isinstance(item, Mapping | list) for item in value)
     )
-
-
-def plain(value: object) -> str:
-    """Return one cell: a number, text, a short list, or a parameter as its value with limits."""
-    if isinstance(value, Mapping) and "value" in value:
-        shown, limits = with_limits(value["value"], value.get("low"), value.get("high"))
-        unit = str(value.get("unit") or "")
-        return f"{shown} {'' if unit == '1' else unit}".strip() + (f" ({limits})" if limits != _NONE else "")
-    if isinstance(value, Mapping):
-        return "; ".join(
-            f"{label(str(key))}: {plain(item)}" for key, item in list(value.items())[:_MOST_VALUES]
-        )
-    if isinstance(value, list):
-        text = ", ".join(plain(item) for item in value[:_MOST_VALUES])
-        return text if len(value) <= _MOST_VALUES else f"{text}, … ({len(value)} values)"
-    return _trimmed(number(value, 5))
-
-
-def _trimmed(shown: str) -> str:
-    """Return a number without the zeros at its end, which say nothing where limits are not known."""
-    mantissa, times, power = shown.partition(" × ")
-    return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + times + power

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from experiments.report.tables import number
+from experiments.report.wording import number
 
 Data = Mapping[str, Any]
 

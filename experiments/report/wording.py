@@ -1,0 +1,78 @@
+"""Values and keys of result files in words: numbers for people, limits, units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+_UNITS = {
+    "s3_per_m4": "s³/m⁴",
+    "ns_per_m": "N s/m",
+    "n_per_m": "N/m",
+    "percent": "%",
+    "hz": "Hz",
+    "kg": "kg",
+    "n": "N",
+    "s": "s",
+    "m": "m",
+}
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_MOST_VALUES = 40
+NONE = "–"
+
+
+def number(value: object, digits: int = 4) -> str:
+    """Return a value for people: `digits` significant ones, powers of ten written out, a dash for nothing."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return NONE
+    if not isinstance(value, float):
+        return str(value).replace("-", "−", 1) if isinstance(value, int) else str(value)
+    if value != 0 and not 1e-3 <= abs(value) < 1e6:
+        mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+        return f"{mantissa} × 10{str(int(power)).translate(_SUPERSCRIPT)}".replace("-", "−", 1)
+    decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0) if value else 0
+    return f"{value:.{decimals}f}".replace("-", "−")
+
+
+def with_limits(value: object, low: object, high: object) -> tuple[str, str]:
+    """Return a value and its limits, as many digits as the limits warrant."""
+    if not all(isinstance(x, int | float) and math.isfinite(x) for x in (value, low, high)):
+        return _trimmed(number(value, 6)), NONE
+    ends = [float(x) for x in (value, low, high) if isinstance(x, int | float)]
+    width, size = abs(ends[2] - ends[1]) / 2, max(abs(end) for end in ends)
+    digits = 7 if width == 0 else min(max(math.floor(math.log10(size / width)) + 2, 3), 7)
+    shown = [number(end, digits) for end in ends]
+    return shown[0], f"{shown[1]} to {shown[2]}"
+
+
+def label(key: str) -> str:
+    """Return a key of a result file as words with its unit: "tension_n" is "Tension [N]"."""
+    for suffix, unit in _UNITS.items():
+        if key.endswith(f"_{suffix}"):
+            return f"{label(key.removesuffix(f'_{suffix}'))} [{unit}]"
+    words = str(key).replace("_", " ").strip()
+    return words[:1].upper() + words[1:]
+
+
+def plain(value: object) -> str:
+    """Return one cell: a number, text, a short list, or a parameter as its value with limits."""
+    if isinstance(value, Mapping) and "value" in value:
+        shown, limits = with_limits(value["value"], value.get("low"), value.get("high"))
+        unit = str(value.get("unit") or "")
+        return f"{shown} {'' if unit == '1' else unit}".strip() + (f" ({limits})" if limits != NONE else "")
+    if isinstance(value, Mapping):
+        return "; ".join(
+            f"{label(str(key))}: {plain(item)}" for key, item in list(value.items())[:_MOST_VALUES]
+        )
+    if isinstance(value, list):
+        text = ", ".join(plain(item) for item in value[:_MOST_VALUES])
+        return text if len(value) <= _MOST_VALUES else f"{text}, … ({len(value)} values)"
+    return _trimmed(number(value, 5))
+
+
+def _trimmed(shown: str) -> str:
+    """Return a number without the zeros at its end, which say nothing where limits are not known."""
+    mantissa, times, power = shown.partition(" × ")
+    return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + times + power
