@@ -241,13 +241,13 @@ def simulate(
     last = np.array([samples - 1, samples - 1])
     task = Task(rate, driven, assembly.active, _fixed(forces), motion, tensions, last, tolerance)
     out = np.full((3 * bodies + int(assembly.program.size[1:].sum()), samples), np.nan)
-    report = np.zeros(6)
+    report = np.zeros(6 + int(assembly.program.size[2]))
     integrate(assembly.program, assembly.coefficients, task, report, out)
     return _response(structure, rate, out, report)
 
 
 def _response(structure: Structure, rate: float, out: FloatArray, report: FloatArray) -> Response:
-    steps, motion_error, tension_error, reached, peak, loss = report
+    steps, motion_error, tension_error, reached, peak, loss = report[:6]
     n, bolts = len(structure.bodies), structure.bolted_links
 
     def by_body(rows: FloatArray) -> Mapping[str, FloatArray]:
@@ -307,7 +307,8 @@ def final_tension(
         window,
         TOLERANCE,
     )
-    result: FloatArray = integrate_cases(assembly.program, coefficients, task, np.zeros((cases, 6)))
+    reports = np.zeros((cases, 6 + int(assembly.program.size[2])))
+    result: FloatArray = integrate_cases(assembly.program, coefficients, task, reports)
     return result[:, 0] if bolts == 1 else result
 
 
@@ -321,7 +322,7 @@ def _finite(name: str, values: npt.ArrayLike, axes: tuple[str, ...] = ()) -> Flo
 
 
 def _fixed(force: FloatArray) -> FloatArray:
-    """A read-only view: kernels are compiled for one kind of array, whether a record is mapped or in memory."""
+    """A read-only view: kernels are compiled for one kind of array, mapped from a file or in memory."""
     view = force.view()
     view.flags.writeable = False
     return view

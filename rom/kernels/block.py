@@ -13,7 +13,7 @@ from rom.kernels.propagators import INTEGRAL, NODES, SAMPLE, SIMPSON, TICKS, Pro
 
 SWEEPS = 12
 # places in Block.change: what the last sweep changed, and what decides how much the next one would
-FORCE, TENSION, STIFFNESS, DAMPING, SHARPNESS = range(5)
+FORCE, TENSION, STATE, STIFFNESS, DAMPING, SHARPNESS = range(6)
 
 
 class Block(NamedTuple):
@@ -28,7 +28,7 @@ class Block(NamedTuple):
     base: Any  # (active link, 2): stiffness and damping of the linear part
     active: Any  # (active links,)
     spare: Any  # (1,): where an effect puts its tension rate
-    change: Any  # (5,): see above
+    change: Any  # (6,): see above
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -172,23 +172,27 @@ def _collocate_motion(block: Block, H: Any, level: int) -> None:
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _collocate_rates(block: Block, d: float) -> None:
     """Tension changes and states at nodes 1 to 4 from the rates at all nodes."""
-    block.change[TENSION] = 0.0
+    block.change[TENSION] = block.change[STATE] = 0.0
     for i in range(block.z.shape[1]):
+        change = size = 0.0
         for node in range(1, NODES):
             total = 0.0
             for other in range(NODES):
                 total += INTEGRAL[node, other] * block.r[other, i]
             total = block.z[0, i] + d * total
-            if i < block.start.size:
-                block.change[TENSION] = max(block.change[TENSION], abs(total - block.z[node, i]))
+            change, size = max(change, abs(total - block.z[node, i])), max(size, abs(total))
             block.z[node, i] = total
+        if i < block.start.size:
+            block.change[TENSION] = max(block.change[TENSION], change)
+        elif size > 0.0:
+            block.change[STATE] = max(block.change[STATE], change / size)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def solve(
     program: Program, p: Any, block: Block, H: Any, level: int, t: float, d: float, goal: Any, mobility: float
 ) -> bool:
-    """Sweep until the next change would be below the goals, an impulse [N s] and a tension [N]."""
+    """Sweep until the next change would be below the goals: impulse [N s], tension [N], state (relative)."""
     for node in range(1, NODES):
         for a in range(block.active.size):
             block.N[node, a] = block.N[0, a]
@@ -202,7 +206,7 @@ def solve(
         evaluate(program, p, block, 1, t, d)
         _collocate_motion(block, H, level)
         _collocate_rates(block, d)
-        now = max(4.0 * d * change[FORCE] / goal[0], change[TENSION] / goal[1])
+        now = max(4.0 * d * change[FORCE] / goal[0], change[TENSION] / goal[1], change[STATE] / goal[2])
         if not np.isfinite(now):
             return False
         contraction = 1.0
@@ -237,14 +241,19 @@ def _quadrature_error(values: Any, column: int, d: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def errors(block: Block, d: float) -> Any:
-    """Estimated errors of a block: the largest of a link's impulse [N s] and of a tension [N]."""
-    impulse = tension = 0.0
+def errors(block: Block, d: float, scale: Any) -> Any:
+    """Estimated errors of a block: the largest of impulses [N s], of tensions [N], of states (relative)."""
+    impulse = tension = state = 0.0
     for a in range(block.active.size):
         impulse = max(impulse, _quadrature_error(block.N, a, d))
-    for b in range(block.start.size):
-        tension = max(tension, _quadrature_error(block.r, b, d))
-    return impulse, tension
+    tensions = block.start.size
+    for i in range(block.z.shape[1]):
+        error = _quadrature_error(block.r, i, d)
+        if i < tensions:
+            tension = max(tension, error)
+        else:
+            state = max(state, error / scale[2 + i - tensions])
+    return impulse, tension, state
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -58,7 +58,7 @@ class Task(NamedTuple):
 SPREAD, LEAST = 0.5, 0.002  # a block of d seconds may spend d / SPREAD of the tolerance, or LEAST of it
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
-STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS = range(6)
+STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -89,7 +89,7 @@ def _prepare(program: Program, p: Any, task: Task) -> Any:
         np.zeros((active, 2)),
         task.active,
         np.zeros(1),
-        np.zeros(5),
+        np.zeros(6),
     )
     largest = 1.0
     for T in task.tensions:
@@ -157,6 +157,8 @@ def _account(program: Program, block: Block, impulse: float, tension: float, rep
         report[PEAK] = max(report[PEAK], abs(block.y[NODES - 1, i]))
     for b in range(block.start.size):
         report[LOSS] = max(report[LOSS], abs(block.z[NODES - 1, b]))
+    for i in range(program.size[2]):
+        report[STATES + i] = max(report[STATES + i], abs(block.z[NODES - 1, block.start.size + i]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -176,10 +178,11 @@ def _leg(
         d, t = sample * 2.0**level / TICKS, tick * sample / TICKS
         allowed = task.tolerance * max(4.0 * d / SPREAD, LEAST)
         free_motion(block.free, block.y, tables.E, tables.W, task.force, level, tick)
-        goal = (0.1 * allowed * scale[0] / mobility, 0.1 * allowed * scale[1])
+        change = max(0.1 * allowed, 1e-13)  # sweeps end at rounding
+        goal = (change * scale[0] / mobility, change * scale[1], change)
         solved = solve(program, p, block, tables.H, level, t, d, goal, 2.0 * mobility)
-        impulse, tension = errors(block, d)
-        error = max(impulse * mobility / scale[0], tension / scale[1])
+        impulse, tension, state = errors(block, d, scale)
+        error = max(impulse * mobility / scale[0], tension / scale[1], state)
         if level > 0 and not (solved and error <= allowed):
             level -= 1
             continue
@@ -254,14 +257,16 @@ def _expected(program: Program, p: Any, task: Task) -> Any:
             loss = max(loss, min(abs(rate) * 1e-3, T))
     if not loss > 0.0:
         loss = 1e-3
-    return np.array([max(velocity, 1e-12), loss])
+    scale = np.full(2 + program.size[2], np.inf)  # no state is known before the first run
+    scale[0], scale[1] = max(velocity, 1e-12), loss
+    return scale
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def integrate(program: Program, p: Any, task: Task, report: Any, out: Any) -> Any:
     """Integrate over a record; its own peak velocity and loss of tension are the scale of its errors.
 
-    Fills ``report`` (6,) and, unless empty, ``out``, shape (2 bodies + tensions + states + bodies, samples):
+    Fills ``report`` (6 + states,) and, unless empty, ``out``, shape (3 bodies + tensions + states, samples):
     displacements, velocities, tensions, states, accelerations. Returns the mean change of the tensions
     over the window, shape (tensions,); the run is complete where ``report[REACHED]`` counts all samples.
     """
@@ -271,8 +276,11 @@ def integrate(program: Program, p: Any, task: Task, report: Any, out: Any) -> An
         _run(program, p, task, scale, report, total, out)
         motion = report[MOTION_ERROR] > 20.0 * task.tolerance * report[PEAK]
         tension = report[TENSION_ERROR] > 20.0 * task.tolerance * report[LOSS]
-        if report[REACHED] < task.force.shape[1] or not (motion or tension):
+        unknown = program.size[2] > 0 and np.isinf(scale[-1])
+        if report[REACHED] < task.force.shape[1] or not (motion or tension or unknown):
             break
+        for i in range(program.size[2]):
+            scale[2 + i] = max(report[STATES + i], 1e-300)
         if motion:
             scale[0] = min(scale[0], report[PEAK])
         if tension:

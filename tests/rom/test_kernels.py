@@ -1,0 +1,158 @@
+# ruff: noqa: ARG001 - effects have the arguments of their place
+"""Order of convergence for each kind of term, energy balance, and effects with states."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rom.effects.effect import Effect
+from rom.kernels.block import advance, free_motion, solve
+from rom.kernels.exponential import Task, _prepare
+from rom.kernels.propagators import NODES, SAMPLE, TICKS, build
+from rom.laws import Parameter, constant_damping, constant_stiffness, no_loosening, power_loosening
+from rom.model import LinkLaws, Model
+from rom.parameters.he_2025 import paper_model
+
+RATE = 19200.0
+
+
+def cubic(t, x, v, T, k, c, s, p, ds, dT):
+    return p[0] * x * x * x
+
+
+def maxwell(t, x, v, T, k, c, s, p, ds, dT):
+    ds[0] = v - s[0] / p[1]
+    return p[0] * s[0]
+
+
+def jenkins(t, x, v, T, k, c, s, p, ds, dT):
+    """A spring kappa k in series with a slider of strength mu T, in place of a share kappa of the joint."""
+    spring = p[0] * k
+    limit = p[1] * max(T, 0.0)
+    force = min(max(spring * s[0], -limit), limit)
+    slips = abs(spring * s[0]) >= limit and s[0] * v > 0.0
+    ds[0] = 0.0 if slips else v
+    return force - spring * x
+
+
+def meter(t, x, v, T, k, c, s, p, ds, dT):
+    ds[0] = (k * x + c * v) * v
+    return 0.0
+
+
+def effect(name, function, states, enters="joint", **values):
+    parameters = {key: Parameter(value, "SI") for key, value in values.items()}
+    return Effect(name, enters, "", parameters, function, states, on_disk=False)
+
+
+def with_joint(model: Model, **laws) -> Model:
+    joint = replace(model.link_laws["joint"], **laws)
+    return replace(model, link_laws={**model.link_laws, "joint": joint})
+
+
+def constant_joint() -> LinkLaws:
+    return LinkLaws(constant_stiffness(5e5), constant_damping(200.0), no_loosening())
+
+
+def marched(model: Model, level: int, samples: int) -> np.ndarray:
+    """State after a free motion in blocks of one level: the motion, the tension's change, the states."""
+    assembly, force = model.assembly, np.zeros((1, samples + 1))
+    force.flags.writeable = False
+    start, last = np.array([1e-4, -1e-4, 0.03, -0.05]), np.array([samples, samples])
+    task = Task(RATE, np.array([0]), assembly.active, force, start, np.array([20.0]), last, 1e-9)
+    program, p = assembly.program, assembly.coefficients
+    block, tables = _prepare(program, p, task)
+    build(tables, max(level, SAMPLE), 1 / RATE)
+    d = 2.0**level / TICKS / RATE
+    for number in range(samples * TICKS // (4 * 2**level)):
+        tick = number * 4 * 2**level
+        free_motion(block.free, block.y, tables.E, tables.W, force, level, tick)
+        solve(program, p, block, tables.H, level, tick / TICKS / RATE, d, (1e-14, 1e-13, 1e-14), 2.0)
+        advance(block)
+    return np.concatenate([block.y[0], block.z[0]])
+
+
+TERMS = {
+    "stiffness and damping of the tension": lambda m: with_joint(m, tension_rate=power_loosening(3e6)),
+    "tension law": lambda m: with_joint(
+        m,
+        stiffness=constant_stiffness(5e5),
+        damping=constant_damping(200.0),
+        tension_rate=power_loosening(3e6),
+    ),
+    "force": lambda m: with_joint(m, tension_rate=no_loosening()).with_effect(
+        effect("cubic", cubic, 0, k3=5e13)
+    ),
+    "state": lambda m: with_joint(m, tension_rate=no_loosening()).with_effect(
+        effect("maxwell", maxwell, 1, k_m=2e5, tau=5e-4)
+    ),
+}
+
+
+@pytest.mark.parametrize("term", TERMS)
+def test_every_kind_of_term_converges_with_fifth_order_or_better(term):
+    model = TERMS[term](paper_model())
+    finest = marched(model, 2, 64)
+    moved = finest != 0.0
+    finest = finest[moved]
+    errors = [np.linalg.norm(marched(model, level, 64)[moved] / finest - 1.0) for level in (3, 4, 5)]
+    assert errors[0] < 1e-7
+    assert math.log2(errors[2] / errors[1]) > 4.5
+    assert math.log2(errors[1] / errors[0]) > 4.5
+
+
+def test_the_linear_part_is_exact_at_any_length_of_block():
+    model = replace(paper_model(), link_laws={**paper_model().link_laws, "joint": constant_joint()})
+    short, long = marched(model, 2, 256), marched(model, 10, 256)
+    assert abs(long - short)[: NODES - 1].max() < 1e-12
+
+
+@pytest.mark.parametrize("tension", [6.4, 20.0, 61.3, 152.7, 317.0, 2999.3])
+def test_work_of_the_force_is_kinetic_potential_and_dissipated_energy(tension):
+    model = paper_model()
+    for link in model.structure.link_names:
+        model = model.with_effect(effect("meter", meter, 1, enters=link))
+    time = np.arange(9600) / RATE
+    force = 1608.7 * np.sin(np.pi * time / 0.65e-3) * (time < 0.65e-3)
+    response = model.simulate({"lo": force}, RATE, tension, tolerance=1e-8)
+    v, a, h = response.velocity["lo"], response.acceleration["lo"], 1 / RATE
+    # integral of a linear force times the velocity's Hermite cubic
+    work = h * np.sum(
+        force[:-1] * (0.35 * v[:-1] + 0.15 * v[1:] + h * (a[:-1] / 20 - a[1:] / 30))
+        + force[1:] * (0.15 * v[:-1] + 0.35 * v[1:] + h * (a[:-1] / 30 - a[1:] / 20))
+    )
+    kinetic = 0.5 * (8.625 * v[-1] ** 2 + 0.9888 * response.velocity["so"][-1] ** 2)
+    assert kinetic + response.states[:, -1].sum() == pytest.approx(work, rel=1e-6)
+
+
+def test_a_slider_with_memory_slips_at_its_limit_and_follows_the_fine_solution():
+    slider = effect("jenkins-slip", jenkins, 1, kappa=0.9, mu=0.15)
+    model = paper_model().with_effect(slider)
+    time = np.arange(3840) / RATE
+    force = 1608.7 * np.sin(np.pi * time / 0.65e-3) * (time < 0.65e-3)
+    response = model.simulate({"lo": force}, RATE, 152.7)
+    spring = 0.9 * paper_model().link_laws["joint"].stiffness(response.tension) * response.states[0]
+    assert abs(spring).max() == pytest.approx(0.15 * 152.7, rel=0.2)
+    fine = model.simulate({"lo": np.interp(np.arange(4 * 3840) / 4, np.arange(3840), force)}, 4 * RATE, 152.7)
+    x, x_fine = response.displacement["lo"], fine.displacement["lo"][::4]
+    assert abs(x - x_fine).max() < 1e-3 * abs(x).max()
+    without = paper_model().simulate({"lo": force}, RATE, 152.7)
+    assert abs(x - without.displacement["lo"]).max() > 0.05 * abs(x).max()
+
+
+def test_a_body_effect_acts_on_its_body_alone():
+    spring = effect("cubic", cubic, 0, enters="body:so", k3=1e10)
+    force = np.zeros(960)
+    force[10:20] = 1000.0
+    plain = paper_model().simulate({"lo": force}, RATE, 300.0)
+    held = paper_model().with_effect(spring).simulate({"lo": force}, RATE, 300.0)
+    at = np.argmax(abs(held.displacement["so"]))
+    x, v = held.displacement["so"][at], held.velocity["so"][at]
+    joint = paper_model().link_laws["joint"]
+    relative = held.displacement["lo"][at] - x, held.velocity["lo"][at] - v
+    expected = joint.stiffness(held.tension[at]) * relative[0] + joint.damping(held.tension[at]) * relative[1]
+    expected -= 91800.0 * x + 2.696 * v + 1e10 * x**3
+    assert held.acceleration["so"][at] == pytest.approx(expected / 0.9888, rel=1e-9)
+    assert abs(held.displacement["so"] - plain.displacement["so"]).max() > 1e-6
