@@ -70,7 +70,7 @@ def identification_figures(
     """
     model, gamma = identification.model, identification.gamma
     tensions = np.array([*(j.tension for j in identification.joint), *(g.initial for g in gamma)])
-    if calibration is None and model.calibration:
+    if calibration is None and model.calibration and model.structure.bolted_links:
         calibration = Calibration(tuple(model.calibration))
     joint, uncoupled = identification.joint, identification.uncoupled
     modes = any(j.first_mode is not None for j in joint)
