@@ -18,6 +18,7 @@ from rom.laws import Law, Parameter
 
 Curve = Callable[[Law, FloatArray], FloatArray]
 _TINY = 1e-300
+_LEAST_INFORMATION = 1e-9  # of the best told direction of the parameters, to a direction
 
 
 @dataclass(frozen=True)
@@ -88,12 +89,23 @@ def fit_law(
         if settled:
             break
     jacobian = _whitener(log_covariance, scatter) @ _log_jacobian(law, free, tension, curve)
-    covariance = np.asarray(np.linalg.pinv(jacobian.T @ jacobian), dtype=np.float64)
+    covariance = covariance_of(jacobian)
     fitted = curve(law, tension)
     spread = float(np.sum((values - values.mean()) ** 2))
     r_squared = 1 - float(np.sum((values - fitted) ** 2)) / spread if spread > 0 else float("nan")
     limited = with_limits(law, free, covariance, len(values) - len(free))
     return LawFit(limited, tuple(free), covariance, scatter, r_squared, tuple(records), curve)
+
+
+def covariance_of(jacobian: FloatArray) -> FloatArray:
+    """Return (J^T J)^-1 of a whitened Jacobian (values, parameters); what no value tells has a huge variance.
+
+    Columns are scaled first, for parameters may differ by ten orders of magnitude.
+    """
+    scale = np.maximum(np.linalg.norm(jacobian, axis=0), _TINY)
+    _, size, directions = np.linalg.svd(jacobian / scale, full_matrices=False)
+    spread = directions.T / np.maximum(size, _LEAST_INFORMATION * size.max()) / scale[:, None]
+    return np.asarray(spread @ spread.T, dtype=np.float64)
 
 
 def with_limits(law: Law, free: Sequence[str], covariance: FloatArray, degrees_of_freedom: int) -> Law:

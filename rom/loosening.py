@@ -16,13 +16,14 @@ from scipy import optimize
 from scipy.optimize import elementwise
 
 from rom.channels import FloatArray
-from rom.law_fits import LawFit, excess_scatter, gamma_curve, with_limits
+from rom.law_fits import LawFit, covariance_of, excess_scatter, gamma_curve, with_limits
 from rom.laws import power_loosening
 from rom.model import LinkLaws, Model
 
 GAMMA_BOUND = 1e10
 _REFINEMENTS = 3
 _PROBE = 100.0  # loosens by a small share, yet far above rounding
+_LEAST_EXPOSURE = 1e-30  # a touch so weak that the probe's loss is lost in rounding
 _NEVER = 1e12  # stands for the tension of a simulation that tightened beyond all bounds [N]
 
 
@@ -134,7 +135,8 @@ def _small_loss_gamma(
     probe = np.full(len(cases), _PROBE)
     initial = np.array([case.initial for case in cases])
     exposure = np.log(initial / final_tensions(trial, cases, window_s, probe)) / probe
-    return np.asarray(np.log(initial / np.maximum([case.final for case in cases], 1e-3 * initial)) / exposure)
+    final = np.maximum([case.final for case in cases], 1e-3 * initial)
+    return np.asarray(np.log(initial / final) / np.maximum(np.nan_to_num(exposure), _LEAST_EXPOSURE))
 
 
 def refine_gamma_law(
@@ -167,7 +169,7 @@ def refine_gamma_law(
             diff_step=np.full(len(values), 1e-4), xtol=1e-6, ftol=1e-8,
         )  # fmt: skip
         values, jacobian = found.x, np.asarray(found.jac)
-        covariance = np.asarray(np.linalg.pinv(jacobian.T @ jacobian), dtype=np.float64)
+        covariance = covariance_of(jacobian)
         scatter = excess_scatter(found.fun / weight, noise, len(values))
     law = fit.law.with_values(**dict(zip(fit.free, values, strict=True)))
     limited = with_limits(law, fit.free, covariance, len(used) - len(fit.free))
