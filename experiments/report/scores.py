@@ -68,7 +68,7 @@ def _cell(row: Data, key: str) -> str:
 def _ranking(data: Data) -> Table | None:
     cells = tuple(
         (number(law.get("rank")), str(law.get("name")), inline(law.get("equation")),
-         plain(law.get("parameters")),
+         _parameters(law.get("parameters")),
          number(law.get("cross_validated_loss_error_percent_median"), 3), number(law.get("delta_bic"), 3),
          number(law.get("p_value_against_baseline"), 2), str(law.get("source") or ""))
         for law in mappings(data.get("laws"))
@@ -84,6 +84,11 @@ def _ranking(data: Data) -> Table | None:
         "Source",
     )
     return Table("Laws of loosening, ranked by re-simulation", heads, cells) if cells else None
+
+
+def _parameters(parameters: object) -> str:
+    items = parameters.items() if isinstance(parameters, Mapping) else ()
+    return "; ".join(f"{name} = {plain(parameter)}" for name, parameter in items)
 
 
 def inline(text: object) -> str | Markup:
