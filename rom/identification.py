@@ -132,8 +132,8 @@ def _model(
         if link.law == "bolted":
             found, without = _bolted_laws(link, joint), None
         else:
-            without = _linear_laws(link.name, linear, cycled, bolted_in=False)
-            found = _linear_laws(link.name, linear, cycled, bolted_in=True) or without
+            without = _linear_laws(link, linear, cycled, bolted_in=False)
+            found = _linear_laws(link, linear, cycled, bolted_in=True) or without
         if without is not None:
             uncoupled[link.name] = without
         if found is None:
@@ -183,11 +183,19 @@ def _bolted_laws(link: LinkSettings, joint: tuple[LawFit | None, LawFit | None])
 
 
 def _linear_laws(
-    link: str, linear: OutputErrorFit | None, cycled: Sequence[tuple[str, float, float]], *, bolted_in: bool
+    settings: LinkSettings,
+    linear: OutputErrorFit | None,
+    cycled: Sequence[tuple[str, float, float]],
+    *,
+    bolted_in: bool,
 ) -> LinkLaws | None:
     """Return constant laws, None where no record tells them; the dynamic fit goes before cycled records."""
+    link, dashpot = settings.name, settings.law == "dashpot"
     stiffness, damping = LinearNames.stiffness(link, bolted_in=bolted_in), LinearNames.damping(link)
-    if linear is not None and (stiffness in linear.names or (bolted_in and damping in linear.names)):
+    told = (
+        stiffness in linear.names or (dashpot and bolted_in and damping in linear.names) if linear else False
+    )
+    if linear is not None and told:
         k = _constant(constant_stiffness, "k", linear, stiffness)
         return LinkLaws(k, _constant(constant_damping, "c", linear, damping))
     own = [(k, c) for name, k, c in cycled if name == link]

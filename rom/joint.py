@@ -17,7 +17,7 @@ from rom.output_error import OutputErrorFit
 from rom.reduction import FirstMode, ReducedRecord
 
 MODAL_LIMIT = 0.2  # largest damping ratio of any mode at which Eq. 7 is to be trusted
-LEAST_FOR_A_CURVE = 5
+LEAST_FOR_A_CURVE = 3
 WIDE_ENOUGH = 3.0  # a curve needs tensions that span at least this factor
 
 

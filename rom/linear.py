@@ -29,6 +29,7 @@ _BEFORE_IMPACT_S = 0.1
 _SPLIT = 4.0  # above this multiple of the strongest frequency the first second says all
 _BRIEF_S = 0.5
 _BRIEF_PERIODS = 16
+_NEAR_HALF_RATE = 0.7
 _FORCE_BAND = 1e-2  # lines weaker than this share of the strongest force line say nothing of the structure
 
 
@@ -99,7 +100,7 @@ def _part(
     group = f"{measurement.test}:{','.join(bodies)}:{stop - start}"
     return SpectralRecord(
         measurement.file, group, frequency, force_spectrum, motion_spectrum, orders, terms, local,
-        _force_errors(measurement),
+        _force_errors(measurement), _sampling_errors(measurement),
     )  # fmt: skip
 
 
@@ -117,6 +118,19 @@ def _force_errors(measurement: Measurement) -> tuple[float, float]:
     return noise * np.sqrt(len(inside)) / impulse, noise * float(
         np.sqrt(np.sum((inside - inside.mean()) ** 2))
     ) / impulse
+
+
+def _sampling_errors(measurement: Measurement) -> tuple[float, float]:
+    """Return the standard errors of an impulse (relative) and of its instant [s] from the samples' spacing.
+
+    A spectrum that falls with 1/f^2 or faster is a quarter at the sampling rate of what it is at half of it,
+    and there it folds onto the lowest lines, with a slope of one part in half the rate.
+    """
+    if measurement.impact_s is None:
+        return (0.0, 0.0)
+    lines = np.abs(np.fft.rfft(max(measurement.force.values(), key=lambda f: float(np.abs(f).max()))))
+    folded = float(lines[int(_NEAR_HALF_RATE * len(lines)) :].max() / lines.max()) / 4
+    return folded, folded / (np.pi * measurement.rate_hz)
 
 
 def _band(force: FloatArray, rate_hz: float, lowest_hz: float) -> tuple[float, float]:

@@ -63,7 +63,8 @@ class SpectralRecord:
 
     `local` names the terms that belong to this record alone; the others have one value for all records.
     `force_errors` are the standard errors of the force's relative gain and of its delay [s] that the hammer's
-    noise leaves; they are estimated beside the end states, within their own spread.
+    noise leaves, `sampling_errors` those that a pulse of few samples leaves, in the acceleration during the
+    contact as well; they are estimated beside the end states, within their own spread.
     """
 
     file: str
@@ -75,6 +76,7 @@ class SpectralRecord:
     terms: tuple[Term, ...]
     local: frozenset[str] = frozenset()
     force_errors: tuple[float, float] = (0.0, 0.0)
+    sampling_errors: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -158,9 +160,10 @@ def _linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Co
         axis=2,
     )
     forced = (gain @ record.force[:, :, None])[:, :, 0]
-    spread = np.array([error for error in record.force_errors if error > 0])
-    if len(spread):
-        ends = np.concatenate([ends, np.stack([forced, s[:, None] * forced], axis=2) * spread], axis=2)
+    aliased = forced - coupled * (np.array(record.orders) == 2) * (record.force / np.diag(mass))
+    spread = np.array([*record.force_errors, *record.sampling_errors])
+    errors = np.stack([forced, s[:, None] * forced, aliased, s[:, None] * aliased], axis=2) * spread
+    ends = np.concatenate([ends, errors], axis=2)
     prior = np.eye(ends.shape[2])[ends.shape[2] - len(spread) :]
     basis, triangle = np.linalg.qr(np.concatenate([_whitened(ends, whitener), prior]))
     white = np.concatenate([_whitened(record.motion - forced, whitener), np.zeros(len(spread))])

@@ -165,8 +165,10 @@ def gated_force(force: FloatArray, rate_hz: float, pretrigger_s: float) -> tuple
     offset = float(np.median(quiet))
     noise = 1.4826 * float(np.median(np.abs(force - offset)))
     contact = np.abs(force - offset) > max(6 * noise, 2e-3 * float(np.abs(force - offset).max()))
+    shortest = min(3, max(1, int(_FLANK_S * rate_hz)))  # a lone spike is no contact, where pulses are longer
     wide = ndimage.binary_dilation(
-        ndimage.binary_opening(contact, np.ones(3, bool)), np.ones(2 * int(_FLANK_S * rate_hz) + 1, bool)
+        ndimage.binary_opening(contact, np.ones(shortest, bool)),
+        np.ones(2 * max(1, int(_FLANK_S * rate_hz)) + 1, bool),
     )
     return np.where(wide, force - offset, 0.0), noise
 

@@ -55,7 +55,7 @@ class Comparison:
     @property
     def final_error_percent(self) -> float:
         """Return 100 |simulated final - measured final| / |measured final| (the paper's measure)."""
-        return 100 * abs(self.simulated_final - self.measured_final) / abs(self.measured_final)
+        return _percent(self.simulated_final - self.measured_final, self.measured_final)
 
     @property
     def simulated_loss(self) -> float:
@@ -65,10 +65,8 @@ class Comparison:
     @property
     def loss_error_percent(self) -> float:
         """Return 100 |simulated loss - measured loss| / |measured loss|."""
-        return (
-            100
-            * abs(self.simulated_final - self.measured_final)
-            / abs(self.initial_tension - self.measured_final)
+        return _percent(
+            self.simulated_final - self.measured_final, self.initial_tension - self.measured_final
         )
 
 
@@ -224,7 +222,11 @@ def _compare_cycled(model: Model, measurement: Measurement) -> Comparison:
         if force is not None and motion is not None:
             values.append(_nrmse(model.link_force(name, motion.samples, motion.rate_hz), force.samples))
     return Comparison(
-        measurement.file, measurement.test, True, {}, link_force_nrmse=_finite_mean(values) or np.nan
+        measurement.file,
+        measurement.test,
+        True,
+        {},
+        link_force_nrmse=float(np.mean(values)) if values else np.nan,
     )
 
 
@@ -259,6 +261,10 @@ def _with_tension(
         simulated_final=window_mean(simulated, tension.rate_hz, windows.final_s),
         tension_rmse=rmse,
     )
+
+
+def _percent(error: float, size: float) -> float:
+    return 100 * abs(error) / abs(size) if size else np.nan
 
 
 def _nrmse(simulated: FloatArray, measured: FloatArray) -> float:
