@@ -139,7 +139,8 @@ def plan(
             file = f"records/{test}_{number:03d}.h5"
             return replace(common, file=file, test=test, hit=hit, tension=tension, gamma_factor=factor)
 
-        planned.append(case("coupled", index + 1, hammer("lo", LOW_MEAN + LOW_DEVIATION * low.standard_normal(), low), 1.0))
+        soft = hammer("lo", LOW_MEAN + LOW_DEVIATION * low.standard_normal(), low)
+        planned.append(case("coupled", index + 1, soft, 1.0))
         for sign, share in [(-1.0, 1.0)] * tightened.count(index) + [(1.0, share) for share in strengths]:
             counter += 1
             strength = share * (HAMMER_MEAN + HAMMER_DEVIATION * high.standard_normal())
