@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -14,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from rom.records import replacing
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -110,11 +110,6 @@ def save(figure: Figure, path: str | Path) -> Path:
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}  # same data, same file
     if kind not in metadata:
         raise ValueError(f"{path}: a figure is written as .svg, .pdf or .png, instead got {path.suffix!r}")
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    os.close(handle)
-    try:
+    with replacing(path) as temporary:
         figure.savefig(temporary, format=kind, dpi=300, metadata=metadata[kind])
-        Path(temporary).replace(path)
-    finally:
-        Path(temporary).unlink(missing_ok=True)
     return path
