@@ -21,6 +21,7 @@ from experiments.report.wording import label, number
 
 Data = Mapping[str, Any]
 
+_LONGEST_NUMBER, _LONGEST_WORD = 40, 12  # characters
 _HEADER = ("format", "campaign", "program_version", "seed", "elapsed_s", "command", "campaign_digest")
 _NOTES = ("set_aside", "warnings")
 _SHOWN = {
@@ -67,7 +68,7 @@ def render(directory: Path) -> str:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.tests["numeric"] = _numeric
+    environment.tests["short"] = _short
     environment.filters["tied"] = _tied
     return environment.get_template("page.html.j2").render(
         title=_title(found.results),
@@ -202,13 +203,11 @@ def _tied(text: str) -> str:
     return text.replace(" %", "\u00a0%")
 
 
-def _numeric(cell: object) -> bool:
-    return (
-        isinstance(cell, str)
-        and not isinstance(cell, Markup)
-        and cell[:1] in set("−–0123456789")
-        and len(cell) < 40
-    )
+def _short(cell: object) -> bool:
+    """Return whether a cell stays on one line: numbers with their limits, units, a word."""
+    if not isinstance(cell, str) or isinstance(cell, Markup):
+        return False
+    return len(cell) < (_LONGEST_NUMBER if cell[:1] in "−–0123456789" else _LONGEST_WORD)
 
 
 def _version() -> str:

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from experiments.report import equations
 from experiments.report.results import Result
 from experiments.report.tables import Table, errors_table
-from experiments.report.wording import label, number, plain
+from experiments.report.wording import label, number, plain, trimmed
 
 Data = Mapping[str, Any]
 
@@ -19,6 +19,7 @@ _WORDS = {
     "closure": "model before and after",
     "reproduction": "model",
 }
+_DIGITS = {"paper": 4, "ours": 4, "tolerance": 2}
 _ROW = ("quantity", "paper", "ours", "unit", "tolerance", "within")
 
 
@@ -58,10 +59,10 @@ def _reproduction(data: Data) -> Table | None:
 def _cell(row: Data, key: str) -> str:
     if key == "tolerance" and row.get("bound"):
         return "not above"
-    if key in ("paper", "ours"):
-        return number(row.get(key))
-    if key == "tolerance":
-        return number(row.get(key), 2)
+    if key in _DIGITS:
+        return trimmed(number(row.get(key), _DIGITS[key]))
+    if key == "unit" and row.get(key) == "1":
+        return ""
     return "no ✗" if key == "within" and row.get(key) is False else plain(row.get(key))
 
 

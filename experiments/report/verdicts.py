@@ -40,7 +40,11 @@ def answer(kind: str, data: Data) -> Answer | None:
 def _of_model(data: Data) -> Answer | None:
     found = data.get("identification")
     if not isinstance(found, Mapping):
-        return None
+        bodies, links = (len(data.get(key) or ()) for key in ("bodies", "links"))
+        return Answer(
+            "Which model is this?",
+            f"A reduced-order model (masses: {bodies}, links: {links}); its file says nothing of errors.",
+        )
     errors = _mapping(found.get("errors"))
     chosen = "hold_out" if _mapping(errors.get("hold_out")).get("records") else "training"
     own, rest = _mapping(errors.get(chosen)), _mapping(_mapping(errors.get("no_loosening")).get(chosen))
@@ -76,10 +80,10 @@ def _loss_verdict(own: Data, without: Data) -> tuple[str, bool | None]:
     if loss is None:
         return "The structure is identified; no loosening record tells of the bolt's tension.", None
     if rest is None:
-        return f"The tension law misses {number(loss, 3)} % of a record's loss of tension (median).", None
+        return f"The tension law is off by {number(loss, 3)} % of a record's loss of tension (median).", None
     final, rest_final = (errors.get("final_tension_error_percent_median") for errors in (own, without))
     own_share, rest_share = number(loss, 3), number(rest, 3)
-    against = f"it misses {own_share} % of a loss of tension (median), no loosening {rest_share} %"
+    against = f"it is off by {own_share} % of a record's loss (median), no loosening by {rest_share} %"
     if loss >= rest:
         return f"The tension law does no better than a bolt that never loosens: {against}.", False
     if final is not None and rest_final is not None and final >= rest_final:
@@ -137,8 +141,7 @@ def _of_reproduction(data: Data) -> Answer | None:
         "Does the chain give the numbers that He et al. (2025) print?",
         f"{share} printed numbers are met within their stated tolerance.",
         tuple(sentences),
-        (Headline(f"of {len(judged)} printed numbers within tolerance", str(met), float(met)),),
-        met == len(judged),
+        good=met == len(judged),
     )
 
 
@@ -147,7 +150,7 @@ def _of_prediction(data: Data) -> Answer | None:
     loss = errors.get("tension_loss_error_percent_median")
     compared, failed = errors.get("records") or 0, errors.get("failed") or 0
     if loss is not None:
-        verdict = f"With nothing fitted, the model misses {number(loss, 3)} % of a loss of tension (median)."
+        verdict = f"With nothing fitted, the model is off by {number(loss, 3)} % of a record's loss (median)."
     elif errors.get("motion_nrmse") is not None:
         motion = number(100 * errors["motion_nrmse"], 3)
         verdict = f"With nothing fitted, displacements are met within {motion} % (NRMSE)."

@@ -39,7 +39,7 @@ def number(value: object, digits: int = 4) -> str:
 def with_limits(value: object, low: object, high: object) -> tuple[str, str]:
     """Return a value and its limits, as many digits as the limits warrant."""
     if not all(isinstance(x, int | float) and math.isfinite(x) for x in (value, low, high)):
-        return _trimmed(number(value, 6)), NONE
+        return trimmed(number(value, 6)), NONE
     ends = [float(x) for x in (value, low, high) if isinstance(x, int | float)]
     width, size = abs(ends[2] - ends[1]) / 2, max(abs(end) for end in ends)
     digits = 7 if width == 0 else min(max(math.floor(math.log10(size / width)) + 2, 3), 7)
@@ -69,10 +69,10 @@ def plain(value: object) -> str:
     if isinstance(value, list):
         text = ", ".join(plain(item) for item in value[:_MOST_VALUES])
         return text if len(value) <= _MOST_VALUES else f"{text}, … ({len(value)} values)"
-    return _trimmed(number(value, 5))
+    return trimmed(number(value, 5))
 
 
-def _trimmed(shown: str) -> str:
+def trimmed(shown: str) -> str:
     """Return a number without the zeros at its end, which say nothing where limits are not known."""
     mantissa, times, power = shown.partition(" × ")
     return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + times + power

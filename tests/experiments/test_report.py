@@ -219,7 +219,7 @@ def test_reproduction_says_what_is_outside(tmp_path: Path) -> None:
     words = page(tmp_path).words
     assert "1 of 2 printed numbers are met" in words
     assert "Outside: loss, 152.7 N." in words
-    assert "4.740 × 10⁻⁷" in words
+    assert "4.74 × 10⁻⁷" in words
     write(tmp_path, "reproduction", rows=[row])
     assert "All 1 printed numbers are met" in page(tmp_path).words
 
@@ -252,6 +252,13 @@ def test_later_and_unknown_files_are_shown(tmp_path: Path) -> None:
         "Novelty: flat",
     ):
         assert part in words, part
+
+
+def test_a_model_alone_is_shown_without_a_verdict(tmp_path: Path) -> None:
+    paper_model().save(tmp_path / "model.json")
+    words = page(tmp_path).words
+    assert "masses: 2, links: 3" in words
+    assert "91800" in words
 
 
 def test_absent_parts_leave_gaps_not_faults(tmp_path: Path) -> None:
