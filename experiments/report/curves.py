@@ -24,6 +24,8 @@ from rom.model import Model
 from rom.reduction import UncoupledTest
 
 _Z95 = 1.959964
+_WIDEST = 3.0  # standard error of a logarithm that is drawn, at most
+_TELLING = 0.3  # limits beyond this do not set the axis
 _DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 _FRF_LABEL = {"displacement": "m/N", "velocity": "m/(s N)", "acceleration": "m/(s$^2$ N)"}
 
@@ -183,13 +185,14 @@ def _joint(joint: Sequence[JointEstimate], fit: LawFit | None, label: str, what:
     tension = np.array([j.tension for j in joint])
     value = np.array([getattr(j, what) for j in joint])
     error = np.array([j.log_errors[what == "damping"] for j in joint])
+    error = np.clip(np.nan_to_num(error, posinf=_WIDEST), 0.0, _WIDEST)
     modal = np.array(
         [np.nan if (m := getattr(j, f"modal_{what}")) is None else m for j in joint], dtype=float
     )
     doubtful = np.array([j.heaviest_damping_ratio > MODAL_LIMIT for j in joint])
     grid = tension_axis(ax, tension)
     limits = [value * np.exp(-_Z95 * error), value * np.exp(_Z95 * error)]
-    shown = np.concatenate([*limits])
+    shown = np.concatenate([value, *(limit[error < _TELLING] for limit in limits)])
     if fit is not None:
         shown = np.concatenate([shown, law_band(ax, fit, grid, "Fitted law, 95 % limits")])
     bars = [value - limits[0], limits[1] - value]

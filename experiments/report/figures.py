@@ -74,7 +74,7 @@ def identification_figures(
         calibration = Calibration(tuple(model.calibration))
     joint, uncoupled = identification.joint, identification.uncoupled
     modes = any(j.first_mode is not None for j in joint)
-    loosened = any(g.gamma > 0 for g in gamma)
+    loosened = any(g.gamma > 0 and not g.at_bound for g in gamma)
     made: dict[str, tuple[object, Callable[[], Figure]]] = {
         "calibration": (calibration, lambda: calibration_curve(_given(calibration), tensions)),
         "frequency-responses": (uncoupled, lambda: frequency_responses(uncoupled)),

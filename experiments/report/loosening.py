@@ -32,7 +32,7 @@ def tension_change(cases: Sequence[GammaEstimate], split_n: float | None = REGIM
     """Change of tension over initial tension, positive where it tightened, with the two regimes (Fig. 9)."""
     initial = np.array([g.initial for g in cases])
     change = np.array([g.final - g.initial for g in cases])
-    error = _Z95 * np.array([g.loss_error for g in cases])
+    error = _Z95 * np.nan_to_num([g.loss_error for g in cases], posinf=0.0)
     above = initial > (np.inf if split_n is None else split_n)
     enlarged = above.sum() > 1 and np.abs(change[above]).max() * 3 < np.abs(change).max()
     figure, axes = panels(2 if enlarged else 1, 1, 92.0 if enlarged else 60.0, **_RATIOS[bool(enlarged)])
@@ -102,7 +102,7 @@ def gamma_law(gamma: Sequence[GammaEstimate], fit: LawFit | None = None) -> Figu
     """Gamma of the net-loosening cases with 95 % limits, and the fitted law (Fig. 12b)."""
     figure, axes = panels()
     ax = axes[0, 0]
-    used = [g for g in gamma if g.gamma > 0]
+    used = [g for g in gamma if g.gamma > 0 and not g.at_bound]
     tension, value = np.array([g.initial for g in used]), np.array([g.gamma for g in used])
     grid = tension_axis(ax, tension, "Initial tension [N]")
     error = np.clip([g.log_error if np.isfinite(g.log_error) else 0.0 for g in used], 0.0, 3.0)

@@ -176,6 +176,20 @@ def test_one_record_of_each_kind_is_enough(identification: Identification) -> No
     assert {"joint-stiffness", "gamma-law", "tension-change"} <= set(made)
 
 
+def test_an_estimate_without_limits_is_still_a_point(identification: Identification) -> None:
+    lost = replace(identification.joint[3], log_errors=(np.inf, np.nan))
+    joint = (*identification.joint[:3], lost, *identification.joint[4:])
+    case = replace(identification.gamma[0], log_error=np.inf, loss_error=np.nan)
+    bound = replace(identification.gamma[2], gamma=1e10, at_bound=True)
+    gamma = (case, bound, *identification.gamma[3:])
+    made = figures.identification_figures(replace(identification, joint=joint, gamma=gamma))
+    for figure in made.values():
+        figure.draw_without_rendering()
+        for axes in figure.axes:
+            assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()
+    assert made["gamma-law"].axes[0].get_ylim()[1] < 1e10
+
+
 def test_only_tightening_cases_have_no_law(identification: Identification) -> None:
     tight = tuple(g for g in identification.gamma if g.gamma < 0)
     made = figures.identification_figures(replace(identification, gamma=tight, gamma_fit=None))
