@@ -156,7 +156,8 @@ def _of_prediction(data: Data) -> Answer | None:
         verdict = f"With nothing fitted, displacements are met within {motion} % (NRMSE)."
     else:
         verdict = "The model was simulated; the records hold nothing to compare it with."
-    sentences = [f"{_count(compared, 'record')} compared; {failed} of the simulations did not finish."]
+    unfinished = f"{_count(failed, 'simulation')} did not finish" if failed else "every simulation finished"
+    sentences = [f"{_count(compared, 'record')} compared; {unfinished}."]
     if errors.get("final_tension_error_percent_median") is not None:
         sentences.append(_final_tension_sentence(errors, {}))
     return Answer(
