@@ -35,6 +35,7 @@ _OUTER_ITERATIONS = 12
 _INNER_ITERATIONS = 12
 _SMOOTHING_HZ = 2.0
 _NEGLIGIBLE = 1e-7  # share of the cost that a step may still promise
+_UNTOLD = 1e-12
 _SETTLED = 0.05  # square of a change in standard errors
 
 
@@ -216,7 +217,7 @@ def _sensor_ends(s: ComplexArray, corner: float, orders: Sequence[int]) -> Compl
 
 
 def _left_inverse(columns: FloatArray) -> FloatArray:
-    """Return (A^T A)^-1 A^T of tall A with unit columns inside; a fifth of the work of an orthogonal basis."""
+    """Return (A^T A)^-1 A^T of tall A, its columns scaled; a fifth of the work of an orthogonal basis."""
     size = np.sqrt(np.einsum("ij,ij->j", columns, columns)) + np.finfo(float).tiny
     unit = columns / size
     return np.asarray(np.linalg.pinv(unit.T @ unit, rcond=1e-13, hermitian=True) @ unit.T / size[:, None])
@@ -401,10 +402,17 @@ def fit_output_error(
     return OutputErrorFit(
         names,
         np.log([state.values[name] for name in names]),
-        np.asarray(np.linalg.pinv(state.hessian, hermitian=True), dtype=np.float64),
+        _covariance(state.hessian),
         state.cost / max(rows, 1),
         converged,
     )
+
+
+def _covariance(hessian: FloatArray) -> FloatArray:
+    """Return the inverse; a direction that no record tells has a huge variance, not none."""
+    size = np.sqrt(np.maximum(np.diag(hessian), _UNTOLD))
+    level, direction = np.linalg.eigh(hessian / np.outer(size, size))
+    return np.asarray((direction / np.maximum(level, _UNTOLD)) @ direction.T / np.outer(size, size))
 
 
 def _equal_weights(record: SpectralRecord) -> ComplexArray:
