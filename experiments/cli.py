@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +12,10 @@ from typing import Annotated
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from experiments.execution import execution
+from experiments.faults import INTERRUPTED, existing, tell
+from experiments.results import results_folder, writable
 
 Report = Callable[[int, int], None]
 
@@ -25,12 +28,15 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-CampaignPath = Annotated[Path, typer.Argument(help="Campaign folder: campaign.toml and its records.")]
+CampaignPath = Annotated[
+    Path, typer.Argument(help="Campaign folder: campaign.toml and its records.", callback=existing)
+]
 Out = Annotated[
     Path | None, typer.Option(help="Folder for results; default: CAMPAIGN-results beside the campaign.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
 Jobs = Annotated[int, typer.Option(min=1, help="Processes; results do not depend on it.")]
+Cluster = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, tcp://host:port.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no summary.")]
 _CORES = os.cpu_count() or 1
 
@@ -66,15 +72,20 @@ def rig(
     _say(f"wrote {folder}", quiet)
 
 
-@app.command(epilog="Example: boltlaw identify rig-campaign --out results")
+@app.command(epilog="Example: boltlaw identify rig-campaign")
 def identify(
-    campaign: CampaignPath, out: Out = None, seed: Seed = 0, jobs: Jobs = _CORES, quiet: Quiet = False
+    campaign: CampaignPath,
+    out: Out = None,
+    seed: Seed = 0,
+    jobs: Jobs = _CORES,
+    cluster: Cluster = None,
+    quiet: Quiet = False,
 ) -> None:
     """Identify the model of a campaign: links, k_C(T), c_C(T), gamma per case and gamma(T)."""
     from experiments.studies import identify as study
 
-    with _progress(quiet) as report:
-        path = study.run(campaign, out, seed, jobs, report, _command())
+    with _progress(quiet) as report, execution(cluster):
+        path = study.run(campaign, results_folder(campaign, out), seed, jobs, report, _command())
     _say(study.summary(path), quiet)
     _say(f"wrote {path} and figures beside it", quiet)
 
@@ -87,37 +98,41 @@ def reproduce(
     ] = None,
     seed: Seed = 0,
     jobs: Jobs = _CORES,
+    cluster: Cluster = None,
     quiet: Quiet = False,
 ) -> None:
     """Set the paper's printed numbers beside ours, on its campaign as measured by the virtual rig."""
     from experiments.studies import reproduce as study
 
-    with _progress(quiet) as report:
-        path = study.run(out, cases, seed, jobs, report, _command())
+    with _progress(quiet) as report, execution(cluster):
+        path = study.run(writable(out), cases, seed, jobs, report, _command())
     _say(study.summary(path), quiet)
     _say(f"wrote {path} and figures beside it", quiet)
 
 
-@app.command(epilog="Example: boltlaw predict results/model.json other-campaign")
+@app.command(epilog="Example: boltlaw predict rig-campaign-results/model.json rig-campaign --out prediction")
 def predict(
-    model: Annotated[Path, typer.Argument(help="A model.json.")],
+    model: Annotated[Path, typer.Argument(help="A model.json.", callback=existing)],
     campaign: CampaignPath,
     out: Out = None,
     seed: Seed = 0,
     jobs: Jobs = _CORES,
+    cluster: Cluster = None,
     quiet: Quiet = False,
 ) -> None:
     """Simulate every record of a campaign with a model; nothing is fitted."""
     from experiments.studies import predict as study
 
-    with _progress(quiet) as report:
-        path = study.run(model, campaign, out, seed, jobs, report("simulating"))
+    with _progress(quiet) as report, execution(cluster):
+        path = study.run(model, campaign, results_folder(campaign, out), seed, jobs, report("simulating"))
     _say(f"wrote {path}", quiet)
 
 
 @app.command(epilog="Example: boltlaw report rig-campaign-results")
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder with result files.")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder with result files.", callback=existing)
+    ],
     out: Annotated[Path | None, typer.Option(help="Folder for report.html; default: DIR.")] = None,
     seed: Seed = 0,  # noqa: ARG001 - every command takes the same options
     jobs: Jobs = 1,  # noqa: ARG001
@@ -139,38 +154,11 @@ def run(arguments: list[str]) -> int:
     command = typer.main.get_command(app)
     try:
         result = command.main(arguments, prog_name="boltlaw", standalone_mode=False)
-    except (ValueError, OSError) as error:
-        return _refuse(error)
-    except KeyboardInterrupt:
-        return _interrupted()
-    except Exception as error:
-        return _other(error)
+    except (Exception, KeyboardInterrupt) as error:
+        return tell(error)
+    if result == INTERRUPTED:  # the command line library keeps the exception to itself
+        return tell(KeyboardInterrupt())
     return result if isinstance(result, int) else 0
-
-
-def _refuse(error: Exception) -> int:
-    print(str(error) or type(error).__name__, file=sys.stderr)
-    return 2
-
-
-def _interrupted() -> int:
-    print("interrupted: nothing was written", file=sys.stderr)
-    return 130
-
-
-def _other(error: Exception) -> int:
-    """Tell a wrong call (2) from a fault of the program (1)."""
-    message = getattr(error, "format_message", None)
-    if message is not None:  # how the command line library reports a wrong call
-        text = message()
-        if text:
-            print(" ".join(text.split()), file=sys.stderr)
-        return 2
-    if type(error).__name__ == "Abort":
-        return _interrupted()
-    traceback.print_exception(error)
-    print("boltlaw: this is a fault of the program, not of the input", file=sys.stderr)
-    return 1
 
 
 @contextmanager
