@@ -16,8 +16,8 @@ from scipy import fft
 
 from rom.campaign import CampaignSettings
 from rom.channels import FloatArray
-from rom.output_error import DERIVATIVE_ORDER, STRUCTURAL, ComplexArray, SpectralRecord, Term, spectrum
 from rom.processing import Measurement
+from rom.spectra import DERIVATIVE_ORDER, STRUCTURAL, ComplexArray, SpectralRecord, Term, spectrum
 
 LINEAR_TESTS = ("uncoupled", "coupled", "free", "driven")
 UNCOUPLED = "uncoupled"

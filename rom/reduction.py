@@ -15,9 +15,9 @@ from rom.channels import FloatArray
 from rom.frequency_response import Estimate, FrequencyResponse, Mode, fit_modes, frequency_response
 from rom.linear import LINEAR_TESTS, spectral_records
 from rom.modal import average_period_frequency, logarithmic_decrement
-from rom.output_error import SpectralRecord
 from rom.processing import Measurement, TensionRecord, process
 from rom.quality import Doubt, assess
+from rom.spectra import SpectralRecord
 
 Progress = Callable[[int, int], None]
 _PERIOD_MARGIN = 17.0 / 15.78  # the paper drops what lies above 17 Hz, its first mode being at most 15.78 Hz

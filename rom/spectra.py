@@ -1,0 +1,245 @@
+"""A lumped structure's answer to measured forces as spectra, linearised in its coefficients.
+
+For a record of length D the Fourier integral of M x'' + C x' + K x = F over [0, D] gives, with no leakage
+left out,
+
+    X = Z(s)^-1 (F - M (dv + s dx) - C dx),   Z = s^2 M + s C + K,   s = 2 pi i f,
+
+where dx and dv are what displacement and velocity gain between the record's ends. They enter linearly, are
+eliminated for each record, and carry a free decay's initial state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+ComplexArray = npt.NDArray[np.complexfloating[Any, Any]]
+
+DERIVATIVE_ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
+STRUCTURAL = ("stiffness", "damping", "mass")
+
+
+@dataclass(frozen=True)
+class Term:
+    """One coefficient: a stiffness, damping or mass along a direction in body space, or the corner of the
+    sensors.
+
+    K, C or M gains value * direction direction^T. Terms of equal `name` share one value over all records. The
+    one term "corner" w [rad/s] stands for the AC coupling s / (s + w) of all accelerometers.
+    """
+
+    name: str
+    matrix: str  # "stiffness" | "damping" | "mass" | "corner"
+    direction: FloatArray
+    value: float
+    free: bool = True
+
+    @property
+    def power(self) -> int:
+        """Return the power of s that the term carries in Z(s)."""
+        return STRUCTURAL.index(self.matrix)
+
+
+@dataclass(frozen=True)
+class SpectralRecord:
+    """Spectra of one record: force (lines, bodies) and motion (lines, channels), one channel a moving body.
+
+    `local` names the terms that belong to this record alone; the others have one value for all records.
+    `force_errors` are the standard errors of the force's relative gain and of its delay [s] that the hammer's
+    noise leaves, `sampling_errors` those that a pulse of few samples leaves, in the acceleration during the
+    contact as well; they are estimated beside the end states, within their own spread.
+    """
+
+    file: str
+    group: str
+    frequency: FloatArray
+    force: ComplexArray
+    motion: ComplexArray
+    orders: tuple[int, ...]
+    terms: tuple[Term, ...]
+    local: frozenset[str] = frozenset()
+    force_errors: tuple[float, float] = (0.0, 0.0)
+    sampling_errors: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Linearised:
+    """Whitened residual and Jacobian of one record, the record's end states projected out."""
+
+    residual: FloatArray
+    jacobian: FloatArray
+    columns: tuple[str, ...]
+    unweighted: ComplexArray
+    gain: ComplexArray
+
+
+def spectrum(
+    samples: FloatArray, rate_hz: float, band_hz: tuple[float, float]
+) -> tuple[FloatArray, ComplexArray]:
+    """Return frequencies [Hz] and Fourier integral of `samples` (n,) or (n, channels) within a band."""
+    frequency = np.fft.rfftfreq(len(samples), 1 / rate_hz)
+    inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
+    return np.asarray(frequency[inside], dtype=np.float64), np.fft.rfft(samples, axis=0)[inside] / rate_hz
+
+
+def key(record: SpectralRecord, term: Term) -> str:
+    """Return the name under which a term's value is kept: shared, or of this record alone."""
+    return f"{term.name}@{record.file}" if term.name in record.local else term.name
+
+
+def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: ComplexArray) -> Linearised:
+    """Return the projected residual and the derivative of the output by the logarithm of each free term."""
+    system = _system(record, values)
+    forced = (system.gain @ record.force[:, :, None])[:, :, 0]
+    ends, spread = _nuisance(record, system, forced)
+    prior = np.eye(ends.shape[2])[ends.shape[2] - len(spread) :]
+    columns = np.concatenate([_whitened(ends, whitener), prior])
+    white = np.concatenate([_whitened(record.motion - forced, whitener), np.zeros(len(spread))])
+    inverse = _left_inverse(columns)
+    states, left_over = _projected_out(columns, inverse, white)
+    residual = record.motion - forced - ends @ states
+    free = [term for term in record.terms if term.free]
+    jacobian = np.zeros((len(white), len(free)))
+    if free:
+        derivatives = _derivatives(record, values, system, states, residual)
+        jacobian[: len(white) - len(spread)] = _whitened(derivatives, whitener)
+    return Linearised(
+        left_over,
+        _projected_out(columns, inverse, jacobian)[1],
+        tuple(key(record, term) for term in free),
+        residual,
+        system.gain,
+    )
+
+
+@dataclass(frozen=True)
+class _System:
+    """Matrices and transfer functions of one record at given coefficients."""
+
+    s: ComplexArray
+    mass: FloatArray
+    damping: FloatArray
+    corner: float
+    receptance: ComplexArray
+    coupled: ComplexArray
+    gain: ComplexArray
+
+
+def _system(record: SpectralRecord, values: Mapping[str, float]) -> _System:
+    n = record.force.shape[1]
+    s = 2j * np.pi * record.frequency
+    matrices = {name: np.zeros((n, n)) for name in STRUCTURAL}
+    corner = 0.0
+    for term in record.terms:
+        if term.matrix == "corner":
+            corner = values[key(record, term)]
+        else:
+            matrices[term.matrix] += values[key(record, term)] * np.outer(term.direction, term.direction)
+    s_ = s[:, None, None]
+    receptance: ComplexArray = np.linalg.inv(
+        s_**2 * matrices["mass"] + s_ * matrices["damping"] + matrices["stiffness"]
+    )
+    coupled = np.stack(
+        [s / (s + corner) if order == 2 else np.ones_like(s) for order in record.orders], axis=1
+    )
+    gain = (coupled * np.stack([s**order for order in record.orders], axis=1))[:, :, None] * receptance
+    return _System(s, matrices["mass"], matrices["damping"], corner, receptance, coupled, gain)
+
+
+def _nuisance(
+    record: SpectralRecord, system: _System, forced: ComplexArray
+) -> tuple[ComplexArray, FloatArray]:
+    """Return columns of the end states and of the force's errors, and the standard errors of the latter."""
+    s, gain, coupled = system.s, system.gain, system.coupled
+    accelerations = np.array(record.orders) == 2
+    aliased = forced - coupled * accelerations * (record.force / np.diag(system.mass))
+    spread = np.array([*record.force_errors, *record.sampling_errors])
+    errors = np.stack([forced, s[:, None] * forced, aliased, s[:, None] * aliased], axis=2) * spread
+    columns = [
+        gain @ -system.mass + coupled[:, :, None] * _polynomial(s, record.orders, 1),
+        gain @ -(s[:, None, None] * system.mass + system.damping)
+        + coupled[:, :, None] * _polynomial(s, record.orders, 0),
+        *([_sensor_ends(s, system.corner, record.orders)] if system.corner else []),
+        errors,
+    ]
+    return np.concatenate(columns, axis=2), spread
+
+
+def _derivatives(
+    record: SpectralRecord,
+    values: Mapping[str, float],
+    system: _System,
+    states: FloatArray,
+    residual: ComplexArray,
+) -> ComplexArray:
+    """Return the derivative of the output by the logarithm of each free term: (lines, channels, terms)."""
+    n, s = record.force.shape[1], system.s[:, None]
+    gain_v, gain_x = states[:n], states[n : 2 * n]
+    total = record.force - gain_v @ system.mass - (s * (gain_x @ system.mass) + gain_x @ system.damping)
+    motion = (system.receptance @ total[:, :, None])[:, :, 0]
+    powers = (motion, s * motion + gain_x, s**2 * motion + s * gain_x + gain_v)
+    accelerations = np.array(record.orders) == 2
+    columns = [
+        -(system.gain @ t.direction) * (powers[t.power] @ t.direction)[:, None]
+        if t.matrix in STRUCTURAL
+        else -np.where(accelerations, (record.motion - residual) / (s + system.corner), 0.0)
+        for t in record.terms
+        if t.free
+    ]
+    weights = np.array([values[key(record, t)] for t in record.terms if t.free])
+    return np.asarray(np.stack(columns, axis=2) * weights)
+
+
+def _sensor_ends(s: ComplexArray, corner: float, orders: Sequence[int]) -> ComplexArray:
+    """Return what the state of each accelerometer's AC coupling at the record's ends adds: (lines, channels,
+    sensors).
+    """
+    sensors = [channel for channel, order in enumerate(orders) if order == 2]
+    out = np.zeros((len(s), len(orders), len(sensors)), dtype=np.complex128)
+    for place, channel in enumerate(sensors):
+        out[:, channel, place] = 1 / (s + corner)
+    return out
+
+
+def _left_inverse(columns: FloatArray) -> FloatArray:
+    """Return (A^T A)^-1 A^T of tall A, its columns scaled; a fifth of the work of an orthogonal basis."""
+    size = np.sqrt(np.einsum("ij,ij->j", columns, columns)) + np.finfo(float).tiny
+    unit = columns / size
+    return np.asarray(np.linalg.pinv(unit.T @ unit, rcond=1e-13, hermitian=True) @ unit.T / size[:, None])
+
+
+def _projected_out(
+    columns: FloatArray, inverse: FloatArray, values: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the coefficients of `values` in the columns and what is left; twice, for the digits."""
+    first = inverse @ values
+    left = values - columns @ first
+    second = inverse @ left
+    return first + second, left - columns @ second
+
+
+def _polynomial(s: ComplexArray, orders: Sequence[int], state: int) -> ComplexArray:
+    """Return what the end states add to the transform of x' (dx) and x'' (dv + s dx): (lines, channels,
+    bodies).
+    """
+    n = len(orders)
+    out = np.zeros((len(s), n, n), dtype=np.complex128)
+    for channel, order in enumerate(orders):
+        exponent = order - 1 - state
+        if exponent >= 0:
+            out[:, channel, channel] = s**exponent
+    return out
+
+
+def _whitened(values: ComplexArray, whitener: ComplexArray) -> FloatArray:
+    """Return real rows of whitener @ values: (2 * lines * channels, ...)."""
+    shaped = values if values.ndim == 3 else values[:, :, None]
+    white = whitener @ shaped
+    rows = np.concatenate([white.real, white.imag]).reshape(-1, shaped.shape[2])
+    return rows if values.ndim == 3 else rows[:, 0]
