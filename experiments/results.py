@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
@@ -52,10 +53,33 @@ def plain(value: Any) -> Any:
 
 
 def results_folder(campaign: Path, out: Path | None) -> Path:
-    """Return where results go: `out`, or ``<campaign>-results`` beside the campaign."""
+    """Return where results go: `out`, or ``<campaign>-results`` beside the campaign.
+
+    Raises
+    ------
+    OSError
+        If nothing can be written there.
+    """
     if out is not None:
-        return out
+        return writable(out)
     folder = campaign.resolve()
     if folder.is_file():
         folder = folder.parent
-    return folder.with_name(folder.name + "-results")
+    return writable(folder.with_name(folder.name + "-results"))
+
+
+def writable(folder: Path) -> Path:
+    """Return a folder for results, which need not exist yet: asked before long work, not after it.
+
+    Raises
+    ------
+    OSError
+        If it is a file, lies in one, or may not be written to.
+    """
+    absolute = folder.absolute()
+    place = next(path for path in (absolute, *absolute.parents) if path.exists())
+    if not place.is_dir():
+        raise NotADirectoryError(f"{folder}: found the file {place}, expected a folder for results")
+    if not os.access(place, os.W_OK | os.X_OK):
+        raise PermissionError(f"{folder}: {place} may not be written to; name another folder with --out")
+    return folder

@@ -1,0 +1,65 @@
+"""What stops a command: a line for people and the exit code of the program."""
+
+from __future__ import annotations
+
+import difflib
+import sys
+import traceback
+from pathlib import Path
+
+BAD_INPUT, PROGRAM_FAULT, INTERRUPTED = 2, 1, 130
+_PACKAGES = ("rom", "discovery", "experiments")
+
+
+def existing(path: Path) -> Path:
+    """Return a path that a person gave.
+
+    Raises
+    ------
+    FileNotFoundError
+        If nothing is there; the message names the nearest that is.
+    """
+    if path.exists():
+        return path
+    beside = [entry.name for entry in path.parent.iterdir()] if path.parent.is_dir() else []
+    near = difflib.get_close_matches(path.name, beside, 1)
+    hint = f"; the nearest is {path.parent / near[0]}" if near else ""
+    raise FileNotFoundError(f"{path}: found no such file or folder, expected one that exists{hint}")
+
+
+def tell(error: BaseException) -> int:
+    """Print an exception to standard error and return the exit code.
+
+    A wrong call or bad input takes a line a fault, without a traceback; a fault of the program keeps it.
+    """
+    if isinstance(error, KeyboardInterrupt) or type(error).__name__ == "Abort":
+        print("interrupted: nothing was written", file=sys.stderr)
+        return INTERRUPTED
+    wrong_call = getattr(error, "format_message", None)  # how the command line library reports one
+    if wrong_call is not None:
+        text = str(wrong_call())
+        shows_help = type(error).__name__ == "NoArgsIsHelpError"
+        print(text if shows_help else " ".join(text.split()), file=sys.stderr)
+        return BAD_INPUT
+    if of_the_input(error):
+        print(str(error) or type(error).__name__, file=sys.stderr)
+        return BAD_INPUT
+    traceback.print_exception(error)
+    print("boltlaw: this is a fault of the program, not of the input", file=sys.stderr)
+    return PROGRAM_FAULT
+
+
+def of_the_input(error: BaseException) -> bool:
+    """Return whether an exception was raised about the input in so many words, or by the system about a file.
+
+    A `ValueError` that a library raises below us, such as shapes that do not fit, is a fault of the program.
+    """
+    if isinstance(error, OSError):
+        return True
+    if not isinstance(error, ValueError):
+        return False
+    if type(error) is not ValueError:
+        return type(error).__module__.partition(".")[0] in _PACKAGES
+    if error.__cause__ is not None:  # from another process: its traceback comes as text
+        return any(line.strip().startswith("raise ") for line in str(error.__cause__).splitlines())
+    return (traceback.extract_tb(error.__traceback__)[-1].line or "").startswith("raise ")

@@ -1,0 +1,57 @@
+"""What tests of several packages share: a small campaign from the virtual rig and its identification."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+# the table of malformed campaigns serves the tests of the reader and of the commands
+sys.path.append(str(Path(__file__).parent / "rom"))
+
+
+@dataclass(frozen=True)
+class Ran:
+    """Exit code and printed text of one run of the program."""
+
+    code: int
+    out: str
+    err: str
+
+
+Boltlaw = Callable[..., Ran]
+
+
+@pytest.fixture
+def boltlaw(capfd: pytest.CaptureFixture[str]) -> Boltlaw:
+    """Run the program within this process."""
+    from experiments.cli import run
+
+    def call(*arguments: object) -> Ran:
+        capfd.readouterr()
+        code = run([str(argument) for argument in arguments])
+        return Ran(code, *capfd.readouterr())
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def rig_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight preloads, records of 3 s, no scatter of gamma: made once, never changed."""
+    from experiments.studies import rig
+
+    return rig.run(
+        tmp_path_factory.mktemp("rig") / "campaign", cases=8, seed=1, jobs=1, duration_s=3.0, scatter=0.0
+    )
+
+
+@pytest.fixture(scope="session")
+def results(rig_campaign: Path) -> Path:
+    """What `boltlaw identify` writes for it, at the default place."""
+    from experiments.cli import run
+
+    assert run(["identify", str(rig_campaign), "--jobs", "1", "--quiet"]) == 0
+    return rig_campaign.with_name("campaign-results")
