@@ -30,8 +30,9 @@ def execution(cluster: str | None = None, local: Local = "loky") -> Iterator[Non
     Parameters
     ----------
     cluster : str or None
-        Address of a running scheduler, such as ``tcp://host:8786``. Its workers must see the campaign under
-        the same path and have boltlaw installed. A worker lost midway costs its tasks again, not the run.
+        Address of a running scheduler, such as ``tcp://host:8786``. It and its workers must have boltlaw
+        installed and see the campaign under the same path. A worker lost midway costs its tasks again, not
+        the run.
     local : {"loky", "threading", "sequential"}
         Processes, threads or neither, where no cluster is named.
 
