@@ -24,7 +24,7 @@ from rom.laws import (
     no_loosening,
     power_loosening,
 )
-from rom.linear import LinearNames, with_starts
+from rom.linear import CORNER, LinearNames, with_starts
 from rom.loosening import GammaEstimate, LooseningCase, identify_gamma, refine_gamma_law
 from rom.model import LinkLaws, Model
 from rom.output_error import OutputErrorFit, fit_output_error
@@ -34,6 +34,8 @@ from rom.structure import Body, Link, Structure
 
 _Z95 = 1.959964
 _LEAST_FOR_NOISE = 6
+_LOST = 3.0
+_UNDETERMINED = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +104,7 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
         stiffness_fit=stiffness_fit,
         damping_fit=damping_fit,
         set_aside=set_aside,
-        warnings=(*warnings, *missing),
+        warnings=(*warnings, *missing, *_doubtful(linear)),
         records=tuple(record.settings.file for record in records),
     )
     cases = _loosening_cases(records)
@@ -130,7 +132,7 @@ def _model(
     uncoupled: dict[str, LinkLaws] = {}
     for link in settings.link:
         if link.law == "bolted":
-            found, without = _bolted_laws(link, joint), None
+            found, without = _bolted_laws(link, joint, cycled), None
         else:
             without = _linear_laws(link, linear, cycled, bolted_in=False)
             found = _linear_laws(link, linear, cycled, bolted_in=True) or without
@@ -146,13 +148,38 @@ def _model(
     model = Model(
         structure=Structure(bodies, tuple(Link(x.name, *x.between, x.law) for x in settings.link)),
         link_laws=laws,
-        filter_cutoff_hz={str(r.settings.test): r.cutoff_hz for r in records if r.cutoff_hz is not None},
+        filter_cutoff_hz=_cutoffs(records),
         calibration=(settings.bolt.calibration or ()) if settings.bolt else (),
         windows=dict(settings.windows),
         sampling=dict(settings.sampling),
         uncoupled_laws=uncoupled,
     )
     return model, (*unknown, *missing)
+
+
+def _doubtful(linear: OutputErrorFit | None) -> tuple[str, ...]:
+    """Return a line for every shared value that the records leave open, and for a fit that did not end."""
+    if linear is None:
+        return ()
+    shared = [name for name in linear.names if "@" not in name and name != CORNER]
+    lines = [
+        f"{name}: the records do not tell it; {linear.value(name):.4g} is a mere starting value"
+        for name in shared
+        if linear.relative_error(name) > _UNDETERMINED
+    ]
+    if not linear.converged:
+        lines.append("the fit of the linear links had not settled when it ended")
+    return tuple(lines)
+
+
+def _cutoffs(records: Sequence[ReducedRecord]) -> dict[str, float]:
+    """Return the lowest cutoff [Hz] of every kind of test: what every record of that kind can pass."""
+    found: dict[str, float] = {}
+    for record in records:
+        test, cutoff = str(record.settings.test), record.cutoff_hz
+        if cutoff is not None:
+            found[test] = min(cutoff, found.get(test, cutoff))
+    return found
 
 
 def _bodies(
@@ -169,9 +196,17 @@ def _bodies(
     return tuple(bodies), tuple(unknown)
 
 
-def _bolted_laws(link: LinkSettings, joint: tuple[LawFit | None, LawFit | None]) -> LinkLaws | None:
+def _bolted_laws(
+    link: LinkSettings, joint: tuple[LawFit | None, LawFit | None], cycled: Sequence[tuple[str, float, float]]
+) -> LinkLaws | None:
     stiffness, damping = joint
     if stiffness is None or damping is None:
+        own = [(k, c) for name, k, c in cycled if name == link.name]
+        if own:
+            k_mean, c_mean = np.mean(own, axis=0)
+            return LinkLaws(
+                constant_stiffness(float(k_mean)), constant_damping(float(c_mean)), no_loosening()
+            )
         if link.stiffness_n_per_m is None and link.damping_ns_per_m is None:
             return None
         k, c = (
@@ -211,6 +246,8 @@ def _constant(law: Callable[[float], Law], parameter: str, linear: OutputErrorFi
         return law(0.0)
     value, error = linear.value(name), linear.relative_error(name)
     made = law(value)
+    if error > _UNDETERMINED:
+        return made
     limited = replace(
         made.parameters[parameter],
         low=value * np.exp(-_Z95 * error),
@@ -222,11 +259,11 @@ def _constant(law: Callable[[float], Law], parameter: str, linear: OutputErrorFi
 
 def _loosening_cases(records: Sequence[ReducedRecord]) -> tuple[LooseningCase, ...]:
     """Return the cases for gamma with the standard error of their losses."""
-    with_tension = [record for record in records if record.tensions is not None]
+    with_tension = [r for r in records if r.tensions is not None and r.settings.test != "hold"]
     noise = _loss_noise(with_tension)
     return tuple(
-        LooseningCase(r.settings.file, r.struck, r.force, r.rate_hz, r.tensions.initial, r.tensions.final,
-                      noise * r.tensions.slope)
+        LooseningCase(r.settings.file, r.struck, r.force, r.rate_hz, r.tensions.initial,
+                      max(r.tensions.final, noise * r.tensions.slope), noise * r.tensions.slope)
         for r in with_tension
         if r.tensions is not None and r.force is not None and r.struck
     )  # fmt: skip
@@ -246,6 +283,12 @@ def _loss_noise(records: Sequence[ReducedRecord]) -> float:
     return float(np.median(batch)) if batch else 0.0
 
 
+def _case_error(case: GammaEstimate) -> float:
+    """Return the standard error of ln gamma; a bolt that fell to the noise tells little more than a bound."""
+    lost = case.final < _LOST * case.loss_error
+    return float(np.clip(case.log_error, 1.0 if lost else 0.0, 3.0))
+
+
 def _with_loosening(
     found: Identification, cases: Sequence[LooseningCase], window_s: tuple[float, float]
 ) -> Identification:
@@ -260,7 +303,7 @@ def _with_loosening(
         )
     tension = np.array([g.initial for g in usable])
     values = np.array([g.gamma for g in usable])
-    covariance = np.diag([min(g.log_error, 3.0) ** 2 for g in usable])
+    covariance = np.diag([_case_error(g) ** 2 for g in usable])
     files = [g.file for g in usable]
     if not enough_for_a_curve(tension):
         start = power_loosening(float(np.exp(np.log(values).mean())))

@@ -26,9 +26,12 @@ _FIRST_CORNER = 0.5  # [rad/s]: a time constant of 2 s
 _HIGHEST_HZ = 1000.0
 _LENGTH_S = 8.0
 _BEFORE_IMPACT_S = 0.1
+_AFTER_IMPACT_S = 0.02
+_LOWEST_LINES = 1.5
 _SPLIT = 4.0  # above this multiple of the strongest frequency the first second says all
 _BRIEF_S = 0.5
 _BRIEF_PERIODS = 16
+_FLOOR = 5.0
 _NEAR_HALF_RATE = 0.7
 _FORCE_BAND = 1e-2  # lines weaker than this share of the strongest force line say nothing of the structure
 
@@ -53,20 +56,25 @@ class LinearNames:
         return f"{link}.damping"
 
 
-def spectral_records(measurement: Measurement, settings: CampaignSettings) -> tuple[SpectralRecord, ...]:
+def spectral_records(
+    measurement: Measurement, settings: CampaignSettings, *, after_impact: bool = False
+) -> tuple[SpectralRecord, ...]:
     """Return the spectra of one record with all terms that act on its moving bodies.
 
     An impact record is cut after 8 s. Its part above four times the strongest frequency is taken from the
     first second alone, where fast modes ring: the end states make any cut exact, and later samples would add
-    noise and work.
+    noise and work. `after_impact` leaves the first 20 ms after the hit out, and with them the force.
     """
     bodies = tuple(body for body in settings.body_names if body in measurement.motion)
     rate, start, stop = measurement.rate_hz, 0, measurement.samples
     force = np.stack([measurement.force.get(body, np.zeros(stop)) for body in bodies], axis=1)
-    low, high = _band(force, rate, measurement.chain.cutoff_hz)
+    low, high = _band(force, rate, _lowest(measurement))
     parts = [(stop, (low, high))]
     if measurement.impact_s is not None:
         start = max(0, int((measurement.impact_s - _BEFORE_IMPACT_S) * rate))
+        if after_impact:
+            start = min(int((measurement.impact_s + _AFTER_IMPACT_S) * rate), stop - 16)
+            low, high = _band(np.zeros_like(force), rate, low)
         parts = [(start + _fast(min(stop - start, int(_LENGTH_S * rate))), (low, high))]
         strongest = measurement.strongest_hz
         if strongest is not None and _SPLIT * strongest < high:
@@ -76,6 +84,14 @@ def spectral_records(measurement: Measurement, settings: CampaignSettings) -> tu
                 (start + _fast(min(stop - start, int(brief * rate))), (split, high)),
             ]
     return tuple(_part(measurement, settings, bodies, force, start, end, band) for end, band in parts)
+
+
+def _lowest(measurement: Measurement) -> float:
+    """Return the lower end of the band [Hz]: the filter's cutoff, lower where nothing needs integration."""
+    cutoff, strongest = measurement.chain.cutoff_hz, measurement.strongest_hz
+    if strongest is None or any(m.kind == "acceleration" for m in measurement.motion.values()):
+        return cutoff
+    return min(cutoff, max(_LOWEST_LINES * measurement.rate_hz / measurement.samples, 0.1 * strongest))
 
 
 def _fast(length: int) -> int:
@@ -100,7 +116,8 @@ def _part(
     group = f"{measurement.test}:{','.join(bodies)}:{stop - start}"
     return SpectralRecord(
         measurement.file, group, frequency, force_spectrum, motion_spectrum, orders, terms, local,
-        _force_errors(measurement), _sampling_errors(measurement),
+        *(((0.0, 0.0), (0.0, 0.0)) if not np.any(force[start:stop]) else
+          (_force_errors(measurement), _sampling_errors(measurement))),
     )  # fmt: skip
 
 
@@ -252,9 +269,20 @@ def _equations(
     for body in range(n):
         first = len(free) + 4 * (n * place + body)
         block[:, body, first : first + 4] = nuisance
-    rows = block.reshape(len(s) * n, -1)
-    target = (part.force - known).reshape(-1)
+    weight = _equation_weight(part)
+    rows = (block * weight[:, :, None]).reshape(len(s) * n, -1)
+    target = ((part.force - known) * weight).reshape(-1)
     return np.concatenate([rows.real, rows.imag]), np.concatenate([target.real, target.imag])
+
+
+def _equation_weight(part: SpectralRecord) -> FloatArray:
+    """Return weights (lines, bodies) of equations: small where differentiated noise would outdo motion."""
+    size = np.abs(part.motion)
+    floor = _FLOOR * np.median(size, axis=0)
+    omega = 2 * np.pi * part.frequency[:, None]
+    strongest = omega[np.argmax(size, axis=0), 0]
+    missing = 2 - np.array(part.orders)
+    return np.asarray(size**2 / (size**2 + floor**2) / (omega**2 + strongest**2) ** (missing / 2))
 
 
 def _action(term: Term, s: ComplexArray, displacement: ComplexArray) -> ComplexArray:

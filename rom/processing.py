@@ -23,9 +23,14 @@ INTEGRATIONS = {"acceleration": 2, "velocity": 1, "displacement": 0}
 CUTOFF_HZ = {"uncoupled": 2.0}
 COUPLED_CUTOFF_HZ = 5.0
 _CUTOFF_BELOW_FIRST_MODE = 0.45
+_FAST_HZ = 100.0
+_CUTOFF_OF_FAST = 0.1
 _BATCHES = 8
 _FLANK_S = 5e-4
 _STRONGEST_S = 4.0
+_LONGEST_S = 30.0
+_LARGEST_NOISE = 30.0  # medians of a density; the largest of 10^6 lines of noise has 20
+_FEWEST_BEFORE_HIT = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +102,22 @@ def displacement(kind: str, samples: FloatArray, rate_hz: float, chain: FilterCh
     return chain.integrated(samples, rate_hz, times) if times else samples
 
 
+def driven_displacement(motion: Channel) -> FloatArray:
+    """Return the prescribed displacement [m] of a link fit to be differentiated: without the noise above it.
+
+    Velocity is where noise would pass for damping. Lines ten times above the median tell what was driven;
+    what lies above four times the highest of them is taken out, zero phase.
+    """
+    samples = motion.samples - motion.samples.mean()
+    lines = np.abs(fft.rfft(samples * signal.windows.hann(len(samples))))
+    strong = np.flatnonzero(lines > max(10 * float(np.median(lines)), 1e-3 * float(lines.max())))
+    highest = 4 * max(float(strong[-1]) if len(strong) else 0.0, 4.0) * motion.rate_hz / len(samples)
+    if highest >= 0.4 * motion.rate_hz:
+        return motion.samples
+    lowpass = signal.butter(4, highest, fs=motion.rate_hz, output="sos")
+    return np.asarray(signal.sosfiltfilt(lowpass, motion.samples))
+
+
 def process(
     record: Record, settings: CampaignSettings, cutoff_hz: Mapping[str, float] | None = None
 ) -> Measurement:
@@ -148,10 +169,14 @@ def process(
 
 def cutoff(test: str, first_mode_hz: float | None) -> float:
     """Return the high-pass cutoff [Hz]: the paper's 2 Hz uncoupled, 5 Hz coupled (2.3), lower for a lower
-    first mode.
+    first mode, and higher above 100 Hz, where noise integrated twice would outdo the motion.
     """
     usual = CUTOFF_HZ.get(test, COUPLED_CUTOFF_HZ)
-    return usual if first_mode_hz is None else min(usual, _CUTOFF_BELOW_FIRST_MODE * first_mode_hz)
+    if first_mode_hz is None:
+        return usual
+    if first_mode_hz > _FAST_HZ:
+        return _CUTOFF_OF_FAST * first_mode_hz
+    return min(usual, _CUTOFF_BELOW_FIRST_MODE * first_mode_hz)
 
 
 def gated_force(force: FloatArray, rate_hz: float, pretrigger_s: float) -> tuple[FloatArray, float]:
@@ -179,19 +204,29 @@ def dominant_frequency(motion: Mapping[str, Motion], rate_hz: float, impact_s: f
     Velocity lies between acceleration, where fast modes speak, and displacement, where slow noise would.
     """
     start = int((impact_s or 0.0) * rate_hz)
+    stop = start + int((_STRONGEST_S if impact_s is not None else _LONGEST_S) * rate_hz)
     power, frequency = 0.0, None
     for channel in motion.values():
-        samples = channel.samples[start : start + int(_STRONGEST_S * rate_hz)]
-        if len(samples) < 16:
+        if len(channel.samples[start:stop]) < 16:
             continue
-        size = fft.next_fast_len(len(samples), real=True)
-        lines = fft.rfftfreq(size, 1 / rate_hz)
-        density = np.abs(fft.rfft(samples * signal.windows.hann(len(samples)), size)) ** 2
-        inside = lines > max(0.5, 4 * rate_hz / len(samples))
-        weight = density[inside] * lines[inside] ** (2 - 2 * INTEGRATIONS[channel.kind])
+        lines, weight = _velocity_lines(Motion(channel.kind, channel.samples[start:stop]), rate_hz)
         if weight.size and weight.max() > power:
-            power, frequency = float(weight.max()), float(lines[inside][np.argmax(weight)])
+            power, frequency = float(weight.max()), float(lines[np.argmax(weight)])
     return frequency
+
+
+def _velocity_lines(motion: Motion, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies [Hz] and velocity's power there; lines no higher than noise, where there are others,
+    have none.
+    """
+    samples, order = motion.samples - motion.samples.mean(), INTEGRATIONS[motion.kind]
+    size, resolution = fft.next_fast_len(len(samples), real=True), rate_hz / len(samples)
+    lines = fft.rfftfreq(size, 1 / rate_hz)
+    density = np.abs(fft.rfft(samples * signal.windows.hann(len(samples)), size)) ** 2
+    above = np.maximum(density - _LARGEST_NOISE * float(np.median(density)), 0.0)
+    inside = lines > (max(0.5, 4 * resolution) if order == 2 else 1.5 * resolution)
+    density = above if np.any(above[inside]) else density
+    return lines[inside], density[inside] * lines[inside] ** (2 - 2 * order)
 
 
 def _at_rate(channel: Channel, rate_hz: float) -> FloatArray:
@@ -222,7 +257,10 @@ def _tension(
     if record.test != "hold" and impact_s is not None and first_mode_hz:
         non_oscillatory, _ = split_tension(tension, channel.rate_hz, 2 / first_mode_hz, impact_s, periods=2)
     windows = settings.windows
-    initial, initial_error = _window_mean(tension, channel.rate_hz, windows.initial_s)
+    before = windows.initial_s
+    if impact_s is not None and before[0] < impact_s - _FEWEST_BEFORE_HIT / channel.rate_hz:
+        before = (before[0], min(before[1], impact_s))  # a hit that comes early ends the initial window
+    initial, initial_error = _window_mean(tension, channel.rate_hz, before)
     final, final_error = _window_mean(tension, channel.rate_hz, windows.final_s)
     return TensionRecord(
         tension, non_oscillatory, channel.rate_hz, initial, final, initial_error, final_error, slope, warnings

@@ -15,7 +15,7 @@ from rom.channels import FloatArray
 from rom.frequency_response import Estimate, FrequencyResponse, Mode, fit_modes, frequency_response
 from rom.linear import LINEAR_TESTS, spectral_records
 from rom.modal import average_period_frequency, logarithmic_decrement
-from rom.processing import Measurement, TensionRecord, process
+from rom.processing import Measurement, TensionRecord, driven_displacement, process
 from rom.quality import Doubt, assess
 from rom.spectra import SpectralRecord
 
@@ -23,6 +23,7 @@ Progress = Callable[[int, int], None]
 _PERIOD_MARGIN = 17.0 / 15.78  # the paper drops what lies above 17 Hz, its first mode being at most 15.78 Hz
 _FILTER_REACH_S = 0.2
 _SIMULATED_S = 30.0
+_SMALL_LOSS = 0.01
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def reduce_record(campaign: Campaign, record_settings: RecordSettings) -> Reduce
         record_settings,
         warnings=() if tension is None else tension.warnings,
         cutoff_hz=measurement.chain.cutoff_hz if measurement.motion else None,
-        spectra=spectral_records(measurement, settings) if linear and measurement.motion else (),
+        spectra=_spectra(measurement, settings) if linear and measurement.motion else (),
         first_mode=_first_mode(measurement) if measurement.test == "coupled" else None,
         uncoupled=_uncoupled(measurement, record) if measurement.test == "uncoupled" else None,
         tensions=None if tension is None else _tensions(tension),
@@ -113,6 +114,18 @@ def reduce_record(campaign: Campaign, record_settings: RecordSettings) -> Reduce
         rate_hz=measurement.rate_hz,
         link=_link_constants(measurement, settings) if measurement.test == "cycled" else (),
     )
+
+
+def _spectra(measurement: Measurement, settings: CampaignSettings) -> tuple[SpectralRecord, ...]:
+    """Return the spectra; of a bolt that loosens, from the ringing after its loss if all masses are known."""
+    tension = measurement.tension
+    loosens = (
+        measurement.test == "loosening"
+        and tension is not None
+        and abs(tension.loss) > _SMALL_LOSS * abs(tension.initial)
+        and all(body.mass_kg is not None for body in settings.body)
+    )
+    return spectral_records(measurement, settings, after_impact=loosens)
 
 
 def _has_linear(campaign: Campaign) -> bool:
@@ -190,8 +203,9 @@ def _link_constants(
         motion = measurement.link.get(f"link_displacement_{link.name}")
         if force is None or motion is None:
             continue
-        velocity = np.gradient(motion.samples, 1 / motion.rate_hz)
-        columns = [velocity] if link.law == "dashpot" else [motion.samples, velocity]
+        displacement = driven_displacement(motion)
+        velocity = np.gradient(displacement, 1 / motion.rate_hz)
+        columns = [velocity] if link.law == "dashpot" else [displacement, velocity]
         values = np.linalg.lstsq(np.stack(columns, axis=1), force.samples, rcond=None)[0]
         out.append((link.name, 0.0 if link.law == "dashpot" else float(values[0]), float(values[-1])))
     return tuple(out)

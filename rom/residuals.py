@@ -6,8 +6,8 @@ the same tension windows, and only then is a difference taken.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TypedDict
 
 import numpy as np
@@ -15,8 +15,9 @@ import numpy as np
 from rom.campaign import WindowSettings
 from rom.channels import FloatArray
 from rom.model import Model
-from rom.processing import Measurement, displacement
+from rom.processing import Measurement, displacement, driven_displacement
 from rom.simulation import Response
+from rom.structure import GROUND, Structure
 
 _MOTION_TESTS = ("uncoupled", "coupled", "loosening", "free", "driven")
 _STATE_ITERATIONS = 3
@@ -81,6 +82,7 @@ def simulate_measurement(model: Model, measurement: Measurement) -> Response:
     """
     if measurement.test == "uncoupled":
         model = model.without_bolt()
+    model = _moving(model, measurement.motion)
     force = {body: f for body, f in measurement.applied_force.items() if body in model.structure.body_names}
     if not force:
         force = {model.structure.body_names[0]: np.zeros(measurement.samples)}
@@ -90,12 +92,35 @@ def simulate_measurement(model: Model, measurement: Measurement) -> Response:
     return _free_response(model, measurement, force, tension)
 
 
+def _moving(model: Model, bodies: Collection[str]) -> Model:
+    """Return the model of the moving bodies: one that rests in a record is ground to the others."""
+    if not bodies or set(model.structure.body_names) <= set(bodies):
+        return model
+    ends = {body: body if body in bodies else GROUND for body in (*model.structure.body_names, GROUND)}
+    links = tuple(
+        replace(link, first=ends[link.first], second=ends[link.second])
+        for link in model.structure.links
+        if ends[link.first] != ends[link.second]
+    )
+    names = {link.name for link in links}
+    places = names | {f"body:{body}" for body in bodies}
+    if any(link.law == "bolted" for link in links):
+        places.add("tension")
+    return replace(
+        model,
+        structure=Structure(tuple(b for b in model.structure.bodies if b.name in bodies), links),
+        link_laws={name: model.link_laws[name] for name in names},
+        effects=tuple(effect for effect in model.effects if effect.enters in places),
+    )
+
+
 def compare(model: Model, measurement: Measurement, windows: WindowSettings) -> Comparison:
     """Compare a model with one record."""
+    known = measurement.test == "uncoupled" or _tension_known(model, measurement)
+    if not known or measurement.test not in (*_MOTION_TESTS, "cycled"):
+        return Comparison(measurement.file, measurement.test, True, {})
     if measurement.test == "cycled":
         return _compare_cycled(model, measurement)
-    if measurement.test not in _MOTION_TESTS:
-        return Comparison(measurement.file, measurement.test, True, {})
     response = simulate_measurement(model, measurement)
     if response.status != "ok":
         return Comparison(measurement.file, measurement.test, False, {})
@@ -151,13 +176,26 @@ def _quantity(response: Response, kind: str, body: str) -> FloatArray:
     return quantities[body]
 
 
-def _initial_tension(model: Model, measurement: Measurement) -> float | None:
-    if not model.structure.bolted_links:
+def _tension_known(model: Model, measurement: Measurement) -> bool:
+    """Return whether a record tells the tension at which its simulation starts, or the model needs none."""
+    needed = any(
+        law.sees_tension
+        for link in model.structure.bolted_links
+        for law in (model.link_laws[link].stiffness, model.link_laws[link].damping)
+    )
+    return not needed or measurement.tension is not None or measurement.preload_n is not None
+
+
+def _initial_tension(model: Model, measurement: Measurement) -> Mapping[str, float] | None:
+    bolts = model.structure.bolted_links
+    if not bolts:
         return None
     if measurement.tension is not None:
-        return measurement.tension.initial
+        return dict.fromkeys(bolts, max(measurement.tension.initial, 0.0))
     if measurement.preload_n is not None:
-        return measurement.preload_n
+        return dict.fromkeys(bolts, measurement.preload_n)
+    if _tension_known(model, measurement):
+        return dict.fromkeys(bolts, 0.0)
     raise ValueError(
         f"{measurement.file}: found no strain, tension or preload_n, "
         "expected one of them as the initial tension of the bolted link"
@@ -165,7 +203,10 @@ def _initial_tension(model: Model, measurement: Measurement) -> float | None:
 
 
 def _free_response(
-    model: Model, measurement: Measurement, force: Mapping[str, FloatArray], tension: float | None
+    model: Model,
+    measurement: Measurement,
+    force: Mapping[str, FloatArray],
+    tension: Mapping[str, float] | None,
 ) -> Response:
     """Fit every body's initial displacement and velocity by Gauss-Newton steps on the filtered motion."""
     bodies = model.structure.body_names
@@ -220,7 +261,11 @@ def _compare_cycled(model: Model, measurement: Measurement) -> Comparison:
         force = measurement.link.get(f"link_force_{name}")
         motion = measurement.link.get(f"link_displacement_{name}")
         if force is not None and motion is not None:
-            values.append(_nrmse(model.link_force(name, motion.samples, motion.rate_hz), force.samples))
+            tension = _initial_tension(model, measurement) if name in model.structure.bolted_links else None
+            simulated = model.link_force(
+                name, driven_displacement(motion), motion.rate_hz, (tension or {}).get(name, 0.0)
+            )
+            values.append(_nrmse(simulated, force.samples))
     return Comparison(
         measurement.file,
         measurement.test,

@@ -142,8 +142,9 @@ def _system(record: SpectralRecord, values: Mapping[str, float]) -> _System:
         else:
             matrices[term.matrix] += values[key(record, term)] * np.outer(term.direction, term.direction)
     s_ = s[:, None, None]
-    receptance: ComplexArray = np.linalg.inv(
-        s_**2 * matrices["mass"] + s_ * matrices["damping"] + matrices["stiffness"]
+    receptance = np.asarray(
+        np.linalg.inv(s_**2 * matrices["mass"] + s_ * matrices["damping"] + matrices["stiffness"]),
+        dtype=np.complex128,
     )
     coupled = np.stack(
         [s / (s + corner) if order == 2 else np.ones_like(s) for order in record.orders], axis=1
