@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import PurePosixPath, PureWindowsPath
 from typing import Annotated, Any, Literal, TypeAlias, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from rom.channels import nearest, one_of
 
@@ -15,6 +15,7 @@ Test: TypeAlias = Literal["uncoupled", "coupled", "loosening", "free", "driven",
 LinkLaw: TypeAlias = Literal["linear", "dashpot", "bolted"]
 FORMAT = "boltlaw-campaign/1"
 GROUND = "ground"
+USUAL_WINDOWS = {"initial_s": (0.0, 0.4), "final_s": (2.0, 8.0)}
 RECORD_ENDINGS = (".h5", ".mat", ".csv")
 
 _Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -103,6 +104,14 @@ class CampaignSettings(_Settings):
     record: Annotated[tuple[RecordSettings, ...], Field(min_length=1)] = Field(
         description="one [[record]] or more"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_bolt_no_windows(cls, data: Any) -> Any:
+        """Windows average a tension: without a bolt they may be left out, and the usual ones stand in."""
+        if isinstance(data, dict) and not {"bolt", "windows"} & set(data):
+            return {**data, "windows": USUAL_WINDOWS}
+        return data
 
     @property
     def body_names(self) -> tuple[str, ...]:

@@ -323,3 +323,16 @@ class TestWriting:
         sizes = [(folder / LOOSENING).stat().st_size for folder in (tmp_path / "new", sound)]
         assert sizes[0] < 0.7 * sizes[1]
         read_campaign(tmp_path / "new")
+
+
+def test_without_a_bolt_the_windows_may_be_left_out() -> None:
+    bare = {
+        "format": "boltlaw-campaign/1",
+        "name": "carriage",
+        "body": [{"name": "carriage"}],
+        "link": [{"name": "guide", "between": ["carriage", "ground"], "law": "dashpot"}],
+        "sampling": {"motion_rate_hz": 1000, "tension_rate_hz": 1000, "pretrigger_s": 0},
+        "record": [{"file": "run.h5", "test": "driven"}],
+    }
+    settings_without_windows = CampaignSettings.model_validate(bare)
+    assert settings_without_windows.windows.final_s == (2.0, 8.0)
