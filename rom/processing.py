@@ -115,7 +115,8 @@ def driven_displacement(motion: Channel) -> FloatArray:
     if highest >= 0.4 * motion.rate_hz:
         return motion.samples
     lowpass = signal.butter(4, highest, fs=motion.rate_hz, output="sos")
-    return np.asarray(signal.sosfiltfilt(lowpass, motion.samples))
+    padding = min(len(samples) - 1, int(2 * motion.rate_hz / highest))
+    return np.asarray(signal.sosfiltfilt(lowpass, motion.samples, padlen=padding))
 
 
 def process(
