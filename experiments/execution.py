@@ -53,7 +53,7 @@ def execution(cluster: str | None = None, local: Local = "loky") -> Iterator[Non
             f"--cluster {cluster}: found no Dask distributed, install it with: pip install 'boltlaw[cluster]'"
         ) from error
     try:
-        client = Client(cluster, timeout=_CONNECT_S)
+        client = Client(cluster, timeout=_CONNECT_S)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise ClusterError(
             f"--cluster {cluster}: no scheduler answers there within {_CONNECT_S} s, expected a running one"

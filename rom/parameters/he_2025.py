@@ -110,8 +110,8 @@ def nominal_impact(
 ) -> FloatArray:
     """Half-sine hammer pulse ``peak sin(pi (t - start) / tau)`` [N], tau = 1.05 ms (peak / 28 N)^-0.118.
 
-    The paper prints no pulse shape. This one, with the paper's own equations, gives losses of the size that it
-    prints for low and high impacts.
+    The paper prints no pulse shape. This one, with the paper's own equations, gives losses of the size
+    that it prints for low and high impacts.
     """
     contact = 1.05e-3 * (peak / 28.0) ** -0.118
     phase = (np.arange(round(duration_s * rate_hz)) / rate_hz - start_s) / contact
