@@ -22,6 +22,7 @@ from rom.spectra import ComplexArray, FloatArray, Linearised, SpectralRecord, ke
 
 _LARGEST_LOG_STEP = 0.7
 _OUTER_ITERATIONS = 12
+_FIRST_ITERATIONS = 60  # weights taken from a half-done fit would make its misfit look like noise
 _INNER_ITERATIONS = 12
 _SMOOTHING_HZ = 2.0
 _NEGLIGIBLE = 1e-7  # share of the cost that a step may still promise
@@ -142,10 +143,11 @@ def _levenberg_marquardt(
     whiteners: Sequence[ComplexArray],
     names: Sequence[str],
     tolerance: float,
+    iterations: int,
 ) -> tuple[_State, bool]:
     """Return the minimum for fixed weights, and whether the last step was within the tolerance."""
     damping = 1e-3
-    for _ in range(_INNER_ITERATIONS):
+    for _ in range(iterations):
         step = np.linalg.lstsq(
             state.hessian + damping * np.diag(np.diag(state.hessian)), state.gradient, rcond=None
         )[0]
@@ -195,7 +197,8 @@ def fit_output_error(
         if progress is not None:
             progress(iteration + 1, _OUTER_ITERATIONS)
         before = np.array([state.values[name] for name in names])
-        state, inner = _levenberg_marquardt(records, state, whiteners, names, tolerance)
+        steps = _INNER_ITERATIONS if iteration else _FIRST_ITERATIONS
+        state, inner = _levenberg_marquardt(records, state, whiteners, names, tolerance, steps)
         change = np.log([state.values[name] for name in names] / before)
         settled = (
             float(change @ state.hessian @ change) < _SETTLED or np.abs(change).max(initial=0) < tolerance

@@ -1,0 +1,101 @@
+"""The linear fit against structures that are known: values, limits, and what no record tells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from lumped import noisy, pulse, random_force, respond
+
+from rom.output_error import OutputErrorFit, fit_output_error
+from rom.spectra import DERIVATIVE_ORDER, SpectralRecord, Term, spectrum
+
+RATE_HZ, SAMPLES = 1000.0, 4000
+LINKS = [("s", ("m", "ground"), "linear", 4000.0, 3.0)]
+ONE = np.array([1.0])
+
+
+def one_body(
+    motion: np.ndarray, force: np.ndarray, kind: str, *, known_mass: bool = True, start: float = 1.3
+) -> SpectralRecord:
+    """Return the spectra of a body of 2 kg on a spring, every free value off by the factor `start`."""
+    band = (1.0, 150.0)
+    frequency, lines = spectrum(force[:, None], RATE_HZ, band)
+    terms = (
+        Term("mass", "mass", ONE, 2.0 if known_mass else 2.0 * start, free=not known_mass),
+        Term("k", "stiffness", ONE, 4000.0 * start),
+        Term("c", "damping", ONE, 3.0 * start),
+        *((Term("corner", "corner", np.zeros(1), 0.5),) if kind == "acceleration" else ()),
+    )
+    _, motion_lines = spectrum(motion[:, None], RATE_HZ, band)
+    return SpectralRecord("a", "all", frequency, lines, motion_lines, (DERIVATIVE_ORDER[kind],), terms)
+
+
+def fit_of_noise(seed: int, kind: str) -> OutputErrorFit:
+    """Return a fit of one driven record with 5 % noise."""
+    rng = np.random.default_rng(seed)
+    force = random_force(rng, SAMPLES, RATE_HZ, 60.0)
+    motion = noisy(rng, respond({"m": 2.0}, LINKS, {"m": force}, RATE_HZ)[f"{kind}_m"], 0.05)
+    return fit_output_error([one_body(motion, force, kind, known_mass=False)])
+
+
+@pytest.mark.parametrize("kind", ["displacement", "velocity", "acceleration"])
+def test_limits_hold_the_truth_as_often_as_they_say(kind: str) -> None:
+    truth = {"mass": 2.0, "k": 4000.0, "c": 3.0}
+    held, offsets = [], []
+    for seed in range(20):
+        fit = fit_of_noise(seed, kind)
+        assert fit.converged
+        offset = {n: np.log(fit.value(n) / v) / fit.relative_error(n) for n, v in truth.items()}
+        held += [abs(z) < 1.96 for z in offset.values()]
+        offsets += list(offset.values())
+    assert 0.85 <= np.mean(held) <= 1.0
+    assert abs(np.mean(offsets)) < 0.7  # 60 draws in threes that go together: five standard errors
+    assert np.std(offsets) == pytest.approx(1.0, abs=0.35)
+
+
+def test_clean_records_give_the_truth_whether_or_not_the_sensor_has_a_corner() -> None:
+    force = pulse(100.0, SAMPLES, RATE_HZ, 0.5, 8e-3)
+    motion = respond({"m": 2.0}, LINKS, {"m": force}, RATE_HZ)["acceleration_m"]
+    record = one_body(motion, force, "acceleration")
+    for corner in (0.0, 1.2):
+        s = 2j * np.pi * record.frequency[:, None]
+        measured = replace(record, motion=record.motion * s / (s + corner))
+        fit = fit_output_error([measured])
+        assert fit.value("k") == pytest.approx(4000.0, rel=1e-4)
+        assert fit.value("c") == pytest.approx(3.0, rel=5e-3)
+    assert fit.value("corner") == pytest.approx(1.2, rel=0.1)
+
+
+def test_a_free_decay_tells_the_ratios_and_leaves_the_scale_open() -> None:
+    motion = respond({"m": 2.0}, LINKS, {"m": np.zeros(SAMPLES)}, RATE_HZ, np.array([0.01, 0.2]))
+    samples = noisy(np.random.default_rng(4), motion["displacement_m"], 0.01)
+    fit = fit_output_error([one_body(samples, np.zeros(SAMPLES), "displacement", known_mass=False)])
+    assert fit.value("k") / fit.value("mass") == pytest.approx(2000.0, rel=1e-3)
+    assert fit.relative_error("k") > 1.0
+    assert fit.relative_error("mass") > 1.0
+    bound = fit_output_error([one_body(samples, np.zeros(SAMPLES), "displacement")])
+    assert bound.value("k") == pytest.approx(4000.0, rel=1e-3)
+    assert bound.relative_error("k") < 1e-3
+
+
+def test_samples_too_far_apart_for_the_pulse_widen_the_limits_and_shift_nothing() -> None:
+    fine, coarse = 16, 1.0
+    force = pulse(100.0, SAMPLES * fine, RATE_HZ * fine, 0.5003, 2.5e-3)  # two or three samples at 1 kHz
+    motion = respond({"m": 2.0}, LINKS, {"m": force}, RATE_HZ * fine)["displacement_m"][::fine]
+    seen = force[::fine]
+    assert abs(seen.sum() / force.sum() * fine - coarse) > 5e-3
+    record = one_body(motion, seen, "displacement", known_mass=False)
+    blind, told = (
+        fit_output_error([record]),
+        fit_output_error([replace(record, sampling_errors=(0.05, 2e-5))]),
+    )
+    assert blind.relative_error("mass") < 2e-3 < abs(np.log(blind.value("mass") / 2.0))
+    assert abs(np.log(told.value("mass") / 2.0)) < 2 * told.relative_error("mass")
+    assert told.value("k") / told.value("mass") == pytest.approx(2000.0, rel=1e-3)
+
+
+def test_no_record_is_refused() -> None:
+    with pytest.raises(ValueError, match="at least one record"):
+        fit_output_error([])
