@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 import typer
-from malformed import MALFORMED, Spoil, write_sound_campaign
+from malformed import MALFORMED, Spoil
+from sound_campaign import write_sound_campaign
 
 from experiments.cli import app
 

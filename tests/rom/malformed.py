@@ -1,4 +1,4 @@
-"""A small sound campaign, and every way it can be malformed: for the tests of the reader and of the commands.
+"""Every way a campaign can be malformed: for the tests of the reader and of the commands.
 
 `MALFORMED` holds (name, spoil): `spoil(folder)` writes a campaign with one fault to a new folder and returns
 the words that the one line about it must hold, the faulty file first.
@@ -15,71 +15,20 @@ import h5py
 import numpy as np
 import tomli_w
 from scipy.io import savemat
+from sound_campaign import (
+    COUPLED,
+    CYCLED,
+    DRIVEN,
+    HOLD,
+    LOOSENING,
+    UNCOUPLED,
+    sound_channels,
+    write_sound_campaign,
+)
 
-from rom.campaign import CampaignSettings, write_campaign
-from rom.records import Channel
-
-MOTION_RATE_HZ, TENSION_RATE_HZ, DURATION_S = 400, 100, 3.0
 TOML = "campaign.toml"
-UNCOUPLED, COUPLED, LOOSENING = "records/uncoupled.h5", "records/coupled.mat", "records/loosening.h5"
-DRIVEN, FREE, CYCLED, HOLD = "records/driven.csv", "records/free.csv", "cycled.mat", "records/more/hold.h5"
-FILES = (UNCOUPLED, COUPLED, LOOSENING, DRIVEN, FREE, CYCLED, HOLD)
-FORCED = ("force_lo", "acceleration_lo", "acceleration_so", "strain")
-
 Words = tuple[str, ...]
 Spoil = Callable[[Path], Words]
-
-
-def sound_settings() -> dict[str, Any]:
-    """Settings of a campaign with every kind of test, as `campaign.toml` holds them."""
-    return {
-        "format": "boltlaw-campaign/1",
-        "name": "two oscillators",
-        "body": [{"name": "lo", "mass_kg": 8.625}, {"name": "so"}],
-        "link": [
-            {"name": "flexure_lo", "between": ["lo", "ground"], "law": "linear"},
-            {"name": "flexure_so", "between": ["so", "ground"], "law": "dashpot", "damping_ns_per_m": 2},
-            {"name": "joint", "between": ["lo", "so"], "law": "bolted"},
-        ],
-        "bolt": {"link": "joint", "calibration": [2718.7, 2363.7, -575.63]},
-        "sampling": {
-            "motion_rate_hz": MOTION_RATE_HZ,
-            "tension_rate_hz": TENSION_RATE_HZ,
-            "pretrigger_s": 0.5,
-        },
-        "windows": {"initial_s": [0, 0.4], "final_s": [2.0, 8.0]},
-        "record": [
-            {"file": UNCOUPLED, "test": "uncoupled", "bodies": ["lo"]},
-            {"file": COUPLED, "test": "coupled", "preload_n": 10},
-            {"file": LOOSENING, "test": "loosening", "preload_n": 152.7, "hold_out": False},
-            {"file": DRIVEN, "test": "driven", "hold_out": True},
-            {"file": FREE, "test": "free"},
-            {"file": CYCLED, "test": "cycled"},
-            {"file": HOLD, "test": "hold"},
-        ],
-    }
-
-
-def sound_channels(file: str) -> dict[str, Channel]:
-    """Channels of one record: the fewest that its kind of test needs."""
-    names = {
-        UNCOUPLED: ("force_lo", "velocity_lo"),
-        FREE: ("displacement_lo", "acceleration_so"),
-        CYCLED: ("link_displacement_joint", "link_force_joint"),
-        HOLD: ("tension",),
-    }.get(file, FORCED)
-    random = np.random.default_rng(len(file))
-    rates = {name: TENSION_RATE_HZ if name in ("strain", "tension") else MOTION_RATE_HZ for name in names}
-    return {
-        name: Channel(name, random.standard_normal(round(rate * DURATION_S)), rate)
-        for name, rate in rates.items()
-    }
-
-
-def write_sound_campaign(folder: Path) -> None:
-    """Write the sound campaign to a new folder."""
-    settings = CampaignSettings.model_validate(sound_settings())
-    write_campaign(folder, settings, ((file, sound_channels(file)) for file in FILES))
 
 
 def _spoiled(change: Callable[[Path], None], *words: str) -> Spoil:

@@ -12,7 +12,8 @@ import pytest
 import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from malformed import (
+from malformed import MALFORMED, Spoil
+from sound_campaign import (
     COUPLED,
     CYCLED,
     DRIVEN,
@@ -20,9 +21,7 @@ from malformed import (
     FREE,
     HOLD,
     LOOSENING,
-    MALFORMED,
     UNCOUPLED,
-    Spoil,
     sound_channels,
     sound_settings,
     write_sound_campaign,

@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 import pytest
-from malformed import sound_settings
 from scipy import signal
+from sound_campaign import sound_settings
 
 from rom.campaign import CampaignSettings, Record, RecordSettings
 from rom.channels import FloatArray
