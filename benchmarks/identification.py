@@ -1,8 +1,8 @@
 """How near identification comes to the truth of the virtual rig, and how often its limits hold it.
 
 ``python -m benchmarks.identification --seeds 10 --cases 20 --noise 1`` makes a campaign per seed (no scatter
-of gamma from test to test, no record held out), identifies it, and prints medians and spread over the seeds. The
-truth is read for scoring alone, from the file beside the campaign.
+of gamma from test to test, no record held out), identifies it, and prints medians and spread over the seeds.
+The truth is read for scoring alone, from the file beside the campaign.
 """
 
 from __future__ import annotations
@@ -27,6 +27,12 @@ from rom.laws import Law, logistic_damping, logistic_loosening, logistic_stiffne
 
 SOFT_N = 150.0
 GRID_N = (20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 3000.0)
+FLEXURES = {
+    "k_LO": "flexure_lo.stiffness.k",
+    "k_SO": "flexure_so.stiffness.k",
+    "c_LO": "flexure_lo.damping.c",
+    "c_SO": "flexure_so.damping.c",
+}
 _Z95 = 1.959964
 LARGEST_GAMMA = "gamma(T), largest from 20 to 3000 N"
 TARGETS = {  # largest error [%] at the median over seeds
@@ -65,6 +71,8 @@ def read_truth(path: Path) -> Truth:
         {
             "k_LO": plant["stiffness_lo"] * plant["stiffening_lo"],
             "k_SO": plant["stiffness_so"] * plant["stiffening_so"],
+            "c_LO": plant["damping_lo"],
+            "c_SO": plant["damping_so"],
         },
         {
             "stiffness": logistic_stiffness(*(plant[name] for name in ("k_i", "alpha", "beta"))),
@@ -86,12 +94,11 @@ def run_trial(seed: int, cases: int, noise: float, jobs: int = 2) -> Trial:
 def score(found: Identification, truth: Truth) -> Trial:
     """Return errors and coverage of an identification."""
     model = found.model
-    flexures = {"k_LO": "flexure_lo.stiffness.k", "k_SO": "flexure_so.stiffness.k"}
     errors = {
-        name: _percent(model.parameter(path).value, truth.numbers[name]) for name, path in flexures.items()
+        name: _percent(model.parameter(path).value, truth.numbers[name]) for name, path in FLEXURES.items()
     }
     covered = {
-        name: (_within(model.parameter(path), truth.numbers[name]),) for name, path in flexures.items()
+        name: (_within(model.parameter(path), truth.numbers[name]),) for name, path in FLEXURES.items()
     }
     by_law = {place: getattr(model.link_laws["joint"], place) for place in truth.laws}
     for place, law in by_law.items():

@@ -159,9 +159,7 @@ def gamma_estimate(initial: float, loss: float) -> GammaEstimate:
 
 def test_convergence_splits_where_the_changes_become_small() -> None:
     """Fig. 9: large changes of either sign below about 850 N, small losses above."""
-    below = [
-        gamma_estimate(t, loss) for t, loss in zip(range(50, 850, 80), [8, -5, 9, 7, -9, 6, 8, -7, 5, 9])
-    ]
+    below = [gamma_estimate(50 + 80 * i, loss) for i, loss in enumerate([8, -5, 9, 7, -9, 6, 8, -7, 5, 9])]
     above = [gamma_estimate(t, 0.5 + 1e-4 * t) for t in range(900, 3000, 200)]
     found = identify.convergence([*above, *below])
     assert 770 < found["split_n"] < 900

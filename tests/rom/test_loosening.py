@@ -89,6 +89,16 @@ def test_final_tension_falls_with_gamma(initial: float) -> None:
     assert finite[0] > initial > finite[-1]
 
 
+@pytest.mark.parametrize("initial", [30.0, 81.87, 150.0, 600.0])
+def test_a_loss_does_not_depend_on_the_sample_at_which_the_hit_falls(initial: float) -> None:
+    """Whatever the grid of the integrator: a hit between two of its nodes is a hit."""
+    rate_hz = 2 * RATE_HZ
+    pulse = he_2025.nominal_impact(1608.7, rate_hz, 0.8)
+    forces = np.stack([np.roll(pulse, shift) for shift in range(256)])
+    loss = initial - MODEL.final_tension(forces, rate_hz, np.full(256, initial))
+    np.testing.assert_allclose(loss, np.median(loss), rtol=5e-3)
+
+
 def test_order_of_cases_does_not_matter() -> None:
     cases = with_true_losses(np.array([20.0, 200.0, 2000.0]), 0.03)
     forward, backward = identify_gamma(MODEL, cases, WINDOW_S), identify_gamma(MODEL, cases[::-1], WINDOW_S)
