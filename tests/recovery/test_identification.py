@@ -1,0 +1,71 @@
+"""Known truth through the whole chain: raw records of the virtual rig in, the rig's own numbers out."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).parents[2]))
+
+from benchmarks.identification import COVERAGE_TARGET, TARGETS, Trial, run_trial
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def trials() -> list[Trial]:
+    """Twenty preloads, nominal noise, three seeds."""
+    return [run_trial(seed, cases=20, noise=1.0) for seed in range(3)]
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_the_median_error_is_within_its_target(name: str, trials: list[Trial]) -> None:
+    assert np.median([abs(trial.errors[name]) for trial in trials]) <= TARGETS[name]
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_no_seed_is_far_off(name: str, trials: list[Trial]) -> None:
+    assert max(abs(trial.errors[name]) for trial in trials) <= 2 * TARGETS[name]
+
+
+def test_limits_hold_the_truth_as_often_as_they_say(trials: list[Trial]) -> None:
+    held = [hit for trial in trials for hits in trial.covered.values() for hit in hits]
+    assert len(held) > 150
+    low, high = COVERAGE_TARGET
+    assert low <= np.mean(held) <= high
+
+
+@pytest.mark.parametrize("symbol", ["k_C", "c_C"])
+def test_limits_of_every_joint_hold_the_truth(symbol: str, trials: list[Trial]) -> None:
+    held = [hit for trial in trials for hit in trial.covered[f"{symbol} of every coupled record"]]
+    assert len(held) == 60
+    assert COVERAGE_TARGET[0] <= np.mean(held)
+
+
+def test_a_wrong_truth_is_not_recovered() -> None:
+    """The score itself can fail: a campaign scored against another plant misses every target."""
+    import json
+    import tempfile
+
+    from benchmarks.identification import read_truth, score
+    from experiments.studies import rig
+    from rom.campaign import read_campaign
+    from rom.identification import identify_campaign
+
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = rig.run(
+            Path(scratch) / "campaign", 8, 1.0, 0, 2, scatter=0.0, hold_out_every=0, duration_s=3.0
+        )
+        path = rig.truth_path(folder)
+        data = json.loads(path.read_text(encoding="utf-8"))
+        for name in ("stiffness_lo", "stiffness_so", "k_i", "c_d", "c_i"):
+            data["plant"][name] *= 1.5
+        data["plant"]["loosening"][0]["gamma_d"] += 0.2
+        path.write_text(json.dumps(data), encoding="utf-8")
+        trial = score(identify_campaign(read_campaign(folder)), read_truth(path))
+    missed = [name for name, target in TARGETS.items() if abs(trial.errors[name]) > target]
+    assert missed == list(TARGETS)
+    assert not any(trial.covered["k_LO"] + trial.covered["k_SO"] + trial.covered["gamma(T) on the grid"])
