@@ -57,6 +57,9 @@ def rig(
     hold_out_every: Annotated[
         int, typer.Option(min=0, help="One in so many preloads is held out; 0: none.")
     ] = 5,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder in which NEW_DIR is created; default: here.")
+    ] = None,
     seed: Seed = 0,
     jobs: Jobs = _CORES,
     quiet: Quiet = False,
@@ -66,8 +69,8 @@ def rig(
 
     with _progress(quiet) as report:
         folder = study.run(
-            new_dir, cases, noise, seed, jobs, report("measuring"), duration_s=duration_s, scatter=scatter,
-            hold_out_every=hold_out_every,
+            new_dir if out is None else out / new_dir, cases, noise, seed, jobs, report("measuring"),
+            duration_s=duration_s, scatter=scatter, hold_out_every=hold_out_every,
         )  # fmt: skip
     _say(f"wrote {folder}", quiet)
 
