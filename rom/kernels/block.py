@@ -13,7 +13,7 @@ from rom.kernels.propagators import INTEGRAL, NODES, SAMPLE, SIMPSON, TICKS, Pro
 
 SWEEPS = 12
 # places in Block.change: what the last sweep changed, and what decides how much the next one would
-FORCE, TENSION, STATE, STIFFNESS, DAMPING, SHARPNESS = range(6)
+FORCE, TENSION, STATE, STIFFNESS, DAMPING, SPEED, SHARPNESS = range(7)
 
 
 class Block(NamedTuple):
@@ -26,9 +26,10 @@ class Block(NamedTuple):
     r: Any  # (node, tensions + states + 1): rates of z, and a place for links without tension
     start: Any  # (tensions,): initial tensions
     base: Any  # (active link, 2): stiffness and damping of the linear part
+    beyond: Any  # (active link, 2): stiffness and damping beyond it, at the last node
     active: Any  # (active links,)
     spare: Any  # (1,): where an effect puts its tension rate
-    change: Any  # (6,): see above
+    change: Any  # (7,): see above
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -69,7 +70,7 @@ def evaluate(program: Program, p: Any, block: Block, from_node: int, t: float, d
     for node in range(from_node, NODES):
         for i in range(width):
             block.r[node, i] = 0.0
-    change[FORCE] = change[STIFFNESS] = change[DAMPING] = 0.0
+    change[FORCE] = change[STIFFNESS] = change[DAMPING] = change[SPEED] = 0.0
     for a in range(block.active.size):
         link = block.active[a]
         first, second, bolt = program.ends[link, 0], program.ends[link, 1], program.tension[link]
@@ -105,6 +106,8 @@ def evaluate(program: Program, p: Any, block: Block, from_node: int, t: float, d
             change[FORCE] = max(change[FORCE], abs(force - block.N[node, a]))
             change[STIFFNESS] = max(change[STIFFNESS], abs(k))
             change[DAMPING] = max(change[DAMPING], abs(c))
+            change[SPEED] = max(change[SPEED], abs(v))
+            block.beyond[a, 0], block.beyond[a, 1] = k, c
             block.N[node, a] = force
 
 
@@ -126,7 +129,7 @@ def _long_response(forced: Any, weights: Any, force: Any, count: int) -> None:
         forced[3, i] += fourth + weight * force[4 * count]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def free_motion(free: Any, y: Any, E: Any, W: Any, force: Any, level: int, tick: int) -> None:
     """Linear motion at nodes 1 to 4 from the motion ``y`` at node 0."""
     forced = free[1:]
@@ -148,10 +151,11 @@ def free_motion(free: Any, y: Any, E: Any, W: Any, force: Any, level: int, tick:
             for i in range(forced.shape[1]):
                 forced[place, i] += W[level, u, i, 0] * start + W[level, u, i, 1] * end
     for node in range(1, NODES):
-        for j in range(free.shape[1]):
-            value = free[node - 1, j]
-            for i in range(free.shape[1]):
-                free[node, i] += E[level, j, i] * value
+        for i in range(free.shape[1]):
+            total = free[node, i]
+            for j in range(free.shape[1]):
+                total += E[level, j, i] * free[node - 1, j]
+            free[node, i] = total
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -175,11 +179,12 @@ def _collocate_rates(block: Block, d: float) -> None:
     block.change[TENSION] = block.change[STATE] = 0.0
     for i in range(block.z.shape[1]):
         change = size = 0.0
+        first, second, third = d * block.r[0, i], d * block.r[1, i], d * block.r[2, i]
+        fourth, fifth = d * block.r[3, i], d * block.r[4, i]
         for node in range(1, NODES):
-            total = 0.0
-            for other in range(NODES):
-                total += INTEGRAL[node, other] * block.r[other, i]
-            total = block.z[0, i] + d * total
+            weights = INTEGRAL[node]
+            total = block.z[0, i] + weights[0] * first + weights[1] * second + weights[2] * third
+            total += weights[3] * fourth + weights[4] * fifth
             change, size = max(change, abs(total - block.z[node, i])), max(size, abs(total))
             block.z[node, i] = total
         if i < block.start.size:
@@ -188,20 +193,51 @@ def _collocate_rates(block: Block, d: float) -> None:
             block.change[STATE] = max(block.change[STATE], change / size)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _guess(program: Program, block: Block) -> None:
+    """First guess of a block: laws and rates as at node 0, along the free motion."""
+    n = program.size[0]
+    for a in range(block.active.size):
+        first, second = program.ends[block.active[a], 0], program.ends[block.active[a], 1]
+        k, c = block.beyond[a, 0], block.beyond[a, 1]
+        for node in range(1, NODES):
+            x = v = 0.0
+            if first >= 0:
+                x, v = block.free[node, first], block.free[node, n + first]
+                x, v = x - block.y[0, first], v - block.y[0, n + first]
+            if second >= 0:
+                x, v = x - block.free[node, second], v - block.free[node, n + second]
+                x, v = x + block.y[0, second], v + block.y[0, n + second]
+            block.N[node, a] = block.N[0, a] + k * x + c * v
+    for node in range(1, NODES):
+        for i in range(block.z.shape[1]):
+            block.z[node, i] = block.z[0, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _next_change(change: Any, span: float, goal: Any, mobility: float) -> float:
+    """What a second sweep would change, over the goals, from what the first one did; laws alone.
+
+    Stiffness and damping beyond the linear part bound how a change of force comes back to it, the sharpness
+    of the tension law how a change of tension does; a rate goes with about the fourth power of velocity.
+    """
+    impulse = span * change[FORCE]
+    back = mobility * span * (change[STIFFNESS] * span + change[DAMPING])
+    tension = change[SHARPNESS] * change[TENSION]
+    if change[SPEED] > 0.0:
+        tension += 4.0 * mobility * impulse / change[SPEED]
+    stiff: float = max(impulse * min(back, 1.0) / goal[0], change[TENSION] * min(tension, 1.0) / goal[1])
+    return stiff
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def solve(
     program: Program, p: Any, block: Block, H: Any, level: int, t: float, d: float, goal: Any, mobility: float
 ) -> bool:
     """Sweep until the next change would be below the goals: impulse [N s], tension [N], state (relative)."""
-    for node in range(1, NODES):
-        for a in range(block.active.size):
-            block.N[node, a] = block.N[0, a]
-        for i in range(block.z.shape[1]):
-            block.z[node, i] = block.z[0, i]
-            block.r[node, i] = block.r[0, i]
+    _guess(program, block)
     _collocate_motion(block, H, level)
-    change = block.change
-    before = 0.0
+    change, before = block.change, 0.0
     for sweep in range(SWEEPS):
         evaluate(program, p, block, 1, t, d)
         _collocate_motion(block, H, level)
@@ -209,20 +245,18 @@ def solve(
         now = max(4.0 * d * change[FORCE] / goal[0], change[TENSION] / goal[1], change[STATE] / goal[2])
         if not np.isfinite(now):
             return False
-        contraction = 1.0
         if sweep > 0 and before > 0.0:
-            contraction = now / before
-        elif program.effects.shape[0] == 0:
-            span = 4.0 * d
-            contraction = mobility * span * (change[STIFFNESS] * span + change[DAMPING])
-            contraction += change[SHARPNESS] * change[TENSION]
-        if now * min(contraction, 1.0) <= 1.0:
+            if now * min(now / before, 1.0) <= 1.0:
+                return True
+        elif now <= 1.0 or (
+            program.effects.shape[0] == 0 and _next_change(change, 4.0 * d, goal, mobility) <= 1.0
+        ):
             return True
         before = now
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _quadrature_error(values: Any, column: int, d: float) -> float:
     """Error of the integral over a block: that of Simpson's rule taken to the order of the rule in use.
 
@@ -240,7 +274,7 @@ def _quadrature_error(values: Any, column: int, d: float) -> float:
     return error
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def errors(block: Block, d: float, scale: Any) -> Any:
     """Estimated errors of a block: the largest of impulses [N s], of tensions [N], of states (relative)."""
     impulse = tension = state = 0.0
@@ -256,7 +290,7 @@ def errors(block: Block, d: float, scale: Any) -> Any:
     return impulse, tension, state
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def copy_node(block: Block, node: int, target: int) -> None:
     """Take the values at a node for those at another."""
     for i in range(block.y.shape[1]):
@@ -269,7 +303,7 @@ def copy_node(block: Block, node: int, target: int) -> None:
         block.z[target, i] = block.z[node, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def advance(block: Block) -> None:
     """Make the last node the first; a tension does not fall below zero."""
     copy_node(block, NODES - 1, 0)
@@ -277,7 +311,7 @@ def advance(block: Block) -> None:
         block.z[0, b] = max(block.z[0, b], -block.start[b])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def drifted(program: Program, p: Any, block: Block, limit: float) -> bool:
     """Whether the linear part has moved away from the last node's tension."""
     for a in range(block.active.size):

@@ -56,6 +56,7 @@ class Task(NamedTuple):
 
 
 SPREAD, LEAST = 0.5, 0.002  # a block of d seconds may spend d / SPREAD of the tolerance, or LEAST of it
+NEGLIGIBLE = 1e-9  # a change of tension, relative to it, below which errors are not measured against it
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)
@@ -87,14 +88,15 @@ def _prepare(program: Program, p: Any, task: Task) -> Any:
         np.zeros((NODES, width + 1)),
         task.tensions,
         np.zeros((active, 2)),
+        np.zeros((active, 2)),
         task.active,
         np.zeros(1),
-        np.zeros(6),
+        np.zeros(7),
     )
     largest = 1.0
     for T in task.tensions:
         largest = max(largest, T)
-    block.change[SHARPNESS] = 20.0 / largest
+    block.change[SHARPNESS] = 10.0 / largest
     tables = allocate(size, task.driven.size, active)
     for i in range(size):
         block.y[0, i] = task.y0[i]
@@ -112,7 +114,7 @@ def _restart(program: Program, p: Any, block: Block, t: float) -> None:
     evaluate(program, p, block, 0, t, 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _highest(level: int, tick: int, boundary: int) -> int:
     """The highest level, not above ``level``, whose block starts on its grid and ends by the boundary."""
     while level > 0:
@@ -123,7 +125,7 @@ def _highest(level: int, tick: int, boundary: int) -> int:
     return level
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _add_window(block: Block, level: int, tick: int, d: float, total: Any) -> None:
     """Add the tension changes at the samples of the block that ends at ``tick``."""
     samples = 4 * 2**level // TICKS
@@ -136,7 +138,7 @@ def _add_window(block: Block, level: int, tick: int, d: float, total: Any) -> No
             total[b] += block.z[NODES - 1, b]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _finite(block: Block, error: float) -> bool:
     """Whether the last node can be computed with."""
     for i in range(block.y.shape[1]):
@@ -146,7 +148,7 @@ def _finite(block: Block, error: float) -> bool:
     return bool(np.isfinite(error))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _account(program: Program, block: Block, impulse: float, tension: float, report: Any) -> None:
     """Add a block to the report, and keep the peaks at its end."""
     n = program.size[0]
@@ -174,7 +176,8 @@ def _leg(
         mobility = max(mobility, 1.0 / p[i])
     while tick < boundary:
         level = _highest(level, tick, boundary)
-        build(tables, max(level, SAMPLE), sample)
+        if tables.built[0] <= max(level, SAMPLE):
+            build(tables, max(level, SAMPLE), sample)
         d, t = sample * 2.0**level / TICKS, tick * sample / TICKS
         allowed = task.tolerance * max(4.0 * d / SPREAD, LEAST)
         free_motion(block.free, block.y, tables.E, tables.W, task.force, level, tick)
@@ -254,7 +257,7 @@ def _expected(program: Program, p: Any, task: Task) -> Any:
             T, v = task.tensions[bolt], 0.5 * velocity
             D = v * invoke(program.laws[link, 2], (T, pointer(p, program.laws[link, 3])))
             rate = invoke(program.laws[link, 4], (T, 1e-3 * v, v, D, D, pointer(p, program.laws[link, 5])))
-            loss = max(loss, min(abs(rate) * 1e-3, T))
+            loss = max(loss, min(abs(rate) * 1e-3, T), NEGLIGIBLE * T)
     if not loss > 0.0:
         loss = 1e-3
     scale = np.full(2 + program.size[2], np.inf)  # no state is known before the first run
@@ -272,10 +275,14 @@ def integrate(program: Program, p: Any, task: Task, report: Any, out: Any) -> An
     """
     total = np.zeros(program.size[1])
     scale = _expected(program, p, task)
+    least = 1e-12
+    for T in task.tensions:
+        least = max(least, NEGLIGIBLE * T)
     for _ in range(RUNS):
         _run(program, p, task, scale, report, total, out)
         motion = report[MOTION_ERROR] > 20.0 * task.tolerance * report[PEAK]
-        tension = report[TENSION_ERROR] > 20.0 * task.tolerance * report[LOSS]
+        loss = max(report[LOSS], least)
+        tension = report[TENSION_ERROR] > 20.0 * task.tolerance * loss
         unknown = program.size[2] > 0 and np.isinf(scale[-1])
         if report[REACHED] < task.force.shape[1] or not (motion or tension or unknown):
             break
@@ -284,7 +291,7 @@ def integrate(program: Program, p: Any, task: Task, report: Any, out: Any) -> An
         if motion:
             scale[0] = min(scale[0], report[PEAK])
         if tension:
-            scale[1] = min(scale[1], report[LOSS])
+            scale[1] = min(scale[1], loss)
     return total
 
 

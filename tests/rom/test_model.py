@@ -57,8 +57,8 @@ def test_fast_path_and_full_response_agree():
     for case in range(2):
         response = model.simulate({"lo": forces[case]}, RATE, tensions[case])
         loss = tensions[case] - response.tension[-1]
-        assert final[case] == pytest.approx(response.tension[-1], abs=1e-8 * loss)
-        assert window[case] == pytest.approx(response.tension[1920:3841].mean(), abs=1e-8 * loss)
+        assert final[case] == pytest.approx(response.tension[-1], abs=1e-5 * loss)
+        assert window[case] == pytest.approx(response.tension[1920:3841].mean(), abs=1e-5 * loss)
         assert 0 < response.estimated_error < 1e-4
         assert response.steps > 10
 
@@ -191,6 +191,7 @@ def test_new_values_leave_the_old_model_alone():
             lambda m: m.simulate({"lo": hit()}, RATE, 60.0, {"x": 1.0}),
             "initial_displacement must name lo, so",
         ),
+        (lambda m: m.final_tension([hit(), hit() * np.nan], RATE, [60.0] * 2), "forces must be finite"),
         (lambda m: m.final_tension(hit(), RATE, [60.0]), r"must have the shape \(cases, samples\)"),
         (
             lambda m: m.final_tension([hit()], RATE, [60.0, 60.0]),
