@@ -31,8 +31,7 @@ _REGIME_N = 850.0
 
 @dataclass(frozen=True)
 class Row:
-    """One printed number, ours, and the tolerance with its reason; `bound` marks a number not to be exceeded.
-    """
+    """One printed number, ours, and the tolerance with its reason; a `bound` is not to be exceeded."""
 
     quantity: str
     paper: float
@@ -161,18 +160,20 @@ def _model_rows() -> list[Row]:
 
 
 def _case_rows(case: PrintedCase) -> list[Row]:
-    """Rows of one loosening case; their tolerance is what the spread of the impacts spans.""" spread =
-    case.deviations * _SPREAD strengths = [_IMPACT_N * (1 + deviation) for deviation in (0.0, -spread,
-    spread)] final = case.initial - np.array(_losses([case.initial] * 3, strengths)) error = 100 *
-    np.abs(final - case.measured) / case.measured reason = f"what {case.deviations:g} standard deviation of
-    the impacts, +-{_IMPACT_N * spread:.4g} N, spans" name = f"{case.initial:g} N, high impact: simulated
-    final tension" printed = 100 * abs(case.simulated - case.measured) / case.measured rows = [Row(name,
-    case.simulated, final[0], "N", float(np.abs(final - final[0]).max()), reason)] if case.simulated !=
-    case.measured:
-        name = f"{case.initial:g} N, high impact: error against the printed measurement"
-        note = f"{reason}; from the printed tensions{case.remark}"
-        rows.append(Row(name, printed, error[0], "%", float(np.abs(error - error[0]).max()), note))
-    return rows
+    """Rows of one loosening case; their tolerance is what the spread of the impacts spans."""
+    spread = case.deviations * _SPREAD
+    strengths = [_IMPACT_N * (1 + deviation) for deviation in (0.0, -spread, spread)]
+    final = case.initial - np.array(_losses([case.initial] * 3, strengths))
+    error = 100 * np.abs(final - case.measured) / case.measured
+    printed = 100 * abs(case.simulated - case.measured) / case.measured
+    reason = f"what +-{_IMPACT_N * spread:.4g} N of impact spans ({case.deviations:g} standard deviation)"
+    what, against = "simulated final tension", "error against the printed measurement"
+    width, error_width = np.abs(final - final[0]).max(), np.abs(error - error[0]).max()
+    name = f"{case.initial:g} N, high impact"
+    return [
+        Row(f"{name}: {what}", case.simulated, float(final[0]), "N", float(width), reason),
+        Row(f"{name}: {against}", printed, float(error[0]), "%", float(error_width), reason + case.remark),
+    ]
 
 
 def _amplitude_mm(tension: float, peak: float) -> float:
