@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rom.campaign import Campaign, CampaignSettings, LinkSettings
-from rom.joint import JointEstimate, enough_for_a_curve, joint_curves, joint_estimates
+from rom.joint import LEAST_FOR_A_CURVE, JointEstimate, joint_curves, joint_estimates, tension_levels
 from rom.law_fits import LawFit, fit_law, gamma_curve
 from rom.laws import (
     Law,
@@ -283,6 +283,19 @@ def _loss_noise(records: Sequence[ReducedRecord]) -> float:
     return float(np.median(batch)) if batch else 0.0
 
 
+def _without_loosening(found: Identification) -> Identification:
+    """Return the model of a bolt that no test loosened: dT/dt = 0, or one negative gamma near one tension."""
+    told = [g.gamma for g in found.gamma if g.gamma < 0 and not g.at_bound and g.log_error < _UNDETERMINED]
+    if not told or tension_levels(np.array([g.initial for g in found.gamma])):
+        text = "no case loosened: the tension law stays dT/dt = 0"
+        return replace(found, warnings=(*found.warnings, text))
+    link = found.model.structure.bolted_links[0]
+    laws = replace(found.model.link_laws[link], tension_rate=power_loosening(float(np.median(told))))
+    text = "no case loosened: the median of the negative gammas that tighten stands for all tensions"
+    model = replace(found.model, link_laws={**found.model.link_laws, link: laws})
+    return replace(found, model=model, warnings=(*found.warnings, text))
+
+
 def _case_error(case: GammaEstimate) -> float:
     """Return the standard error of ln gamma; a bolt that fell to the noise tells little more than a bound."""
     lost = case.final < _LOST * case.loss_error
@@ -296,27 +309,22 @@ def _with_loosening(
     gamma = identify_gamma(found.model, cases, window_s)
     usable = [g for g in gamma if g.gamma > 0 and not g.at_bound and np.isfinite(g.log_error)]
     if not usable:
-        return replace(
-            found,
-            gamma=gamma,
-            warnings=(*found.warnings, "no case loosened: the tension law stays dT/dt = 0"),
-        )
+        return _without_loosening(replace(found, gamma=gamma))
     tension = np.array([g.initial for g in usable])
     values = np.array([g.gamma for g in usable])
     covariance = np.diag([_case_error(g) ** 2 for g in usable])
     files = [g.file for g in usable]
-    if not enough_for_a_curve(tension):
+    levels = tension_levels(tension)
+    if not levels:
         start = power_loosening(float(np.exp(np.log(values).mean())))
         case_fit = fit_law([start], ["gamma"], tension, values, covariance, files, gamma_curve)
     else:
         top, bottom = float(np.log10(values.max())), float(np.log10(values.min()))
-        starts = [
-            logistic_loosening(2 * top - bottom, 2 * (top - bottom), -1 / scale)
-            for scale in np.geomspace(30.0, max(tension.max(), 60.0), 6)
-        ]
-        case_fit = fit_law(
-            starts, ["gamma_d", "gamma_i", "rho"], tension, values, covariance, files, gamma_curve
-        )
+        scales, free = np.geomspace(30.0, max(tension.max(), 60.0), 6), ["gamma_d", "gamma_i", "rho"]
+        if levels == LEAST_FOR_A_CURVE:  # two levels tell two parameters
+            scales, free = np.sqrt(tension.min() * tension.max()) / np.array([2.0]), free[:2]
+        starts = [logistic_loosening(2 * top - bottom, 2 * (top - bottom), -1 / scale) for scale in scales]
+        case_fit = fit_law(starts, free, tension, values, covariance, files, gamma_curve)
     by_file = {case.file: case for case in cases}
     link = found.model.structure.bolted_links[0]
     refined = refine_gamma_law(found.model, [by_file[file] for file in files], window_s, case_fit)

@@ -17,7 +17,8 @@ from rom.output_error import OutputErrorFit
 from rom.reduction import FirstMode, ReducedRecord
 
 MODAL_LIMIT = 0.2  # largest damping ratio of any mode at which Eq. 7 is to be trusted
-LEAST_FOR_A_CURVE = 3
+LEAST_FOR_A_CURVE = 2
+_LEVEL = 0.1
 WIDE_ENOUGH = 3.0  # a curve needs tensions that span at least this factor
 
 
@@ -161,13 +162,18 @@ def joint_curves(
         [f"{LinearNames.stiffness(link)}@{file}" for file in files]
     )
     damping, damping_covariance = linear.block([f"{LinearNames.damping(link)}@{file}" for file in files])
-    if not enough_for_a_curve(tension):
+    levels = tension_levels(tension)
+    if not levels:
         k, c = float(np.exp(np.log(stiffness).mean())), float(np.exp(np.log(damping).mean()))
         return (
             fit_law([constant_stiffness(k)], ["k"], tension, stiffness, stiffness_covariance, files),
             fit_law([constant_damping(c)], ["c"], tension, damping, damping_covariance, files),
         )
     scales = np.geomspace(tension.min(), tension.max(), 7)
+    free_k, free_c = ["k_i", "alpha", "beta"], ["c_d", "c_i", "eta"]
+    if levels == LEAST_FOR_A_CURVE:  # two levels tell two parameters: the shape between them is given
+        scales = np.sqrt(tension[:1] * tension[-1:]) / 2
+        free_k, free_c = ["k_i", "beta"], ["c_d", "c_i"]
     plateau = float(stiffness.max())
     starts_k = [
         logistic_stiffness(plateau, -1 / scale, beta * scale) for scale in scales for beta in (0.0, 0.5, 1.0)
@@ -175,11 +181,14 @@ def joint_curves(
     low, high = float(damping[tension.argmax()]), float(damping[tension.argmin()])
     starts_c = [logistic_damping(2 * high - low, 2 * (high - low), -1 / scale) for scale in scales]
     return (
-        fit_law(starts_k, ["k_i", "alpha", "beta"], tension, stiffness, stiffness_covariance, files),
-        fit_law(starts_c, ["c_d", "c_i", "eta"], tension, damping, damping_covariance, files),
+        fit_law(starts_k, free_k, tension, stiffness, stiffness_covariance, files),
+        fit_law(starts_c, free_c, tension, damping, damping_covariance, files),
     )
 
 
-def enough_for_a_curve(tension: FloatArray) -> bool:
-    """Return whether tensions [N] are many and wide enough for three parameters."""
-    return len(tension) >= LEAST_FOR_A_CURVE and bool(tension.max() > WIDE_ENOUGH * tension.min())
+def tension_levels(tension: FloatArray) -> int:
+    """Return how many levels tensions [N] hold that differ by a tenth at least; 0 if too few or too near."""
+    ordered = np.sort(tension[tension > 0])
+    if len(ordered) < LEAST_FOR_A_CURVE or ordered[-1] < WIDE_ENOUGH * ordered[0]:
+        return 0
+    return 1 + int(np.sum(np.diff(np.log(ordered)) > _LEVEL))

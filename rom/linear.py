@@ -26,7 +26,6 @@ _FIRST_CORNER = 0.5  # [rad/s]: a time constant of 2 s
 _HIGHEST_HZ = 1000.0
 _LENGTH_S = 8.0
 _BEFORE_IMPACT_S = 0.1
-_AFTER_IMPACT_S = 0.02
 _LOWEST_LINES = 1.5
 _SPLIT = 4.0  # above this multiple of the strongest frequency the first second says all
 _BRIEF_S = 0.5
@@ -57,13 +56,13 @@ class LinearNames:
 
 
 def spectral_records(
-    measurement: Measurement, settings: CampaignSettings, *, after_impact: bool = False
+    measurement: Measurement, settings: CampaignSettings, *, start_s: float | None = None
 ) -> tuple[SpectralRecord, ...]:
     """Return the spectra of one record with all terms that act on its moving bodies.
 
     An impact record is cut after 8 s. Its part above four times the strongest frequency is taken from the
     first second alone, where fast modes ring: the end states make any cut exact, and later samples would add
-    noise and work. `after_impact` leaves the first 20 ms after the hit out, and with them the force.
+    noise and work. `start_s` leaves out what comes before that time [s], the hit with it.
     """
     bodies = tuple(body for body in settings.body_names if body in measurement.motion)
     rate, start, stop = measurement.rate_hz, 0, measurement.samples
@@ -72,8 +71,8 @@ def spectral_records(
     parts = [(stop, (low, high))]
     if measurement.impact_s is not None:
         start = max(0, int((measurement.impact_s - _BEFORE_IMPACT_S) * rate))
-        if after_impact:
-            start = min(int((measurement.impact_s + _AFTER_IMPACT_S) * rate), stop - 16)
+        if start_s is not None:
+            start = min(int(start_s * rate), stop - 16)
             low, high = _band(np.zeros_like(force), rate, low)
         parts = [(start + _fast(min(stop - start, int(_LENGTH_S * rate))), (low, high))]
         strongest = measurement.strongest_hz

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from rom.spectra import ComplexArray, FloatArray, Linearised, SpectralRecord, key, linearise
 
-_LARGEST_LOG_STEP = 0.7
+_STEP = (-0.6, 1.0)  # shares of a value that it may lose or gain at once
 _OUTER_ITERATIONS = 12
 _FIRST_ITERATIONS = 60  # weights taken from a half-done fit would make its misfit look like noise
 _INNER_ITERATIONS = 12
@@ -154,10 +154,8 @@ def _levenberg_marquardt(
         settled = float(np.abs(step).max(initial=0.0)) < tolerance or float(
             state.gradient @ step
         ) < _NEGLIGIBLE * max(state.cost, 1.0)
-        step = np.clip(step, -_LARGEST_LOG_STEP, _LARGEST_LOG_STEP)  # one that nothing tells slows no other
-        values = state.values | {
-            n: state.values[n] * float(np.exp(d)) for n, d in zip(names, step, strict=True)
-        }
+        step = np.clip(step, *_STEP)  # one coefficient that nothing tells slows no other
+        values = state.values | {n: state.values[n] * float(1 + d) for n, d in zip(names, step, strict=True)}
         trial = _evaluate(records, values, whiteners, names)
         if trial.cost <= state.cost * (1 + 1e-12):
             state, damping = trial, max(damping / 10, 1e-9)
@@ -178,9 +176,9 @@ def fit_output_error(
 ) -> OutputErrorFit:
     """Fit all free terms of `records` together by Levenberg-Marquardt on the weighted spectra.
 
-    The logarithms of the coefficients are the unknowns, so that masses, stiffnesses and dampings stay
-    positive. The weights start equal over the lines and are re-estimated from the residual after every
-    minimisation until both settle.
+    Steps are shares of the coefficients, none below -60 %: all stay positive, and stiffnesses of which only
+    the sum is well told can trade along a straight line. The weights start equal over the lines and are
+    re-estimated from the residual after every minimisation until both settle.
 
     Raises
     ------

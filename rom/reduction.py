@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from joblib import Parallel, delayed
+from scipy import ndimage
 
 from rom.campaign import Campaign, CampaignSettings, Record, RecordSettings
 from rom.channels import FloatArray
@@ -24,6 +25,10 @@ _PERIOD_MARGIN = 17.0 / 15.78  # the paper drops what lies above 17 Hz, its firs
 _FILTER_REACH_S = 0.2
 _SIMULATED_S = 30.0
 _SMALL_LOSS = 0.01
+_SMOOTH_S = 0.01
+_SHORTEST_LOSS_S = 0.02
+_LONGEST_LOSS_S = 1.0
+_ENOUGH = 3
 
 
 @dataclass(frozen=True)
@@ -118,19 +123,26 @@ def reduce_record(campaign: Campaign, record_settings: RecordSettings) -> Reduce
 
 def _spectra(measurement: Measurement, settings: CampaignSettings) -> tuple[SpectralRecord, ...]:
     """Return the spectra; of a bolt that loosens, from the ringing after its loss if all masses are known."""
-    tension = measurement.tension
-    loosens = (
-        measurement.test == "loosening"
-        and tension is not None
-        and abs(tension.loss) > _SMALL_LOSS * abs(tension.initial)
-        and all(body.mass_kg is not None for body in settings.body)
-    )
-    return spectral_records(measurement, settings, after_impact=loosens)
+    tension, start = measurement.tension, None
+    loosens = measurement.test == "loosening" and all(body.mass_kg is not None for body in settings.body)
+    if loosens and tension is not None and abs(tension.loss) > _SMALL_LOSS * abs(tension.initial):
+        start = _settled(tension, measurement.impact_s or 0.0)
+    return spectral_records(measurement, settings, start_s=start)
+
+
+def _settled(tension: TensionRecord, impact_s: float) -> float:
+    """Return when [s] the tension after a hit has come within 1 % of the final one, or within its noise."""
+    smooth = ndimage.uniform_filter1d(tension.samples, max(1, int(_SMOOTH_S * tension.rate_hz)))
+    first = int((impact_s + _SHORTEST_LOSS_S) * tension.rate_hz)
+    noise = float(np.std(smooth[-(len(smooth) // 4) :]))
+    window = smooth[first : first + int(_LONGEST_LOSS_S * tension.rate_hz)]
+    off = np.flatnonzero(np.abs(window - tension.final) > max(_SMALL_LOSS * abs(tension.final), 4 * noise))
+    return (first + (int(off[-1]) + 1 if len(off) else 0)) / tension.rate_hz
 
 
 def _has_linear(campaign: Campaign) -> bool:
-    """Return whether records other than loosening ones tell the joint's stiffness."""
-    return bool(campaign.select(("coupled", "free", "driven"), hold_out=False))
+    """Return whether records other than loosening ones tell the joint's curves."""
+    return len(campaign.select(("coupled", "free", "driven"), hold_out=False)) >= _ENOUGH
 
 
 def _tensions(tension: TensionRecord) -> Tensions:
