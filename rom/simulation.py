@@ -15,12 +15,14 @@ from rom.structure import Structure
 
 if TYPE_CHECKING:
     from rom.kernels.equations import Program
+    from rom.kernels.exponential import Task
     from rom.model import LinkLaws, Model
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Status = Literal["ok", "diverged"]
-TOLERANCE = 5e-6  # of a final tension relative to its change, of a velocity relative to its peak
+TOLERANCE = 3e-6  # of a final tension relative to its change, of a velocity relative to its peak
+DENSE_BODIES = 8  # larger structures go link by link
 PLACES = ("stiffness", "damping", "tension_rate")
 
 
@@ -226,6 +228,7 @@ def simulate(
 ) -> Response:
     """See ``Model.simulate``."""
     from rom.kernels.exponential import Task, integrate
+    from rom.kernels.runge_kutta import integrate_links
 
     structure = model.structure
     rate = _number("rate_hz", rate_hz, 0.0, strict=True)
@@ -242,7 +245,10 @@ def simulate(
     task = Task(rate, driven, assembly.active, _fixed(forces), motion, tensions, last, tolerance)
     out = np.full((3 * bodies + int(assembly.program.size[1:].sum()), samples), np.nan)
     report = np.zeros(6 + int(assembly.program.size[2]))
-    integrate(assembly.program, assembly.coefficients, task, report, out)
+    large = bodies > DENSE_BODIES
+    (integrate_links if large else integrate)(assembly.program, assembly.coefficients, task, report, out)
+    if large:
+        report[1:3] = np.nan
     return _response(structure, rate, out, report)
 
 
@@ -263,7 +269,9 @@ def _response(structure: Structure, rate: float, out: FloatArray, report: FloatA
         tension=tensions[0] if len(bolts) == 1 else MappingProxyType(dict(zip(bolts, tensions, strict=True))),
         states=out[2 * n + len(bolts) : -n],
         steps=int(steps),
-        estimated_error=max(motion_error / peak if peak else 0.0, tension_error / loss if loss else 0.0),
+        estimated_error=float(
+            np.maximum(motion_error / peak if peak else 0.0, tension_error / loss if loss else 0.0)
+        ),
     )
 
 
@@ -277,7 +285,7 @@ def final_tension(
     body: str | None,
 ) -> FloatArray:
     """See ``Model.final_tension``."""
-    from rom.kernels.exponential import Task, integrate_cases
+    from rom.kernels.exponential import Task
 
     structure, assembly = model.structure, model.assembly
     rate = _number("rate_hz", rate_hz, 0.0, strict=True)
@@ -307,11 +315,34 @@ def final_tension(
         window,
         TOLERANCE,
     )
-    reports = np.zeros((cases, 6 + int(assembly.program.size[2])))
-    result: FloatArray = integrate_cases(assembly.program, coefficients, task, reports)
+    result = _cases(model, coefficients, task)
     if np.isnan(result).any():  # looked for here alone, to read the records once
         _finite("forces", force)
     return result[:, 0] if bolts == 1 else result
+
+
+def _cases(model: Model, coefficients: FloatArray, task: Task) -> FloatArray:
+    """Final tensions of cases, shape (cases, tensions); NaN for a case that diverged."""
+    from rom.kernels.exponential import REACHED, integrate_cases
+    from rom.kernels.runge_kutta import integrate_links
+
+    program = model.assembly.program
+    reports = np.zeros((len(coefficients), 6 + int(program.size[2])))
+    if len(model.structure.bodies) <= DENSE_BODIES:
+        result: FloatArray = integrate_cases(program, coefficients, task, reports)
+        return result
+    changes = [
+        integrate_links(
+            program,
+            p,
+            task._replace(force=task.force[case], tensions=task.tensions[case]),
+            reports[case],
+            np.empty((0, 0)),
+        )
+        for case, p in enumerate(coefficients)
+    ]
+    reached = reports[:, REACHED, None] == task.force.shape[-1]
+    return np.where(reached, np.maximum(task.tensions + np.array(changes), 0.0), np.nan)
 
 
 def _shaped(name: str, values: npt.ArrayLike, axes: tuple[str, ...]) -> FloatArray:

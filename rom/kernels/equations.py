@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from rom.kernels.calling import invoke
+from rom.kernels.calling import invoke, pointer
 
 IntArray = npt.NDArray[np.int64]
 
@@ -30,52 +30,42 @@ class Program(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def link_force(
-    program: Program, p: Any, link: int, t: float, x: float, v: float, T: float, s: Any, ds: Any, dT: Any
-) -> Any:
-    """Force of a link on its second body [N]; adds to ``dT[0]`` and fills ``ds`` on the way."""
-    laws = program.laws
-    k = invoke(laws[link, 0], (T, p[laws[link, 1] :]))
-    c = invoke(laws[link, 2], (T, p[laws[link, 3] :]))
-    damping_force = c * v
-    force = k * x + damping_force
-    for e in range(program.effect_start[link], program.effect_start[link + 1]):
-        address, offset, place = program.effects[e]
-        before = dT[0]
-        dT[0] = 0.0
-        force += invoke(address, (t, x, v, T, k, c, s[place:], p[offset:], ds[place:], dT))
-        dT[0] += before
-    if laws[link, 4] != 0:
-        dT[0] += invoke(laws[link, 4], (T, x, v, force, damping_force, p[laws[link, 5] :]))
-    return force
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def derivative(program: Program, p: Any, t: float, force: Any, y: Any, dy: Any) -> None:
-    """Time derivative ``dy`` of the state ``y`` under the forces on the bodies [N].
-
-    Both hold one number more than the state: where links without tension put their rate.
-    """
-    n, tensions, states = program.size
+def derivative(  # noqa: C901 - one flat pass over the links
+    program: Program, p: Any, t: float, force: Any, y: Any, dy: Any, spare: Any
+) -> None:
+    """Time derivative ``dy`` of the state ``y`` under the forces on the bodies [N], link by link."""
+    n, tensions, _ = program.size
+    ends, laws = program.ends, program.laws
     for i in range(n):
         dy[i] = y[n + i]
         dy[n + i] = force[i] / p[i]
-    dy[2 * n :] = 0.0
-    s, ds = y[2 * n + tensions :], dy[2 * n + tensions :]
-    nowhere = dy[2 * n + tensions + states :]
-    for link in range(program.ends.shape[0]):
-        first, second = program.ends[link]
+    for i in range(2 * n, dy.size):
+        dy[i] = 0.0
+    for link in range(ends.shape[0]):
+        first, second, bolt = ends[link, 0], ends[link, 1], program.tension[link]
         x = v = T = 0.0
         if first >= 0:
             x, v = y[first], y[n + first]
         if second >= 0:
             x, v = x - y[second], v - y[n + second]
-        bolt = program.tension[link]
-        dT = nowhere
         if bolt >= 0:
-            T = y[2 * n + bolt]
-            dT = dy[2 * n + bolt : 2 * n + bolt + 1]
-        f = link_force(program, p, link, t, x, v, T, s, ds, dT)
+            T = max(y[2 * n + bolt], 0.0)
+        k = invoke(laws[link, 0], (T, pointer(p, laws[link, 1])))
+        c = invoke(laws[link, 2], (T, pointer(p, laws[link, 3])))
+        damping_force = c * v
+        f = k * x + damping_force
+        rate = 0.0
+        for e in range(program.effect_start[link], program.effect_start[link + 1]):
+            address, offset, place = program.effects[e, 0], program.effects[e, 1], program.effects[e, 2]
+            s = pointer(y, 2 * n + tensions + place)
+            ds = pointer(dy, 2 * n + tensions + place)
+            spare[0] = 0.0
+            f += invoke(address, (t, x, v, T, k, c, s, pointer(p, offset), ds, pointer(spare, 0)))
+            rate += spare[0]
+        if laws[link, 4] != 0:
+            rate += invoke(laws[link, 4], (T, x, v, f, damping_force, pointer(p, laws[link, 5])))
+        if bolt >= 0:
+            dy[2 * n + bolt] += rate
         if first >= 0:
             dy[n + first] -= f / p[first]
         if second >= 0:

@@ -125,6 +125,23 @@ def test_every_bolt_has_its_own_tension():
         assert final[0, place] == pytest.approx(response.tension[bolt][-1], abs=1e-8)
 
 
+def test_a_large_structure_goes_link_by_link_to_the_same_result(monkeypatch):
+    model, tensions = chain(), {"j0": 100.0, "j1": 50.0, "j2": 300.0}
+    dense = model.simulate({"b0": hit(100.0)}, RATE, tensions)
+    many = model.final_tension(hit(100.0)[None], RATE, [list(tensions.values())], window_s=(0.1, 0.2))
+    monkeypatch.setattr("rom.simulation.DENSE_BODIES", 2)
+    links = model.simulate({"b0": hit(100.0)}, RATE, tensions)
+    assert np.isnan(links.estimated_error)
+    for bolt, start in tensions.items():
+        error = abs(links.tension[bolt] - dense.tension[bolt]).max()
+        assert error < 1e-4 * (start - dense.tension[bolt][-1])
+    for body in ("b0", "b3"):
+        for one, other in ((links.velocity, dense.velocity), (links.acceleration, dense.acceleration)):
+            assert abs(one[body] - other[body]).max() < 1e-4 * abs(other[body]).max()
+    again = model.final_tension(hit(100.0)[None], RATE, [list(tensions.values())], window_s=(0.1, 0.2))
+    assert again == pytest.approx(many, rel=1e-6)
+
+
 def test_a_model_file_gives_the_same_model(tmp_path):
     model = paper_model()
     model.save(tmp_path / "model.json", campaign="rig", seed=7)

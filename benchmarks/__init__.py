@@ -1,0 +1,1 @@
+"""Speed and accuracy against peers, as ratios measured in one run."""
