@@ -16,7 +16,7 @@ from scipy import optimize
 from scipy.optimize import elementwise
 
 from rom.channels import FloatArray
-from rom.law_fits import LawFit, covariance_of, excess_scatter, gamma_curve, with_limits
+from rom.law_fits import LawFit, covariance_of, gamma_curve, with_limits
 from rom.laws import power_loosening
 from rom.model import LinkLaws, Model
 
@@ -24,6 +24,8 @@ GAMMA_BOUND = 1e10
 _REFINEMENTS = 3
 _PROBE = 100.0  # loosens by a small share, yet far above rounding
 _LEAST_EXPOSURE = 1e-30  # a touch so weak that the probe's loss is lost in rounding
+_LEAST_LOSS_ERROR = 1e-9  # [N]
+_LEAST_SCATTER, _LARGEST_SCATTER = 1e-6, 10.0  # of ln gamma
 _NEVER = 1e12  # stands for the tension of a simulation that tightened beyond all bounds [N]
 
 
@@ -142,42 +144,64 @@ def _small_loss_gamma(
 def refine_gamma_law(
     model: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float], fit: LawFit
 ) -> LawFit:
-    """Refit a law to the losses themselves by re-simulation, for gamma moves while the tension falls.
+    """Refit a law to the losses of `cases` by re-simulation, for gamma moves while the tension falls.
 
-    The residual is ln(measured loss / simulated loss), weighted with the loss's standard error and the
-    scatter of `fit`. Cases without a positive loss do not enter.
+    r_i = [asinh(tau m_i / s_i) - asinh(tau l_i / s_i)] / tau: measured loss m, simulated loss l, standard
+    error s of the loss, scatter tau of ln gamma. It is (m - l) / s where a loss is small and ln(m / l) / tau
+    where it is large, with unit variance in between, so that small losses neither bias the law nor drop out.
     """
-    used = [case for case in cases if case.initial > case.final]
     link = model.structure.bolted_links[0]
-    initial = np.array([case.initial for case in used])
-    measured = initial - np.array([case.final for case in used])
-    noise = np.diag((np.array([case.loss_error for case in used]) / measured) ** 2)
+    initial = np.array([case.initial for case in cases])
+    measured = initial - np.array([case.final for case in cases])
+    error = np.maximum([case.loss_error for case in cases], _LEAST_LOSS_ERROR)
     scatter, values = fit.scatter, np.array([fit.law.parameters[name].value for name in fit.free])
 
-    def misfit(parameters: FloatArray) -> FloatArray:
+    def loss(parameters: FloatArray) -> FloatArray:
         law = fit.law.with_values(**dict(zip(fit.free, parameters, strict=True)))
         laws: LinkLaws = replace(model.link_laws[link], tension_rate=law)
-        final = final_tensions(replace(model, link_laws={**model.link_laws, link: laws}), used, window_s)
-        loss = initial - np.where(np.isfinite(final), final, 0.0)
-        return np.asarray(np.log(measured / np.maximum(loss, 1e-9)))
+        final = final_tensions(replace(model, link_laws={**model.link_laws, link: laws}), cases, window_s)
+        return np.asarray(initial - np.where(np.isfinite(final), final, 0.0))
 
     covariance = fit.covariance
     for _ in range(_REFINEMENTS):
-        weight = 1 / np.sqrt(np.diag(noise) + scatter**2 + 1e-12)
         found = optimize.least_squares(
-            partial(_weighted, misfit, weight), values, x_scale=np.maximum(np.abs(values), 1e-9),
-            diff_step=np.full(len(values), 1e-4), xtol=1e-6, ftol=1e-8,
+            partial(_loss_misfit, loss, measured, error, scatter), values, xtol=1e-6, ftol=1e-8,
+            x_scale=np.maximum(np.abs(values), 1e-9), diff_step=np.full(len(values), 1e-4),
         )  # fmt: skip
-        values, jacobian = found.x, np.asarray(found.jac)
-        covariance = covariance_of(jacobian)
-        scatter = excess_scatter(found.fun / weight, noise, len(values))
+        values, covariance = found.x, covariance_of(np.asarray(found.jac))
+        scatter = _loss_scatter(measured, loss(values), error, len(values))
     law = fit.law.with_values(**dict(zip(fit.free, values, strict=True)))
-    limited = with_limits(law, fit.free, covariance, len(used) - len(fit.free))
-    files = tuple(case.file for case in used)
+    limited = with_limits(law, fit.free, covariance, len(cases) - len(fit.free))
+    files = tuple(case.file for case in cases)
     return replace(fit, law=limited, covariance=covariance, scatter=scatter, records=files, curve=gamma_curve)
 
 
-def _weighted(
-    misfit: Callable[[FloatArray], FloatArray], weight: FloatArray, values: FloatArray
+def _loss_misfit(
+    loss: Callable[[FloatArray], FloatArray],
+    measured: FloatArray,
+    error: FloatArray,
+    scatter: float,
+    values: FloatArray,
 ) -> FloatArray:
-    return weight * misfit(values)
+    return _standardised(measured, loss(values), error, scatter)
+
+
+def _standardised(measured: FloatArray, loss: FloatArray, error: FloatArray, scatter: float) -> FloatArray:
+    """Return misfits of losses in standard deviations of noise and scatter together."""
+    share = max(scatter, _LEAST_SCATTER)
+    return np.asarray((np.arcsinh(share * measured / error) - np.arcsinh(share * loss / error)) / share)
+
+
+def _loss_scatter(measured: FloatArray, loss: FloatArray, error: FloatArray, parameters: int) -> float:
+    """Return the scatter at which the misfit equals its degrees of freedom; 0 where the noise suffices."""
+    freedom = len(measured) - parameters
+
+    def excess(scatter: float) -> float:
+        misfit = _standardised(measured, loss, error, scatter)
+        return float(misfit @ misfit) - freedom
+
+    if freedom < 1 or excess(0.0) <= 0:
+        return 0.0
+    if excess(_LARGEST_SCATTER) >= 0:
+        return _LARGEST_SCATTER
+    return float(optimize.brentq(excess, 0.0, _LARGEST_SCATTER, xtol=1e-9))

@@ -187,6 +187,15 @@ def test_scatter_from_case_to_case_is_seen() -> None:
 
 
 @pytest.mark.slow
+def test_small_losses_do_not_bias_gamma() -> None:
+    """Above 1000 N the noise is half of the loss: logarithms of measured losses raise gamma by a tenth."""
+    assert TRUE is not None
+    grid = np.array([1000.0, 3000.0])
+    found = [gamma_curve(noisy_fit(seed, 0.2).law, grid) / gamma_curve(TRUE, grid) for seed in range(24)]
+    assert np.all(np.abs(np.mean(np.log(found), axis=0)) < 0.06)
+
+
+@pytest.mark.slow
 def test_limits_of_gamma_hold_the_truth_as_often_as_they_say() -> None:
     assert TRUE is not None
     grid = np.array([20.0, 100.0, 300.0, 1000.0, 3000.0])
