@@ -24,12 +24,13 @@ from rom.laws import (
     no_loosening,
     power_loosening,
 )
-from rom.linear import CORNER, LinearNames, with_starts
+from rom.linear import LinearNames, with_starts
 from rom.loosening import GammaEstimate, LooseningCase, identify_gamma, refine_gamma_law
 from rom.model import LinkLaws, Model
 from rom.output_error import OutputErrorFit, fit_output_error
 from rom.quality import Doubt
 from rom.reduction import Progress, ReducedRecord, UncoupledTest, reduce_records
+from rom.spectra import CORNER
 from rom.structure import Body, Link, Structure
 
 _Z95 = 1.959964

@@ -17,11 +17,10 @@ from scipy import fft
 from rom.campaign import CampaignSettings
 from rom.channels import FloatArray
 from rom.processing import Measurement
-from rom.spectra import DERIVATIVE_ORDER, STRUCTURAL, ComplexArray, SpectralRecord, Term, spectrum
+from rom.spectra import CORNER, DERIVATIVE_ORDER, STRUCTURAL, ComplexArray, SpectralRecord, Term, spectrum
 
 LINEAR_TESTS = ("uncoupled", "coupled", "free", "driven")
 UNCOUPLED = "uncoupled"
-CORNER = "sensor.corner"
 _FIRST_CORNER = 0.5  # [rad/s]: a time constant of 2 s
 _HIGHEST_HZ = 1000.0
 _LENGTH_S = 8.0

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rom.spectra import ComplexArray, FloatArray, Linearised, SpectralRecord, key, linearise
+from rom.spectra import ComplexArray, FloatArray, Linearised, SpectralRecord, key, linearise, step_unit
 
 _STEP = (-0.6, 1.0)  # shares of a value that it may lose or gain at once
 _OUTER_ITERATIONS = 12
@@ -27,6 +27,7 @@ _INNER_ITERATIONS = 12
 _SMOOTHING_HZ = 2.0
 _NEGLIGIBLE = 1e-7  # share of the cost that a step may still promise
 _UNTOLD = 1e-12
+_TINY = 1e-6  # stands for a sensor's corner that comes out at zero or below [rad/s]
 _SETTLED = 0.05  # square of a change in standard errors
 
 
@@ -155,7 +156,10 @@ def _levenberg_marquardt(
             state.gradient @ step
         ) < _NEGLIGIBLE * max(state.cost, 1.0)
         step = np.clip(step, *_STEP)  # one coefficient that nothing tells slows no other
-        values = state.values | {n: state.values[n] * float(1 + d) for n, d in zip(names, step, strict=True)}
+        values = state.values | {
+            n: state.values[n] + float(d) * step_unit(n, state.values[n])
+            for n, d in zip(names, step, strict=True)
+        }
         trial = _evaluate(records, values, whiteners, names)
         if trial.cost <= state.cost * (1 + 1e-12):
             state, damping = trial, max(damping / 10, 1e-9)
@@ -176,9 +180,9 @@ def fit_output_error(
 ) -> OutputErrorFit:
     """Fit all free terms of `records` together by Levenberg-Marquardt on the weighted spectra.
 
-    Steps are shares of the coefficients, none below -60 %: all stay positive, and stiffnesses of which only
-    the sum is well told can trade along a straight line. The weights start equal over the lines and are
-    re-estimated from the residual after every minimisation until both settle.
+    Steps are shares of the coefficients, none below -60 %: all but a sensor's corner stay positive, and
+    stiffnesses of which only the sum is well told can trade along a straight line. The weights start equal
+    over the lines and are re-estimated from the residual after every minimisation until both settle.
 
     Raises
     ------
@@ -197,7 +201,8 @@ def fit_output_error(
         before = np.array([state.values[name] for name in names])
         steps = _INNER_ITERATIONS if iteration else _FIRST_ITERATIONS
         state, inner = _levenberg_marquardt(records, state, whiteners, names, tolerance, steps)
-        change = np.log([state.values[name] for name in names] / before)
+        change = np.array([state.values[name] for name in names]) - before
+        change /= [step_unit(name, value) for name, value in zip(names, before, strict=True)]
         settled = (
             float(change @ state.hessian @ change) < _SETTLED or np.abs(change).max(initial=0) < tolerance
         )
@@ -207,10 +212,12 @@ def fit_output_error(
         whiteners = _whiteners(records, state.parts)
         state = _evaluate(records, state.values, whiteners, names)
     rows = sum(len(part.residual) for part in state.parts) - len(names)
+    values = np.array([max(state.values[name], _TINY) for name in names])
+    share = np.array([step_unit(name, value) / value for name, value in zip(names, values, strict=True)])
     return OutputErrorFit(
         names,
-        np.log([state.values[name] for name in names]),
-        _covariance(state.hessian),
+        np.log(values),
+        _covariance(state.hessian) * np.outer(share, share),
         state.cost / max(rows, 1),
         converged,
     )

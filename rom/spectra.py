@@ -23,6 +23,8 @@ ComplexArray = npt.NDArray[np.complexfloating[Any, Any]]
 
 DERIVATIVE_ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
 STRUCTURAL = ("stiffness", "damping", "mass")
+CORNER = "sensor.corner"
+_CORNER_STEP = 0.5
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,16 @@ def key(record: SpectralRecord, term: Term) -> str:
     return f"{term.name}@{record.file}" if term.name in record.local else term.name
 
 
+def step_unit(name: str, value: float) -> float:
+    """Return in what a coefficient's steps and derivatives are counted: its value; 0.5 rad/s for a corner.
+
+    A corner may be zero, and a share of nothing is nothing: it could never grow again.
+    """
+    return _CORNER_STEP if name == CORNER else value
+
+
 def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: ComplexArray) -> Linearised:
-    """Return the projected residual and the derivative of the output by the logarithm of each free term."""
+    """Return the projected residual and the derivative of the output by each free term in its `step_unit`."""
     system = _system(record, values)
     forced = (system.gain @ record.force[:, :, None])[:, :, 0]
     ends, spread = _nuisance(record, system, forced)
@@ -166,7 +176,7 @@ def _nuisance(
         gain @ -system.mass + coupled[:, :, None] * _polynomial(s, record.orders, 1),
         gain @ -(s[:, None, None] * system.mass + system.damping)
         + coupled[:, :, None] * _polynomial(s, record.orders, 0),
-        *([_sensor_ends(s, system.corner, record.orders)] if system.corner else []),
+        *([_sensor_ends(s, system.corner, record.orders)] if any(accelerations) else []),
         errors,
     ]
     return np.concatenate(columns, axis=2), spread
@@ -179,7 +189,7 @@ def _derivatives(
     states: FloatArray,
     residual: ComplexArray,
 ) -> ComplexArray:
-    """Return the derivative of the output by the logarithm of each free term: (lines, channels, terms)."""
+    """Return the derivative of the output by each free term in its `step_unit`: (lines, channels, terms)."""
     n, s = record.force.shape[1], system.s[:, None]
     gain_v, gain_x = states[:n], states[n : 2 * n]
     total = record.force - gain_v @ system.mass - (s * (gain_x @ system.mass) + gain_x @ system.damping)
@@ -193,7 +203,7 @@ def _derivatives(
         for t in record.terms
         if t.free
     ]
-    weights = np.array([values[key(record, t)] for t in record.terms if t.free])
+    weights = [step_unit(t.name, values[key(record, t)]) for t in record.terms if t.free]
     return np.asarray(np.stack(columns, axis=2) * weights)
 
 

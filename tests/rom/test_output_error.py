@@ -9,7 +9,7 @@ import pytest
 from lumped import noisy, pulse, random_force, respond
 
 from rom.output_error import OutputErrorFit, fit_output_error
-from rom.spectra import DERIVATIVE_ORDER, SpectralRecord, Term, spectrum
+from rom.spectra import CORNER, DERIVATIVE_ORDER, SpectralRecord, Term, spectrum
 
 RATE_HZ, SAMPLES = 1000.0, 4000
 LINKS = [("s", ("m", "ground"), "linear", 4000.0, 3.0)]
@@ -26,7 +26,7 @@ def one_body(
         Term("mass", "mass", ONE, 2.0 if known_mass else 2.0 * start, free=not known_mass),
         Term("k", "stiffness", ONE, 4000.0 * start),
         Term("c", "damping", ONE, 3.0 * start),
-        *((Term("corner", "corner", np.zeros(1), 0.5),) if kind == "acceleration" else ()),
+        *((Term(CORNER, "corner", np.zeros(1), 0.5),) if kind == "acceleration" else ()),
     )
     _, motion_lines = spectrum(motion[:, None], RATE_HZ, band)
     return SpectralRecord("a", "all", frequency, lines, motion_lines, (DERIVATIVE_ORDER[kind],), terms)
@@ -65,7 +65,7 @@ def test_clean_records_give_the_truth_whether_or_not_the_sensor_has_a_corner() -
         fit = fit_output_error([measured])
         assert fit.value("k") == pytest.approx(4000.0, rel=1e-4)
         assert fit.value("c") == pytest.approx(3.0, rel=5e-3)
-    assert fit.value("corner") == pytest.approx(1.2, rel=0.1)
+    assert fit.value(CORNER) == pytest.approx(1.2, rel=0.1)
 
 
 def test_a_free_decay_tells_the_ratios_and_leaves_the_scale_open() -> None:
