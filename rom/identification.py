@@ -162,7 +162,7 @@ def _doubtful(linear: OutputErrorFit | None) -> tuple[str, ...]:
     """Return a line for every shared value that the records leave open, and for a fit that did not end."""
     if linear is None:
         return ()
-    shared = [name for name in linear.names if "@" not in name and name != CORNER]
+    shared = [name for name in linear.names if "@" not in name and not name.startswith(CORNER)]
     lines = [
         f"{name}: the records do not tell it; {linear.value(name):.4g} is a mere starting value"
         for name in shared

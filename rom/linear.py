@@ -183,7 +183,8 @@ def _terms(
         if link.law == "bolted":
             local |= {LinearNames.stiffness(link.name), LinearNames.damping(link.name)}
     if "acceleration" in kinds:
-        terms.append(Term(CORNER, "corner", np.zeros(len(bodies)), _FIRST_CORNER))
+        name = f"{CORNER}.{test}" if test == "loosening" else CORNER  # large hits want sensors of their own
+        terms.append(Term(name, "corner", np.zeros(len(bodies)), _FIRST_CORNER))
     return tuple(terms), frozenset(local)
 
 

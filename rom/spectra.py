@@ -100,7 +100,7 @@ def step_unit(name: str, value: float) -> float:
 
     A corner may be zero, and a share of nothing is nothing: it could never grow again.
     """
-    return _CORNER_STEP if name == CORNER else value
+    return _CORNER_STEP if name.startswith(CORNER) else value
 
 
 def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: ComplexArray) -> Linearised:
