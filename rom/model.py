@@ -243,6 +243,7 @@ class Model:
         vary: Mapping[str, npt.ArrayLike] | None = None,
         window_s: tuple[float, float] | None = None,
         body: str | None = None,
+        tolerance: float = TOLERANCE,
     ) -> FloatArray:
         """Final tension of many cases that start at rest: the fast path.
 
@@ -260,6 +261,8 @@ class Model:
             Mean over the samples of this window [s] in place of the last value; cut at the record's end.
         body : str
             The driven body; the first one if not given.
+        tolerance : float
+            Local tolerance relative to the change of tension.
 
         Returns
         -------
@@ -271,7 +274,7 @@ class Model:
         ValueError
             If a shape, a path or a value is not what is required.
         """
-        return final_tension(self, forces, rate_hz, initial_tension, vary or {}, window_s, body)
+        return final_tension(self, forces, rate_hz, initial_tension, vary or {}, window_s, body, tolerance)
 
     def save(self, path: str | Path, **header: object) -> None:
         """Write ``model.json``; ``header`` fills the keys campaign, seed and elapsed_s, or adds others."""

@@ -283,6 +283,7 @@ def final_tension(
     vary: Mapping[str, npt.ArrayLike],
     window_s: tuple[float, float] | None,
     body: str | None,
+    tolerance: float,
 ) -> FloatArray:
     """See ``Model.final_tension``."""
     from rom.kernels.exponential import Task
@@ -313,7 +314,7 @@ def final_tension(
         rest,
         tension.reshape(cases, bolts),
         window,
-        TOLERANCE,
+        tolerance,
     )
     result = _cases(model, coefficients, task)
     if np.isnan(result).any():  # looked for here alone, to read the records once
