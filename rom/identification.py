@@ -24,7 +24,7 @@ from rom.laws import (
     no_loosening,
     power_loosening,
 )
-from rom.linear import LinearNames, with_starts
+from rom.linear import UNCOUPLED, LinearNames, with_starts
 from rom.loosening import GammaEstimate, LooseningCase, identify_gamma, refine_gamma_law
 from rom.model import LinkLaws, Model
 from rom.output_error import OutputErrorFit, fit_output_error
@@ -105,7 +105,7 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
         stiffness_fit=stiffness_fit,
         damping_fit=damping_fit,
         set_aside=set_aside,
-        warnings=(*warnings, *missing, *_doubtful(linear)),
+        warnings=(*warnings, *missing, *_doubtful(linear), *_untensioned(records, settings)),
         records=tuple(record.settings.file for record in records),
     )
     cases = _loosening_cases(records)
@@ -171,6 +171,19 @@ def _doubtful(linear: OutputErrorFit | None) -> tuple[str, ...]:
     if not linear.converged:
         lines.append("the fit of the linear links had not settled when it ended")
     return tuple(lines)
+
+
+def _untensioned(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[str, ...]:
+    """Return a line for every record whose joint has no place on the curves."""
+    return tuple(
+        f"{r.settings.file}: no strain, tension or preload_n places its joint on the curves over tension"
+        for r in records
+        if settings.bolt is not None
+        and r.spectra
+        and r.settings.test != UNCOUPLED
+        and r.tensions is None
+        and r.settings.preload_n is None
+    )
 
 
 def _cutoffs(records: Sequence[ReducedRecord]) -> dict[str, float]:

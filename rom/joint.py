@@ -47,15 +47,22 @@ class JointEstimate:
 def joint_estimates(
     records: Sequence[ReducedRecord], linear: OutputErrorFit | None, settings: CampaignSettings
 ) -> tuple[JointEstimate, ...]:
-    """Return the joint of every record whose tension is known, from the loosest to the tightest."""
+    """Return the joint of every record whose tension is known, from the loosest to the tightest.
+
+    Where none is known, all count as one level, at no tension: the joint then is a constant.
+    """
     if settings.bolt is None or linear is None:
         return ()
     link = settings.bolt.link
-    estimates = []
-    for record in records:
-        file, tension = record.settings.file, _tension_of(record)
-        if f"{LinearNames.damping(link)}@{file}" in linear.names and tension is not None:
-            estimates.append(_joint_estimate(record, tension, linear, settings, link))
+    seen = [r for r in records if f"{LinearNames.damping(link)}@{r.settings.file}" in linear.names]
+    tensions = [_tension_of(record) for record in seen]
+    if all(tension is None for tension in tensions):
+        tensions = [0.0] * len(seen)
+    estimates = [
+        _joint_estimate(record, tension, linear, settings, link)
+        for record, tension in zip(seen, tensions, strict=True)
+        if tension is not None
+    ]
     return tuple(sorted(estimates, key=lambda estimate: estimate.tension))
 
 

@@ -28,7 +28,7 @@ _SMALL_LOSS = 0.01
 _SMOOTH_S = 0.01
 _SHORTEST_LOSS_S = 0.02
 _LONGEST_LOSS_S = 1.0
-_ENOUGH = 3
+_ENOUGH = 5
 
 
 @dataclass(frozen=True)
