@@ -56,6 +56,7 @@ class Task(NamedTuple):
 
 
 SPREAD, LEAST = 0.5, 0.002  # a block of d seconds may spend d / SPREAD of the tolerance, or LEAST of it
+MOTION = 3.0  # tolerance of velocities and states over that of tensions: their estimate is the coarser one
 NEGLIGIBLE = 1e-9  # a change of tension, relative to it, below which errors are not measured against it
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
@@ -182,10 +183,10 @@ def _leg(
         allowed = task.tolerance * max(4.0 * d / SPREAD, LEAST)
         free_motion(block.free, block.y, tables.E, tables.W, task.force, level, tick)
         change = max(0.1 * allowed, 1e-13)  # sweeps end at rounding
-        goal = (change * scale[0] / mobility, change * scale[1], change)
+        goal = (MOTION * change * scale[0] / mobility, change * scale[1], MOTION * change)
         solved = solve(program, p, block, tables.H, level, t, d, goal, 2.0 * mobility)
         impulse, tension, state = errors(block, d, scale)
-        error = max(impulse * mobility / scale[0], tension / scale[1], state)
+        error = max(impulse * mobility / scale[0] / MOTION, tension / scale[1], state / MOTION)
         if level > 0 and not (solved and error <= allowed):
             level -= 1
             continue
@@ -280,7 +281,7 @@ def integrate(program: Program, p: Any, task: Task, report: Any, out: Any) -> An
         least = max(least, NEGLIGIBLE * T)
     for _ in range(RUNS):
         _run(program, p, task, scale, report, total, out)
-        motion = report[MOTION_ERROR] > 20.0 * task.tolerance * report[PEAK]
+        motion = report[MOTION_ERROR] > 20.0 * MOTION * task.tolerance * report[PEAK]
         loss = max(report[LOSS], least)
         tension = report[TENSION_ERROR] > 20.0 * task.tolerance * loss
         unknown = program.size[2] > 0 and np.isinf(scale[-1])
