@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Status = Literal["ok", "diverged"]
-TOLERANCE = 3e-6  # of a final tension relative to its change, of a velocity relative to its peak
+TOLERANCE = 1.5e-6  # of a final tension relative to its change, of a velocity relative to its peak
 DENSE_BODIES = 60  # larger structures go link by link
 PLACES = ("stiffness", "damping", "tension_rate")
 

@@ -203,7 +203,7 @@ def _leg(
         if drifted(program, p, block, DRIFT):
             linearise(program, p, block, tables)
             _restart(program, p, block, tick * sample / TICKS)
-        if error * 256.0 < allowed and level < LEVELS - 1:
+        if error * 40.0 < allowed and level < LEVELS - 1:
             level += 1
     clock[0], clock[1] = tick, level
     return True
