@@ -156,3 +156,18 @@ def test_a_body_effect_acts_on_its_body_alone():
     expected -= 91800.0 * x + 2.696 * v + 1e10 * x**3
     assert held.acceleration["so"][at] == pytest.approx(expected / 0.9888, rel=1e-9)
     assert abs(held.displacement["so"] - plain.displacement["so"]).max() > 1e-6
+
+
+def test_machine_code_of_older_sources_is_not_used(tmp_path):
+    from rom.kernels import _drop_stale_cache
+
+    cache = tmp_path / "__pycache__"
+    cache.mkdir()
+    (tmp_path / "kernel.py").write_text("a = 1")
+    _drop_stale_cache(tmp_path)
+    (cache / "kernel.nbi").write_text("code")
+    _drop_stale_cache(tmp_path)
+    assert (cache / "kernel.nbi").exists()
+    (tmp_path / "kernel.py").write_text("a = 2")
+    _drop_stale_cache(tmp_path)
+    assert not (cache / "kernel.nbi").exists()
