@@ -14,7 +14,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rom.campaign import Campaign, CampaignSettings, LinkSettings
-from rom.joint import LEAST_FOR_A_CURVE, JointEstimate, joint_curves, joint_estimates, tension_levels
+from rom.joint import (
+    LEAST_FOR_A_CURVE,
+    JointEstimate,
+    given_curves,
+    joint_curves,
+    joint_estimates,
+    tension_levels,
+)
 from rom.law_fits import LawFit, fit_law, gamma_curve
 from rom.laws import (
     Law,
@@ -30,7 +37,7 @@ from rom.model import LinkLaws, Model
 from rom.output_error import OutputErrorFit, fit_output_error
 from rom.quality import Doubt
 from rom.reduction import Progress, ReducedRecord, UncoupledTest, reduce_records
-from rom.spectra import CORNER
+from rom.spectra import CORNER, SpectralRecord
 from rom.structure import Body, Link, Structure
 
 _Z95 = 1.959964
@@ -89,13 +96,17 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
     set_aside = tuple(doubt for record in records for doubt in record.doubts)
     warnings = tuple(dict.fromkeys(text for record in records for text in record.warnings))
     records = [record for record in records if not record.doubts]
-    linear = _fit_linear(records, settings)
+    parts = _started(records, settings)
+    linear = fit_output_error(parts) if parts else None
     if linear is None and not any(record.link for record in records):
         raise ValueError(
             f"{campaign.path}: found no training record of a moving body or a cycled link, expected one"
         )
     joint = joint_estimates(records, linear, settings)
     stiffness_fit, damping_fit = joint_curves(joint, linear, settings)
+    doubtful = _doubtful(linear)
+    if linear is not None and stiffness_fit is not None and damping_fit is not None:
+        linear = given_curves(parts, linear, joint, (stiffness_fit, damping_fit))
     model, missing = _model(campaign, records, linear, (stiffness_fit, damping_fit))
     found = Identification(
         model=model,
@@ -105,18 +116,21 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
         stiffness_fit=stiffness_fit,
         damping_fit=damping_fit,
         set_aside=set_aside,
-        warnings=(*warnings, *missing, *_doubtful(linear), *_untensioned(records, settings)),
+        warnings=(*warnings, *missing, *doubtful, *_untensioned(records, settings)),
         records=tuple(record.settings.file for record in records),
     )
     cases = _loosening_cases(records)
-    if model.structure.bolted_links and cases:
+    if len(model.structure.bolted_links) > 1:
+        text = "several bolted links, one measured tension: no law of loosening is identified"
+        found = replace(found, warnings=(*found.warnings, text))
+    elif model.structure.bolted_links and cases:
         found = _with_loosening(found, cases, settings.windows.final_s)
     return replace(found, model=replace(found.model, identification=found))
 
 
-def _fit_linear(records: Sequence[ReducedRecord], settings: CampaignSettings) -> OutputErrorFit | None:
+def _started(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[SpectralRecord, ...]:
     parts = [record.spectra for record in records if record.spectra]
-    return fit_output_error(with_starts(parts, settings)) if parts else None
+    return with_starts(parts, settings) if parts else ()
 
 
 def _model(
@@ -132,7 +146,12 @@ def _model(
     laws: dict[str, LinkLaws] = {}
     uncoupled: dict[str, LinkLaws] = {}
     for link in settings.link:
-        if link.law == "bolted":
+        if link.law == "bolted" and settings.bolt is not None and link.name != settings.bolt.link:
+            found, without = _mean_laws(link.name, linear), None
+            missing.append(
+                f"link {link.name}: its tension is not measured; stiffness and damping are constants"
+            )
+        elif link.law == "bolted":
             found, without = _bolted_laws(link, joint, cycled), None
         else:
             without = _linear_laws(link, linear, cycled, bolted_in=False)
@@ -164,7 +183,7 @@ def _doubtful(linear: OutputErrorFit | None) -> tuple[str, ...]:
         return ()
     shared = [name for name in linear.names if "@" not in name and not name.startswith(CORNER)]
     lines = [
-        f"{name}: the records do not tell it; {linear.value(name):.4g} is a mere starting value"
+        f"{name}: the records do not tell it from what lies beside it; its value has no limits"
         for name in shared
         if linear.relative_error(name) > _UNDETERMINED
     ]
@@ -229,6 +248,17 @@ def _bolted_laws(
         )
         return LinkLaws(k, c, no_loosening())
     return LinkLaws(stiffness.law, damping.law, no_loosening())
+
+
+def _mean_laws(link: str, linear: OutputErrorFit | None) -> LinkLaws | None:
+    """Return constants, the geometric means over the records; None where no record tells them."""
+    values = []
+    for name in (LinearNames.stiffness(link), LinearNames.damping(link)):
+        own = [linear.value(x) for x in linear.names if x.startswith(f"{name}@")] if linear else []
+        values.append(float(np.exp(np.mean(np.log(own)))) if own else 0.0)
+    if not any(values):
+        return None
+    return LinkLaws(constant_stiffness(values[0]), constant_damping(values[1]), no_loosening())
 
 
 def _linear_laws(
@@ -336,7 +366,7 @@ def _with_loosening(
         top, bottom = float(np.log10(values.max())), float(np.log10(values.min()))
         scales, free = np.geomspace(30.0, max(tension.max(), 60.0), 6), ["gamma_d", "gamma_i", "rho"]
         if levels == LEAST_FOR_A_CURVE:  # two levels tell two parameters
-            scales, free = np.sqrt(tension.min() * tension.max()) / np.array([2.0]), free[:2]
+            scales, free = np.sqrt([tension.min() * tension.max()]) / 2, free[:2]
         starts = [logistic_loosening(2 * top - bottom, 2 * (top - bottom), -1 / scale) for scale in scales]
         case_fit = fit_law(starts, free, tension, values, covariance, files, gamma_curve)
     by_file = {case.file: case for case in cases}

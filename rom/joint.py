@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,12 +13,14 @@ from rom.law_fits import LawFit, fit_law
 from rom.laws import constant_damping, constant_stiffness, logistic_damping, logistic_stiffness
 from rom.linear import LinearNames
 from rom.modal import joint_damping, joint_stiffness
-from rom.output_error import OutputErrorFit
+from rom.output_error import OutputErrorFit, fit_output_error
 from rom.reduction import FirstMode, ReducedRecord
+from rom.spectra import CORNER, SpectralRecord
 
 MODAL_LIMIT = 0.2  # largest damping ratio of any mode at which Eq. 7 is to be trusted
 LEAST_FOR_A_CURVE = 2
 _LEVEL = 0.1
+_LEFT_OPEN = 0.3
 WIDE_ENOUGH = 3.0  # a curve needs tensions that span at least this factor
 
 
@@ -176,10 +178,10 @@ def joint_curves(
             fit_law([constant_stiffness(k)], ["k"], tension, stiffness, stiffness_covariance, files),
             fit_law([constant_damping(c)], ["c"], tension, damping, damping_covariance, files),
         )
-    scales = np.geomspace(tension.min(), tension.max(), 7)
+    scales = np.geomspace(tension[tension > 0].min(), tension.max(), 7)
     free_k, free_c = ["k_i", "alpha", "beta"], ["c_d", "c_i", "eta"]
     if levels == LEAST_FOR_A_CURVE:  # two levels tell two parameters: the shape between them is given
-        scales = np.sqrt(tension[:1] * tension[-1:]) / 2
+        scales = np.sqrt(scales[:1] * scales[-1:]) / 2
         free_k, free_c = ["k_i", "beta"], ["c_d", "c_i"]
     plateau = float(stiffness.max())
     starts_k = [
@@ -199,3 +201,36 @@ def tension_levels(tension: FloatArray) -> int:
     if len(ordered) < LEAST_FOR_A_CURVE or ordered[-1] < WIDE_ENOUGH * ordered[0]:
         return 0
     return 1 + int(np.sum(np.diff(np.log(ordered)) > _LEVEL))
+
+
+def given_curves(
+    parts: Sequence[SpectralRecord],
+    linear: OutputErrorFit,
+    joint: Sequence[JointEstimate],
+    curves: tuple[LawFit, LawFit],
+) -> OutputErrorFit:
+    """Return the fit of the shared terms with every joint on its curve, where the joints left one open.
+
+    A spring beside a bolt is told from it by the curve alone: each record knows but their sum. The limits
+    stay as wide as the records leave them.
+    """
+    shared = [name for name in linear.names if "@" not in name and not name.startswith(CORNER)]
+    tension = {estimate.file: estimate.tension for estimate in joint}
+    unplaced = any(part.local and part.file not in tension for part in parts)
+    several = len({name for part in parts for name in part.local}) > len(curves)
+    if unplaced or several or not any(linear.relative_error(name) > _LEFT_OPEN for name in shared):
+        return linear
+    fixed = []
+    for part in parts:
+        terms = []
+        for term in part.terms:
+            if term.name in part.local:
+                law = curves[term.matrix == "damping"].law
+                value = float(law(tension[part.file]))
+                terms.append(replace(term, value=max(value, 0.0), free=False))
+            else:
+                terms.append(replace(term, value=linear.value(term.name)) if term.free else term)
+        fixed.append(replace(part, terms=tuple(terms)))
+    found = fit_output_error(fixed)
+    before = np.diag([linear.relative_error(name) ** 2 for name in found.names])
+    return replace(found, covariance=np.maximum(found.covariance, before))
