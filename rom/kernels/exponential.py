@@ -58,6 +58,7 @@ class Task(NamedTuple):
 SPREAD, LEAST = 0.5, 0.002  # a block of d seconds may spend d / SPREAD of the tolerance, or LEAST of it
 MOTION = 3.0  # tolerance of velocities and states over that of tensions: their estimate is the coarser one
 NEGLIGIBLE = 1e-9  # a change of tension, relative to it, below which errors are not measured against it
+SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no impulse above this share of the peak velocity
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)
@@ -165,6 +166,16 @@ def _account(program: Program, block: Block, impulse: float, tension: float, rep
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _hidden(task: Task, level: int, tick: int) -> float:
+    """Impulse of the forces within a block [N s]: a hit between two nodes may leave none of them a trace."""
+    total = 0.0
+    for u in range(task.force.shape[0]):
+        for i in range(tick // TICKS, (tick + 4 * 2**level) // TICKS + 1):
+            total += abs(task.force[u, i])
+    return total / task.rate
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _leg(
     program: Program, p: Any, task: Task, block: Block, tables: Propagators, scale: Any, clock: Any, leg: int,
     report: Any, total: Any, out: Any,
@@ -177,6 +188,8 @@ def _leg(
         mobility = max(mobility, 1.0 / p[i])
     while tick < boundary:
         level = _highest(level, tick, boundary)
+        while 4 * 2**level > SHORT * TICKS and _hidden(task, level, tick) * mobility > HIDDEN * scale[0]:
+            level -= 1
         if tables.built[0] <= max(level, SAMPLE):
             build(tables, max(level, SAMPLE), sample)
         d, t = sample * 2.0**level / TICKS, tick * sample / TICKS

@@ -14,10 +14,10 @@ from typing import Any
 
 import pytest
 import typer
-from malformed import MALFORMED, Spoil
-from sound_campaign import write_sound_campaign
 
 from experiments.cli import app
+from tests.rom.malformed import MALFORMED, Spoil
+from tests.rom.sound_campaign import write_sound_campaign
 
 Boltlaw = Callable[..., Any]
 COMMANDS = tuple(command.callback.__name__ for command in app.registered_commands if command.callback)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-import two_oscillators
 
 from rom.parameters.he_2025 import paper_model
+from tests.reference import two_oscillators
 
 RATE = 19200.0
 

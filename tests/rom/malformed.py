@@ -15,7 +15,8 @@ import h5py
 import numpy as np
 import tomli_w
 from scipy.io import savemat
-from sound_campaign import (
+
+from tests.rom.sound_campaign import (
     COUPLED,
     CYCLED,
     DRIVEN,

@@ -12,8 +12,11 @@ import pytest
 import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from malformed import MALFORMED, Spoil
-from sound_campaign import (
+
+from rom.campaign import Campaign, CampaignError, CampaignSettings, read_campaign, write_campaign
+from rom.records import Channel, RecordError, write_channels
+from tests.rom.malformed import MALFORMED, Spoil
+from tests.rom.sound_campaign import (
     COUPLED,
     CYCLED,
     DRIVEN,
@@ -26,9 +29,6 @@ from sound_campaign import (
     sound_settings,
     write_sound_campaign,
 )
-
-from rom.campaign import Campaign, CampaignError, CampaignSettings, read_campaign, write_campaign
-from rom.records import Channel, RecordError, write_channels
 
 
 @pytest.fixture(scope="module")

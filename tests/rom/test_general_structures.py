@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lumped import LinkRow, campaign, noisy, pulse, random_force, respond
 
 import rom
 from rom.campaign import Campaign
 from rom.comparison import judge
 from rom.model import Model
 from rom.residuals import summarise
+from tests.rom.lumped import LinkRow, campaign, noisy, pulse, random_force, respond
 
 RATE_HZ, SAMPLES = 2000.0, 6000
 FINE = 4  # the truth runs this much finer than its samples

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lumped import noisy, pulse, random_force, respond
 
 from rom.output_error import OutputErrorFit, fit_output_error
 from rom.spectra import CORNER, DERIVATIVE_ORDER, SpectralRecord, Term, spectrum
+from tests.rom.lumped import noisy, pulse, random_force, respond
 
 RATE_HZ, SAMPLES = 1000.0, 4000
 LINKS = [("s", ("m", "ground"), "linear", 4000.0, 3.0)]

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from lumped import pulse
 
 from rom.campaign import CampaignSettings, Record, RecordSettings
 from rom.channels import Channel
 from rom.processing import Motion, cutoff, dominant_frequency, driven_displacement, gated_force, process
+from tests.rom.lumped import pulse
 
 RATE_HZ = 4800.0
 SAMPLES = 9600

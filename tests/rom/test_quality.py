@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from scipy import signal
-from sound_campaign import sound_settings
 
 from rom.campaign import CampaignSettings, Record, RecordSettings
 from rom.channels import FloatArray
 from rom.quality import Doubt, assess
 from rom.records import Channel
+from tests.rom.sound_campaign import sound_settings
 
 RATE_HZ, DURATION_S, IMPACT_S = 19200, 1.2, 0.5
 TIME = np.arange(round(RATE_HZ * DURATION_S)) / RATE_HZ

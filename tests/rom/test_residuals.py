@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from lumped import pulse, respond
 
 from rom.campaign import WindowSettings
 from rom.channels import Channel
@@ -23,6 +22,7 @@ from rom.processing import Measurement, Motion, TensionRecord
 from rom.residuals import Comparison, compare, simulate_measurement, summarise
 from rom.signals import FilterChain
 from rom.structure import Body, Link, Structure
+from tests.rom.lumped import pulse, respond
 
 RATE_HZ, SAMPLES = 4800.0, 9600
 WINDOWS = WindowSettings(initial_s=(0.0, 0.2), final_s=(1.0, 8.0))
