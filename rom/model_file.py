@@ -155,11 +155,10 @@ def _link(item: Mapping[str, Any]) -> Link:
 def _effects_from_data(items: list[Mapping[str, Any]]) -> tuple[Any, ...]:
     if not items:
         return ()
-    import rom.effects as catalogue
+    from rom.effects import make
 
     return tuple(
-        catalogue.make(item["name"], item["enters"], _parameters_from_data(item["parameters"]))  # type: ignore[attr-defined]
-        for item in items
+        make(item["name"], item["enters"], _parameters_from_data(item["parameters"])) for item in items
     )
 
 

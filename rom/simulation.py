@@ -299,6 +299,8 @@ def final_tension(
     if np.shape(initial_tension) not in (shape, ()):
         raise ValueError(f"initial_tension must have the shape {shape}, got {np.shape(initial_tension)}")
     tension = _finite("initial_tension", np.broadcast_to(initial_tension, shape).copy())
+    if (tension < 0).any():
+        raise ValueError(f"initial_tension must be 0 N or more, got {float(tension.min()):g} N")
     coefficients = np.tile(assembly.coefficients, (cases, 1))
     for path, values in vary.items():
         model.parameter(path)

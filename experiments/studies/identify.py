@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from rom.identification import Identification, identify_campaign
 from rom.joint import JointEstimate
 from rom.loosening import GammaEstimate
 from rom.residuals import summarise
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Progress = Callable[[int, int], None]
 
@@ -49,13 +52,17 @@ def run(
     started = time.perf_counter()
     outcome = examine(campaign_path, jobs, progress)
     folder = results_folder(campaign_path, out)
-    save_figures(outcome, folder)
+    drawn = draw(outcome)
+    folder.mkdir(parents=True, exist_ok=True)
     path = folder / "model.json"
-    section = identification_section(outcome) | {"command": command}
     outcome.identification.model.save(
-        path, campaign=outcome.campaign.settings.name, seed=seed, elapsed_s=round(time.perf_counter() -
-        started, 3), identification=plain(section),
-    )  # fmt: skip
+        path,
+        campaign=outcome.campaign.settings.name,
+        seed=seed,
+        elapsed_s=round(time.perf_counter() - started, 3),
+        identification=plain(identification_section(outcome) | {"command": command}),
+    )
+    save_figures(drawn, folder)
     return path
 
 
@@ -71,8 +78,8 @@ def examine(
     return Outcome(campaign, identification, judged)
 
 
-def save_figures(outcome: Outcome, folder: Path) -> None:
-    """Draw what the identification's data allow and write it to `folder`, which is created."""
+def draw(outcome: Outcome) -> dict[str, Figure]:
+    """Return the figures that the identification's data allow, by name."""
     from experiments.report import figures  # matplotlib is loaded when something is drawn
 
     campaign, found = outcome.campaign, outcome.identification
@@ -89,9 +96,15 @@ def save_figures(outcome: Outcome, folder: Path) -> None:
         [j.comparisons[0] for j in compared if j.settings.hold_out],
         [j.comparisons[1] for j in compared],
     )
-    folder.mkdir(parents=True, exist_ok=True)
+    return drawn
+
+
+def save_figures(drawn: Mapping[str, Figure], folder: Path) -> None:
+    """Write figures to an existing folder; nothing is written before all of them could be drawn."""
+    from experiments.report.style import save
+
     for name, figure in drawn.items():
-        figures.save(figure, folder / f"{name}.svg")
+        save(figure, folder / f"{name}.svg")
 
 
 def identification_section(outcome: Outcome) -> dict[str, Any]:
@@ -229,7 +242,8 @@ def summary(path: Path) -> str:
 
 
 def _with_limits(name: str, item: dict[str, Any]) -> str:
-    limits = "" if item["low"] is None else f" [{item['low']:.4g}, {item['high']:.4g}]"
+    known = item["low"] is not None and item["high"] is not None
+    limits = f" [{item['low']:.4g}, {item['high']:.4g}]" if known else ""
     return f"{name} = {item['value']:.5g}{limits} {item['unit']}"
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from experiments.results import write_result
 from experiments.studies import rig
-from experiments.studies.identify import Outcome, Progress, errors_by_set, examine, save_figures
+from experiments.studies.identify import Outcome, Progress, draw, errors_by_set, examine, save_figures
 from rom.comparison import Judged, judge, without_loosening
 from rom.modal import maximum_frequency
 from rom.parameters import he_2025
@@ -104,7 +104,7 @@ def run(
         judged = judge(
             [paper, without_loosening(paper)], outcome.campaign, jobs=jobs, progress=report("paper's model")
         )
-        save_figures(outcome, out)
+        drawn = draw(outcome)
     rows = [*_model_rows(), *_coupled_rows(judged), *_identified_rows(outcome), *_error_rows(outcome.judged)]
     content = {
         "rows": [asdict(row) | {"within": row.within} for row in rows],
@@ -117,10 +117,12 @@ def run(
         "data": "virtual rig; the paper's own measurements are not public",
         "command": command,
     }
-    return write_result(
+    path = write_result(
         out / "reproduction.json", "reproduction", content, campaign=outcome.campaign.settings.name,
         seed=seed, elapsed_s=time.perf_counter() - started,
     )  # fmt: skip
+    save_figures(drawn, out)
+    return path
 
 
 def _losses(tension: Sequence[float], peak: Sequence[float]) -> list[float]:

@@ -166,13 +166,17 @@ def _account(program: Program, block: Block, impulse: float, tension: float, rep
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _hidden(task: Task, level: int, tick: int) -> float:
-    """Impulse of the forces within a block [N s]: a hit between two nodes may leave none of them a trace."""
-    total = 0.0
-    for u in range(task.force.shape[0]):
-        for i in range(tick // TICKS, (tick + 4 * 2**level) // TICKS + 1):
-            total += abs(task.force[u, i])
-    return total / task.rate
+def _open(task: Task, level: int, tick: int, least: float) -> int:
+    """Highest level whose block hides no impulse [N s]: a hit between two nodes may leave none a trace."""
+    while 4 * 2**level > SHORT * TICKS:
+        impulse = 0.0
+        for u in range(task.force.shape[0]):
+            for i in range(tick // TICKS, (tick + 4 * 2**level) // TICKS + 1):
+                impulse += abs(task.force[u, i])
+        if impulse <= least * task.rate:
+            break
+        level -= 1
+    return level
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -187,9 +191,7 @@ def _leg(
     for i in range(program.size[0]):
         mobility = max(mobility, 1.0 / p[i])
     while tick < boundary:
-        level = _highest(level, tick, boundary)
-        while 4 * 2**level > SHORT * TICKS and _hidden(task, level, tick) * mobility > HIDDEN * scale[0]:
-            level -= 1
+        level = _open(task, _highest(level, tick, boundary), tick, HIDDEN * scale[0] / mobility)
         if tables.built[0] <= max(level, SAMPLE):
             build(tables, max(level, SAMPLE), sample)
         d, t = sample * 2.0**level / TICKS, tick * sample / TICKS
