@@ -58,7 +58,7 @@ class Task(NamedTuple):
 SPREAD, LEAST = 0.5, 0.002  # a block of d seconds may spend d / SPREAD of the tolerance, or LEAST of it
 MOTION = 3.0  # tolerance of velocities and states over that of tensions: their estimate is the coarser one
 NEGLIGIBLE = 1e-9  # a change of tension, relative to it, below which errors are not measured against it
-SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no impulse above this share of the peak velocity
+SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no hit above this share of the peak velocity
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)
@@ -167,13 +167,18 @@ def _account(program: Program, block: Block, impulse: float, tension: float, rep
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _open(task: Task, level: int, tick: int, least: float) -> int:
-    """Highest level whose block hides no impulse [N s]: a hit between two nodes may leave none a trace."""
+    """Highest level whose block hides no hit of impulse `least` [N s], which no node may feel.
+
+    The impulse is the largest running sum of a force: noise cancels in it, a hit of any length does not.
+    """
     while 4 * 2**level > SHORT * TICKS:
-        impulse = 0.0
+        largest = 0.0
         for u in range(task.force.shape[0]):
+            running = 0.0
             for i in range(tick // TICKS, (tick + 4 * 2**level) // TICKS + 1):
-                impulse += abs(task.force[u, i])
-        if impulse <= least * task.rate:
+                running += task.force[u, i]
+                largest = max(largest, abs(running))
+        if largest <= least * task.rate:
             break
         level -= 1
     return level
