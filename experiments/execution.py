@@ -50,7 +50,7 @@ def execution(cluster: str | None = None, local: Local = "loky") -> Iterator[Non
         from distributed import Client
     except ImportError as error:
         raise ClusterError(
-            f"--cluster {cluster}: found no Dask distributed, install it with: pip install 'boltlaw[cluster]'"
+            f"--cluster {cluster}: found no Dask distributed, expected it: pip install '.[cluster]'"
         ) from error
     try:
         client = Client(cluster, timeout=_CONNECT_S)  # type: ignore[no-untyped-call]

@@ -89,10 +89,6 @@ class FilterChain:
         """Displacement [m] of an acceleration [m/s2]: HP, integrate, HP, integrate, HP."""
         return self.integrated(acceleration, rate_hz, 2)
 
-    def from_velocity(self, velocity: FloatArray, rate_hz: float) -> FloatArray:
-        """Displacement [m] of a velocity [m/s]: HP, integrate, HP."""
-        return self.integrated(velocity, rate_hz, 1)
-
 
 @lru_cache(maxsize=64)
 def _highpass_sections(order: int, cutoff_hz: float, rate_hz: float) -> FloatArray:
