@@ -15,7 +15,6 @@ from rom.structure import Structure
 
 if TYPE_CHECKING:
     from rom.kernels.equations import Program
-    from rom.kernels.exponential import Task
     from rom.model import LinkLaws, Model
 
 FloatArray = npt.NDArray[np.float64]
@@ -164,7 +163,7 @@ def _tension_seen(model: Model, loaded: list[int], rows: int) -> IntArray:
     return seen
 
 
-def _number(name: str, value: object, low: float = -np.inf, *, strict: bool = False) -> float:
+def number(name: str, value: object, low: float = -np.inf, *, strict: bool = False) -> float:
     """A finite number not below (strictly: above) ``low``."""
     try:
         number = float(value)  # type: ignore[arg-type]
@@ -176,7 +175,7 @@ def _number(name: str, value: object, low: float = -np.inf, *, strict: bool = Fa
     return number
 
 
-def _forces(structure: Structure, force: Mapping[str, npt.ArrayLike]) -> tuple[IntArray, FloatArray]:
+def forces_on(structure: Structure, force: Mapping[str, npt.ArrayLike]) -> tuple[IntArray, FloatArray]:
     """Indices of the driven bodies and their forces, shape (driven, samples)."""
     if not isinstance(force, Mapping) or not force:
         raise ValueError(
@@ -203,7 +202,7 @@ def _by_body(structure: Structure, name: str, values: Mapping[str, float] | None
     unknown = sorted(set(values) - set(structure.body_names))
     if unknown:
         raise ValueError(f"{name} must name {', '.join(structure.body_names)}, got {', '.join(unknown)}")
-    return [_number(f"{name} of {body!r}", values.get(body, 0.0)) for body in structure.body_names]
+    return [number(f"{name} of {body!r}", values.get(body, 0.0)) for body in structure.body_names]
 
 
 def _tensions(structure: Structure, initial: float | Mapping[str, float] | None) -> list[float]:
@@ -214,7 +213,7 @@ def _tensions(structure: Structure, initial: float | Mapping[str, float] | None)
         initial = {} if initial is None else {bolts[0]: initial}
     if set(initial) != set(bolts):
         raise ValueError(f"initial_tension must be given for the bolted links {bolts}, got {tuple(initial)}")
-    return [_number(f"initial_tension of {bolt!r}", initial[bolt], 0.0) for bolt in bolts]
+    return [number(f"initial_tension of {bolt!r}", initial[bolt], 0.0) for bolt in bolts]
 
 
 def simulate(
@@ -231,8 +230,8 @@ def simulate(
     from rom.kernels.runge_kutta import integrate_links
 
     structure = model.structure
-    rate = _number("rate_hz", rate_hz, 0.0, strict=True)
-    driven, forces = _forces(structure, force)
+    rate = number("rate_hz", rate_hz, 0.0, strict=True)
+    driven, forces = forces_on(structure, force)
     tensions = np.array(_tensions(structure, initial_tension))
     motion = np.array(
         [
@@ -241,8 +240,8 @@ def simulate(
         ]
     )
     assembly, samples, bodies = model.assembly, forces.shape[1], len(structure.bodies)
-    last = np.array([samples - 1, samples - 1])
-    task = Task(rate, driven, assembly.active, _fixed(forces), motion, tensions, last, tolerance)
+    last = np.array([samples - 1, samples])
+    task = Task(rate, driven, assembly.active, fixed(forces), motion, tensions, last, 1, tolerance)
     out = np.full((3 * bodies + int(assembly.program.size[1:].sum()), samples), np.nan)
     report = np.zeros(6 + int(assembly.program.size[2]))
     large = bodies > DENSE_BODIES
@@ -275,106 +274,16 @@ def _response(structure: Structure, rate: float, out: FloatArray, report: FloatA
     )
 
 
-def final_tension(
-    model: Model,
-    forces: npt.ArrayLike,
-    rate_hz: float,
-    initial_tension: npt.ArrayLike,
-    vary: Mapping[str, npt.ArrayLike],
-    window_s: tuple[float, float] | None,
-    body: str | None,
-    tolerance: float,
-) -> FloatArray:
-    """See ``Model.final_tension``."""
-    from rom.kernels.exponential import Task
-
-    structure, assembly = model.structure, model.assembly
-    rate = _number("rate_hz", rate_hz, 0.0, strict=True)
-    force = _shaped("forces", forces, ("cases", "samples"))
-    cases, samples = force.shape
-    bolts = len(structure.bolted_links)
-    if bolts == 0:
-        raise ValueError("final_tension needs a bolted link, the structure has none")
-    shape = (cases, bolts) if bolts > 1 else (cases,)
-    if np.shape(initial_tension) not in (shape, ()):
-        raise ValueError(f"initial_tension must have the shape {shape}, got {np.shape(initial_tension)}")
-    tension = _finite("initial_tension", np.broadcast_to(initial_tension, shape).copy())
-    if (tension < 0).any():
-        raise ValueError(f"initial_tension must be 0 N or more, got {float(tension.min()):g} N")
-    coefficients = np.tile(assembly.coefficients, (cases, 1))
-    for path, values in vary.items():
-        model.parameter(path)
-        coefficients[:, assembly.places[path]] = _finite(path, np.broadcast_to(values, (cases,)))
-    driven = _forces(structure, {body or structure.body_names[0]: np.zeros(2)})[0]
-    window = np.array(_window(window_s, rate, samples))
-    rest = np.zeros(2 * len(structure.bodies))
-    task = Task(
-        rate,
-        driven,
-        assembly.active,
-        _fixed(force[:, None]),
-        rest,
-        tension.reshape(cases, bolts),
-        window,
-        tolerance,
-    )
-    result = _cases(model, coefficients, task)
-    if np.isnan(result).any():  # looked for here alone, to read the records once
-        _finite("forces", force)
-    return result[:, 0] if bolts == 1 else result
-
-
-def _cases(model: Model, coefficients: FloatArray, task: Task) -> FloatArray:
-    """Final tensions of cases, shape (cases, tensions); NaN for a case that diverged."""
-    from rom.kernels.exponential import REACHED, integrate_cases
-    from rom.kernels.runge_kutta import integrate_links
-
-    program = model.assembly.program
-    reports = np.zeros((len(coefficients), 6 + int(program.size[2])))
-    if len(model.structure.bodies) <= DENSE_BODIES:
-        result: FloatArray = integrate_cases(program, coefficients, task, reports)
-        return result
-    changes = [
-        integrate_links(
-            program,
-            p,
-            task._replace(force=task.force[case], tensions=task.tensions[case]),
-            reports[case],
-            np.empty((0, 0)),
-        )
-        for case, p in enumerate(coefficients)
-    ]
-    reached = reports[:, REACHED, None] == task.force.shape[-1]
-    return np.where(reached, np.maximum(task.tensions + np.array(changes), 0.0), np.nan)
-
-
-def _shaped(name: str, values: npt.ArrayLike, axes: tuple[str, ...]) -> FloatArray:
-    array = np.ascontiguousarray(values, dtype=np.float64)
-    if array.ndim != len(axes) or 0 in array.shape:
-        raise ValueError(f"{name} must have the shape ({', '.join(axes)}), got {array.shape}")
-    return array
-
-
-def _finite(name: str, values: npt.ArrayLike) -> FloatArray:
+def finite(name: str, values: npt.ArrayLike) -> FloatArray:
+    """Values as an array, all finite."""
     array = np.ascontiguousarray(values, dtype=np.float64)
     if not np.isfinite(array.sum()):
         raise ValueError(f"{name} must be finite, got NaN or infinity")
     return array
 
 
-def _fixed(force: FloatArray) -> FloatArray:
+def fixed(force: FloatArray) -> FloatArray:
     """A read-only view: kernels are compiled for one kind of array, mapped from a file or in memory."""
     view = force.view()
     view.flags.writeable = False
     return view
-
-
-def _window(window_s: tuple[float, float] | None, rate: float, samples: int) -> tuple[int, int]:
-    """First and last sample of a window; the last sample alone without one."""
-    if window_s is None:
-        return samples - 1, samples - 1
-    first = int(np.ceil(window_s[0] * rate - 1e-6))
-    last = min(int(np.floor(window_s[1] * rate + 1e-6)), samples - 1)
-    if not 0 <= first <= last:
-        raise ValueError(f"window_s must hold samples of 0 to {(samples - 1) / rate:g} s, got {window_s}")
-    return first, last

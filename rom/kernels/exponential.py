@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from rom.kernels.bins import add, means, sums_of_blocks
 from rom.kernels.block import (
     SHARPNESS,
     Block,
@@ -29,7 +30,6 @@ from rom.kernels.calling import invoke, pointer
 from rom.kernels.dense import fill, fill_sample
 from rom.kernels.equations import Program
 from rom.kernels.propagators import (
-    INTEGRAL_SUM,
     LEVELS,
     NODES,
     SAMPLE,
@@ -51,7 +51,8 @@ class Task(NamedTuple):
     force: Any  # (driven bodies, samples) [N]
     y0: Any  # (2 bodies,): displacements and velocities at the start
     tensions: Any  # (tensions,): at the start [N]
-    window: Any  # (2,): first sample and last sample over which tensions are averaged
+    edges: Any  # (bins + 1,): bins of samples over which tensions are averaged; the run ends with the last
+    every: int  # tensions are averaged over each so many samples
     tolerance: float  # of the final tension, relative to its change, and of velocities to their peak
 
 
@@ -128,19 +129,6 @@ def _highest(level: int, tick: int, boundary: int) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _add_window(block: Block, level: int, tick: int, d: float, total: Any) -> None:
-    """Add the tension changes at the samples of the block that ends at ``tick``."""
-    samples = 4 * 2**level // TICKS
-    for b in range(total.size):
-        if samples > 1:
-            total[b] += samples * block.z[0, b]
-            for node in range(NODES):
-                total[b] += d * INTEGRAL_SUM[level, node] * block.r[node, b]
-        elif tick % TICKS == 0:
-            total[b] += block.z[NODES - 1, b]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _finite(block: Block, error: float) -> bool:
     """Whether the last node can be computed with."""
     for i in range(block.y.shape[1]):
@@ -185,18 +173,23 @@ def _open(task: Task, level: int, tick: int, least: float) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _leg(
-    program: Program, p: Any, task: Task, block: Block, tables: Propagators, scale: Any, clock: Any, leg: int,
-    report: Any, total: Any, out: Any,
-) -> bool:  # fmt: skip
-    """Integrate to the end of a leg; whether it was reached. ``clock`` holds the tick and the level."""
-    tick, level, sample = clock[0], clock[1], 1.0 / task.rate
-    boundary = TICKS * (task.window[leg] if leg < 2 else task.force.shape[1] - 1)
-    mobility = 0.0
+def _run(  # noqa: C901 - the loop over the blocks, in one place
+    program: Program, p: Any, task: Task, scale: Any, sums: Any, report: Any, total: Any, out: Any
+) -> None:
+    """Integrate over a record with errors relative to ``scale``: a velocity [m/s] and a tension [N]."""
+    block, tables = _prepare(program, p, task)
+    report[:] = 0.0
+    total[:] = 0.0
+    tick, level, sample, mobility = 0, 0, 1.0 / task.rate, 0.0
+    end, bin = TICKS * (task.edges[-1] - 1), 0
     for i in range(program.size[0]):
         mobility = max(mobility, 1.0 / p[i])
-    while tick < boundary:
-        level = _open(task, _highest(level, tick, boundary), tick, HIDDEN * scale[0] / mobility)
+    if out.size:
+        fill_sample(block, tables, task.force, 0, out, 0)
+    if task.edges[0] == 0 and task.edges[1] == 1:
+        bin = 1  # sample 0 adds nothing: changes are counted from there
+    while tick < end:
+        level = _open(task, _highest(level, tick, end), tick, HIDDEN * scale[0] / mobility)
         if tables.built[0] <= max(level, SAMPLE):
             build(tables, max(level, SAMPLE), sample)
         d, t = sample * 2.0**level / TICKS, tick * sample / TICKS
@@ -211,10 +204,9 @@ def _leg(
             level -= 1
             continue
         if not _finite(block, error):
-            return False
+            return
         tick += 4 * 2**level
-        if leg == 1:
-            _add_window(block, level, tick, d, total)
+        bin = add(block, level, tick, d, task.edges, task.every, sums, bin, total)
         if out.size:
             fill(block, tables, task.force, level, tick, d, out)
         _account(program, block, impulse * mobility, tension, report)
@@ -225,28 +217,6 @@ def _leg(
             _restart(program, p, block, tick * sample / TICKS)
         if error * 40.0 < allowed and level < LEVELS - 1:
             level += 1
-    clock[0], clock[1] = tick, level
-    return True
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _run(program: Program, p: Any, task: Task, scale: Any, report: Any, total: Any, out: Any) -> None:
-    """Integrate over a record with errors relative to ``scale``: a velocity [m/s] and a tension [N]."""
-    block, tables = _prepare(program, p, task)
-    for i in range(report.size):
-        report[i] = 0.0
-    for b in range(total.size):
-        total[b] = 0.0
-    clock = np.zeros(2, dtype=np.int64)
-    if out.size:
-        fill_sample(block, tables, task.force, 0, out, 0)
-    for leg in range(3):
-        for b in range(total.size if leg == 1 else 0):
-            total[b] += block.z[0, b]
-        if not _leg(program, p, task, block, tables, scale, clock, leg, report, total, out):
-            return
-    for b in range(total.size):
-        total[b] /= task.window[1] - task.window[0] + 1.0
     report[REACHED] += 1.0
 
 
@@ -291,21 +261,21 @@ def integrate(program: Program, p: Any, task: Task, report: Any, out: Any) -> An
     """Integrate over a record; its own peak velocity and loss of tension are the scale of its errors.
 
     Fills ``report`` (6 + states,) and, unless empty, ``out``, shape (3 bodies + tensions + states, samples):
-    displacements, velocities, tensions, states, accelerations. Returns the mean change of the tensions
-    over the window, shape (tensions,); the run is complete where ``report[REACHED]`` counts all samples.
+    displacements, velocities, tensions, states, accelerations. Returns the sums of the tensions' changes
+    over the bins, shape (bins, tensions); the run is complete where ``report[REACHED]`` is the last edge.
     """
-    total = np.zeros(program.size[1])
+    total, sums = np.zeros((task.edges.size - 1, program.size[1])), sums_of_blocks(task.every)
     scale = _expected(program, p, task)
     least = 1e-12
     for T in task.tensions:
         least = max(least, NEGLIGIBLE * T)
     for _ in range(RUNS):
-        _run(program, p, task, scale, report, total, out)
+        _run(program, p, task, scale, sums, report, total, out)
         motion = report[MOTION_ERROR] > 20.0 * MOTION * task.tolerance * report[PEAK]
         loss = max(report[LOSS], least)
         tension = report[TENSION_ERROR] > 20.0 * task.tolerance * loss
         unknown = program.size[2] > 0 and np.isinf(scale[-1])
-        if report[REACHED] < task.force.shape[1] or not (motion or tension or unknown):
+        if report[REACHED] < task.edges[-1] or not (motion or tension or unknown):
             break
         for i in range(program.size[2]):
             scale[2 + i] = max(report[STATES + i], 1e-300)
@@ -318,20 +288,19 @@ def integrate(program: Program, p: Any, task: Task, report: Any, out: Any) -> An
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def integrate_cases(program: Program, coefficients: Any, tasks: Task, reports: Any) -> Any:
-    """Final tensions of many cases [N], shape (cases, tensions); NaN for a case that diverged.
+    """Mean tensions of many cases [N], shape (cases, bins, tensions); NaN for a case that diverged.
 
-    ``coefficients``, and the forces and tensions of ``tasks``, have a first axis of cases.
+    ``coefficients``, and the forces, tensions and edges of ``tasks``, have a first axis of cases.
     """
     cases = coefficients.shape[0]
-    result = np.full((cases, program.size[1]), np.nan)
+    result = np.full((cases, tasks.edges.shape[1] - 1, program.size[1]), np.nan)
     nothing = np.empty((0, 0))
     for case in range(cases):
         task = Task(
             tasks.rate, tasks.driven, tasks.active, tasks.force[case], tasks.y0,
-            tasks.tensions[case], tasks.window, tasks.tolerance,
+            tasks.tensions[case], tasks.edges[case], tasks.every, tasks.tolerance,
         )  # fmt: skip
-        change = integrate(program, coefficients[case], task, reports[case], nothing)
-        if reports[case, REACHED] == task.force.shape[1]:
-            for b in range(program.size[1]):
-                result[case, b] = max(task.tensions[b] + change[b], 0.0)
+        sums = integrate(program, coefficients[case], task, reports[case], nothing)
+        if reports[case, REACHED] == task.edges[-1]:
+            means(sums, task.edges, task.every, task.tensions, result[case])
     return result

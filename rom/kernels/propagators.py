@@ -213,4 +213,3 @@ def _integrals() -> list[Polynomial]:
 # the polynomial through the nodes, and its integral from node 0, at the samples of a block
 VALUE_AT = _at_samples(_lagrange())
 INTEGRAL_AT = _at_samples(_integrals())
-INTEGRAL_SUM = INTEGRAL_AT.sum(axis=2)

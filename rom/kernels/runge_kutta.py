@@ -57,21 +57,24 @@ def _write(program: Program, p: Any, t: float, forces: Any, y: Any, work: Any, o
 def integrate_links(program: Program, p: Any, task: Task, report: Any, out: Any) -> Any:
     """As ``exponential.integrate``, without an estimate of the error."""
     n, tensions = program.size[0], program.size[1]
-    y, total = np.zeros(2 * n + tensions + program.size[2]), np.zeros(tensions)
+    y = np.zeros(2 * n + tensions + program.size[2])
+    total, bin = np.zeros((task.edges.size - 1, tensions)), 0
     work, forces = np.zeros((4, y.size)), np.zeros((3, n))
     y[: 2 * n] = task.y0
     y[2 * n : 2 * n + tensions] = task.tensions
     report[:] = 0.0
-    samples = task.force.shape[1]
+    samples = task.edges[-1]
     for sample in range(samples):
+        while sample >= task.edges[bin + 1]:
+            bin += 1
         _load(task, sample, forces)
         if out.size:
             _write(program, p, sample / task.rate, forces, y, work, out, sample)
         for b in range(tensions):
             change = y[2 * n + b] - task.tensions[b]
             report[LOSS] = max(report[LOSS], abs(change))
-            if task.window[0] <= sample <= task.window[1]:
-                total[b] += change / (task.window[1] - task.window[0] + 1.0)
+            if sample >= task.edges[bin] and sample % task.every == 0:
+                total[bin, b] += change
         for i in range(n, 2 * n):
             report[PEAK] = max(report[PEAK], abs(y[i]))
         report[REACHED] = sample + 1.0

@@ -60,8 +60,8 @@ def marched(model: Model, level: int, samples: int) -> np.ndarray:
     """State after a free motion in blocks of one level: the motion, the tension's change, the states."""
     assembly, force = model.assembly, np.zeros((1, samples + 1))
     force.flags.writeable = False
-    start, last = np.array([1e-4, -1e-4, 0.03, -0.05]), np.array([samples, samples])
-    task = Task(RATE, np.array([0]), assembly.active, force, start, np.array([20.0]), last, 1e-9)
+    start, last = np.array([1e-4, -1e-4, 0.03, -0.05]), np.array([samples, samples + 1])
+    task = Task(RATE, np.array([0]), assembly.active, force, start, np.array([20.0]), last, 1, 1e-9)
     program, p = assembly.program, assembly.coefficients
     block, tables = _prepare(program, p, task)
     build(tables, max(level, SAMPLE), 1 / RATE)

@@ -1,3 +1,4 @@
+import itertools
 import json
 
 import numpy as np
@@ -220,6 +221,18 @@ def test_new_values_leave_the_old_model_alone():
             "parameter must be one of",
         ),
         (lambda m: m.final_tension([hit()], RATE, [60.0], body="third"), "must act on lo, so"),
+        (
+            lambda m: m.mean_tensions([hit()], RATE, [60.0], [0.1]),
+            r"edges_s must have the shape \(bins \+ 1,\)",
+        ),
+        (lambda m: m.mean_tensions([hit()], RATE, [60.0], [[0, 1], [0, 1]]), "edges_s must have the shape"),
+        (lambda m: m.mean_tensions([hit()], RATE, [60.0], [0.1, 0.1]), "edges_s must rise and hold a sample"),
+        (lambda m: m.mean_tensions([hit()], RATE, [60.0], [0.1, np.nan]), "edges_s must be finite"),
+        (lambda m: m.mean_tensions([hit()], RATE, [60.0], [0.3, 0.4]), "within 0 to 0.3 s"),
+        (
+            lambda m: m.mean_tensions([hit()], RATE, [60.0], [0.0, 0.1], tension_rate_hz=5000.0),
+            "must divide the rate of 19200 Hz",
+        ),
         (lambda m: m.parameter("joint.k"), "parameter must be one of"),
         (lambda m: m.with_values({"body.lo.mass": -1.0}), "must be a positive number of kg"),
     ],
@@ -237,3 +250,63 @@ def test_laws_must_fit_the_structure():
         Model(paper.structure, {**paper.link_laws, "joint": paper.link_laws["flexure_lo"]})
     with pytest.raises(ValueError, match="must be a law that enters there"):
         LinkLaws(constant_damping(1.0), constant_damping(1.0))
+
+
+def binned(tension, edges, every=1):
+    """Means of the samples of a response, as a measured tension is binned."""
+    return np.array(
+        [tension[-(-a // every) * every : b : every].mean() for a, b in itertools.pairwise(edges)]
+    )
+
+
+@pytest.mark.parametrize("seconds", [0.05, 0.3, 1.3])
+@pytest.mark.parametrize("every", [1, 4])
+def test_mean_tensions_are_the_binned_response(seconds, every):
+    rng, model, samples = np.random.default_rng(5), paper_model(), int(seconds * RATE)
+    force = np.zeros(samples) + 0.1 * rng.normal(size=samples)
+    force[samples // 3 : samples // 3 + 13] += 1500.0
+    response = model.simulate({"lo": force}, RATE, 61.3)
+    loss = 61.3 - response.tension[-1]
+    for edges in (
+        [0, samples],
+        [0, 4, 8, 300],
+        np.arange(samples // 3 - 40, samples // 3 + 200, 8),
+        [5, 77, samples],
+    ):
+        found = model.mean_tensions(
+            [force], RATE, [61.3], np.array(edges) / RATE, tension_rate_hz=RATE / every
+        )
+        assert found.shape == (1, len(edges) - 1)
+        assert found[0] == pytest.approx(binned(response.tension, edges, every), abs=2e-6 * loss)
+
+
+def test_bins_may_differ_between_cases_and_end_before_the_record():
+    model, forces, tensions = paper_model(), np.stack([hit(), hit(800.0)]), np.array([21.5, 152.7])
+    edges = np.array([[0.0, 0.06, 0.2], [0.01, 0.1, 5.0]])
+    found = model.mean_tensions(forces, RATE, tensions, edges, {"joint.tension_rate.gamma_d": [11.7, 11.9]})
+    for case, gamma_d in enumerate((11.7, 11.9)):
+        other = model.with_values({"joint.tension_rate.gamma_d": gamma_d})
+        alone = other.mean_tensions(forces[case : case + 1], RATE, tensions[case : case + 1], edges[case])
+        assert found[case] == pytest.approx(alone[0], abs=1e-12)
+    last = model.final_tension(forces, RATE, tensions)
+    sample = np.array([5759.0, 5760.0]) / RATE
+    assert model.mean_tensions(forces, RATE, tensions, sample)[:, 0] == pytest.approx(last, abs=1e-12)
+
+
+def test_a_diverged_case_has_no_mean_tensions_and_the_others_do():
+    laws = dict(paper_model().link_laws)
+    runaway = free_form_law("runaway", "g * v * v * T * T", "tension rate", {"g": Parameter(1e9, "s/m2/N")})
+    laws["joint"] = LinkLaws(laws["joint"].stiffness, laws["joint"].damping, runaway)
+    model = Model(paper_model().structure, laws)
+    found = model.mean_tensions([hit(), hit(0.0)], RATE, [300.0, 300.0], [0.0, 0.1, 0.2])
+    assert np.isnan(found[0]).all()
+    assert found[1] == pytest.approx(300.0)
+
+
+def test_every_bolt_has_mean_tensions():
+    model, start = chain(), [100.0, 50.0, 300.0]
+    response = model.simulate({"b0": hit(100.0)}, RATE, dict(zip(("j0", "j1", "j2"), start, strict=True)))
+    found = model.mean_tensions(hit(100.0)[None], RATE, [start], [0.0, 0.055, 0.3])
+    for place, tension in enumerate(response.tension.values()):
+        loss = start[place] - tension[-1]
+        assert found[0, :, place] == pytest.approx(binned(tension, [0, 1056, 5760]), abs=1e-5 * loss)

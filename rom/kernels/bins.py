@@ -1,0 +1,76 @@
+"""Means of the tensions over bins of samples, from the polynomials of the blocks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from rom.kernels.block import Block
+from rom.kernels.propagators import INTEGRAL_AT, LEVELS, NODES, TICKS
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def sums_of_blocks(every: int) -> Any:
+    """Sums over the samples of whole blocks, shape (level, phase, NODES + 1); the last one is their count.
+
+    Only samples that are multiples of ``every`` count; the phase is that of the sample at the block's start.
+    """
+    sums = np.zeros((LEVELS, every, NODES + 1))
+    for level in range(LEVELS):
+        for phase in range(every):
+            for i in range(max(4 * 2**level // TICKS, 1)):
+                if (phase + 1 + i) % every == 0:
+                    sums[level, phase, NODES] += 1.0
+                    for node in range(NODES):
+                        sums[level, phase, node] += INTEGRAL_AT[level, node, i]
+    return sums
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _add_samples(
+    block: Block, level: int, start: int, first: int, stop: int, d: float, every: int, total: Any
+) -> None:
+    """Add the tension changes at samples from ``first`` to before ``stop`` of the block behind ``start``."""
+    for sample in range((first + every - 1) // every * every, stop, every):
+        for b in range(total.size):
+            total[b] += block.z[0, b]
+            for node in range(NODES):
+                total[b] += d * INTEGRAL_AT[level, node, sample - start - 1] * block.r[node, b]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def add(
+    block: Block, level: int, tick: int, d: float, edges: Any, every: int, sums: Any, bin: int, total: Any
+) -> int:
+    """Add the tension changes at the samples of the block that ends at ``tick`` to the bins from ``bin`` on.
+
+    The sample at a block's start belongs to the block before. Returns the bin of the next sample.
+    """
+    start, last = (tick - 4 * 2**level) // TICKS, tick // TICKS
+    sample = max(start + 1, edges[bin]) if bin < edges.size - 1 else last + 1
+    while sample <= last and bin < edges.size - 1:
+        stop = min(last + 1, edges[bin + 1])
+        if sample == start + 1 and stop == last + 1:
+            weights = sums[level, start % every]
+            for b in range(block.start.size):
+                value = 0.0
+                for node in range(NODES):
+                    value += weights[node] * block.r[node, b]
+                total[bin, b] += weights[NODES] * block.z[0, b] + d * value
+        else:
+            _add_samples(block, level, start, sample, stop, d, every, total[bin])
+        sample = stop
+        if stop == edges[bin + 1]:
+            bin += 1
+    return bin
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def means(sums: Any, edges: Any, every: int, starts: Any, result: Any) -> None:
+    """Mean tensions, shape (bins, tensions), from the sums of their changes; none falls below zero."""
+    for bin in range(sums.shape[0]):
+        count = (edges[bin + 1] + every - 1) // every - (edges[bin] + every - 1) // every
+        for b in range(starts.size):
+            result[bin, b] = max(starts[b] + sums[bin, b] / count, 0.0)
