@@ -53,6 +53,12 @@ def rig(
     scatter: Annotated[
         float, typer.Option(min=0.0, help="Factor on gamma's scatter from test to test.")
     ] = 1.0,
+    strengths: Annotated[
+        str, typer.Option(help="Loosening hits per preload, as shares of 1608.7 N: 1,0.8,0.6.")
+    ] = "1",
+    law: Annotated[
+        str | None, typer.Option(help="Tension law that the bolt follows; default: that of the paper.")
+    ] = None,
     duration_s: Annotated[float | None, typer.Option(help="Length of a record [s].")] = None,
     hold_out_every: Annotated[
         int, typer.Option(min=0, help="One in so many preloads is held out; 0: none.")
@@ -70,7 +76,8 @@ def rig(
     with _progress(quiet) as report:
         folder = study.run(
             new_dir if out is None else out / new_dir, cases, noise, seed, jobs, report("measuring"),
-            duration_s=duration_s, scatter=scatter, hold_out_every=hold_out_every,
+            duration_s=duration_s, strengths=study.strengths_from_text(strengths), law=law,
+            scatter=scatter, hold_out_every=hold_out_every,
         )  # fmt: skip
     _say(f"wrote {folder}", quiet)
 

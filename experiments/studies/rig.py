@@ -9,6 +9,7 @@ import numpy as np
 
 from experiments.rig.campaign import Laboratory, Truth, settings
 from experiments.rig.plant import Plant
+from experiments.rig.rivals import RIVALS
 from experiments.rig.schedule import plan
 from experiments.rig.sensors import Instruments
 from rom.campaign import write_campaign
@@ -28,6 +29,7 @@ def run(
     scatter: float = 1.0,
     tightening: bool | None = None,
     hold_out_every: int = 5,
+    law: str | None = None,
     plant: Plant | None = None,
     instruments: Instruments | None = None,
 ) -> Path:
@@ -58,6 +60,9 @@ def run(
         Whether tests below 1100 N may tighten and are repeated; None: at full scale only.
     hold_out_every : int
         One in so many preloads is held out, never the extremes; 0 for none.
+    law : str or None
+        Name of the tension law that the bolt follows (`experiments.rig.rivals`), for a `plant` without one of
+        its own; None: that of the paper. It is told in the truth file alone.
     plant, instruments : Plant, Instruments or None
         The rig and its sensors; None: those of the paper.
 
@@ -75,7 +80,7 @@ def run(
     check(folder, cases, noise, jobs, duration_s, strengths, scatter, hold_out_every)
     full_scale = cases is None
     laboratory = Laboratory(
-        plant or Plant(),
+        plant or plant_of(law),
         (instruments or Instruments()).scaled(noise),
         duration_s if duration_s is not None else (30.5 if full_scale else 8.5),
     )
@@ -102,9 +107,39 @@ def run(
         "seed": seed,
         "scatter": scatter,
         "strengths": list(strengths),
+        "law": law,
     }
     write_truth(truth_path(folder), options, laboratory, truths)
     return folder
+
+
+def plant_of(law: str | None) -> Plant:
+    """Return the rig whose bolt follows a law by name; None: that of the paper.
+
+    Raises
+    ------
+    ValueError
+        If no law has the name.
+    """
+    if law is None:
+        return Plant()
+    if law not in RIVALS:
+        raise ValueError(f"law: got {law!r}, expected one of {', '.join(RIVALS)}")
+    return Plant(loosening=RIVALS[law])
+
+
+def strengths_from_text(text: str) -> tuple[float, ...]:
+    """Return the shares in a list such as "1,0.8,0.6".
+
+    Raises
+    ------
+    ValueError
+        If it is no list of numbers.
+    """
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"strengths: got {text!r}, expected shares such as 1,0.8,0.6") from None
 
 
 def truth_path(folder: Path) -> Path:
@@ -155,7 +190,7 @@ def check(
             f"duration_s: got {duration_s}, expected 2.5 s or more",
         ),
         (
-            bool(strengths) and min(strengths, default=0.0) > 0.0,
+            bool(strengths) and all(0.0 < share < np.inf for share in strengths),
             f"strengths: got {strengths}, expected shares > 0",
         ),
         (0.0 <= scatter < np.inf, f"scatter: got {scatter}, expected a factor of 0 or more"),

@@ -123,6 +123,18 @@ def test_nothing_is_said_when_quiet_and_numbers_do_not_depend_on_jobs(
     assert one == two
 
 
+def test_a_hidden_law_and_softer_hits_are_told_by_the_truth_alone(tmp_path: Path, boltlaw: Boltlaw) -> None:
+    folder = tmp_path / "hidden"
+    ran = boltlaw("rig", folder, "--cases", 2, "--duration-s", 2.5, "--hold-out-every", 0,
+                  "--strengths", "1,0.6", "--law", "power-2", "--jobs", 1)  # fmt: skip
+    assert (ran.code, ran.err) == (0, "")
+    assert len(list(folder.glob("records/loosening*"))) == 4
+    assert "power" not in (folder / "campaign.toml").read_text(encoding="utf-8")
+    truth = json.loads((tmp_path / "hidden.truth.json").read_text(encoding="utf-8"))
+    assert (truth["law"], truth["strengths"]) == ("power-2", [1.0, 0.6])
+    assert [term["velocity_power"] for term in truth["plant"]["loosening"]] == [2.0]
+
+
 @pytest.mark.slow
 def test_identification_does_not_depend_on_jobs(
     results: Path, rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
