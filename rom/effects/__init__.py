@@ -1,24 +1,120 @@
-"""Catalogue of effects that a model may lack, a file per family; empty so far."""
+"""Catalogue of effects that a model may lack: a file per family, found by its ``MEMBERS``.
+
+A new effect is one more ``Member`` in a file of this folder, or in a file of one's own and ``register``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
+from importlib import import_module
+from pkgutil import iter_modules
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
-from rom.effects.effect import Effect
+from rom.effects.effect import Added, Effect, Motion, Reading, SensorFault
+from rom.effects.free_form import FREE_FORM, free_form
+from rom.effects.law_change import LawChange
+from rom.effects.member import Member
 from rom.laws import Parameter
 
-CATALOGUE: Mapping[str, Callable[[str, Mapping[str, Parameter]], Effect]] = {}
-"""Effects by name: a function of the place where one enters, and its parameters."""
+if TYPE_CHECKING:
+    from rom.model import Model
+
+__all__ = [
+    "CATALOGUE",
+    "Added",
+    "Effect",
+    "LawChange",
+    "Member",
+    "Motion",
+    "Reading",
+    "SensorFault",
+    "candidates",
+    "free_form",
+    "look_alikes",
+    "make",
+    "places",
+    "register",
+]
+
+_members: dict[str, Member] = {}
+CATALOGUE: Mapping[str, Member] = MappingProxyType(_members)
+"""Members of the catalogue by name."""
 
 
-def make(name: str, enters: str, parameters: Mapping[str, Parameter]) -> Effect:
-    """Return a catalogue effect.
+def register(*members: Member) -> None:
+    """Add members to the catalogue of this process.
 
     Raises
     ------
     ValueError
-        If the catalogue has none of that name.
+        If there is another member of the same name.
     """
-    if name not in CATALOGUE:
-        raise ValueError(f"an effect must be one of {', '.join(CATALOGUE) or 'none'}, got {name!r}")
-    return CATALOGUE[name](enters, parameters)
+    for member in members:
+        if _members.setdefault(member.name, member) != member:
+            raise ValueError(f"an effect's name must be new to the catalogue, got {member.name!r}")
+
+
+for _module in sorted(info.name for info in iter_modules(__path__)):
+    register(*getattr(import_module(f"{__name__}.{_module}"), "MEMBERS", ()))
+
+
+def make(name: str, enters: str, parameters: Mapping[str, Parameter], equation: str = "") -> Effect:
+    """The effect of a model from what its file says: of the catalogue, or free-form from its equation.
+
+    Raises
+    ------
+    ValueError
+        If the catalogue has none of that name that a model holds as an effect.
+    """
+    if name == FREE_FORM:
+        return free_form(equation, enters, parameters)
+    effect = _members[name].at(enters, parameters) if name in _members else None
+    if not isinstance(effect, Effect):
+        known = [known for known, member in _members.items() if member.kind in ("force", "measured tension")]
+        raise ValueError(f"an effect of a model must be one of {', '.join(known)}, got {name!r}")
+    return effect
+
+
+def look_alikes(name: str) -> tuple[str, ...]:
+    """Other members that share a class with one: these data may not tell them apart."""
+    classes = set(CATALOGUE[name].classes)
+    return tuple(n for n, member in CATALOGUE.items() if n != name and classes & set(member.classes))
+
+
+def places(model: Model, channels: Iterable[str] = ()) -> Mapping[str, str]:
+    """Where effects can enter: ``enters`` and the kind of the place, for a model and measured channels."""
+    structure = model.structure
+    found = {
+        link.name: "ground" if "ground" in (link.first, link.second) else "joint" for link in structure.links
+    }
+    found |= {f"body:{name}": "body" for name in structure.body_names}
+    if structure.bolted_links:
+        found["tension"] = "tension"
+    for channel in channels:
+        quantity = "tension" if channel == "strain" else channel.partition("_")[0]
+        found[f"sensor:{channel}"] = f"sensor:{quantity}"
+    return found
+
+
+def candidates(
+    model: Model, channels: Iterable[str] = (), *, core: bool = True
+) -> tuple[tuple[Member, Added], ...]:
+    """Every effect of the catalogue at every place of a model where it can enter, with physical defaults.
+
+    Parameters
+    ----------
+    model : Model
+        The model that may lack one.
+    channels : iterable of str
+        Measured channels whose sensors may be at fault.
+    core : bool
+        Only members that are marked as core.
+    """
+    return tuple(
+        (member, member.at(enters, ground=kind == "ground"))
+        for member in CATALOGUE.values()
+        if member.core or not core
+        for enters, kind in places(model, channels).items()
+        if kind in member.places
+    )

@@ -1,56 +1,111 @@
-"""An added effect: a compiled function with parameters and states, at a link, a body or the tension."""
+"""What an added effect is: a force or body effect, a change of the tension law, a reading, a sensor's fault.
+
+All four carry a name, the place where they enter, an equation for people, and parameters; what differs is the
+function behind them and to what it is applied.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
 from rom.laws import Parameter
 
+FloatArray = npt.NDArray[np.float64]
+Numbers = tuple[float, ...]
+
 
 @dataclass(frozen=True)
-class Effect:
-    """An effect: name, place, equation, parameters, states and function.
+class Added:
+    """Name, place, equation and parameters: what all added effects share.
 
     Parameters
     ----------
     name : str
         Name of the catalogue, or ``"free-form"``.
     enters : str
-        A link, ``"body:<name>"`` (motion relative to ground) or ``"tension"`` (the bolted link).
+        A link, ``"body:<name>"`` (motion relative to ground), ``"tension"`` (the bolted link) or
+        ``"sensor:<channel>"``.
     equation : str
         The equation for people.
     parameters : mapping of str to Parameter
         In the order of the function's parameter array.
-    function : callable
-        ``f(t, x, v, T, k, c, s, p, ds, dT) -> force [N]`` added to the link's force, which pulls the first
-        body back; ``s``, ``p`` the states and parameters; the function fills the state rates ``ds`` and may
-        set ``dT[0]`` [N/s], added to the tension's rate.
-    states : int
-        Number of internal states, zero at the start.
-    on_disk : bool
-        Whether the compiled function may be cached on disk (it lives in a file).
     """
 
     name: str
     enters: str
     equation: str
     parameters: Mapping[str, Parameter]
-    function: Callable[..., float] = field(repr=False)
-    states: int = 0
-    on_disk: bool = field(default=True, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
 
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "parameters": dict(self.parameters)}  # a mapping proxy does not pickle
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state)
+        Added.__post_init__(self)
+
     @property
-    def values(self) -> npt.NDArray[np.float64]:
+    def values(self) -> FloatArray:
         """Parameter values in order, shape (parameters,)."""
         return np.array([parameter.value for parameter in self.parameters.values()], dtype=np.float64)
+
+    @property
+    def _numbers(self) -> Numbers:
+        return tuple(parameter.value for parameter in self.parameters.values())
+
+    @property
+    def place(self) -> str:
+        """Kind of place: link, body, tension or sensor."""
+        kind = self.enters.partition(":")[0]
+        return kind if kind in ("body", "tension", "sensor") else "link"
+
+    def with_values(self, **values: float) -> Self:
+        """The same effect with other parameter values; their old limits no longer hold and are dropped.
+
+        Raises
+        ------
+        ValueError
+            If a name is not a parameter of the effect or a value is outside its bounds.
+        """
+        unknown = sorted(set(values) - set(self.parameters))
+        if unknown:
+            known = ", ".join(self.parameters) or "none"
+            raise ValueError(f"effect {self.name!r} has the parameters {known}, got {', '.join(unknown)}")
+        changed = {
+            name: replace(self.parameters[name], value=float(value), low=None, high=None)
+            for name, value in values.items()
+        }
+        return replace(self, parameters={**self.parameters, **changed})
+
+
+@dataclass(frozen=True)
+class Effect(Added):
+    """A force in a link or on a body, compiled into the equations of motion.
+
+    Parameters
+    ----------
+    function : callable
+        ``f(t, x, v, T, k, c, s, p, ds, dT) -> force [N]`` added to the link's force, which pulls the first
+        body back; ``k``, ``c`` the link's stiffness and damping at its tension, ``s``, ``p`` the states and
+        parameters; the function fills the state rates ``ds`` and may set ``dT[0]`` [N/s], added to the
+        tension's rate.
+    states : int
+        Number of internal states, zero at the start.
+    on_disk : bool
+        Whether the compiled function may be cached on disk (it lives in a file).
+    """
+
+    function: Callable[..., float] = field(repr=False)
+    states: int = 0
+    on_disk: bool = field(default=True, repr=False)
 
     @property
     def address(self) -> int:
@@ -59,10 +114,89 @@ class Effect:
 
         return address_of(self.function, "effect", self.on_disk)
 
-    def with_values(self, **values: float) -> Effect:
-        """The same effect with other parameter values."""
-        changed = {
-            name: replace(self.parameters[name], value=float(value), low=None, high=None)
-            for name, value in values.items()
-        }
-        return replace(self, parameters={**self.parameters, **changed})
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion of one record as it was simulated or measured, at the samples of its tension.
+
+    Parameters
+    ----------
+    time : ndarray
+        Time [s] from the record's first sample, shape (samples,).
+    impact_s : float
+        Time of the impact [s].
+    displacement : ndarray
+        Relative displacement of the bolted link [m].
+    link_force : ndarray
+        Force of the bolted link [N]; only readings that follow it need it.
+    body_displacement : mapping of str to ndarray
+        Displacement by body [m]; only readings that follow a body need it.
+    """
+
+    time: FloatArray
+    impact_s: float
+    displacement: FloatArray
+    link_force: FloatArray = field(default_factory=lambda: np.zeros(0))
+    body_displacement: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+def _no_force(t, x, v, T, k, c, s, p, ds, dT):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    return 0.0
+
+
+@dataclass(frozen=True)
+class Reading(Effect):
+    """What a bolt's gauge shows beyond the tension of the model: ``T_measured = T + reading(motion)``.
+
+    A model may hold it as an effect on the tension, where it leaves the motion and the tension alone.
+
+    Parameters
+    ----------
+    reading : callable
+        ``f(motion, p) -> [N]``, with the shape of the motion's time.
+    """
+
+    function: Callable[..., float] = field(default=_no_force, repr=False)
+    reading: Callable[[Motion, Numbers], FloatArray] = field(kw_only=True, repr=False)
+
+    def added(self, motion: Motion) -> FloatArray:
+        """What the reading adds to the tension [N]."""
+        return self.reading(motion, self._numbers)
+
+    def apply(self, tension: npt.ArrayLike, motion: Motion) -> FloatArray:
+        """The reading [N] of a simulated tension."""
+        return np.asarray(tension, dtype=np.float64) + self.added(motion)
+
+    def remove(self, measured: npt.ArrayLike, motion: Motion) -> FloatArray:
+        """The tension [N] behind a measured reading; inverse of ``apply`` for the same motion."""
+        return np.asarray(measured, dtype=np.float64) - self.added(motion)
+
+
+Samples = Callable[[FloatArray, float, Numbers], FloatArray]
+
+
+@dataclass(frozen=True)
+class SensorFault(Added):
+    """A fault of one channel, corrected in processing and never modelled as force.
+
+    Parameters
+    ----------
+    fault, cure : callable
+        ``f(samples, rate_hz, p) -> samples``: from what is true to what the channel shows, and back.
+    """
+
+    fault: Samples = field(repr=False)
+    cure: Samples = field(repr=False)
+
+    @property
+    def channel(self) -> str:
+        """The channel, such as ``"acceleration_so"``."""
+        return self.enters.partition(":")[2]
+
+    def apply(self, samples: npt.ArrayLike, rate_hz: float) -> FloatArray:
+        """What the channel shows of true ``samples``, shape (samples,)."""
+        return self.fault(np.asarray(samples, dtype=np.float64), rate_hz, self._numbers)
+
+    def remove(self, samples: npt.ArrayLike, rate_hz: float) -> FloatArray:
+        """The true signal behind shown ``samples``; inverse of ``apply`` but for what the fault destroys."""
+        return self.cure(np.asarray(samples, dtype=np.float64), rate_hz, self._numbers)

@@ -1,0 +1,228 @@
+# ruff: noqa: ARG001 - effects have the arguments of their place
+"""Friction and hysteresis in a link: forces that depend on the sign of the velocity or on the past.
+
+A slider in series with a share kappa of the link's stiffness takes that share's place: what it adds to the
+link is its own force minus ``kappa k x``. Functions call none but those of ``math``, so that machine code on
+disk never outlives its source.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import MutableSequence
+
+from rom.effects.member import Member, parameter
+
+Array = MutableSequence[float]
+_KAPPA = {"kappa": 0.1}
+
+
+def _coulomb(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    return (p[0] + p[1] * T) * math.tanh(v / p[2])
+
+
+def _jenkins(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    spring, limit, z = p[0] * k, p[1] + p[2] * T, s[0]
+    force = spring * z
+    over = abs(force) - limit
+    ds[0] = v
+    if v * z > 0.0:  # towards slip: the last tenth of the limit is reached smoothly
+        u = min(max(1.0 + 10.0 * over / max(limit, 1e-12), 0.0), 1.0)
+        ds[0] = v * (1.0 - u * u * (3.0 - 2.0 * u))
+    if over > 0.0:  # the limit fell below the force: the slider gives way within 0.2 ms
+        ds[0] -= math.copysign(over / spring, z) / 2e-4
+    return min(max(force, -limit), limit) - spring * x
+
+
+def _bouc_wen(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    z = s[0]
+    r = min(abs(z) / p[1], 10.0) ** p[2]
+    sign = 1.0 if z >= 0.0 else -1.0
+    ds[0] = v - (p[3] * abs(v) * sign + (1.0 - p[3]) * v) * r
+    return p[0] * k * (z - x)
+
+
+def _lugre(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    kappa, mu, rise, v_s, sigma, z = p[0], p[1], p[2], p[3], p[4], s[0]
+    u = min(abs(v) / v_s, 20.0)
+    g = mu * max(T, 1.0) * (1.0 + rise * math.exp(-u * u))
+    ds[0] = v - kappa * k * abs(v) * z / g
+    return kappa * (k * (z - x) + sigma * ds[0])
+
+
+def _valanis(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    sign = 1.0 if v >= 0.0 else -1.0
+    h = max(p[3] / k * sign * (p[1] * k * x - s[0]), -0.9) if k > 0.0 else 0.0
+    ds[0] = k * v * (1.0 + h) / (1.0 + p[2] * h)
+    return p[0] * (s[0] - k * x)
+
+
+def _quadratic_damping(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    return p[0] * abs(v) * v
+
+
+def _displacement_damping(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    return p[0] * abs(x) * v
+
+
+def _maxwell(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    ds[0] = v - s[0] / p[1]
+    return p[0] * k * s[0]
+
+
+MEMBERS = (
+    Member(
+        "coulomb-friction",
+        ("joint", "ground"),
+        "F = (F_c + mu * T) * tanh(v / v_s)",
+        {
+            "F_c": parameter(1.0, "N", 0.0, 10.0),
+            "mu": parameter(1.2e-3, "1", 0.0, 0.01),
+            "v_s": parameter(1e-3, "m/s", 3e-4, 3e-3),
+        },
+        {"F_c": 0.2, "mu": 3e-4},
+        ("friction",),
+        "Liang and Feeny, Nonlinear Dynamics 16, 337 (1998)",
+        _coulomb,
+        inner={"v_s": (3e-4, 1e-3, 3e-3)},
+        passive=True,
+        ground={"F_c": parameter(0.1, "N", 0.0, 10.0), "mu": parameter(0.0, "1", 0.0, 0.01)},
+    ),
+    Member(
+        "jenkins-slip",
+        ("joint", "ground"),
+        "L = F_s + mu * T; f = kappa * k * z1; u = min(max(1 + 10 * (abs(f) - L) / L, 0), 1); "
+        "F = min(max(f, -L), L) - kappa * k * x; "
+        "dz1/dt = v * (1 - step(v * z1) * u * u * (3 - 2 * u)) "
+        "- sign(z1) * max(abs(f) - L, 0) / (kappa * k * 2e-4)",
+        {
+            "kappa": parameter(0.6, "1", 0.0, 0.95),
+            "F_s": parameter(0.0, "N", 0.0, 100.0),
+            "mu": parameter(0.12, "1", 0.0, 0.4),
+        },
+        {"kappa": 0.2},
+        ("slip",),
+        "Segalman, SAND2002-3828; equations as in tmdsimpy (jenkins)",
+        _jenkins,
+        states=1,
+        inner={"mu": (0.05, 0.12, 0.3)},
+        linear=False,
+        passive=True,
+        ground={
+            "F_s": parameter(1.0, "N", 0.0, 100.0),
+            "mu": parameter(0.0, "1", 0.0, 0.4),
+        },
+    ),
+    Member(
+        "bouc-wen",
+        ("joint", "ground"),
+        "r = min(abs(z1) / x_y, 10) ** n; F = kappa * k * (z1 - x); "
+        "dz1/dt = v - (beta * abs(v) * sign(z1) + (1 - beta) * v) * r",
+        {
+            "kappa": parameter(0.25, "1", 0.0, 0.8),
+            "x_y": parameter(6e-5, "m", 1e-5, 1e-3),
+            "n": parameter(1.5, "1", 1.0, 3.0),
+            "beta": parameter(0.5, "1", 0.5, 1.0),
+        },
+        _KAPPA,
+        ("smooth hysteresis",),
+        "Wen, J. Eng. Mech. Div. 102, 249 (1976)",
+        _bouc_wen,
+        states=1,
+        inner={"x_y": (2e-5, 6e-5, 1.5e-4)},
+        passive=True,
+    ),
+    Member(
+        "lugre",
+        ("joint",),
+        "u = min(abs(v) / v_s, 20); g = mu * max(T, 1) * (1 + rise * exp(-u * u)); "
+        "w = v - kappa * k * abs(v) * z1 / g; F = kappa * (k * (z1 - x) + sigma * w); dz1/dt = w",
+        {
+            "kappa": parameter(0.5, "1", 0.0, 0.9),
+            "mu": parameter(0.15, "1", 0.02, 0.4),
+            "rise": parameter(0.2, "1", 0.0, 0.5),
+            "v_s": parameter(5e-3, "m/s", 1e-3, 2e-2),
+            "sigma": parameter(30.0, "N s/m", 0.0, 100.0),
+        },
+        {"kappa": 0.2},
+        ("slip",),
+        "Pennestri et al., Nonlinear Dynamics 83, 1785 (2015)",
+        _lugre,
+        states=1,
+        inner={"mu": (0.05, 0.15)},
+        linear=False,
+        core=False,
+    ),
+    Member(
+        "valanis",
+        ("joint",),
+        "h = max(steepness / k * sign(v) * (tangent * k * x - z1), -0.9); F = kappa * (z1 - k * x); "
+        "dz1/dt = k * v * (1 + h) / (1 + curve * h)",
+        {
+            "kappa": parameter(0.5, "1", 0.0, 1.0),
+            "tangent": parameter(0.6, "1", 0.3, 0.9),
+            "curve": parameter(0.6, "1", 0.3, 0.9),
+            "steepness": parameter(3e4, "1/m", 1e4, 1e5),
+        },
+        _KAPPA,
+        ("smooth hysteresis",),
+        "Gaul and Lenz, Acta Mechanica 125, 169 (1997)",
+        _valanis,
+        states=1,
+        inner={"tangent": (0.4, 0.8)},
+        core=False,
+    ),
+    Member(
+        "quadratic-damping",
+        ("joint", "ground"),
+        "F = c2 * abs(v) * v",
+        {"c2": parameter(1.7e3, "N s2/m2", 0.0, 2e4)},
+        {"c2": 300.0},
+        ("amplitude-dependent damping",),
+        "Kerschen et al., MSSP 20, 505 (2006)",
+        _quadratic_damping,
+        passive=True,
+        ground={"c2": parameter(45.0, "N s2/m2", 0.0, 400.0)},
+    ),
+    Member(
+        "displacement-damping",
+        ("joint", "ground"),
+        "F = c_x * abs(x) * v",
+        {"c_x": parameter(1.7e6, "N s/m2", 0.0, 2e7)},
+        {"c_x": 3e5},
+        ("amplitude-dependent damping",),
+        "Kerschen et al., MSSP 20, 505 (2006)",
+        _displacement_damping,
+        passive=True,
+        ground={"c_x": parameter(1e4, "N s/m2", 0.0, 2e5)},
+    ),
+    Member(
+        "maxwell-viscoelastic",
+        ("joint", "ground"),
+        "F = kappa * k * z1; dz1/dt = v - z1 / tau",
+        {"kappa": parameter(0.12, "1", 0.0, 0.6), "tau": parameter(2e-3, "s", 2e-4, 5e-2)},
+        {"kappa": 0.05},
+        ("frequency-dependent damping",),
+        "Maxwell element: Christensen, Theory of Viscoelasticity (1982)",
+        _maxwell,
+        states=1,
+        inner={"tau": (3e-4, 2e-3, 1e-2, 5e-2)},
+        passive=True,
+    ),
+)

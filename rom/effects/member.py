@@ -1,0 +1,123 @@
+"""A member of the catalogue: everything about an effect but the place and the values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+from rom.effects.effect import Added, Effect, Reading, Samples, SensorFault
+from rom.effects.law_change import LawChange
+from rom.laws import Parameter
+
+Place = Literal["joint", "ground", "body", "tension", "sensor:force", "sensor:acceleration", "sensor:tension"]
+NONE: Mapping[str, Any] = {}
+
+
+@dataclass(frozen=True)
+class Member:
+    """One effect of the catalogue.
+
+    Parameters
+    ----------
+    name : str
+        Name in result files.
+    places : tuple of str
+        Where it can enter: "joint" (a link between two bodies), "ground" (a link to ground), "body",
+        "tension", "sensor:<quantity>".
+    equation : str
+        ``name = expression`` parts, ``; `` between them, in the function's arguments and parameters; ``F`` is
+        the force, ``dz1/dt`` the rate of the first state. Of a change of the tension law, an expression.
+    parameters : mapping of str to Parameter
+        Physical defaults (the middle of the plausible range), units, bounds and source.
+    strengths : mapping of str to float
+        The parameters that, all zero, mean no effect exactly, and the smallest plausible value of each.
+    classes : tuple of str
+        Classes of effects that data of a usual campaign may not tell apart; the nearest first.
+    source : str
+        Where the effect is described.
+    function : callable
+        By kind: the kernel of ``Effect``, the reading of ``Reading``, the fault of ``SensorFault``; None for
+        a change of the tension law, which is its equation.
+    cure : callable
+        Of a sensor's fault: its inverse.
+    states : int
+        Internal states of a kernel.
+    inner : mapping of str to tuple of float
+        A small grid of plausible values for parameters other than strengths, for screening.
+    linear : bool
+        Whether force, rate or channel is linear in the strengths.
+    passive : bool
+        Whether it can only take energy out of the motion over a closed cycle.
+    core : bool
+        Whether an attribution must be able to find it.
+    ground : mapping of str to Parameter
+        Parameters that differ where it enters a link to ground.
+    by_record : tuple of str
+        Parameters that are a record's own, such as a phase.
+    """
+
+    name: str
+    places: tuple[Place, ...]
+    equation: str
+    parameters: Mapping[str, Parameter]
+    strengths: Mapping[str, float]
+    classes: tuple[str, ...]
+    source: str
+    function: Callable[..., Any] | None = field(default=None, repr=False)
+    cure: Samples | None = field(default=None, repr=False)
+    states: int = 0
+    inner: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    linear: bool = True
+    passive: bool = False
+    core: bool = True
+    ground: Mapping[str, Parameter] = field(default_factory=dict)
+    by_record: tuple[str, ...] = ()
+
+    @property
+    def kind(self) -> Literal["force", "tension rate", "measured tension", "sensor"]:
+        """What it is applied to."""
+        if self.places[0].startswith("sensor:"):
+            return "sensor"
+        if self.places[0] != "tension":
+            return "force"
+        return "tension rate" if self.function is None else "measured tension"
+
+    def at(
+        self, enters: str, parameters: Mapping[str, Parameter] | None = None, *, ground: bool = False
+    ) -> Added:
+        """The effect at a place, with the physical defaults or with given parameters.
+
+        Raises
+        ------
+        ValueError
+            If the parameters are not those of the effect.
+        """
+        numbers = {**self.parameters, **(self.ground if ground else {})} if parameters is None else parameters
+        if set(numbers) != set(self.parameters):
+            raise ValueError(
+                f"effect {self.name!r} must have the parameters {', '.join(self.parameters)}, "
+                f"got {', '.join(numbers) or 'none'}"
+            )
+        ordered = {
+            name: numbers[name] if numbers[name].source else replace(numbers[name], source=self.source)
+            for name in self.parameters
+        }
+        head = (self.name, enters, self.equation, ordered)
+        if self.function is None:
+            return LawChange(*head)
+        if self.kind == "sensor":
+            assert self.cure is not None
+            return SensorFault(*head, self.function, self.cure)
+        if self.kind == "measured tension":
+            return Reading(*head, reading=self.function)
+        return Effect(*head, self.function, self.states)
+
+    def silent(self, enters: str, *, ground: bool = False) -> Added:
+        """The effect at a place with all strengths zero."""
+        return self.at(enters, ground=ground).with_values(**dict.fromkeys(self.strengths, 0.0))
+
+
+def parameter(value: float, unit: str, low: float, high: float) -> Parameter:
+    """A parameter of the catalogue: physical default, unit, bounds."""
+    return Parameter(value, unit, bounds=(low, high))

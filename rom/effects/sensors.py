@@ -1,0 +1,192 @@
+"""Faults of a sensor, from what is true to what its channel shows, and back: corrected, never a force."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rom.effects.effect import FloatArray, Numbers
+from rom.effects.member import Member, parameter
+
+
+def _gain(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
+    return samples * (1.0 + p[0])
+
+
+def _no_gain(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
+    return samples / (1.0 + p[0])
+
+
+def _late(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
+    """Delay by splines of fifth order; the first and last samples stand for what lies outside."""
+    if p[0] == 0.0:
+        return samples
+    from scipy import ndimage
+
+    shifted = ndimage.shift(samples - samples[0], p[0] * rate_hz, order=5, mode="nearest")
+    return np.asarray(shifted + samples[0], dtype=np.float64)
+
+
+def _early(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
+    return _late(samples, rate_hz, (-p[0],))
+
+
+def _coupling(rate_hz: float, corner: float) -> tuple[list[float], list[float]]:
+    """Bilinear ``s / (s + corner)`` scaled to a leading numerator of 1."""
+    half = 0.5 * corner / rate_hz
+    return [1.0, -1.0], [1.0 + half, half - 1.0]
+
+
+def _coupled(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
+    if p[0] == 0.0:
+        return samples
+    from scipy import signal
+
+    numerator, denominator = _coupling(rate_hz, p[0])
+    return np.asarray(signal.lfilter(numerator, denominator, samples), dtype=np.float64)
+
+
+def _uncoupled(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
+    if p[0] == 0.0:
+        return samples
+    from scipy import signal
+
+    numerator, denominator = _coupling(rate_hz, p[0])
+    return np.asarray(signal.lfilter(denominator, numerator, samples), dtype=np.float64)
+
+
+def _line(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
+    phase = 2.0 * np.pi * p[2] / rate_hz * np.arange(samples.size)
+    return np.asarray(p[0] * np.cos(phase) + p[1] * np.sin(phase), dtype=np.float64)
+
+
+def _hum(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
+    return samples + _line(samples, rate_hz, p)
+
+
+def _no_hum(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
+    return samples - _line(samples, rate_hz, p)
+
+
+def _calibration(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
+    return p[0] + samples * (1.0 + p[1] + p[2] * samples)
+
+
+def _recalibrated(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
+    shown, slope = samples - p[0], 1.0 + p[1]
+    root = np.sqrt(np.maximum(slope**2 + 4.0 * p[2] * shown, 0.0))
+    return np.asarray(2.0 * shown / (slope + root), dtype=np.float64)
+
+
+def _biased(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
+    return samples + p[0]
+
+
+def _unbiased(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
+    return samples - p[0]
+
+
+_GAIN = {"g": parameter(0.03, "1", -0.5, 0.5)}
+
+MEMBERS = (
+    Member(
+        "force-gain",
+        ("sensor:force",),
+        "y = (1 + g) * y_true",
+        _GAIN,
+        {"g": 0.01},
+        ("gain",),
+        "sensitivity of a hammer's cell against the momentum it leaves",
+        _gain,
+        _no_gain,
+    ),
+    Member(
+        "acceleration-gain",
+        ("sensor:acceleration",),
+        "y = (1 + g) * y_true",
+        _GAIN,
+        {"g": 0.01},
+        ("gain",),
+        "sensitivity of an accelerometer, usually within 1-5 %",
+        _gain,
+        _no_gain,
+    ),
+    Member(
+        "tension-skew",
+        ("sensor:tension",),
+        "y(t) = y_true(t - tau)",
+        {"tau": parameter(5e-4, "s", -1e-2, 1e-2)},
+        {"tau": 1e-4},
+        ("tension skew",),
+        "He et al. (2025), section 2.3: tension is sampled by another module",
+        _late,
+        _early,
+        linear=False,
+    ),
+    Member(
+        "acceleration-skew",
+        ("sensor:acceleration",),
+        "y(t) = y_true(t - tau)",
+        {"tau": parameter(1e-4, "s", -1e-3, 1e-3)},
+        {"tau": 2e-5},
+        ("frequency-dependent damping", "acceleration skew"),
+        "channels sampled one after the other",
+        _late,
+        _early,
+        linear=False,
+    ),
+    Member(
+        "ac-coupling",
+        ("sensor:acceleration",),
+        "y' + r * y = y_true'",
+        {"r": parameter(2.0, "1/s", 0.0, 20.0)},
+        {"r": 0.5},
+        ("low-frequency response",),
+        "first-order low-frequency roll-off of a piezoelectric sensor, r = 1 / time constant",
+        _coupled,
+        _uncoupled,
+        linear=False,
+    ),
+    Member(
+        "hum",
+        ("sensor:acceleration", "sensor:force", "sensor:tension"),
+        "y = y_true + A * cos(2 * pi * f * t) + B * sin(2 * pi * f * t)",
+        {
+            "A": parameter(0.1, "SI", -10.0, 10.0),
+            "B": parameter(0.1, "SI", -10.0, 10.0),
+            "f": parameter(50.0, "Hz", 40.0, 70.0),
+        },
+        {"A": 0.02, "B": 0.02},
+        ("hum",),
+        "mains",
+        _hum,
+        _no_hum,
+        inner={"f": (50.0, 60.0)},
+        by_record=("A", "B"),
+    ),
+    Member(
+        "calibration-error",
+        ("sensor:tension",),
+        "y = T_0 + (1 + c_1) * y_true + c_2 * y_true ** 2",
+        {
+            "T_0": parameter(2.0, "N", -50.0, 50.0),
+            "c_1": parameter(0.1, "1", -0.5, 1.0),
+            "c_2": parameter(0.0, "1/N", -1e-4, 1e-4),
+        },
+        {"T_0": 0.5, "c_1": 0.02, "c_2": 1e-6},
+        ("calibration",),
+        "He et al. (2025), section 2.4, Eq. 1",
+        _calibration,
+        _recalibrated,
+    ),
+    Member(
+        "acceleration-bias",
+        ("sensor:acceleration",),
+        "y = y_true + b",
+        {"b": parameter(0.1, "m/s2", -5.0, 5.0)},
+        {"b": 0.02},
+        ("offset",),
+        "offset of an amplifier",
+        _biased,
+        _unbiased,
+    ),
+)
