@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rom.campaign import Campaign, CampaignSettings, LinkSettings
+from rom.courses import CourseNoise, TensionCourse, course_noise
 from rom.joint import (
     LEAST_FOR_A_CURVE,
     JointEstimate,
@@ -36,7 +37,7 @@ from rom.loosening import GammaEstimate, LooseningCase, identify_gamma, refine_g
 from rom.model import LinkLaws, Model
 from rom.output_error import OutputErrorFit, fit_output_error
 from rom.quality import Doubt
-from rom.reduction import Progress, ReducedRecord, UncoupledTest, reduce_records
+from rom.reduction import Progress, ReducedRecord, UncoupledTest, reduce_records, tension_courses
 from rom.spectra import CORNER, SpectralRecord
 from rom.structure import Body, Link, Structure
 
@@ -59,6 +60,8 @@ class Identification:
     gamma: tuple[GammaEstimate, ...] = ()
     gamma_case_fit: LawFit | None = None
     gamma_fit: LawFit | None = None
+    courses: tuple[TensionCourse, ...] = field(default=(), repr=False)
+    course_noise: CourseNoise | None = None
     set_aside: tuple[Doubt, ...] = ()
     warnings: tuple[str, ...] = ()
     records: tuple[str, ...] = field(default=(), repr=False)
@@ -108,6 +111,10 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
     if linear is not None and stiffness_fit is not None and damping_fit is not None:
         linear = given_curves(parts, linear, joint, (stiffness_fit, damping_fit))
     model, missing = _model(campaign, records, linear, (stiffness_fit, damping_fit))
+    noise = course_noise(
+        [r.bins for r in records if r.bins and r.settings.test == "coupled"],
+        [r.bins_before for r in records if r.bins_before],
+    )
     found = Identification(
         model=model,
         linear=linear,
@@ -115,6 +122,8 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
         joint=joint,
         stiffness_fit=stiffness_fit,
         damping_fit=damping_fit,
+        courses=tension_courses(records, noise, settings),
+        course_noise=noise,
         set_aside=set_aside,
         warnings=(*warnings, *missing, *doubtful, *_untensioned(records, settings)),
         records=tuple(record.settings.file for record in records),

@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from rom.campaign import Campaign, CampaignSettings, Record, RecordSettings
 from rom.channels import FloatArray
+from rom.courses import CourseNoise, TensionBins, TensionCourse, bins_after_hit, bins_before_hit
 from rom.frequency_response import Estimate, FrequencyResponse, Mode, fit_modes, frequency_response
 from rom.linear import LINEAR_TESTS, spectral_records
 from rom.modal import average_period_frequency, logarithmic_decrement
@@ -75,6 +76,9 @@ class ReducedRecord:
     first_mode: FirstMode | None = None
     uncoupled: UncoupledTest | None = None
     tensions: Tensions | None = None
+    impact_s: float | None = None
+    bins: TensionBins | None = None
+    bins_before: TensionBins | None = None
     struck: str = ""
     force: FloatArray | None = None
     rate_hz: float = 0.0
@@ -114,11 +118,46 @@ def reduce_record(campaign: Campaign, record_settings: RecordSettings) -> Reduce
         first_mode=_first_mode(measurement) if measurement.test == "coupled" else None,
         uncoupled=_uncoupled(measurement, record) if measurement.test == "uncoupled" else None,
         tensions=None if tension is None else _tensions(tension),
+        impact_s=measurement.impact_s,
+        bins=bins_after_hit(measurement, settings),
+        bins_before=bins_before_hit(measurement),
         struck=struck,
         force=_force(measurement, settings, struck) if measurement.test == "loosening" else None,
         rate_hz=measurement.rate_hz,
         link=_link_constants(measurement, settings) if measurement.test == "cycled" else (),
     )
+
+
+def tension_courses(
+    records: Sequence[ReducedRecord], noise: CourseNoise | None, settings: CampaignSettings
+) -> tuple[TensionCourse, ...]:
+    """Return the course of the tension of every loosening record that holds one, with its covariance."""
+    found = []
+    for record in records:
+        bins, tensions, force, impact_s = record.bins, record.tensions, record.force, record.impact_s
+        if noise is None or bins is None or tensions is None or force is None or impact_s is None:
+            continue
+        covariance = noise.covariance(bins)
+        preload = record.settings.preload_n
+        found.append(
+            TensionCourse(
+                file=record.settings.file,
+                hold_out=record.settings.hold_out,
+                preload=tensions.initial if preload is None else preload,
+                body=record.struck,
+                force=force,
+                rate_hz=record.rate_hz,
+                impact_s=impact_s,
+                initial=tensions.initial,
+                edges_s=bins.edges_s,
+                change=bins.change,
+                covariance=covariance,
+                final_window=settings.windows.final_s,
+                final=tensions.final,
+                final_error=float(np.sqrt(covariance[-1, -1])),
+            )
+        )
+    return tuple(found)
 
 
 def _spectra(measurement: Measurement, settings: CampaignSettings) -> tuple[SpectralRecord, ...]:

@@ -1,0 +1,237 @@
+"""The motion of all loosening tests, frozen: what tension laws are fitted along before full re-simulation.
+
+Every test is simulated once with the identified model and its own gamma of ``|v|^4 T``, so that the motion
+has felt the measured loss. Along it a motion factor m has the exposure ``M(t) = integral of m from the hit
+to t``, and a law is one scalar equation, ``dT = sum_j c_j g_j(T) dM_j``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from discovery.factors import Factor
+from rom.channels import FloatArray
+from rom.courses import TensionCourse
+from rom.laws import power_loosening
+from rom.loosening import LooseningCase, identify_gamma
+from rom.model import Model
+
+_LEAD_S = 0.004  # a hit begins before its impact is noticed
+_BURST_S, _SETTLED_S = 0.06, 0.5
+_PER_PERIOD = 32
+_WIDE = 1.0e3  # standard deviation of a nuisance direction, in largest noise of a bin
+_LEAST_FINAL = 0.01  # of the initial tension
+
+
+@dataclass(frozen=True, eq=False)
+class Frozen:
+    """Frozen motion, exposures and measured courses of many tests.
+
+    Attributes
+    ----------
+    courses : tuple of TensionCourse
+        What was measured.
+    model : Model
+        The identified model.
+    nodes : ndarray, shape (6, nodes of all cases)
+        Time from the hit [s], relative displacement [m] and velocity [m/s], link force and its damping part
+        [N], tension [N]; dense in the first 60 ms. `starts`, shape (cases + 1,), divides them.
+    knots_s : ndarray, shape (knots,)
+        Times from the hit at which exposures are kept [s]; the edges of the bins are among them.
+    averages : ndarray, shape (bins, knots)
+        Weights of the knots in the mean over each bin.
+    change : ndarray, shape (cases, bins)
+        Measured changes of tension [N].
+    covariance : ndarray, shape (cases, bins, bins)
+        Their covariance with two wide directions for an oscillating part ``a x + b x^2`` [N^2].
+    """
+
+    courses: tuple[TensionCourse, ...]
+    model: Model
+    nodes: FloatArray
+    starts: npt.NDArray[np.int64]
+    knots_s: FloatArray
+    averages: FloatArray
+    change: FloatArray
+    covariance: FloatArray
+    _exposures: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.courses)
+
+    @property
+    def initial(self) -> FloatArray:
+        """Tension before the hit [N], (cases,)."""
+        return np.array([course.initial for course in self.courses])
+
+    @property
+    def link(self) -> str:
+        """Name of the bolted link."""
+        return self.model.structure.bolted_links[0]
+
+    def of_case(self, case: int) -> FloatArray:
+        """Nodes of one case, (6, nodes)."""
+        return self.nodes[:, self.starts[case] : self.starts[case + 1]]
+
+    def exposure(self, factor: Factor) -> FloatArray:
+        """Cumulative integral of a motion factor at the knots, (cases, knots) [its unit times s]."""
+        if factor.key not in self._exposures:
+            _, x, v, force, damping, _ = self.nodes
+            values = factor.of_motion(x, v, force, damping)
+            self._exposures[factor.key] = np.stack(
+                [_cumulative(values[a:b], self.nodes[0, a:b], self.knots_s) for a, b in pairwise(self.starts)]
+            )
+        return self._exposures[factor.key]
+
+    def subset(self, index: Sequence[int] | npt.NDArray[np.int64]) -> Frozen:
+        """The same for some of the cases, in the order of ``index``; repeats are allowed."""
+        chosen = [int(i) for i in index]
+        parts = [self.of_case(i) for i in chosen]
+        return replace(
+            self,
+            courses=tuple(self.courses[i] for i in chosen),
+            nodes=np.concatenate(parts, axis=1),
+            starts=np.cumsum([0, *(part.shape[1] for part in parts)]),
+            change=self.change[chosen],
+            covariance=self.covariance[chosen],
+            _exposures={key: value[chosen] for key, value in self._exposures.items()},
+        )
+
+    def without_cache(self) -> Frozen:
+        """The same without kept exposures, to be sent to another process."""
+        return replace(self, _exposures={})
+
+
+def freeze(model: Model, courses: Sequence[TensionCourse]) -> Frozen:
+    """Simulate every test with its own gamma and keep the motion of the bolted link.
+
+    Raises
+    ------
+    ValueError
+        If there are no courses, or the model has not one bolted link.
+    """
+    bolts = model.structure.bolted_links
+    if len(bolts) != 1:
+        raise ValueError(f"a tension law needs a model with one bolted link, this one has {len(bolts)}")
+    if not courses:
+        raise ValueError("found no loosening record with tension, force and a hit; expected some to fit")
+    bins = min(len(course.change) for course in courses)
+    offsets = np.median([c.edges_s[: bins + 1] - c.impact_s for c in courses], axis=0)
+    knots = _knots(offsets)
+    nodes = _simulated(model, courses, float(offsets[-1]))
+    averages = _averages(knots, offsets)
+    kept = tuple(_cut(course, bins) for course in courses)
+    covariance = [
+        _with_nuisance(course.covariance, part, offsets) for course, part in zip(kept, nodes, strict=True)
+    ]
+    return Frozen(
+        courses=kept,
+        model=model,
+        nodes=np.concatenate(nodes, axis=1),
+        starts=np.cumsum([0, *(part.shape[1] for part in nodes)]),
+        knots_s=knots,
+        averages=averages,
+        change=np.stack([course.change for course in kept]),
+        covariance=np.stack(covariance),
+    )
+
+
+def _cut(course: TensionCourse, bins: int) -> TensionCourse:
+    return replace(
+        course,
+        edges_s=course.edges_s[: bins + 1],
+        change=course.change[:bins],
+        covariance=course.covariance[:bins, :bins],
+    )
+
+
+def _simulated(model: Model, courses: Sequence[TensionCourse], end_s: float) -> list[FloatArray]:
+    link = next(link for link in model.structure.links if link.law == "bolted")
+    window = courses[0].final_window
+    cases = [
+        LooseningCase(c.file, c.body, c.force, c.rate_hz, c.initial,
+                      max(c.final, _LEAST_FINAL * c.initial), c.final_error)
+        for c in courses
+    ]  # fmt: skip
+    gammas = identify_gamma(model, cases, window)
+    laws = model.link_laws[link.name]
+    found = []
+    for course, estimate in zip(courses, gammas, strict=True):
+        rate = power_loosening(max(estimate.gamma, 0.0))
+        own = replace(model, link_laws={**model.link_laws, link.name: replace(laws, tension_rate=rate)})
+        response = own.simulate({course.body: course.force}, course.rate_hz, course.initial)
+        hit = round(course.impact_s * course.rate_hz)
+        first = max(hit - round(_LEAD_S * course.rate_hz), 0)
+        last = min(hit + int(end_s * course.rate_hz) + 1, len(course.force))
+        x, v = (
+            _relative(motion, link.first, link.second)[first:last]
+            for motion in (response.displacement, response.velocity)
+        )
+        tension = np.asarray(response.tension)[first:last]
+        time = np.arange(first, last) / course.rate_hz - course.impact_s
+        places = _places(v, time)
+        x, v, tension = x[places], v[places], tension[places]
+        damping = laws.damping(tension) * v
+        force = laws.stiffness(tension) * x + damping
+        found.append(np.stack([time[places], x, v, force, damping, tension]))
+    return found
+
+
+def _relative(motion: object, first: str, second: str) -> FloatArray:
+    values = [motion[body] if body != "ground" else 0.0 for body in (first, second)]  # type: ignore[index]
+    return np.asarray(values[0] - values[1])
+
+
+def _places(v: FloatArray, time: FloatArray) -> npt.NDArray[np.int64]:
+    """Every sample in the burst, every fourth until the motion settles, then a few dozen a period."""
+    late = v[time > _SETTLED_S]
+    crossings = int(np.sum(np.signbit(late[1:]) != np.signbit(late[:-1])))
+    stride = 4
+    if crossings:
+        stride = max(int(2 * len(late) / (crossings * _PER_PERIOD)), 1)
+    index = np.arange(len(v))
+    chosen = (time < _BURST_S) | ((time < _SETTLED_S) & (index % 4 == 0)) | (index % min(stride, 64) == 0)
+    return np.flatnonzero(chosen)
+
+
+def _knots(offsets: FloatArray) -> FloatArray:
+    """Knots every quarter of a millisecond at first, ever wider later, and at every edge of a bin."""
+    fine = np.concatenate(
+        [[-_LEAD_S], np.arange(0.0, 0.024, 2.5e-4), np.arange(0.024, 0.06, 1e-3), np.arange(0.06, 0.13, 5e-3)]
+    )
+    late = np.geomspace(0.13, max(offsets[-1], 0.14), 36)
+    every = np.unique(np.round(np.concatenate([fine, late, offsets]), 9))
+    return np.asarray(every[every <= offsets[-1] + 1e-9])
+
+
+def _averages(knots: FloatArray, offsets: FloatArray) -> FloatArray:
+    weights = np.zeros((len(offsets) - 1, len(knots)))
+    for row, (low, high) in enumerate(pairwise(offsets)):
+        inside = np.flatnonzero((knots >= low - 1e-8) & (knots <= high + 1e-8))
+        half = 0.5 * np.diff(knots[inside]) / (knots[inside[-1]] - knots[inside[0]])
+        weights[row, inside[:-1]] += half
+        weights[row, inside[1:]] += half
+    return weights
+
+
+def _cumulative(values: FloatArray, time: FloatArray, knots: FloatArray) -> FloatArray:
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
+    return np.asarray(np.interp(knots, time, total))
+
+
+def _with_nuisance(covariance: FloatArray, nodes: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Add wide directions for what oscillates with the motion: it is no loss, whatever its size."""
+    scale = _WIDE * float(np.max(np.diag(covariance)))
+    result = covariance.copy()
+    for signal in (nodes[1], nodes[1] ** 2):
+        total = _cumulative(signal, nodes[0], offsets)
+        mean = np.diff(total) / np.diff(offsets)
+        size = float(np.abs(mean).max())
+        if size > 0:
+            result += scale * np.multiply.outer(mean, mean) / size**2
+    return result
