@@ -51,7 +51,7 @@ MEMBERS = (
         ("extra mode",),
         "Den Hartog, Mechanical Vibrations (1956), section 3.2",
         _extra_mode,
-        states=2,
+        state_units=("m", "m/s"),
         inner={"f3": (80.0, 120.0, 180.0, 250.0, 350.0, 500.0, 700.0)},
         passive=True,
     ),

@@ -2,7 +2,8 @@
 """Friction and hysteresis in a link: forces that depend on the sign of the velocity or on the past.
 
 A slider in series with a share kappa of the link's stiffness takes that share's place: what it adds to the
-link is its own force minus ``kappa k x``. Functions call none but those of ``math``, so that machine code on
+link is its own force minus ``kappa k x``. Its state is the path that it has slipped, zero as long as it
+sticks. Functions call none but those of ``math``, so that machine code on
 disk never outlives its source.
 """
 
@@ -26,45 +27,45 @@ def _coulomb(
 def _jenkins(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
-    spring, limit, z = p[0] * k, p[1] + p[2] * T, s[0]
+    spring, z = p[0] * k, x - s[0]
+    limit = max(p[1] + p[2] * T, spring * 3e-7)
     force = spring * z
     over = abs(force) - limit
-    ds[0] = v
+    ds[0] = 0.0
     if v * z > 0.0:  # towards slip: the last tenth of the limit is reached smoothly
         u = min(max(1.0 + 10.0 * over / max(limit, 1e-12), 0.0), 1.0)
-        ds[0] = v * (1.0 - u * u * (3.0 - 2.0 * u))
+        ds[0] = v * u * u * (3.0 - 2.0 * u)
     if over > 0.0:  # the limit fell below the force: the slider gives way within 0.2 ms
-        ds[0] -= math.copysign(over / spring, z) / 2e-4
+        ds[0] += math.copysign(over / spring, z) / 2e-4
     return min(max(force, -limit), limit) - spring * x
 
 
 def _bouc_wen(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
-    z = s[0]
+    z = x - s[0]
     r = min(abs(z) / p[1], 10.0) ** p[2]
     sign = 1.0 if z >= 0.0 else -1.0
-    ds[0] = v - (p[3] * abs(v) * sign + (1.0 - p[3]) * v) * r
-    return p[0] * k * (z - x)
+    ds[0] = (p[3] * abs(v) * sign + (1.0 - p[3]) * v) * r
+    return -p[0] * k * s[0]
 
 
 def _lugre(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
-    kappa, mu, rise, v_s, sigma, z = p[0], p[1], p[2], p[3], p[4], s[0]
-    u = min(abs(v) / v_s, 20.0)
-    g = mu * max(T, 1.0) * (1.0 + rise * math.exp(-u * u))
-    ds[0] = v - kappa * k * abs(v) * z / g
-    return kappa * (k * (z - x) + sigma * ds[0])
+    u = min(abs(v) / p[3], 20.0)
+    g = max(p[1] * T * (1.0 + p[2] * math.exp(-u * u)), p[0] * k * 3e-7)
+    ds[0] = p[0] * k * abs(v) * (x - s[0]) / g if p[0] > 0.0 else 0.0
+    return p[0] * (p[4] * (v - ds[0]) - k * s[0])
 
 
 def _valanis(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
     sign = 1.0 if v >= 0.0 else -1.0
-    h = max(p[3] / k * sign * (p[1] * k * x - s[0]), -0.9) if k > 0.0 else 0.0
-    ds[0] = k * v * (1.0 + h) / (1.0 + p[2] * h)
-    return p[0] * (s[0] - k * x)
+    h = max(p[3] * sign * (s[0] - (1.0 - p[1]) * x), -0.9)
+    ds[0] = v - v * (1.0 + h) / (1.0 + p[2] * h)
+    return -p[0] * k * s[0]
 
 
 def _quadratic_damping(
@@ -107,10 +108,9 @@ MEMBERS = (
     Member(
         "jenkins-slip",
         ("joint", "ground"),
-        "L = F_s + mu * T; f = kappa * k * z1; u = min(max(1 + 10 * (abs(f) - L) / L, 0), 1); "
-        "F = min(max(f, -L), L) - kappa * k * x; "
-        "dz1/dt = v * (1 - step(v * z1) * u * u * (3 - 2 * u)) "
-        "- sign(z1) * max(abs(f) - L, 0) / (kappa * k * 2e-4)",
+        "L = max(F_s + mu * T, kappa * k * 3e-7); f = kappa * k * (x - z1); "
+        "u = min(max(1 + 10 * (abs(f) - L) / L, 0), 1); F = min(max(f, -L), L) - kappa * k * x; "
+        "dz1/dt = v * step(v * f) * u * u * (3 - 2 * u) + sign(f) * max(abs(f) - L, 0) / (kappa * k * 2e-4)",
         {
             "kappa": parameter(0.6, "1", 0.0, 0.95),
             "F_s": parameter(0.0, "N", 0.0, 100.0),
@@ -120,11 +120,12 @@ MEMBERS = (
         ("slip",),
         "Segalman, SAND2002-3828; equations as in tmdsimpy (jenkins)",
         _jenkins,
-        states=1,
+        state_units=("m",),
         inner={"mu": (0.05, 0.12, 0.3)},
         linear=False,
         passive=True,
         ground={
+            "kappa": parameter(0.1, "1", 0.0, 0.95),
             "F_s": parameter(1.0, "N", 0.0, 100.0),
             "mu": parameter(0.0, "1", 0.0, 0.4),
         },
@@ -132,8 +133,8 @@ MEMBERS = (
     Member(
         "bouc-wen",
         ("joint", "ground"),
-        "r = min(abs(z1) / x_y, 10) ** n; F = kappa * k * (z1 - x); "
-        "dz1/dt = v - (beta * abs(v) * sign(z1) + (1 - beta) * v) * r",
+        "z = x - z1; r = min(abs(z) / x_y, 10) ** n; F = -kappa * k * z1; "
+        "dz1/dt = (beta * abs(v) * sign(z) + (1 - beta) * v) * r",
         {
             "kappa": parameter(0.25, "1", 0.0, 0.8),
             "x_y": parameter(6e-5, "m", 1e-5, 1e-3),
@@ -144,15 +145,16 @@ MEMBERS = (
         ("smooth hysteresis",),
         "Wen, J. Eng. Mech. Div. 102, 249 (1976)",
         _bouc_wen,
-        states=1,
+        state_units=("m",),
         inner={"x_y": (2e-5, 6e-5, 1.5e-4)},
         passive=True,
+        ground={"kappa": parameter(0.05, "1", 0.0, 0.8), "x_y": parameter(3e-4, "m", 1e-5, 1e-2)},
     ),
     Member(
         "lugre",
         ("joint",),
-        "u = min(abs(v) / v_s, 20); g = mu * max(T, 1) * (1 + rise * exp(-u * u)); "
-        "w = v - kappa * k * abs(v) * z1 / g; F = kappa * (k * (z1 - x) + sigma * w); dz1/dt = w",
+        "u = min(abs(v) / v_s, 20); g = max(mu * T * (1 + rise * exp(-u * u)), kappa * k * 3e-7); "
+        "w = kappa * k * abs(v) * (x - z1) / g; F = kappa * (sigma * (v - w) - k * z1); dz1/dt = w",
         {
             "kappa": parameter(0.5, "1", 0.0, 0.9),
             "mu": parameter(0.15, "1", 0.02, 0.4),
@@ -164,7 +166,7 @@ MEMBERS = (
         ("slip",),
         "Pennestri et al., Nonlinear Dynamics 83, 1785 (2015)",
         _lugre,
-        states=1,
+        state_units=("m",),
         inner={"mu": (0.05, 0.15)},
         linear=False,
         core=False,
@@ -172,8 +174,8 @@ MEMBERS = (
     Member(
         "valanis",
         ("joint",),
-        "h = max(steepness / k * sign(v) * (tangent * k * x - z1), -0.9); F = kappa * (z1 - k * x); "
-        "dz1/dt = k * v * (1 + h) / (1 + curve * h)",
+        "h = max(steepness * sign(v) * (z1 - (1 - tangent) * x), -0.9); F = -kappa * k * z1; "
+        "dz1/dt = v - v * (1 + h) / (1 + curve * h)",
         {
             "kappa": parameter(0.5, "1", 0.0, 1.0),
             "tangent": parameter(0.6, "1", 0.3, 0.9),
@@ -184,7 +186,7 @@ MEMBERS = (
         ("smooth hysteresis",),
         "Gaul and Lenz, Acta Mechanica 125, 169 (1997)",
         _valanis,
-        states=1,
+        state_units=("m",),
         inner={"tangent": (0.4, 0.8)},
         core=False,
     ),
@@ -221,7 +223,7 @@ MEMBERS = (
         ("frequency-dependent damping",),
         "Maxwell element: Christensen, Theory of Viscoelasticity (1982)",
         _maxwell,
-        states=1,
+        state_units=("m",),
         inner={"tau": (3e-4, 2e-3, 1e-2, 5e-2)},
         passive=True,
     ),

@@ -98,7 +98,7 @@ MEMBERS = (
         "Lacayo et al., MSSP 118, 133 (2019); Daouk et al., JSV (2017)",
         _softening,
         inner={"x_s": (2e-5, 6e-5, 1.5e-4), "q": (1.0, 2.0)},
-        ground={"x_s": parameter(5e-4, "m", 1e-5, 5e-3)},
+        ground={"alpha": parameter(0.03, "1", 0.0, 0.8), "x_s": parameter(5e-4, "m", 1e-5, 5e-3)},
     ),
     Member(
         "cubic-stiffness",

@@ -41,8 +41,8 @@ class Member:
         a change of the tension law, which is its equation.
     cure : callable
         Of a sensor's fault: its inverse.
-    states : int
-        Internal states of a kernel.
+    state_units : tuple of str
+        Units of a kernel's internal states, in order.
     inner : mapping of str to tuple of float
         A small grid of plausible values for parameters other than strengths, for screening.
     linear : bool
@@ -66,7 +66,7 @@ class Member:
     source: str
     function: Callable[..., Any] | None = field(default=None, repr=False)
     cure: Samples | None = field(default=None, repr=False)
-    states: int = 0
+    state_units: tuple[str, ...] = ()
     inner: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     linear: bool = True
     passive: bool = False
@@ -111,7 +111,7 @@ class Member:
             return SensorFault(*head, self.function, self.cure)
         if self.kind == "measured tension":
             return Reading(*head, reading=self.function)
-        return Effect(*head, self.function, self.states)
+        return Effect(*head, self.function, len(self.state_units))
 
     def silent(self, enters: str, *, ground: bool = False) -> Added:
         """The effect at a place with all strengths zero."""

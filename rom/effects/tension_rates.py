@@ -65,7 +65,7 @@ MEMBERS = (
         "tightening",
         ("tension",),
         "rate + g_t * max(T, 0) * follow ** h_t * (abs(v) / 0.05) ** q_t",
-        {"g_t": parameter(10.0, "1/s", 0.0, 1e3), "q_t": parameter(3.0, "1", 1.0, 4.0), "h_t": _FOLLOW},
+        {"g_t": parameter(10.0, "1/s", 0.0, 300.0), "q_t": parameter(3.0, "1", 2.0, 4.0), "h_t": _FOLLOW},
         {"g_t": 1.0},
         ("net tightening",),
         "He et al. (2025), section 3.4; Dynamic loosening and tightening, JVA 119, 311 (1997)",
