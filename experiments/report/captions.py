@@ -1,6 +1,37 @@
 """Titles and captions of the figures by name, in the order of a report."""
 
 CAPTIONS: dict[str, tuple[str, str]] = {
+    "law-leader-board": (
+        "Leader board of tension laws",
+        "Left, the difference of the Bayesian information criterion (BIC) to the first law, smaller is "
+        "better; right, the median error of the loss on preloads that the fit has not seen. Filled: the "
+        "first law and those that these records cannot tell from it.",
+    ),
+    "law-trajectories": (
+        "Tension after the hit",
+        "Means of the measured tension over bins of time with 95 % limits, and the courses of the first laws "
+        "and the paper's, for the preloads nearest to Fig. 15 of He et al. (2025). In the titles: tension "
+        "before the hit (dotted).",
+    ),
+    "law-errors": (
+        "Error of the loss against preload",
+        "Every loosening record under the first laws and the paper's; 100 % is what a bolt that never "
+        "loosens would score. Hollow: records held out.",
+    ),
+    "exponent-profile": (
+        "How well the exponent is known",
+        "Rise of the badness of fit when the exponent is held at a value and all else is fitted again. "
+        "Shaded: the 95 % set, below the dashed level.",
+    ),
+    "accuracy-complexity": (
+        "Accuracy and complexity",
+        "Cross-validated error of the loss over the free numbers of each law; the line is the best that so "
+        "many numbers reach.",
+    ),
+    "term-inclusion": (
+        "Which terms are chosen",
+        "Share of the sparse fits on resampled records that chose each term.",
+    ),
     "final-tension-error": (
         "Error against preload",
         "Above, the error of the final tension as the paper takes it; below, the error of the loss "

@@ -12,7 +12,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from experiments.report import equations, verdicts
+from experiments.report import equations, rankings, verdicts
 from experiments.report.captions import caption, order
 from experiments.report.results import Result, Results, read_results
 from experiments.report.scores import comparison_tables, identification_of, mappings
@@ -28,7 +28,8 @@ _SHOWN = {
     "model": {"bodies", "links", "uncoupled_links", "effects", "identification", "filter", "calibration",
               "windows", "sampling"},
     "reproduction": {"rows"},
-    "ranking": {"laws"},
+    "ranking": {"laws", "cases", "considered", "indistinguishable", "proposals", "exponent_profile",
+                "displacement_profile", "inclusion", "considered_laws"},
     "closure": {"verdict"},
 }  # fmt: skip
 _PLACES = (("stiffness", "k"), ("damping", "c"), ("tension_rate", "T"))
@@ -73,6 +74,7 @@ def render(directory: Path) -> str:
     return environment.get_template("page.html.j2").render(
         title=_title(found.results),
         answers=[a for result in found.results if (a := verdicts.answer(result.kind, result.data))],
+        ranking=[t for r in found.results if r.kind == "ranking" for t in rankings.tables(r.data)],
         errors=comparison_tables(found.results),
         motion=_motion(found.results),
         laws=_laws(found.results),

@@ -1,13 +1,10 @@
-"""Tables that compare: the paper's numbers beside ours, laws by rank, error measures of every result file."""
+"""Tables that compare: the paper's numbers beside ours, error measures of every result file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from markupsafe import Markup
-
-from experiments.report import equations
 from experiments.report.results import Result
 from experiments.report.tables import Table, errors_table
 from experiments.report.wording import label, number, plain, trimmed
@@ -30,9 +27,7 @@ def comparison_tables(results: Sequence[Result]) -> list[Table]:
         errors = result.data.get("errors") or identification_of(result.data).get("errors")
         if result.kind == "reproduction":
             tables.append(_reproduction(result.data))
-        if result.kind == "ranking":
-            tables.append(_ranking(result.data))
-        else:
+        if result.kind != "ranking":
             tables.append(errors_table(errors, f"Errors of the {_WORDS.get(result.kind, result.kind)}"))
     return [table for table in tables if table is not None]
 
@@ -64,35 +59,3 @@ def _cell(row: Data, key: str) -> str:
     if key == "unit" and row.get(key) == "1":
         return ""
     return "no ✗" if key == "within" and row.get(key) is False else plain(row.get(key))
-
-
-def _ranking(data: Data) -> Table | None:
-    cells = tuple(
-        (number(law.get("rank")), str(law.get("name")), inline(law.get("equation")),
-         _parameters(law.get("parameters")),
-         number(law.get("cross_validated_loss_error_percent_median"), 3), number(law.get("delta_bic"), 3),
-         number(law.get("p_value_against_baseline"), 2), str(law.get("source") or ""))
-        for law in mappings(data.get("laws"))
-    )  # fmt: skip
-    heads = (
-        "Rank",
-        "Law",
-        "Equation",
-        "Parameters",
-        "Cross-validated error of the loss [%]",
-        "ΔBIC",
-        "p against the paper's law",
-        "Source",
-    )
-    return Table("Laws of loosening, ranked by re-simulation", heads, cells) if cells else None
-
-
-def _parameters(parameters: object) -> str:
-    items = parameters.items() if isinstance(parameters, Mapping) else ()
-    return "; ".join(f"{name} = {plain(parameter)}" for name, parameter in items)
-
-
-def inline(text: object) -> str | Markup:
-    """Return an expression typeset within a line; as it is where it is no expression."""
-    shown = equations.expression(str(text)) if text else None
-    return equations.math(shown) if shown is not None else str(text or "")

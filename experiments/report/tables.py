@@ -93,7 +93,16 @@ def parameter_rows(place: str, parameters: object) -> Iterator[tuple[str | Marku
             value, limits = with_limits(parameter.get("value"), parameter.get("low"), parameter.get("high"))
             shown = equations.math(equations.symbol(str(name)))
             unit, source = str(parameter.get("unit", "")), str(parameter.get("source") or "")
-            yield shown, place, value, limits, unit if unit != "1" else "", source
+            yield shown, place, value, limits, unit_shown(unit), source
+
+
+def unit_shown(unit: str) -> Markup:
+    """Return a unit with its powers raised; nothing for 1."""
+    parts = [part.partition("^") for part in unit.split(" ")] if unit != "1" else []
+    return Markup(" ").join(
+        Markup("{}<sup>{}</sup>").format(base, power.replace("-", "−")) if power else base
+        for base, _, power in parts
+    )
 
 
 def parameters_table(model: Data) -> Table | None:

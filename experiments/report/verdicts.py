@@ -2,33 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any
 
+from experiments.report import rankings
+from experiments.report.answers import Answer, Headline
 from experiments.report.wording import number
 
 Data = Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Headline:
-    """One number to remember: words, value with unit, and the raw value as the file holds it."""
-
-    words: str
-    shown: str
-    raw: float
-
-
-@dataclass(frozen=True)
-class Answer:
-    """Question and answer of one result file; `good` is None where there is nothing to judge."""
-
-    question: str
-    verdict: str
-    sentences: tuple[str, ...] = ()
-    headlines: tuple[Headline, ...] = ()
-    good: bool | None = None
 
 
 def answer(kind: str, data: Data) -> Answer | None:
@@ -171,25 +152,6 @@ def _of_prediction(data: Data) -> Answer | None:
     )
 
 
-def _of_ranking(data: Data) -> Answer | None:
-    laws = [law for law in data.get("laws") or [] if isinstance(law, Mapping)]
-    if not laws:
-        return None
-    best = min(laws, key=lambda law: float(law.get("rank") or len(laws) + 1))
-    sentences = []
-    p = best.get("p_value_against_baseline")
-    if p is not None:
-        sentences.append(f"Against the paper's law, p = {number(p, 2)}.")
-    wins = best.get("wins_against_baseline")
-    if isinstance(wins, Sequence) and len(wins) == 2:
-        sentences.append(f"It is nearer than the paper's law on {wins[0]} of {wins[1]} records.")
-    return Answer(
-        "Which law of loosening do the records support?",
-        f"Of {len(laws)} laws, “{best.get('name')}” ranks first by re-simulation.",
-        tuple(sentences),
-    )
-
-
 _CLOSURE = {
     "closed": "The loop closes: the added effects bring the residual down to what repeat noise explains.",
     "no-effect": "Nothing is missing that these records show: no effect beats chance on hold-out records.",
@@ -227,6 +189,6 @@ _ANSWERS: Mapping[str, Callable[[Data], Answer | None]] = {
     "model": _of_model,
     "reproduction": _of_reproduction,
     "prediction": _of_prediction,
-    "ranking": _of_ranking,
+    "ranking": rankings.answer,
     "closure": _of_closure,
 }

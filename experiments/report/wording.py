@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 
 _UNITS = {
@@ -76,3 +77,12 @@ def trimmed(shown: str) -> str:
     """Return a number without the zeros at its end, which say nothing where limits are not known."""
     mantissa, times, power = shown.partition(" × ")
     return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + times + power
+
+
+_LAW_WORDS = {"gamma(T) baseline": "γ(T), the paper's law"}
+
+
+def law_name(name: str, most: int = 60) -> str:
+    """Return the name of a tension law for people, cut where it is longer than `most` characters."""
+    shown = _LAW_WORDS.get(name) or re.sub(r"\bgamma\b", "γ", name).replace("**", "^").replace("-", "−")
+    return shown if len(shown) <= most else shown[: most - 1].rstrip() + "…"

@@ -241,7 +241,7 @@ def test_later_and_unknown_files_are_shown(tmp_path: Path) -> None:
     words = page(tmp_path).words
     for part in (
         "“slip work” ranks first",
-        "a = 0.500 1/m (0.400 to 0.600)",
+        "slip work a 0.500 0.400 to 0.600 1/m",
         "The loop closes",
         "Added: coulomb-friction",
         "Hold-out, before",

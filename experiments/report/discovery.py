@@ -1,0 +1,317 @@
+"""Figures of a ranking of tension laws, each drawn from what ranking.json holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
+
+from experiments.report.style import (
+    BACKGROUND,
+    BLUE,
+    GREEN,
+    GREY,
+    MEASURED,
+    SKY,
+    VERMILLION,
+    FloatArray,
+    panels,
+    styled,
+    tension_axis,
+)
+from experiments.report.wording import law_name
+
+Data = Mapping[str, Any]
+
+BASELINE = "gamma(T) baseline"
+NO_LOOSENING = "no loosening"
+_Z95 = 1.959964
+_BOARD_ROWS = 10
+_SHOWN_CASES = 6
+_PRINTED_N = (6.4, 21.5, 61.3, 152.7, 317.0, 700.2)  # preloads of He et al. (2025), Fig. 15
+_TERMS = 12
+_LINES = ((BLUE, "-"), (GREEN, "--"), (SKY, "-."))
+_MOST_DEVIANCE = 40.0
+_CHI2_95 = 3.841459
+
+
+def discovery_figures(data: Data) -> dict[str, Figure]:
+    """Return the figures of a ranking by name; what its data do not allow is left out."""
+    made: dict[str, tuple[object, Callable[[Data], Figure]]] = {
+        "law-leader-board": (len(_laws(data)) > 1, leader_board),
+        "law-trajectories": (_cases(data), trajectories),
+        "law-errors": (_cases(data), errors_over_preload),
+        "exponent-profile": (_profiles(data), profiles),
+        "accuracy-complexity": (len(_front_points(data)) > 1, accuracy_and_complexity),
+        "term-inclusion": (data.get("inclusion"), inclusion),
+    }
+    return {name: draw(data) for name, (there, draw) in made.items() if there}
+
+
+def _laws(data: Data) -> list[Data]:
+    return sorted(data.get("laws") or [], key=lambda law: int(law["rank"]))
+
+
+def _cases(data: Data) -> list[Data]:
+    return list(data.get("cases") or [])
+
+
+def _colour(name: str, rank: int) -> str:
+    """Return the colour of a law: the paper's law and no loosening have their own in every figure."""
+    own = {BASELINE: VERMILLION, NO_LOOSENING: GREY}
+    return own.get(name, _LINES[min(rank, len(_LINES)) - 1][0])
+
+
+def drawn_laws(data: Data) -> list[str]:
+    """Return the laws that figures over cases draw: the first two, and the paper's where it is neither."""
+    names = [str(law["name"]) for law in _laws(data)]
+    first = [name for name in names if name != NO_LOOSENING][:2]
+    return first if BASELINE in first or BASELINE not in names else [*first, BASELINE]
+
+
+@styled
+def leader_board(data: Data) -> Figure:
+    """Difference of BIC to the first law, and cross-validated error of the loss, a row a law."""
+    laws = _laws(data)
+    shown = [law for place, law in enumerate(laws) if place < _BOARD_ROWS or law["name"] == BASELINE]
+    figure, axes = panels(1, 2, 16.0 + 9.0 * len(shown), sharey=True)
+    equal = {str(name) for name in data.get("indistinguishable") or ()}
+    for row, law in enumerate(shown):
+        colour = _colour(str(law["name"]), 1) if law["name"] in (BASELINE, NO_LOOSENING) else BLUE
+        face = colour if law["rank"] == 1 or law["name"] in equal else "none"
+        keys = ("delta_bic", "cross_validated_loss_error_percent_median")
+        for ax, key in zip(axes[0], keys, strict=True):
+            if law.get(key) is not None:
+                ax.plot(law[key], row, "o", color=colour, markerfacecolor=face, markeredgewidth=0.9)
+        axes[0, 0].annotate(f"{law['rank']}  {law_name(str(law['name']))}", (0.0, row - 0.28),
+                            xycoords=("axes fraction", "data"), va="bottom")  # fmt: skip
+    for ax in axes[0]:
+        ax.set_yticks([])
+        ax.spines["left"].set_visible(False)
+        ax.hlines(range(len(shown)), 0, 1, transform=ax.get_yaxis_transform(), color=GREY, lw=0.3, zorder=0)
+    axes[0, 0].set_ylim(len(shown) - 0.6, -0.95)
+    _counts_up(axes[0, 0], [law["delta_bic"] for law in shown if law.get("delta_bic") is not None])
+    axes[0, 0].set_xlabel("$\\Delta$BIC [1]")
+    axes[0, 1].set_xscale("log")
+    _plain_decades(axes[0, 1].xaxis)
+    axes[0, 1].set_xlabel("Error of loss, cross-validated [%]")
+    return figure
+
+
+def _counts_up(ax: Axes, values: Sequence[float]) -> None:
+    """Scale an axis that starts at zero and may end at thousands: linear to 10, by decades from there."""
+    top = max([*values, 1.0])
+    if top <= 30:
+        ax.set_xlim(-0.05 * top, 1.08 * top)
+        ax.xaxis.set_major_locator(MaxNLocator(4))
+        return
+    ax.set_xscale("symlog", linthresh=10.0, linscale=1.0)
+    decades = range(1, int(np.ceil(np.log10(top))) + 1)
+    ax.set_xticks([0.0, *(10.0**power for power in decades)])
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.set_xlim(-1.0, 1.5 * top)
+
+
+def _plain_decades(axis: Axis) -> None:
+    """Label a logarithmic axis of percent with plain numbers, between decades too where it spans few."""
+    low, high = axis.get_view_interval()
+    subs = (1.0, 2.0, 5.0) if high < 30 * low else (1.0,)
+    axis.set_major_locator(LogLocator(subs=subs, numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def nearest_cases(cases: Sequence[Data], wanted: Sequence[float] = _PRINTED_N) -> list[Data]:
+    """Return the case nearest to each preload [N] by ratio, each once, the hardest hit of those alike.
+
+    Preloads below a newton cannot be compared by ratio and are left out.
+    """
+    left = [case for case in cases if _tension(case) > 1.0]
+    chosen: list[Data] = []
+    for preload in wanted[: len(left)]:
+        near = min(abs(np.log(_tension(case) / preload)) for case in left)
+        close = [case for case in left if abs(np.log(_tension(case) / preload)) < near + 0.1]
+        best = max(close, key=lambda case: float(case.get("peak_force_n") or 0.0))
+        chosen.append(best)
+        left = [case for case in left if case is not best]
+    return sorted(chosen, key=_tension)
+
+
+def _tension(case: Data) -> float:
+    return float(case["initial_tension_n"])
+
+
+@styled
+def trajectories(data: Data) -> Figure:
+    """Measured tension after the hit with 95 % limits and the course of each law (preloads of Fig. 15)."""
+    cases = nearest_cases(_cases(data))
+    columns = 2 if len(cases) > 1 else 1
+    rows = -(-len(cases) // columns)
+    figure, axes = panels(rows, columns, 16.0 + 30.0 * rows, sharex=True)
+    names = drawn_laws(data)
+    for ax, case in zip(axes.flat, cases, strict=False):
+        _course(ax, case, names)
+    for ax in axes.flat[len(cases) :]:
+        ax.remove()
+    for column in range(columns):
+        lowest = axes[(len(cases) - 1 - column) // columns, column] if len(cases) > column else None
+        if lowest is not None:
+            lowest.tick_params(labelbottom=True)
+            lowest.set_xlabel("Time after the hit [s]")
+    figure.supylabel("Non-oscillatory tension $T$ [N]", fontsize=7.5)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return figure
+
+
+def _course(ax: Axes, case: Data, names: Sequence[str]) -> None:
+    time, initial = np.asarray(case["time_s"], dtype=float), _tension(case)
+    change = np.asarray(case["change_n"], dtype=float)
+    error = _Z95 * np.asarray(case["change_error_n"], dtype=float)
+    ax.axhline(initial, color=BACKGROUND, lw=0.6, ls=":", label="Before the hit")
+    ax.errorbar(time, initial + change, error, fmt="o", color=MEASURED, markersize=2.5, elinewidth=0.6,
+                label="Measured, 95 % limits", zorder=3)  # fmt: skip
+    for place, name in enumerate(names):
+        predicted = (case.get("laws") or {}).get(name)
+        if predicted is not None:
+            style = _LINES[min(place, 2)][1]
+            ax.plot(time, initial + np.asarray(predicted, dtype=float), style, color=_colour(name, place + 1),
+                    label=law_name(name, 34))  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_title(f"{initial:.4g} N" + (", held out" if case.get("hold_out") else ""))
+    ax.ticklabel_format(axis="y", useOffset=False)
+    ax.yaxis.set_major_locator(MaxNLocator(4))
+
+
+@styled
+def errors_over_preload(data: Data) -> Figure:
+    """Error of the loss of every record over its initial tension, for the first laws and the paper's."""
+    figure, axes = panels(height_mm=64.0)
+    ax = axes[0, 0]
+    cases, names = _cases(data), drawn_laws(data)
+    tension = np.array([_tension(case) for case in cases])
+    ax.axhline(100.0, color=BACKGROUND, lw=0.6, label="No loosening")
+    lowest = 100.0
+    for place, name in enumerate(names):
+        error = np.array([_loss_error(case, name) for case in cases])
+        there = np.isfinite(error) & (tension > 0)
+        held = np.array([bool(case.get("hold_out")) for case in cases])
+        for chosen, face, label in ((there & ~held, _colour(name, place + 1), law_name(name, 34)),
+                                    (there & held, "none", None)):  # fmt: skip
+            ax.plot(tension[chosen], np.maximum(error[chosen], 0.1), "oDs"[min(place, 2)],
+                    color=_colour(name, place + 1), markerfacecolor=face, markersize=3.0,
+                    markeredgewidth=0.7, label=label)  # fmt: skip
+        lowest = min([lowest, *error[there]])
+    tension_axis(ax, tension, "Initial tension [N]")
+    ax.set_yscale("log")
+    ax.set_ylim(max(0.5 * lowest, 0.08), None)
+    _plain_decades(ax.yaxis)
+    ax.set_ylabel("Error of loss [%]")
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return figure
+
+
+def _loss_error(case: Data, name: str) -> float:
+    value = (case.get("loss_error_percent") or {}).get(name)
+    return float("nan") if value is None else float(value)
+
+
+def _profiles(data: Data) -> list[tuple[str, Data]]:
+    named = (("Power of the relative velocity [1]", "exponent_profile"),
+             ("Share of displacement in the exponent [1]", "displacement_profile"))  # fmt: skip
+    return [(label, data[key]) for label, key in named if len((data.get(key) or {}).get("values") or ()) > 1]
+
+
+@styled
+def profiles(data: Data) -> Figure:
+    """Badness of fit over the exponent of the relative velocity (and of x against v), with the 95 % set."""
+    shown = _profiles(data)
+    figure, axes = panels(len(shown), 1, 6.0 + 50.0 * len(shown))
+    for ax, (label, profile) in zip(axes[:, 0], shown, strict=True):
+        _profile(ax, profile)
+        ax.set_xlabel(label)
+    axes[0, 0].legend(loc="upper center")
+    return figure
+
+
+def _profile(ax: Axes, profile: Data) -> None:
+    pairs = [(x, y) for x, y in zip(profile["values"], profile["delta_bic"], strict=True) if y is not None]
+    value, rise = np.array(pairs, dtype=float).T
+    order = np.argsort(value)
+    value, rise = value[order], rise[order] - rise.min()
+    level = float(profile.get("level") or _CHI2_95)
+    ax.axhline(level, color=BACKGROUND, lw=0.6, ls="--")
+    low, high = profile.get("low"), profile.get("high")
+    if low is not None and high is not None:
+        ax.axvspan(low, high, color=VERMILLION, alpha=0.18, lw=0, label=f"95 % set: {low:.3g} to {high:.3g}")
+    ax.plot(value, rise, "o-", color=BLUE, markersize=2.5, label="Rise over the best")
+    near = value[rise <= _MOST_DEVIANCE]
+    margin = 0.06 * (near.max() - near.min()) or 0.5
+    ax.set_xlim(max(near.min() - margin - 0.3, value.min() - margin), near.max() + margin + 0.3)
+    ax.set_ylim(-1.0, min(max(1.15 * rise.max(), 3 * level), _MOST_DEVIANCE))
+    ax.set_ylabel("$\\Delta$BIC [1]")
+
+
+def _front_points(data: Data) -> FloatArray:
+    """Return (free numbers, difference of BIC, cross-validated error [%]) of every law with all three."""
+    rows = [
+        (law["free_numbers"], law["delta_bic"], law["cross_validated_loss_error_percent_median"])
+        for law in [*_laws(data), *(data.get("considered_laws") or ())]
+        if law.get("free_numbers") is not None
+        and law.get("cross_validated_loss_error_percent_median") is not None
+    ]
+    return np.array(rows, dtype=float).reshape(-1, 3)
+
+
+@styled
+def accuracy_and_complexity(data: Data) -> Figure:
+    """Cross-validated error of the loss over the number of free numbers, with the front of what is best."""
+    figure, axes = panels(height_mm=60.0)
+    ax = axes[0, 0]
+    points = _front_points(data)
+    count, error = points[:, 0], points[:, 2]
+    ax.plot(count, error, "o", color=GREY, markersize=3.0, alpha=0.6, mew=0, label="Laws")
+    steps = np.unique(count)
+    best = np.minimum.accumulate([error[count <= step].min() for step in steps])
+    ax.step(steps, best, where="post", color=BLUE, label="Best with as many or fewer")
+    for law in _laws(data):
+        if law["rank"] == 1 or law["name"] in (BASELINE, NO_LOOSENING):
+            _point_out(ax, law)
+    ax.set_yscale("log")
+    _plain_decades(ax.yaxis)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set_xlim(steps.min() - 0.5, steps.max() + 0.5)
+    ax.set_xlabel("Free numbers of the law [1]")
+    ax.set_ylabel("Error of loss, cross-validated [%]")
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return figure
+
+
+def _point_out(ax: Axes, law: Data) -> None:
+    error = law.get("cross_validated_loss_error_percent_median")
+    if error is None or law.get("free_numbers") is None:
+        return
+    name = str(law["name"])
+    ax.plot(law["free_numbers"], error, "D", color=_colour(name, 1), markersize=4.5,
+            label=("First: " if law["rank"] == 1 else "") + law_name(name, 34))  # fmt: skip
+
+
+@styled
+def inclusion(data: Data) -> Figure:
+    """Share of the fits on resampled records that chose each term."""
+    shares = sorted(data["inclusion"].items(), key=lambda item: -float(item[1] or 0.0))[:_TERMS]
+    figure, axes = panels(height_mm=12.0 + 7.0 * len(shares))
+    ax = axes[0, 0]
+    for row, (name, share) in enumerate(shares):
+        ax.barh(row, 100 * float(share or 0.0), 0.32, color=BLUE)
+        ax.annotate(law_name(name, 60), (0.0, row - 0.2), xycoords=("axes fraction", "data"), va="bottom")
+    ax.set_ylim(len(shares) - 0.6, -0.9)
+    ax.set_yticks([])
+    ax.spines["left"].set_visible(False)
+    ax.set_xlim(0, 100)
+    ax.set_xlabel("Share of fits on resampled records [%]")
+    return figure

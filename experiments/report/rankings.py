@@ -1,0 +1,223 @@
+"""A ranking of tension laws in plain words and as tables; every number comes from ranking.json."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from markupsafe import Markup
+
+from experiments.report import equations
+from experiments.report.answers import Answer, Headline
+from experiments.report.tables import Table, parameter_rows
+from experiments.report.wording import NONE, law_name, number, trimmed, with_limits
+
+Data = Mapping[str, Any]
+
+BASELINE = "gamma(T) baseline"
+NO_LOOSENING = "no loosening"
+SURE = 0.01  # chance below which a law is called better
+_QUESTION = "Which law of loosening do the records support, and how sure is that?"
+_ERROR = "cross_validated_loss_error_percent_median"
+_NAMED = 4
+_WITH_PARAMETERS = 5
+
+
+def ranked(data: Data) -> list[Data]:
+    """Return the laws of a ranking, the first one first."""
+    laws = [law for law in data.get("laws") or [] if isinstance(law, Mapping)]
+    return sorted(laws, key=lambda law: float(law.get("rank") or len(laws) + 1))
+
+
+def answer(data: Data) -> Answer | None:
+    """Return which law a ranking supports, how sure that is, and what would settle it."""
+    laws = ranked(data)
+    if not laws:
+        return None
+    best = laws[0]
+    verdict, good = _verdict(best, _equals(data))
+    return Answer(
+        _QUESTION, verdict, tuple(_sentences(data, best, laws)), tuple(_headlines(best, laws)), good
+    )
+
+
+def _equals(data: Data) -> list[str]:
+    """Return the laws that the records cannot tell from the first one."""
+    return [str(name) for name in data.get("indistinguishable") or []]
+
+
+def _verdict(best: Data, equals: Sequence[str]) -> tuple[str, bool | None]:
+    name = str(best.get("name"))
+    if name == NO_LOOSENING:
+        return "No law tells more of these records than a bolt that never loosens.", False
+    count = len(equals)
+    told = f"these records cannot tell it from {'another one' if count == 1 else f'{count} others'}"
+    if name != BASELINE:
+        return _against_baseline(best, equals, told)
+    if equals:
+        return f"The paper's law ranks first; {told}.", None
+    return "The paper's law ranks first, and no other law describes these records as well.", True
+
+
+def _against_baseline(best: Data, equals: Sequence[str], told: str) -> tuple[str, bool | None]:
+    first, p = f"“{law_name(str(best.get('name')))}” ranks first", best.get("p_value_against_baseline")
+    if BASELINE in equals:
+        return f"{first}, but these records cannot tell it from the paper's law.", None
+    if p is None:
+        return f"{first} by re-simulation.", None
+    chance = trimmed(number(float(p), 2))
+    if p >= SURE:
+        return f"{first}; that it beats the paper's law may be chance (p = {chance}).", None
+    sure = f"{first} and beats the paper's law beyond chance (p = {chance})"
+    return (f"{sure}; {told}.", None) if equals else (f"{sure}.", True)
+
+
+def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
+    yield from _on_errors(best, laws)
+    wins = best.get("wins_against_baseline")
+    if isinstance(wins, Sequence) and len(wins) == 2 and best.get("name") != BASELINE:
+        yield f"It is nearer than the paper's law on {wins[0]} of {wins[1]} records."
+    equals = _equals(data)
+    if equals:
+        named = ", ".join(f"“{law_name(name)}”" for name in equals[:_NAMED])
+        more = f" and {len(equals) - _NAMED} more" if len(equals) > _NAMED else ""
+        yield f"Not told apart from it: {named}{more}."
+    yield from _on_profile(data.get("exponent_profile"))
+    yield from _on_proposals(data.get("proposals"))
+    if data.get("considered"):
+        yield f"{data['considered']} candidate laws were considered; {len(laws)} of them are ranked below."
+
+
+def _on_errors(best: Data, laws: Sequence[Data]) -> Iterator[str]:
+    own = best.get(_ERROR)
+    if own is None:
+        return
+    text = f"On preloads that its fit has not seen, its loss of tension is off by {number(own, 3)} % (median)"
+    rest = {str(law.get("name")): law.get(_ERROR) for law in laws[1:]}
+    words = {BASELINE: "that of the paper's law by", NO_LOOSENING: "no loosening by"}
+    known = {say: rest[name] for name, say in words.items() if rest.get(name) is not None}
+    against = [f"{say} {number(error, 3)} %" for say, error in known.items()]
+    yield "; ".join([text, ", ".join(against)] if against else [text]) + "."
+
+
+def _on_profile(profile: object) -> Iterator[str]:
+    if not isinstance(profile, Mapping) or profile.get("best") is None:
+        return
+    value, limits = with_limits(profile["best"], profile.get("low"), profile.get("high"))
+    known = f" (95 %: {limits})" if limits != NONE else ""
+    yield f"As a power of the relative velocity, loosening goes with exponent {value}{known}."
+
+
+def _on_proposals(proposals: object) -> Iterator[str]:
+    if not isinstance(proposals, list) or not proposals:
+        return
+    first = proposals[0]
+    yield (
+        "What would tell them apart best: a hit of "
+        f"{_rounded(first.get('peak_force_n'))} N peak and {_milliseconds(first.get('pulse_s'))} ms "
+        f"at a preload of {_rounded(first.get('preload_n'))} N."
+    )
+
+
+def _headlines(best: Data, laws: Sequence[Data]) -> Iterator[Headline]:
+    listed = [("first law", best)]
+    listed += [("the paper's law", law) for law in laws[1:] if law.get("name") == BASELINE]
+    for words, law in listed:
+        if isinstance(law.get(_ERROR), float):
+            shown = f"{number(law[_ERROR], 3)} %"
+            yield Headline(f"median error of the loss, cross-validated, {words}", shown, law[_ERROR])
+
+
+def tables(data: Data) -> list[Table]:
+    """Return leader board, parameters of the first laws, and the tests that would separate them."""
+    found = (_leader_board(data), _parameters(data), _proposals(data))
+    return [table for table in found if table is not None and table.rows]
+
+
+def _leader_board(data: Data) -> Table:
+    rows = tuple(
+        (number(law.get("rank")), law_name(str(law.get("name"))), rate(law.get("equation")),
+         _share(law.get(_ERROR)), _share(_held_out(law)), trimmed(number(law.get("delta_bic"), 3)),
+         _wins(law.get("wins_against_baseline")), trimmed(number(law.get("p_value_against_baseline"), 2)),
+         number(law.get("free_numbers")), str(law.get("source") or ""))
+        for law in ranked(data)
+    )  # fmt: skip
+    heads = ("Rank", "Law", "dT/dt", "Error of loss, cross-validated [%]", "Error of loss, hold-out [%]",
+             "ΔBIC", "Nearer than the paper's law", "p against it", "Free numbers", "Source")  # fmt: skip
+    note = (
+        "Error of loss: 100 |simulated − measured loss| / |measured loss|, median over records; "
+        "cross-validated: with the numbers of the law fitted to the other preloads. ΔBIC: difference of the "
+        "Bayesian information criterion to the first law. p: chance of so great an advantage over the "
+        "paper's law where both are equally good."
+    )
+    kept = [place for place in range(len(heads)) if any(str(row[place]) != NONE for row in rows)]
+    cells = tuple(tuple(row[place] for place in kept) for row in rows)
+    return Table(
+        "Laws of loosening, ranked by re-simulation", tuple(heads[i] for i in kept), cells, note=note
+    )
+
+
+def _held_out(law: Data) -> object:
+    errors = law.get("errors")
+    held = errors.get("hold_out") if isinstance(errors, Mapping) else None
+    return held.get("tension_loss_error_percent_median") if isinstance(held, Mapping) else None
+
+
+def _share(value: object) -> str:
+    return trimmed(number(value, 3))
+
+
+def _wins(wins: object) -> str:
+    known = isinstance(wins, Sequence) and len(wins) == 2
+    return f"{wins[0]} of {wins[1]}" if known else NONE  # type: ignore[index]
+
+
+def rate(text: object) -> str | Markup:
+    """Return a tension rate typeset within a line; as it is where it is no expression."""
+    shown = equations.expression(str(text)) if text else None
+    return equations.math(shown) if shown is not None else str(text or NONE)
+
+
+def _parameters(data: Data) -> Table:
+    laws = ranked(data)
+    chosen = laws[:_WITH_PARAMETERS]
+    chosen += [law for law in laws[_WITH_PARAMETERS:] if law.get("name") == BASELINE]
+    rows = [
+        (law_name(str(law.get("name"))), *cells[:1], *cells[2:5])
+        for law in chosen
+        for cells in parameter_rows("", law.get("parameters"))
+    ]
+    heads = ("Law", "", "Value", "95 % limits", "Unit")
+    note = "A number without limits is held: it belongs to the law's form."
+    return Table("Parameters of the first laws", heads, tuple(rows), note=note)
+
+
+def _proposals(data: Data) -> Table | None:
+    tests = [test for test in data.get("proposals") or [] if isinstance(test, Mapping)]
+    rows = tuple(
+        (
+            _rounded(test.get("peak_force_n")),
+            _milliseconds(test.get("pulse_s")),
+            _rounded(test.get("preload_n")),
+            trimmed(number(test.get("expected_gain"), 2)),
+        )
+        for test in tests
+    )
+    heads = ("Peak force [N]", "Pulse [ms]", "Preload [N]", "Expected gain")
+    note = "Expected gain: 2 ln of the likelihood ratio that one such hit is expected to add, by simulation."
+    return Table("Tests that would separate the first laws most", heads, rows, note=note)
+
+
+def _rounded(value: object) -> str:
+    return trimmed(number(value, 3))
+
+
+def _milliseconds(value: object) -> str:
+    return trimmed(number(1e3 * value, 3)) if isinstance(value, int | float) else NONE
+
+
+def equation_text(text: str) -> str:
+    """Return an equation for a terminal: ``max(T, 0)`` as T, powers with ^, no signs of multiplication."""
+    shown = text.replace("max(T, 0)", "T").replace(" ** ", "^").replace(" * ", " ")
+    return re.sub(r"abs\(([^()]*)\)", r"|\1|", shown)

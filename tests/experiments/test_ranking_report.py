@@ -1,0 +1,172 @@
+"""A ranking as figures, tables and plain words: all that ranking.json holds, and no more."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.report import rankings
+from experiments.report.discovery import discovery_figures, drawn_laws, nearest_cases
+from experiments.report.style import COLUMN_MM, save
+from experiments.report.wording import law_name
+from experiments.studies import report
+from tests.experiments.sound_ranking import BASELINE, WINNER, law, laws, ranking
+
+ALL = {
+    "law-leader-board",
+    "law-trajectories",
+    "law-errors",
+    "exponent-profile",
+    "accuracy-complexity",
+    "term-inclusion",
+}
+SECOND = "|D v|^n T exp(-T/T_s)"
+
+
+def test_a_ranking_gives_every_figure_one_column_wide_with_units(tmp_path: Path) -> None:
+    made = discovery_figures(json.loads(json.dumps(ranking())))
+    assert set(made) == ALL
+    for name, figure in made.items():
+        assert figure.get_figwidth() == pytest.approx(COLUMN_MM / 25.4)
+        path = save(figure, tmp_path / f"{name}.svg")
+        assert ElementTree.parse(path).getroot().tag.endswith("svg")
+        for axes in figure.axes:
+            labels = axes.get_xlabel() + axes.get_ylabel()
+            assert not labels or "[" in labels, f"{name}: an axis without unit: {labels}"
+
+
+@pytest.mark.parametrize(
+    ("lacking", "gone"),
+    [
+        ("laws", {"law-leader-board", "accuracy-complexity"}),
+        ("cases", {"law-trajectories", "law-errors"}),
+        ("inclusion", {"term-inclusion"}),
+        ("displacement_profile", set()),
+        ("exponent_profile", set()),
+        ("proposals", set()),
+    ],
+)
+def test_missing_data_is_a_missing_figure(lacking: str, gone: set[str]) -> None:
+    data = ranking()
+    del data[lacking]
+    assert set(discovery_figures(data)) == ALL - gone
+
+
+def test_no_data_give_no_figures() -> None:
+    assert discovery_figures({"exponent_profile": {"values": [], "delta_bic": []}}) == {}
+
+
+def test_gaps_are_left_out_of_the_figures() -> None:
+    data = ranking()
+    data["laws"][2] |= {"cross_validated_loss_error_percent_median": None, "delta_bic": None}
+    data["exponent_profile"] |= {"low": None, "high": None, "level": None}
+    data["exponent_profile"]["delta_bic"][0] = None
+    data["cases"][0]["loss_error_percent"] = {WINNER: None}
+    data["cases"][1] |= {"laws": {}, "initial_tension_n": 0.0}
+    for figure in discovery_figures(data).values():
+        figure.draw_without_rendering()
+        for axes in figure.axes:
+            assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()
+
+
+def test_trajectories_show_the_hardest_hit_nearest_to_each_printed_preload() -> None:
+    chosen = nearest_cases(ranking()["cases"])
+    tensions = [case["initial_tension_n"] for case in chosen]
+    assert tensions == sorted(tensions)
+    assert np.array(tensions) / (6.4, 21.5, 61.3, 152.7, 317.0, 700.2) == pytest.approx(1.0, abs=0.2)
+    assert {case["peak_force_n"] for case in chosen} == {1608.7}
+    assert len(nearest_cases(ranking()["cases"][:2])) == 2
+
+
+def test_figures_over_cases_draw_the_first_laws_and_always_the_papers() -> None:
+    assert drawn_laws(ranking()) == [WINNER, SECOND, BASELINE]
+    data = ranking()
+    data["laws"] = [law(1, "no loosening", "0", 100.0, 0.0), law(2, BASELINE, "0", 110.0, 4.0)]
+    assert drawn_laws(data) == [BASELINE]
+
+
+def test_the_profile_shows_its_set() -> None:
+    data = ranking()
+    (text,) = [
+        label
+        for label in discovery_figures(data)["exponent-profile"].axes[0].get_legend_handles_labels()[1]
+        if "95 %" in label
+    ]
+    assert text == "95 % set: 3.8 to 4.25"
+
+
+def verdict(**changes: Any) -> tuple[str, bool | None]:
+    found = rankings.answer(ranking() | changes)
+    assert found is not None
+    return found.verdict, found.good
+
+
+def test_the_verdict_says_which_law_and_how_sure() -> None:
+    text, good = verdict(indistinguishable=[])
+    assert text == f"“{law_name(WINNER)}” ranks first and beats the paper's law beyond chance (p = 4 × 10⁻⁴)."
+    assert good is True
+    text, good = verdict()
+    assert "cannot tell it from another one" in text
+    assert good is None
+    text, good = verdict(indistinguishable=[SECOND, BASELINE])
+    assert "cannot tell it from the paper's law" in text
+    assert good is None
+
+
+def test_an_advantage_that_may_be_chance_is_called_so() -> None:
+    doubtful = laws()
+    doubtful[0]["p_value_against_baseline"] = 0.03
+    text, good = verdict(laws=doubtful, indistinguishable=[])
+    assert "may be chance (p = 0.03)" in text
+    assert good is None
+
+
+@pytest.mark.parametrize(
+    ("first", "equals", "part", "good"),
+    [
+        (BASELINE, [], "no other law describes these records as well", True),
+        (
+            BASELINE,
+            [WINNER],
+            "The paper's law ranks first; these records cannot tell it from another one",
+            None,
+        ),
+        ("no loosening", [], "a bolt that never loosens", False),
+    ],
+)
+def test_the_papers_law_and_no_law_may_come_first(
+    first: str, equals: list[str], part: str, good: bool | None
+) -> None:
+    changed = [law(1, first, "0", 10.0, 0.0), law(2, WINNER, "0", 12.0, 3.0)]
+    text, found = verdict(laws=changed, indistinguishable=equals)
+    assert part in text
+    assert found is good
+
+
+def test_the_page_answers_first_and_shows_every_table(tmp_path: Path) -> None:
+    (tmp_path / "ranking.json").write_text(json.dumps(ranking()), encoding="utf-8")
+    for name, figure in discovery_figures(ranking()).items():
+        save(figure, tmp_path / f"{name}.svg")
+    text = report.run(tmp_path).read_text(encoding="utf-8")
+    for part in (
+        "how sure is that?",
+        "nearer than the paper's law on 44 of 58 records",
+        "off by 12.6\u00a0% (median)",
+        "exponent 4.02 (95\u00a0%: 3.80 to 4.25)",
+        "a hit of 400 N peak and 2.1 ms at a preload of 150 N",
+        "2310 candidate laws were considered",
+        "Laws of loosening, ranked by re-simulation",
+        "m<sup>−4</sup> s<sup>3</sup>",
+        "Tests that would separate the first laws most",
+        "Leader board of tension laws",
+        "clipped force",
+    ):
+        assert part in text.replace("&#39;", "'"), part
+    assert text.count("<math>") >= 7 + 3  # a rate a law, a symbol a parameter
+    assert "peak_force_n" not in text
+    assert "Ranking: " not in text
