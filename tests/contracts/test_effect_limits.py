@@ -1,0 +1,217 @@
+"""Forces and body effects against limits known in closed form."""
+
+import numpy as np
+import pytest
+from scipy.special import ellipk
+
+from rom.effects import CATALOGUE
+from rom.laws import constant_damping, constant_stiffness
+from rom.model import LinkLaws, Model
+from rom.structure import Body, Link, Structure
+from tests.contracts.effect_cases import compiled, driven
+
+RATE = 19200.0
+STIFFNESS = 1e4  # with 1 kg: 15.9 Hz
+
+
+def oscillator(stiffness=STIFFNESS, damping=0.0) -> Model:
+    structure = Structure((Body("m", 1.0),), (Link("spring", "m", "ground"),))
+    return Model(structure, {"spring": LinkLaws(constant_stiffness(stiffness), constant_damping(damping))})
+
+
+def free(model: Model, x0: float, seconds: float):
+    """Displacement and velocity of a release from rest."""
+    force = {"m": np.zeros(round(seconds * RATE))}
+    response = model.simulate(force, RATE, initial_displacement={"m": x0}, tolerance=1e-7)
+    assert response.status == "ok"
+    return response.displacement["m"], response.velocity["m"]
+
+
+def at(name: str, enters="spring", **values):
+    ground = enters not in ("joint",) and not enters.startswith("body:")
+    return CATALOGUE[name].at(enters, ground=ground).with_values(**values)
+
+
+def crossings(x: np.ndarray) -> np.ndarray:
+    """Times at which x rises through zero [s]."""
+    i = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
+    return (i - x[i] / (x[i + 1] - x[i])) / RATE
+
+
+def loop(name: str, amplitude: float, frequency: float, cycles=3, k=9e5, T=150.0, **values):
+    """Displacement, velocity and force of an effect over the last of some sinusoidal cycles."""
+    samples = 4000
+    step = 1 / frequency / samples
+    t = 0.5 * step * np.arange(2 * samples * cycles + 1)
+    w = 2 * np.pi * frequency
+    path = t, amplitude * np.sin(w * t), amplitude * w * np.cos(w * t), step
+    effect = at(name, "joint", **values)
+    force = driven(effect.function, list(effect.values), effect.states, path, T=T, k=k)
+    last = slice(-samples - 1, None)
+    return path[1][::2][last], path[2][::2][last], force[last], step
+
+
+def area(_, v, f, step) -> float:
+    return float(np.trapezoid(f * v, dx=step))
+
+
+def test_coulomb_friction_takes_an_equal_step_off_every_cycle():
+    x, _ = free(oscillator().with_effect(at("coulomb-friction", F_c=0.5, v_s=3e-4)), 1e-3, 0.25)
+    peaks = x[1:-1][(x[1:-1] > x[:-2]) & (x[1:-1] > x[2:])]
+    assert len(peaks) >= 3
+    assert -np.diff([1e-3, *peaks])[:3] == pytest.approx(4 * 0.5 / STIFFNESS, rel=0.02)
+
+
+def test_friction_of_the_joint_goes_with_its_tension():
+    force = [compiled(at("coulomb-friction", F_c=0.0, mu=2e-3), 0, 0, 1.0, T, 1e4, 1)[0] for T in (10, 300)]
+    assert force == pytest.approx([0.02, 0.6])
+
+
+@pytest.mark.parametrize("k3", [1e10, -4e9])
+def test_cubic_stiffness_has_the_backbone_of_a_duffing_oscillator(k3):
+    amplitude = 1e-3
+    x, _ = free(oscillator().with_effect(at("cubic-stiffness", k3=k3)), amplitude, 0.5)
+    stiff = STIFFNESS + k3 * amplitude**2
+    period = 4 * ellipk(k3 * amplitude**2 / (2 * stiff)) / np.sqrt(stiff)
+    assert np.diff(crossings(x)) == pytest.approx(period, rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "potential"),
+    [
+        ("cubic-stiffness", {"k3": 8e9}, lambda x: 8e9 * x**4 / 4),
+        ("quintic-stiffness", {"k5": 6e15}, lambda x: 6e15 * x**6 / 6),
+        ("even-stiffness", {"k2": 2e6}, lambda x: 2e6 * x**3 / 3),
+    ],
+)
+def test_polynomial_stiffness_keeps_its_energy(name, values, potential):
+    x, v = free(oscillator().with_effect(at(name, **values)), 1e-3, 0.3)
+    energy = 0.5 * v**2 + 0.5 * STIFFNESS * x**2 + potential(x)
+    assert energy == pytest.approx(energy[0], rel=1e-5)
+
+
+@pytest.mark.parametrize("name", ["cubic-stiffness", "quintic-stiffness", "even-stiffness"])
+def test_negative_stiffness_leaves_a_tenth_of_the_links_own(name):
+    member = CATALOGUE[name]
+    (strength,) = member.strengths
+    effect = at(name, "joint", **{strength: member.parameters[strength].bounds[0]})
+    for x in (1e-3, 1e-2, 1.0):
+        assert compiled(effect, 0, x, 0, 100, 9e5, 1)[0] == pytest.approx(-0.9 * 9e5 * x)
+
+
+def test_quadratic_and_displacement_damping_take_their_share_of_a_cycle():
+    amplitude, w = 1e-4, 2 * np.pi * 16
+    taken = area(*loop("quadratic-damping", amplitude, 16.0, c2=2e3))
+    assert taken == pytest.approx(8 / 3 * 2e3 * w**2 * amplitude**3, rel=1e-5)
+    taken = area(*loop("displacement-damping", amplitude, 16.0, c_x=2e6))
+    assert taken == pytest.approx(4 / 3 * 2e6 * w * amplitude**3, rel=1e-5)
+
+
+@pytest.mark.parametrize("frequency", [0.2, 16.0, 400.0])
+def test_maxwell_is_a_dashpot_when_slow_and_a_spring_when_fast(frequency):
+    tau, spring, w = 4e-3, 0.1 * 9e5, 2 * np.pi * frequency
+    x, v, force, _ = loop("maxwell-viscoelastic", 1e-4, frequency, cycles=20, kappa=0.1, tau=tau)
+    complex_stiffness = spring * 1j * w * tau / (1 + 1j * w * tau)
+    expected = complex_stiffness.real * x + complex_stiffness.imag / w * v
+    assert force == pytest.approx(expected, rel=1e-3, abs=1e-3 * abs(force).max())
+    slow, fast = spring * tau * v, spring * x
+    limit = {0.2: slow, 400.0: fast}.get(frequency, force)
+    assert abs(force - limit).max() < 0.12 * abs(force).max()
+
+
+def test_a_slider_takes_four_limits_times_the_slipped_path_of_a_cycle():
+    kappa, mu, T, k, amplitude = 0.8, 0.1, 150.0, 9e5, 1e-4
+    taken = area(*loop("jenkins-slip", amplitude, 16.0, kappa=kappa, mu=mu, F_s=0.0))
+    assert taken == pytest.approx(4 * mu * T * (amplitude - mu * T / (kappa * k)), rel=0.02)
+
+
+def test_a_slider_that_sticks_does_nothing():
+    _, _, force, _ = loop("jenkins-slip", 1e-5, 16.0, kappa=0.8, mu=0.3)
+    assert not force.any()
+
+
+def test_the_loop_of_a_slider_does_not_depend_on_the_rate():
+    slow, fast = (area(*loop("jenkins-slip", 1e-4, f, kappa=0.8, mu=0.1)) for f in (2.0, 60.0))
+    assert slow == pytest.approx(fast, rel=1e-3)
+
+
+def test_bouc_wen_yields_at_its_yield_displacement():
+    x, _, force, _ = loop("bouc-wen", 1e-3, 16.0, kappa=0.3, x_y=6e-5, n=2.0, beta=0.5)
+    spring = 0.3 * 9e5
+    assert force + spring * x == pytest.approx(np.clip(force + spring * x, -spring * 6e-5, spring * 6e-5))
+    assert max(force + spring * x) == pytest.approx(spring * 6e-5, rel=1e-3)
+    _, _, small, _ = loop("bouc-wen", 1e-7, 16.0, kappa=0.3, x_y=6e-5, n=2.0, beta=0.5)
+    assert abs(small).max() < 1e-4 * spring * 1e-7
+
+
+def test_microslip_softening_ends_at_its_share_of_the_stiffness():
+    effect = at("microslip-softening", "joint", alpha=0.3, x_s=5e-5, q=2.0)
+    assert compiled(effect, 0, 1e-8, 0, 100, 9e5, 1)[0] == pytest.approx(0, abs=1e-6 * 9e5 * 1e-8)
+    assert compiled(effect, 0, 5e-5, 0, 100, 9e5, 1)[0] == pytest.approx(-0.15 * 9e5 * 5e-5)
+    assert compiled(effect, 0, 1.0, 0, 100, 9e5, 1)[0] == pytest.approx(-0.3 * 9e5, rel=1e-6)
+
+
+def test_gaps_are_nothing_within_their_clearance_and_springs_beyond():
+    two = at("two-sided-gap", "joint", k_g=1e6, delta=5e-5)
+    one = at("one-sided-gap", "joint", k_g=1e6, delta=5e-5, side=-1.0)
+
+    def force(effect, x):
+        return compiled(effect, 0, x, 0, 100, 9e5, 1)[0]
+
+    assert force(two, 4.999e-5) == force(two, -4.999e-5) == force(one, -4.999e-5) == force(one, 1.0) == 0.0
+    assert force(two, 2e-4) - force(two, 1e-4) == pytest.approx(100.0)
+    assert force(two, -2e-4) == force(one, -2e-4) == -force(two, 2e-4)
+    assert force(two, 2e-4) == pytest.approx(1e6 * 1.5e-4, rel=0.02)
+    edge = 5.5e-5  # force and slope are steady where the gap has closed
+    assert force(two, edge + 1e-10) - force(two, edge - 1e-10) == pytest.approx(2e-4, rel=1e-3)
+
+
+def test_support_and_contact_stiffness_have_their_limits():
+    support = at("tension-dependent-stiffness", epsilon=0.2, T_g=100.0)
+    assert compiled(support, 0, 1e-3, 0, 0.0, 1e4, 1)[0] == 0.0
+    assert compiled(support, 0, 1e-3, 0, 1e5, 1e4, 1)[0] == pytest.approx(0.2 * 1e4 * 1e-3)
+    contact = at("contact-stiffness", "joint", compliance=2e-7, n=0.5)
+    for T in (4.0, 100.0, 2500.0):
+        series = 1 / (1 / 9e5 + 2e-7 * (100 / T) ** 0.5)
+        assert compiled(contact, 0, 1e-4, 0, T, 9e5, 1)[0] == pytest.approx((series - 9e5) * 1e-4)
+
+
+def test_oscillating_tension_moves_the_stiffness_along_its_law():
+    from rom.parameters.he_2025 import paper_model
+
+    law = paper_model().link_laws["joint"].stiffness
+    effect = at("oscillating-tension-stiffness", "joint", a=1e5, b=3e9)
+    for x in (-8e-5, 5e-5):
+        now = 12.0 + 1e5 * x + 3e9 * x**2
+        expected = (float(law(now)) - float(law(12.0))) * x
+        assert compiled(effect, 0, x, 0, 12.0, float(law(12.0)), 1)[0] == pytest.approx(expected)
+
+
+def test_an_extra_mode_is_a_further_body_on_its_spring():
+    m3, f3, zeta3 = 0.05, 120.0, 0.03
+    w = 2 * np.pi * f3
+    effect = at("extra-mode", "body:m", m3=m3, f3=f3, zeta3=zeta3)
+    held = oscillator(damping=1.0)
+    structure = Structure((Body("m", 1.0), Body("e", m3)), (*held.structure.links, Link("extra", "m", "e")))
+    spring = LinkLaws(constant_stiffness(m3 * w**2), constant_damping(2 * zeta3 * w * m3))
+    two = Model(structure, {**held.link_laws, "extra": spring})
+    force = np.zeros(9600)
+    force[10:25] = 300.0
+    added = held.with_effect(effect).simulate({"m": force}, RATE, tolerance=1e-8)
+    expected = two.simulate({"m": force}, RATE, tolerance=1e-8)
+    x = expected.displacement["m"]
+    assert added.displacement["m"] == pytest.approx(x, abs=1e-6 * abs(x).max())
+    assert added.states[0] == pytest.approx(expected.displacement["e"], abs=1e-5 * abs(x).max())
+    plain = held.simulate({"m": force}, RATE).displacement["m"]
+    assert abs(plain - x).max() > 0.01 * abs(x).max()
+
+
+def test_forces_of_the_surroundings_push_the_body():
+    push = oscillator(damping=40.0).with_effect(at("constant-force", "body:m", F_0=2.0))
+    response = push.simulate({"m": np.zeros(40000)}, RATE)
+    assert response.displacement["m"][-1] == pytest.approx(2.0 / STIFFNESS, rel=1e-4)
+    shaken = oscillator(damping=40.0).with_effect(at("ground-motion", "body:m", F_a=0.0, F_b=1.0, f=5.0))
+    x = shaken.simulate({"m": np.zeros(40000)}, RATE).displacement["m"]
+    w = 2 * np.pi * 5.0
+    amplitude = 1 / abs(STIFFNESS - w**2 + 40j * w)
+    assert x[-8000:].max() == pytest.approx(amplitude, rel=1e-3)
