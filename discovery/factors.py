@@ -101,6 +101,11 @@ class Factor:
         """Evaluate a motion factor at relative displacement [m], velocity [m/s], force and damping [N]."""
         return free_form_law("factor", self.text, "tension rate", self.parameters).rate(0.0, x, v, F, D)
 
+    @property
+    def address(self) -> int:
+        """Address of a tension factor's compiled function ``f(T, p)``."""
+        return free_form_law("factor", self.text, "stiffness", self.parameters).address
+
     def of_tension(self, tension: FloatArray) -> FloatArray:
         """Evaluate a tension factor at tensions [N]."""
         return free_form_law("factor", self.text, "stiffness", self.parameters)(tension)

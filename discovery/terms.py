@@ -85,6 +85,11 @@ class Candidate:
         return name if len(self.terms) == 1 else f"{name}_{term + 1}"
 
     @property
+    def coefficient_names(self) -> tuple[str, ...]:
+        """Names of the coefficients, term by term."""
+        return tuple(self.label("gamma", j) for j in range(len(self.terms)))
+
+    @property
     def equation(self) -> str:
         """The whole rate as an expression."""
         parts = []
