@@ -206,8 +206,10 @@ def _tied(text: str) -> str:
 
 
 def _short(cell: object) -> bool:
-    """Return whether a cell stays on one line: numbers with their limits, units, a word."""
-    if not isinstance(cell, str) or isinstance(cell, Markup):
+    """Return whether a cell stays on one line: numbers with their limits, units, a symbol, a word."""
+    if isinstance(cell, Markup):
+        return len(cell.striptags()) < _LONGEST_WORD
+    if not isinstance(cell, str):
         return False
     return len(cell) < (_LONGEST_NUMBER if cell[:1] in "−–0123456789" else _LONGEST_WORD)
 
