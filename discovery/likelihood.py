@@ -1,0 +1,273 @@
+"""The marginal likelihood of a candidate law, its scatter integrated out, and steps that raise it.
+
+    y_i = f_i(theta, u_i) + e_i,   u_i ~ N(0, tau_i^2),   e_i ~ N(0, C_i),   ln tau_i = a + b ln(T_i / 100 N)
+
+u_i is integrated out by Laplace's method; a step in theta is a Gauss-Newton step of the model made linear in
+u_i about its mode (M. Lindstrom and D. Bates, Biometrics 46, 673, 1990).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import optimize
+
+from discovery.prediction import predict
+from discovery.terms import Candidate
+from rom.channels import FloatArray
+
+if TYPE_CHECKING:
+    from discovery.fitting import Fit
+    from discovery.motion import Frozen
+
+_TALLEST_STEP = 1.0
+_STEP_U, _STEP = 1e-4, 1e-4
+_LEAST_SCATTER, _LARGEST_SCATTER = 0.01, 5.0
+_SLOPE_PRIOR = 1.0
+_TINY = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A place of the fit: parameters, scatter, modes, and what the likelihood is made of there."""
+
+    theta: FloatArray
+    scatter: FloatArray
+    u: FloatArray
+    residual: FloatArray  # whitened, (cases, bins)
+    slope: FloatArray  # whitened derivative with respect to u
+    by_case: FloatArray
+
+    @property
+    def deviance(self) -> float:
+        """-2 log marginal likelihood, but for what no law changes."""
+        return float(self.by_case.sum())
+
+
+@dataclass(eq=False)
+class Problem:
+    """The fit of one candidate: its free numbers as a vector, and the likelihood."""
+
+    candidate: Candidate
+    frozen: Frozen
+    offsets: FloatArray
+    whitener: FloatArray = field(init=False)
+    log_determinant: FloatArray = field(init=False)
+    theta0: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        roots = np.linalg.cholesky(self.frozen.covariance)
+        self.whitener = np.linalg.inv(roots)
+        self.log_determinant = 2 * np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        self.theta0 = self._vector(self.candidate)
+
+    def _vector(self, candidate: Candidate) -> FloatArray:
+        """Free numbers: of a coefficient the log of the typical relative loss it makes; inner as they are."""
+        values = candidate.parameters
+        scales = self._scales(candidate)
+        out = []
+        for name in candidate.free:
+            value = values[name].value
+            if name in scales:
+                size, signed = scales[name]
+                out.append(value * size if signed else np.log(max(value * size, _TINY)))
+            else:
+                out.append(value)
+        return np.array(out)
+
+    def _scales(self, candidate: Candidate) -> dict[str, tuple[float, bool]]:
+        """Typical exposure over tension of every term, by its coefficient's name, and if it is signed."""
+        initial = np.maximum(self.frozen.initial, 1e-9)
+        found = {}
+        for j, term in enumerate(candidate.terms):
+            size = self.frozen.exposure(term.motion)[:, -1] * term.tension.of_tension(initial) / initial
+            some = size[size > 0]
+            typical = float(np.exp(np.mean(np.log(some)))) if some.size else 1.0
+            found[candidate.label("gamma", j)] = (typical, term.sign == 0)
+        return found
+
+    def at(self, theta: FloatArray) -> Candidate:
+        """The candidate with the numbers of a vector."""
+        values = dict(zip(self.candidate.free, theta, strict=True))
+        moved = self.candidate.with_values({n: v for n, v in values.items() if not self._is_coefficient(n)})
+        return moved.with_values(
+            {
+                name: values[name] / size
+                if signed
+                else float(np.exp(np.clip(values[name], -690, 690))) / size
+                for name, (size, signed) in self._scales(moved).items()
+            }
+        )
+
+    def _is_coefficient(self, name: str) -> bool:
+        return name in self.candidate.coefficient_names
+
+    def clipped(self, theta: FloatArray) -> FloatArray:
+        """The vector with inner numbers within their ranges."""
+        ranges: Mapping[str, tuple[float, float]] = {
+            name: parameter.bounds for name, parameter in self.candidate.parameters.items()
+        }
+        out = theta.copy()
+        for place, name in enumerate(self.candidate.free):
+            if not self._is_coefficient(name):
+                out[place] = np.clip(out[place], *ranges[name])
+        return out
+
+    def first(self, start: Fit | None) -> State:
+        """The start: coefficients scaled to the measured losses unless a fit is at hand."""
+        if start is not None:
+            return self.solve(self.theta0, np.array(start.scatter), start.deviations, steps=6)
+        u, told = self._own_rates()
+        shift = float((told * u).sum() / told.sum()) if told.sum() > 0 else 0.0
+        theta = self.theta0.copy()
+        for place, name in enumerate(self.candidate.free):
+            theta[place] += shift if self._is_coefficient(name) else 0.0
+        spread = float(np.clip(np.std(u), 0.1, _LARGEST_SCATTER))
+        return self.solve(theta, np.array([np.log(spread), 0.0]), u - shift, steps=12)
+
+    def _own_rates(self) -> tuple[FloatArray, FloatArray]:
+        """Log of the factor on the law that each case's last bin asks for, and how well it tells it, 0 to 1.
+
+        A start from which Newton's method is safe: far above it the tension is gone and has no slope.
+        """
+        initial = np.maximum(self.frozen.initial, 1e-9)
+        exposure = np.zeros(len(initial))
+        for term, value in zip(self.candidate.terms, self.candidate.coefficients, strict=True):
+            if term.sign < 0:
+                size = self.frozen.exposure(term.motion)[:, -1] * term.tension.of_tension(initial) / initial
+                exposure += value * size
+        if any(term.sign >= 0 for term in self.candidate.terms) or not (exposure > 0).any():
+            return np.zeros(len(initial)), np.zeros(len(initial))
+        error = np.sqrt(self.frozen.covariance[:, -1, -1])
+        loss = np.maximum(-self.frozen.change[:, -1], 0.3 * error)
+        needed = -np.log(np.maximum(1 - loss / initial, 1e-3))
+        least = float(exposure[exposure > 0].min())
+        u = np.log(needed / np.maximum(exposure, least))
+        return u, (exposure > 0) * loss**2 / (loss**2 + 4 * error**2)
+
+    def solve(self, theta: FloatArray, scatter: FloatArray, u: FloatArray, steps: int = 4) -> State:
+        """Modes of u by Newton steps, all cases at once, and the likelihood there."""
+        candidate = self.at(theta)
+        tau2 = tau(scatter, self.frozen.initial) ** 2
+        for step in range(steps + 1):
+            residual = self._whitened(self.frozen.change - self._course(candidate, u))
+            ahead = self._whitened(self.frozen.change - self._course(candidate, u + _STEP_U))
+            slope = (residual - ahead) / _STEP_U
+            information = (slope**2).sum(axis=1)
+            newton = ((slope * residual).sum(axis=1) - u / tau2) / (information + 1 / tau2)
+            if step == steps or np.abs(newton).max() < 1e-3:
+                break
+            u = u + np.clip(newton, -_TALLEST_STEP, _TALLEST_STEP)
+        by_case = (residual**2).sum(axis=1) + u**2 / tau2 + np.log1p(tau2 * information)
+        return State(theta, scatter, u, residual, slope, by_case)
+
+    def _course(self, candidate: Candidate, u: FloatArray) -> FloatArray:
+        return predict(candidate, self.frozen, self.offsets, u)
+
+    def _whitened(self, rows: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("cij,cj->ci", self.whitener, rows))
+
+    def scattered(self, state: State) -> State:
+        """The same place with the scatter that its deviations ask for."""
+        information = (state.slope**2).sum(axis=1)
+        seen = (state.slope * state.residual).sum(axis=1) + information * state.u
+
+        def deviance(scatter: FloatArray) -> float:
+            tau2 = tau(scatter, self.frozen.initial) ** 2
+            share = tau2 / (1 + tau2 * information)
+            return float((np.log1p(tau2 * information) - share * seen**2).sum()) + float(
+                (scatter[1] / _SLOPE_PRIOR) ** 2
+            )
+
+        found = optimize.minimize(
+            deviance,
+            state.scatter,
+            method="Nelder-Mead",
+            options={"xatol": 5e-3, "fatol": 5e-3, "maxiter": 120},
+        )
+        scatter = np.array(
+            [np.clip(found.x[0], np.log(_LEAST_SCATTER), np.log(_LARGEST_SCATTER)), found.x[1]]
+        )
+        return self.solve(state.theta, scatter, state.u)
+
+    def normal_equations(self, state: State) -> tuple[FloatArray, FloatArray]:
+        """Information matrix and right side of the step, u integrated out."""
+        tau2 = tau(state.scatter, self.frozen.initial) ** 2
+        columns = []
+        for place in range(len(state.theta)):
+            step = _STEP * max(1e-3, abs(state.theta[place])) if not self._log_place(place) else _STEP
+            moved = state.theta.copy()
+            moved[place] += step
+            back = self.clipped(moved)[place] != moved[place]
+            moved[place] -= 2 * step if back else 0.0
+            ahead = self._whitened(self.frozen.change - self._course(self.at(moved), state.u))
+            columns.append((state.residual - ahead) / (moved[place] - state.theta[place]))
+        jacobian = np.stack(columns, axis=-1)
+        information = (state.slope**2).sum(axis=1)
+        share = tau2 / (1 + tau2 * information)
+        cross = np.einsum("cb,cbp->cp", state.slope, jacobian)
+        linear = state.residual + state.slope * state.u[:, None]
+        seen = (state.slope * linear).sum(axis=1)
+        matrix = np.einsum("cbp,cbq->pq", jacobian, jacobian) - np.einsum("c,cp,cq->pq", share, cross, cross)
+        right = np.einsum("cbp,cb->p", jacobian, linear) - (share * seen) @ cross
+        return matrix, right
+
+    def _log_place(self, place: int) -> bool:
+        return self._is_coefficient(self.candidate.free[place])
+
+    def covariance(self, state: State) -> FloatArray:
+        """Covariance of ln coefficients and inner numbers."""
+        size = len(state.theta)
+        if not size:
+            return np.zeros((0, 0))
+        matrix, _ = self.normal_equations(state)
+        scale = np.sqrt(np.maximum(np.diag(matrix), _TINY))
+        inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-10, hermitian=True)
+        turn = self._to_coefficients(state.theta)
+        return np.asarray(turn @ (inverse / np.outer(scale, scale)) @ turn.T)
+
+    def _to_coefficients(self, theta: FloatArray) -> FloatArray:
+        """Derivatives of (ln coefficients, inner numbers) with respect to the vector."""
+
+        def values(vector: FloatArray) -> FloatArray:
+            candidate = self.at(vector)
+            out = []
+            for name in candidate.free:
+                value = candidate.parameters[name].value
+                signed = self._is_coefficient(name) and value <= 0
+                out.append(np.log(max(value, _TINY)) if self._is_coefficient(name) and not signed else value)
+            return np.array(out)
+
+        here = values(theta)
+        columns = []
+        for place in range(len(theta)):
+            step = 1e-5 * max(1e-3, abs(theta[place]))
+            moved = theta.copy()
+            moved[place] += step
+            columns.append((values(moved) - here) / step)
+        return np.stack(columns, axis=1)
+
+
+def step(problem: Problem, state: State, damping: float) -> tuple[State | None, float]:
+    """One accepted Levenberg-Marquardt step, or None where none lowers the deviance."""
+    if not len(state.theta):
+        return None, damping
+    matrix, right = problem.normal_equations(state)
+    diagonal = np.diag(matrix).copy()
+    diagonal[diagonal <= 0] = max(float(diagonal.max()), 1.0) * 1e-12
+    for _ in range(8):
+        change = np.linalg.solve(matrix + np.diag(damping * diagonal + 1e-12 * diagonal.max()), right)
+        trial = problem.solve(problem.clipped(state.theta + change), state.scatter, state.u)
+        if np.isfinite(trial.deviance) and trial.deviance < state.deviance:
+            return trial, max(damping / 5, 1e-9)
+        damping *= 8
+    return None, damping
+
+
+def tau(scatter: FloatArray, initial: FloatArray) -> FloatArray:
+    """Scatter of the log rate at tensions [N], from a and b of its law."""
+    logs = scatter[0] + scatter[1] * np.log(np.maximum(initial, 1e-3) / 100.0)
+    return np.asarray(np.exp(np.clip(logs, np.log(_LEAST_SCATTER), np.log(_LARGEST_SCATTER))))

@@ -1,0 +1,71 @@
+"""Courses of the tension under a candidate law: along frozen exposures, and by full re-simulation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discovery.terms import Candidate
+from rom.channels import FloatArray
+
+if TYPE_CHECKING:
+    from discovery.motion import Frozen
+
+_HIGHEST = 10.0  # no tension beyond so many times the highest initial one
+
+
+def predict(
+    candidate: Candidate,
+    frozen: Frozen,
+    offsets: FloatArray | None = None,
+    deviations: FloatArray | None = None,
+) -> FloatArray:
+    """Changes of tension [N] in every bin along the frozen motion, (cases, bins)."""
+    if not candidate.terms:
+        return np.zeros_like(frozen.change)
+    from rom.kernels.exposures import follow_exposures
+
+    tension = [term.tension for term in candidate.terms]
+    width = max(max(len(factor.inner) for factor in tension), 1)
+    parameters = np.zeros((len(tension), width))
+    for row, factor in enumerate(tension):
+        parameters[row, : len(factor.inner)] = [inner.value for inner in factor.inner.values()]
+    addresses = np.array([factor.address for factor in tension], dtype=np.int64)
+    exposures = np.stack([frozen.exposure(term.motion) for term in candidate.terms])
+    signs = [term.sign or 1 for term in candidate.terms]
+    weights = np.array(candidate.coefficients) * signs
+    rates = np.exp(np.zeros(len(frozen)) if deviations is None else deviations)
+    initial = frozen.initial
+    course = follow_exposures(
+        addresses, parameters, np.multiply.outer(rates, weights), exposures, initial, _HIGHEST * initial.max()
+    )
+    change = course @ frozen.averages.T - np.maximum(initial, 0.0)[:, None]
+    return np.asarray(change if offsets is None else change + offsets)
+
+
+def resimulate(candidate: Candidate, frozen: Frozen, deviations: FloatArray | None = None) -> FloatArray:
+    """Changes of tension [N] by full coupled re-simulation, (cases, bins); nan where it diverged."""
+    if not candidate.terms:
+        return np.zeros_like(frozen.change)
+    link, law = frozen.link, candidate.law()
+    laws = replace(frozen.model.link_laws[link], tension_rate=law)
+    model = replace(frozen.model, link_laws={**frozen.model.link_laws, link: laws})
+    rates = np.exp(np.zeros(len(frozen)) if deviations is None else deviations)
+    out = np.empty_like(frozen.change)
+    keys = [(course.body, course.rate_hz, len(course.force)) for course in frozen.courses]
+    for key in dict.fromkeys(keys):
+        index = [i for i, other in enumerate(keys) if other == key]
+        courses = [frozen.courses[i] for i in index]
+        vary = {
+            f"{link}.tension_rate.{candidate.label('gamma', j)}": value * rates[index]
+            for j, value in enumerate(candidate.coefficients)
+        }
+        initial = np.array([max(course.initial, 0.0) for course in courses])
+        means = model.mean_tensions(
+            np.stack([course.force for course in courses]), key[1], initial,
+            np.stack([course.edges_s for course in courses]), vary, key[0],
+        )  # fmt: skip
+        out[index] = means - initial[:, None]
+    return out
