@@ -126,7 +126,7 @@ MEMBERS = (
         passive=True,
         ground={
             "kappa": parameter(0.1, "1", 0.0, 0.95),
-            "F_s": parameter(1.0, "N", 0.0, 100.0),
+            "F_s": parameter(0.3, "N", 0.0, 100.0),
             "mu": parameter(0.0, "1", 0.0, 0.4),
         },
     ),
