@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from rom.laws import Parameter
+
+if TYPE_CHECKING:
+    from rom.model import Model
 
 FloatArray = npt.NDArray[np.float64]
 Numbers = tuple[float, ...]
@@ -106,6 +109,14 @@ class Effect(Added):
     function: Callable[..., float] = field(repr=False)
     states: int = 0
     on_disk: bool = field(default=True, repr=False)
+
+    def added_to(self, model: Model) -> Model:
+        """The model with this effect; its parameters are at ``paths``."""
+        return model.with_effect(self)
+
+    def paths(self, model: Model) -> Mapping[str, str]:  # noqa: ARG002 - as of a change of law
+        """Where a model that holds the effect has its parameters, by name."""
+        return {name: f"{self.enters}.{self.name}.{name}" for name in self.parameters}
 
     @property
     def address(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -85,6 +86,10 @@ class LawChange(Added):
         assert laws.tension_rate is not None
         changed = replace(laws, tension_rate=self.changed(laws.tension_rate))
         return replace(model, link_laws={**model.link_laws, link: changed})
+
+    def paths(self, model: Model) -> Mapping[str, str]:
+        """Where a model whose law is changed has the parameters, by name."""
+        return {name: f"{_bolted(model)}.tension_rate.{name}" for name in self.parameters}
 
 
 def _bolted(model: Model) -> str:

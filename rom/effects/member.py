@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Any, Literal
 
 from rom.effects.effect import Added, Effect, Reading, Samples, SensorFault
@@ -116,6 +117,36 @@ class Member:
     def silent(self, enters: str, *, ground: bool = False) -> Added:
         """The effect at a place with all strengths zero."""
         return self.at(enters, ground=ground).with_values(**dict.fromkeys(self.strengths, 0.0))
+
+    def probes(self, effect: Added) -> tuple[Added, ...]:
+        """The effect at its smallest plausible strengths, one at a time, over the grid of the others.
+
+        What screening needs: the output of a probe minus that without effect, over the strength, is the
+        sensitivity at zero strength. Strengths and grid go with the defaults of the place.
+
+        Parameters
+        ----------
+        effect : Added
+            The member at a place, with the defaults of that place.
+        """
+
+        def there(name: str, value: float) -> float:
+            default, low_high = self.parameters[name].value, effect.parameters[name].bounds
+            factor = effect.parameters[name].value / default if default else 1.0
+            return min(max(value * factor, low_high[0]), low_high[1])
+
+        none = dict.fromkeys(self.strengths, 0.0)
+        grid = [
+            {name: there(name, value) for name, value in zip(self.inner, point, strict=True)}
+            for point in product(*self.inner.values())
+        ]
+        least = {name: there(name, value) for name, value in self.strengths.items()}
+        return tuple(
+            effect.with_values(**{**none, **point, name: value})
+            for point in grid
+            for name, value in least.items()
+            if value
+        )
 
 
 def parameter(value: float, unit: str, low: float, high: float) -> Parameter:

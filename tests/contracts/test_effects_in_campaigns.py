@@ -26,7 +26,7 @@ def title(pair) -> str:
 
 
 def added(effect) -> rom.Model:
-    return effect.added_to(MODEL) if isinstance(effect, LawChange) else MODEL.with_effect(effect)
+    return effect.added_to(MODEL)
 
 
 @cache

@@ -1,0 +1,162 @@
+"""The catalogue: what it holds, where its members can enter, and how one is added."""
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rom
+from rom.effects import (
+    CATALOGUE,
+    Effect,
+    LawChange,
+    Member,
+    Reading,
+    SensorFault,
+    candidates,
+    free_form,
+    look_alikes,
+    make,
+    places,
+    register,
+)
+from rom.laws import Parameter
+from rom.parameters.he_2025 import nominal_impact, paper_model
+
+CHANNELS = ("force_lo", "acceleration_lo", "acceleration_so", "strain")
+GUIDE = Path(__file__).parents[3] / "docs" / "own-effect.md"
+
+
+@pytest.mark.parametrize("member", CATALOGUE.values(), ids=lambda member: member.name)
+def test_a_member_is_complete(member):
+    assert set(member.strengths) <= set(member.parameters)
+    assert set(member.inner) <= set(member.parameters) - set(member.strengths)
+    assert set(member.ground) <= set(member.parameters)
+    assert set(member.by_record) <= set(member.parameters)
+    assert member.classes
+    assert member.source
+    effect = member.at("tension")
+    assert all(p.source and p.unit for p in effect.parameters.values())
+    for name, least in member.strengths.items():
+        low, high = member.parameters[name].bounds
+        assert low <= 0.0 < least <= high
+        assert abs(member.parameters[name].value) >= least or member.parameters[name].value == 0.0
+    for name, grid in member.inner.items():
+        low, high = member.parameters[name].bounds
+        assert all(low <= value <= high for value in grid)
+
+
+def test_a_member_at_a_place_is_of_its_kind():
+    kinds = {name: type(member.at("tension")) for name, member in CATALOGUE.items()}
+    assert kinds["jenkins-slip"] is Effect
+    assert kinds["tightening"] is LawChange
+    assert kinds["tension-drift"] is Reading
+    assert kinds["hum"] is SensorFault
+    assert {CATALOGUE[name].kind for name in kinds} == {"force", "tension rate", "measured tension", "sensor"}
+
+
+def test_candidates_are_effects_times_places():
+    found = {(member.name, effect.enters) for member, effect in candidates(paper_model(), CHANNELS)}
+    assert {("cubic-stiffness", "flexure_so"), ("cubic-stiffness", "joint")} <= found
+    assert {("extra-mode", "body:so"), ("tightening", "tension"), ("tension-skew", "sensor:strain")} <= found
+    assert {("hum", "sensor:acceleration_lo"), ("force-gain", "sensor:force_lo")} <= found
+    assert not {("tension-dependent-stiffness", "joint"), ("contact-stiffness", "flexure_lo")} & found
+    assert not any(name in ("lugre", "iwan-slip") for name, _ in found)
+    assert len(candidates(paper_model(), core=False)) > len(candidates(paper_model()))
+    assert "tension" not in places(paper_model().without_bolt())
+
+
+def test_a_link_to_ground_has_ranges_of_its_own():
+    by_place = {e.enters: e for m, e in candidates(paper_model()) if m.name == "cubic-stiffness"}
+    assert by_place["flexure_lo"].parameters["k3"].value == 1e9
+    assert by_place["joint"].parameters["k3"].value == 4.5e12
+
+
+def test_probes_are_weak_one_strength_at_a_time_over_the_grid():
+    for member, effect in candidates(paper_model(), CHANNELS, core=False):
+        probes = member.probes(effect)
+        assert probes
+        for probe in probes:
+            strengths = {name: probe.parameters[name].value for name in member.strengths}
+            (acting,) = [name for name, value in strengths.items() if value]
+            default = abs(effect.parameters[acting].value)
+            assert strengths[acting] <= default or default == 0.0
+    member, effect = next(p for p in candidates(paper_model()) if p[0].name == "two-sided-gap")
+    deltas = [probe.parameters["delta"].value for probe in member.probes(effect)]
+    assert deltas == pytest.approx([1e-4, 3e-4, 6e-4, 1e-3])  # a flexure moves ten times as far as the joint
+
+
+def test_look_alikes_share_a_class():
+    assert "relaxation-log" in look_alikes("tension-drift")
+    assert "lugre" in look_alikes("jenkins-slip")
+    assert {"quintic-stiffness", "two-sided-gap"} <= set(look_alikes("cubic-stiffness"))
+    assert "one-sided-gap" in look_alikes("two-sided-gap")
+    assert "loosening-threshold" in look_alikes("loosening-power")
+    assert look_alikes("extra-mode") == ()
+
+
+def test_what_is_no_effect_of_a_model_is_refused():
+    with pytest.raises(ValueError, match=r"must be one of .*coulomb-friction.*, got 'friction'"):
+        make("friction", "joint", {})
+    with pytest.raises(ValueError, match=r"must be one of .*, got 'hum'"):
+        make("hum", "sensor:force_lo", CATALOGUE["hum"].parameters)
+    with pytest.raises(ValueError, match="must have the parameters F_c, mu, v_s, got mu"):
+        make("coulomb-friction", "joint", {"mu": Parameter(0.1, "1")})
+    effect = CATALOGUE["cubic-stiffness"].at("joint")
+    with pytest.raises(ValueError, match="has the parameters k3, got k_3"):
+        effect.with_values(k_3=1.0)
+    with pytest.raises(ValueError, match="must lie within"):
+        effect.with_values(k3=-1e15)
+    with pytest.raises(ValueError, match="must be new to the catalogue, got 'hum'"):
+        register(Member("hum", ("joint",), "", {}, {}, ("hum",), ""))
+
+
+def test_places_are_told_by_kind():
+    model = paper_model()
+    assert [
+        CATALOGUE["extra-mode"].at(e).place for e in ("body:so", "joint", "tension", "sensor:tension")
+    ] == [
+        "body",
+        "link",
+        "tension",
+        "sensor",
+    ]
+    effect = CATALOGUE["coulomb-friction"].at("joint")
+    assert effect.added_to(model).parameter(effect.paths(model)["mu"]).value == 1.2e-3
+    change = CATALOGUE["tightening"].at("tension")
+    assert change.added_to(model).parameter(change.paths(model)["g_t"]).unit == "1/s"
+
+
+def test_a_free_form_force_is_its_equation():
+    p = {"a": Parameter(2e6, "N s/m2"), "b": Parameter(1e12, "N/m3")}
+    effect = free_form("a * abs(x) * v + b * x ** 3", "joint", p)
+    model = paper_model()
+    damping = CATALOGUE["displacement-damping"].at("joint").with_values(c_x=2e6)
+    cubic = CATALOGUE["cubic-stiffness"].at("joint").with_values(k3=1e12)
+    force = {"lo": nominal_impact(1600.0, 19200, 0.7)}
+    one = model.with_effect(effect).simulate(force, 19200, 100.0)
+    two = model.with_effect(damping).with_effect(cubic).simulate(force, 19200, 100.0)
+    x = two.displacement["so"]
+    assert one.displacement["so"] == pytest.approx(x, abs=1e-5 * abs(x).max())
+    assert make("free-form", "joint", p, effect.equation) == effect
+
+
+def test_an_effect_of_ones_own_is_added_by_one_file(tmp_path, monkeypatch):
+    source, use = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
+    path = tmp_path / "clamp_rocking.py"
+    path.write_text(source, encoding="utf-8")
+    spec = importlib.util.spec_from_file_location("clamp_rocking", path)
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "clamp_rocking", module)
+    spec.loader.exec_module(module)
+    monkeypatch.chdir(tmp_path)
+    try:
+        names = {}
+        exec(use, names)  # the guide's own second block
+        assert rom.load_model(tmp_path / "model.json").effects == names["model"].effects
+        assert np.isfinite(names["response"].displacement["lo"]).all()
+    finally:
+        rom.effects._members.pop("clamp-rocking", None)
