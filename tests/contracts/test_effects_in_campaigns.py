@@ -89,8 +89,8 @@ def test_a_fault_is_seen_in_its_channel(pair):
 def test_an_effect_stays_finite_over_its_whole_range(pair):
     effect, rng = pair[1], np.random.default_rng(1)
     corners = list(product(*(p.bounds for p in effect.parameters.values())))
-    corners = [corners[i] for i in rng.permutation(len(corners))[:6]]
-    within = [[rng.uniform(*p.bounds) for p in effect.parameters.values()] for _ in range(2)]
+    corners = [corners[i] for i in rng.permutation(len(corners))[:4]]
+    within = [[rng.uniform(*p.bounds) for p in effect.parameters.values()] for _ in range(1)]
     for values in (*corners, *within):
         model = added(effect.with_values(**dict(zip(effect.parameters, values, strict=True))))
         for tension in (6.0, 300.0, 3000.0):

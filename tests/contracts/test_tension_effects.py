@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from rom.effects import CATALOGUE, LawChange, Motion
+from rom.effects.observation import tension_reading
 from rom.laws import logistic_loosening, no_loosening, power_loosening
 from rom.parameters.he_2025 import nominal_impact, paper_model
 
@@ -128,3 +129,19 @@ def test_a_reading_in_a_model_leaves_its_motion_alone():
     assert with_it.tension == pytest.approx(without.tension, rel=1e-7)
     x = without.displacement["lo"]
     assert with_it.displacement["lo"] == pytest.approx(x, abs=1e-6 * abs(x).max())
+
+
+def test_the_gauge_shows_the_tension_and_every_reading_of_a_model():
+    model = paper_model()
+    for name in ("tension-follows-displacement-squared", "tension-follows-joint-force", "relaxation-log"):
+        model = CATALOGUE[name].at("tension").added_to(model)
+    response = model.simulate({"lo": nominal_impact(1608.7, 19200, 1.5)}, 19200, 100.0)
+    shown = tension_reading(model, response, impact_s=0.5) - response.tension
+    x = response.displacement["lo"] - response.displacement["so"]
+    v = response.velocity["lo"] - response.velocity["so"]
+    laws = model.link_laws["joint"]
+    force = laws.stiffness(response.tension) * x + laws.damping(response.tension) * v
+    creep = 0.3 * np.log1p(np.maximum(response.time - 0.5, 0.0) / 0.05)
+    assert shown == pytest.approx(2e8 * x**2 + 0.02 * force - creep, abs=1e-12)
+    with pytest.raises(ValueError, match="needs one bolted link, the model has 0"):
+        tension_reading(paper_model().without_bolt(), response)

@@ -1,0 +1,51 @@
+"""From a simulated response to what a gauge shows of it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rom.effects.effect import FloatArray, Motion, Reading
+
+if TYPE_CHECKING:
+    from rom.model import Model
+    from rom.simulation import Response
+
+
+def motion_of(model: Model, response: Response, impact_s: float = 0.0) -> Motion:
+    """Motion of a model's bolted link, and of its bodies, at the samples of a response.
+
+    The link's force is ``k(T) x + c(T) v``, without effects.
+
+    Raises
+    ------
+    ValueError
+        If the model has not one bolted link.
+    """
+    bolted = [link for link in model.structure.links if link.law == "bolted"]
+    if len(bolted) != 1:
+        raise ValueError(f"a reading of the tension needs one bolted link, the model has {len(bolted)}")
+    (link,), laws, tension = bolted, model.link_laws[bolted[0].name], np.asarray(response.tension)
+    still = np.zeros_like(response.time)
+    x, v = (
+        of_body.get(link.first, still) - of_body.get(link.second, still)
+        for of_body in (response.displacement, response.velocity)
+    )
+    force = laws.stiffness(tension) * x + laws.damping(tension) * v
+    return Motion(response.time, impact_s, x, np.asarray(force), response.displacement)
+
+
+def tension_reading(model: Model, response: Response, impact_s: float = 0.0) -> FloatArray:
+    """What the bolt's gauge shows of a response: its tension and all readings of the model [N].
+
+    Raises
+    ------
+    ValueError
+        If the model has not one bolted link.
+    """
+    motion, shown = motion_of(model, response, impact_s), np.asarray(response.tension, dtype=np.float64)
+    for effect in model.effects:
+        if isinstance(effect, Reading):
+            shown = effect.apply(shown, motion)
+    return shown
