@@ -54,7 +54,7 @@ def resimulate(candidate: Candidate, frozen: Frozen, deviations: FloatArray | No
     model = replace(frozen.model, link_laws={**frozen.model.link_laws, link: laws})
     rates = np.exp(np.zeros(len(frozen)) if deviations is None else deviations)
     out = np.empty_like(frozen.change)
-    keys = [(course.body, course.rate_hz, len(course.force)) for course in frozen.courses]
+    keys = [(c.body, c.rate_hz, len(c.force), c.tension_rate_hz) for c in frozen.courses]
     for key in dict.fromkeys(keys):
         index = [i for i, other in enumerate(keys) if other == key]
         courses = [frozen.courses[i] for i in index]
@@ -66,6 +66,13 @@ def resimulate(candidate: Candidate, frozen: Frozen, deviations: FloatArray | No
         means = model.mean_tensions(
             np.stack([course.force for course in courses]), key[1], initial,
             np.stack([course.edges_s for course in courses]), vary, key[0],
+            tension_rate_hz=_common(key[1], key[3]),
         )  # fmt: skip
         out[index] = means - initial[:, None]
     return out
+
+
+def _common(rate_hz: float, tension_rate_hz: float) -> float | None:
+    """The rate of the measured means where the simulation has it too."""
+    ratio = rate_hz / tension_rate_hz
+    return tension_rate_hz if ratio >= 1 and abs(ratio - round(ratio)) < 1e-9 else None

@@ -37,7 +37,8 @@ class TensionBins:
     Attributes
     ----------
     edges_s : ndarray, shape (bins + 1,)
-        From the record's first sample [s].
+        From the record's first sample [s], half a sample before the first of a bin: a mean over samples is
+        then the mean over the time between edges.
     change : ndarray, shape (bins,)
         Mean in the bin minus the mean before [N].
     counts : ndarray, shape (bins,)
@@ -54,6 +55,7 @@ class TensionBins:
     count_before: int
     lag_s: FloatArray
     slope: float
+    rate_hz: float
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,7 @@ class TensionCourse:
     edges_s: FloatArray
     change: FloatArray
     covariance: FloatArray
+    tension_rate_hz: float
     final_window: tuple[float, float]
     final: float
     final_error: float
@@ -150,12 +153,13 @@ def _binned(
     counts = np.diff(places)
     mean_before = (total[last] - total[first]) / (last - first)
     return TensionBins(
-        edges_s,
+        (places - 0.5) / rate,
         np.diff(total[places]) / counts - mean_before,
         counts.astype(float),
         last - first,
         0.5 * (edges_s[1:] + edges_s[:-1]) - 0.5 * (before_s[0] + before_s[1]),
         tension.slope,
+        rate,
     )
 
 

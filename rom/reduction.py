@@ -152,6 +152,7 @@ def tension_courses(
                 edges_s=bins.edges_s,
                 change=bins.change,
                 covariance=covariance,
+                tension_rate_hz=bins.rate_hz,
                 final_window=settings.windows.final_s,
                 final=tensions.final,
                 final_error=float(np.sqrt(covariance[-1, -1])),
