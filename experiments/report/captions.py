@@ -11,12 +11,12 @@ CAPTIONS: dict[str, tuple[str, str]] = {
         "Tension after the hit",
         "Means of the measured tension over bins of time with 95 % limits, and the courses of the first laws "
         "and the paper's, for the preloads nearest to Fig. 15 of He et al. (2025). In the titles: tension "
-        "before the hit (dotted).",
+        "before the hit (dotted). Scatter of the rate from test to test is not followed by any law.",
     ),
     "law-errors": (
         "Error of the loss against preload",
         "Every loosening record under the first laws and the paper's; 100 % is what a bolt that never "
-        "loosens would score. Hollow: records held out.",
+        "loosens would score. Hollow: records held out. Errors beyond the axis are drawn at its edge.",
     ),
     "exponent-profile": (
         "How well the exponent is known",

@@ -24,7 +24,7 @@ from experiments.report.style import (
     styled,
     tension_axis,
 )
-from experiments.report.wording import law_name
+from experiments.report.wording import law_name, set_words
 
 Data = Mapping[str, Any]
 
@@ -35,8 +35,9 @@ _BOARD_ROWS = 10
 _SHOWN_CASES = 6
 _PRINTED_N = (6.4, 21.5, 61.3, 152.7, 317.0, 700.2)  # preloads of He et al. (2025), Fig. 15
 _TERMS = 12
+_DRAWN_PERCENT = (0.1, 1000.0)  # errors beyond are drawn at the edge
 _LINES = ((BLUE, "-"), (GREEN, "--"), (SKY, "-."))
-_MOST_DEVIANCE = 40.0
+_MOST_DEVIANCE = 60.0
 _CHI2_95 = 3.841459
 
 
@@ -175,14 +176,19 @@ def _course(ax: Axes, case: Data, names: Sequence[str]) -> None:
     ax.axhline(initial, color=BACKGROUND, lw=0.6, ls=":", label="Before the hit")
     ax.errorbar(time, initial + change, error, fmt="o", color=MEASURED, markersize=2.5, elinewidth=0.6,
                 label="Measured, 95 % limits", zorder=3)  # fmt: skip
+    shown = [initial, *(initial + change - error), *(initial + change + error)]
     for place, name in enumerate(names):
         predicted = (case.get("laws") or {}).get(name)
         if predicted is not None:
             style = _LINES[min(place, 2)][1]
             ax.plot(time, initial + np.asarray(predicted, dtype=float), style, color=_colour(name, place + 1),
                     label=law_name(name, 34))  # fmt: skip
+    low, high = float(np.min(shown)), float(np.max(shown))
+    margin = high - low  # a law far off does not flatten the measured course
+    bottom, top = ax.get_ylim()
+    ax.set_ylim(max(bottom, low - margin), min(top, high + 0.3 * margin))
     ax.set_xscale("log")
-    ax.set_title(f"{initial:.4g} N" + (", held out" if case.get("hold_out") else ""))
+    ax.set_title(f"{initial:.3g} N" + (", held out" if case.get("hold_out") else ""))
     ax.ticklabel_format(axis="y", useOffset=False)
     ax.yaxis.set_major_locator(MaxNLocator(4))
 
@@ -195,20 +201,21 @@ def errors_over_preload(data: Data) -> Figure:
     cases, names = _cases(data), drawn_laws(data)
     tension = np.array([_tension(case) for case in cases])
     ax.axhline(100.0, color=BACKGROUND, lw=0.6, label="No loosening")
-    lowest = 100.0
+    lowest = highest = 100.0
     for place, name in enumerate(names):
         error = np.array([_loss_error(case, name) for case in cases])
         there = np.isfinite(error) & (tension > 0)
         held = np.array([bool(case.get("hold_out")) for case in cases])
         for chosen, face, label in ((there & ~held, _colour(name, place + 1), law_name(name, 34)),
                                     (there & held, "none", None)):  # fmt: skip
-            ax.plot(tension[chosen], np.maximum(error[chosen], 0.1), "oDs"[min(place, 2)],
+            ax.plot(tension[chosen], np.clip(error[chosen], *_DRAWN_PERCENT), "oDs"[min(place, 2)],
                     color=_colour(name, place + 1), markerfacecolor=face, markersize=3.0,
                     markeredgewidth=0.7, label=label)  # fmt: skip
-        lowest = min([lowest, *error[there]])
+        lowest, highest = min([lowest, *error[there]]), max([highest, *error[there]])
     tension_axis(ax, tension, "Initial tension [N]")
     ax.set_yscale("log")
-    ax.set_ylim(max(0.5 * lowest, 0.08), None)
+    least, most = _DRAWN_PERCENT
+    ax.set_ylim(0.8 * max(0.7 * lowest, least), min(1.3 * max(highest, 100.0), 1.2 * most))
     _plain_decades(ax.yaxis)
     ax.set_ylabel("Error of loss [%]")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
@@ -221,9 +228,12 @@ def _loss_error(case: Data, name: str) -> float:
 
 
 def _profiles(data: Data) -> list[tuple[str, Data]]:
-    named = (("Power of the relative velocity [1]", "exponent_profile"),
-             ("Share of displacement in the exponent [1]", "displacement_profile"))  # fmt: skip
-    return [(label, data[key]) for label, key in named if len((data.get(key) or {}).get("values") or ()) > 1]
+    motion = data.get("motion_profile") or {}
+    named = (
+        ("Power of the relative velocity [1]", data.get("exponent_profile") or {}),
+        ("Power $q$ of the displacement in $|v|^n |x|^q$ [1]", motion.get("displacement") or {}),
+    )
+    return [(label, profile) for label, profile in named if len(profile.get("values") or ()) > 1]
 
 
 @styled
@@ -234,26 +244,41 @@ def profiles(data: Data) -> Figure:
     for ax, (label, profile) in zip(axes[:, 0], shown, strict=True):
         _profile(ax, profile)
         ax.set_xlabel(label)
-    axes[0, 0].legend(loc="upper center")
     return figure
 
 
 def _profile(ax: Axes, profile: Data) -> None:
-    pairs = [(x, y) for x, y in zip(profile["values"], profile["delta_bic"], strict=True) if y is not None]
-    value, rise = np.array(pairs, dtype=float).T
-    order = np.argsort(value)
-    value, rise = value[order], rise[order] - rise.min()
+    value, rise = _curve(profile)
     level = float(profile.get("level") or _CHI2_95)
-    ax.axhline(level, color=BACKGROUND, lw=0.6, ls="--")
     low, high = profile.get("low"), profile.get("high")
+    ax.axhline(level, color=BACKGROUND, lw=0.6, ls="--")
     if low is not None and high is not None:
-        ax.axvspan(low, high, color=VERMILLION, alpha=0.18, lw=0, label=f"95 % set: {low:.3g} to {high:.3g}")
-    ax.plot(value, rise, "o-", color=BLUE, markersize=2.5, label="Rise over the best")
-    near = value[rise <= _MOST_DEVIANCE]
-    margin = 0.06 * (near.max() - near.min()) or 0.5
-    ax.set_xlim(max(near.min() - margin - 0.3, value.min() - margin), near.max() + margin + 0.3)
-    ax.set_ylim(-1.0, min(max(1.15 * rise.max(), 3 * level), _MOST_DEVIANCE))
-    ax.set_ylabel("$\\Delta$BIC [1]")
+        ax.axvspan(low, high, color=VERMILLION, alpha=0.18, lw=0)
+        ax.set_title(f"95 % set: {set_words(profile)}")
+    ax.plot(value, rise, "o-", color=BLUE, markersize=2.5)
+    most = min(max(1.2 * float(rise.max()), 2 * level), max(_MOST_DEVIANCE, 10 * level))
+    near = np.flatnonzero(rise <= most)
+    ax.set_xlim(value[max(near.min() - 1, 0)] - 0.1, value[min(near.max() + 1, len(value) - 1)] + 0.1)
+    # The root of the rise is nearly straight in the exponent.
+    ax.set_yscale("function", functions=(lambda y: np.sqrt(np.maximum(y, 0.0)), np.square))
+    ax.set_yticks([tick for tick in (0, 5, 20, 50, 100, 200, 500, 1000, 5000) if tick <= most])
+    ax.set_ylim(0.0, most)
+    ax.set_ylabel("Rise of $-2\\,\\ln L$ [1]")
+
+
+def _curve(profile: Data) -> tuple[FloatArray, FloatArray]:
+    """Return values and rises in order, with the best value and the ends of the set where they are known."""
+    known = profile.get("deviance") or profile["delta_bic"]
+    points = {float(x): float(y) for x, y in zip(profile["values"], known, strict=True) if y is not None}
+    if profile.get("best") is not None:
+        points[float(profile["best"])] = 0.0
+    reach, level = str(profile.get("reach") or ""), float(profile.get("level") or _CHI2_95)
+    ends = {"low": ("identified", "open above"), "high": ("identified", "open below")}
+    for end, bounded in ends.items():
+        if reach in bounded and profile.get(end) is not None:
+            points[float(profile[end])] = level
+    value, rise = np.array(sorted(points.items())).T
+    return value, rise - rise.min()
 
 
 def _front_points(data: Data) -> FloatArray:

@@ -29,7 +29,7 @@ _SHOWN = {
               "windows", "sampling"},
     "reproduction": {"rows"},
     "ranking": {"laws", "cases", "considered", "indistinguishable", "proposals", "exponent_profile",
-                "displacement_profile", "inclusion", "considered_laws"},
+                "motion_profile", "inclusion", "considered_laws"},
     "closure": {"verdict"},
 }  # fmt: skip
 _PLACES = (("stiffness", "k"), ("damping", "c"), ("tension_rate", "T"))

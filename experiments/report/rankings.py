@@ -11,7 +11,7 @@ from markupsafe import Markup
 from experiments.report import equations
 from experiments.report.answers import Answer, Headline
 from experiments.report.tables import Table, parameter_rows
-from experiments.report.wording import NONE, law_name, number, trimmed, with_limits
+from experiments.report.wording import NONE, law_name, number, set_words, trimmed
 
 Data = Mapping[str, Any]
 
@@ -83,7 +83,7 @@ def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
         named = ", ".join(f"“{law_name(name)}”" for name in equals[:_NAMED])
         more = f" and {len(equals) - _NAMED} more" if len(equals) > _NAMED else ""
         yield f"Not told apart from it: {named}{more}."
-    yield from _on_profile(data.get("exponent_profile"))
+    yield from _on_profiles(data)
     yield from _on_proposals(data.get("proposals"))
     if data.get("considered"):
         yield f"{data['considered']} candidate laws were considered; {len(laws)} of them are ranked below."
@@ -101,12 +101,24 @@ def _on_errors(best: Data, laws: Sequence[Data]) -> Iterator[str]:
     yield "; ".join([text, ", ".join(against)] if against else [text]) + "."
 
 
-def _on_profile(profile: object) -> Iterator[str]:
-    if not isinstance(profile, Mapping) or profile.get("best") is None:
-        return
-    value, limits = with_limits(profile["best"], profile.get("low"), profile.get("high"))
-    known = f" (95 %: {limits})" if limits != NONE else ""
-    yield f"As a power of the relative velocity, loosening goes with exponent {value}{known}."
+_DRIVERS = {
+    "velocity": "Velocity drives the loosening; displacement is not needed beside it.",
+    "displacement": "Displacement drives the loosening; velocity is not needed beside it.",
+    "both": "Velocity and displacement both act.",
+    "undecided": "Whether velocity or displacement drives the loosening, these records cannot tell.",
+}
+
+
+def _on_profiles(data: Data) -> Iterator[str]:
+    profile, motion = data.get("exponent_profile"), data.get("motion_profile")
+    if isinstance(profile, Mapping) and profile.get("best") is not None:
+        value = trimmed(number(profile["best"], 3))
+        yield (
+            f"As a power of the relative velocity, loosening goes with exponent {value} "
+            f"(95 % set: {set_words(profile)})."
+        )
+    if isinstance(motion, Mapping) and motion.get("driver") in _DRIVERS:
+        yield _DRIVERS[str(motion["driver"])]
 
 
 def _on_proposals(proposals: object) -> Iterator[str]:

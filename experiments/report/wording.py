@@ -79,10 +79,29 @@ def trimmed(shown: str) -> str:
     return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + times + power
 
 
+def set_words(profile: Mapping[str, object]) -> str:
+    """Return the 95 % set of a profiled exponent in words; an end that its range cuts is open."""
+    low, high = (trimmed(number(profile.get(end), 3)) for end in ("low", "high"))
+    reach = str(profile.get("reach") or "identified")
+    words = {"open below": f"{high} at most", "open above": f"{low} at least"}
+    return words.get(reach, f"{low} to {high}" if reach == "identified" else f"open, {low} to {high} all do")
+
+
 _LAW_WORDS = {"gamma(T) baseline": "γ(T), the paper's law"}
+_NUMBER = r"[\w.+-]+"
+_LAW_PATTERNS = (
+    (rf"T 10\^\(-{_NUMBER} / \(1 \+ exp\({_NUMBER} T\)\)\)", "γ(T) T"),  # the shape of the paper's Eq. 13
+    (r"abs\((\w)\)", r"|\1|"),
+    (r"abs\((\w) (\w)\)", r"|\1 \2|"),
+    (r"\bgamma\b", "γ"),
+    (r"\brho\b", "ρ"),
+    ("-", "−"),
+)
 
 
-def law_name(name: str, most: int = 60) -> str:
+def law_name(name: str, most: int = 70) -> str:
     """Return the name of a tension law for people, cut where it is longer than `most` characters."""
-    shown = _LAW_WORDS.get(name) or re.sub(r"\bgamma\b", "γ", name).replace("**", "^").replace("-", "−")
+    shown = _LAW_WORDS.get(name, name)
+    for pattern, words in _LAW_PATTERNS:
+        shown = re.sub(pattern, words, shown)
     return shown if len(shown) <= most else shown[: most - 1].rstrip() + "…"

@@ -99,7 +99,16 @@ def cases() -> list[dict[str, Any]]:
 
 def ranking() -> dict[str, Any]:
     power = np.arange(1.0, 7.01, 0.25)
-    share = np.linspace(0.0, 1.0, 9)
+    share = np.linspace(0.0, 4.0, 9)
+    profile = {
+        "values": list(power),
+        "delta_bic": list(120 * (power - 4.02) ** 2 / (1 + 0.1 * power)),
+        "best": 4.02, "low": 3.8, "high": 4.25, "reach": "identified", "level": 3.84,
+    }  # fmt: skip
+    displacement = {
+        "values": list(share), "delta_bic": list(30 * share**1.5), "best": 0.05, "low": 0.0, "high": 0.21,
+        "reach": "open below", "level": 3.84,
+    }  # fmt: skip
     return {
         "format": "boltlaw-ranking/1",
         "campaign": "made by hand",
@@ -107,11 +116,8 @@ def ranking() -> dict[str, Any]:
         "seed": 0,
         "elapsed_s": 100.0,
         "laws": laws(),
-        "exponent_profile": {"values": list(power),
-                             "delta_bic": list(120 * (power - 4.02) ** 2 / (1 + 0.1 * power)), "low": 3.8,
-                             "high": 4.25, "best": 4.02, "level": 3.84},
-        "displacement_profile": {"values": list(share), "delta_bic": list(300 * share**1.5), "low": 0.0,
-                                 "high": 0.06, "best": 0.0, "level": 3.84},
+        "exponent_profile": profile,
+        "motion_profile": {"driver": "velocity", "displacement": displacement, "velocity": profile},
         "indistinguishable": ["|D v|^n T exp(-T/T_s)"],
         "proposals": [
             {"peak_force_n": 400.0, "pulse_s": 0.0021, "preload_n": 150.0, "expected_gain": 14.2,

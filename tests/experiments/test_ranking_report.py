@@ -13,7 +13,7 @@ import pytest
 from experiments.report import rankings
 from experiments.report.discovery import discovery_figures, drawn_laws, nearest_cases
 from experiments.report.style import COLUMN_MM, save
-from experiments.report.wording import law_name
+from experiments.report.wording import law_name, set_words
 from experiments.studies import report
 from tests.experiments.sound_ranking import BASELINE, WINNER, law, laws, ranking
 
@@ -46,7 +46,7 @@ def test_a_ranking_gives_every_figure_one_column_wide_with_units(tmp_path: Path)
         ("laws", {"law-leader-board", "accuracy-complexity"}),
         ("cases", {"law-trajectories", "law-errors"}),
         ("inclusion", {"term-inclusion"}),
-        ("displacement_profile", set()),
+        ("motion_profile", set()),
         ("exponent_profile", set()),
         ("proposals", set()),
     ],
@@ -90,14 +90,22 @@ def test_figures_over_cases_draw_the_first_laws_and_always_the_papers() -> None:
     assert drawn_laws(data) == [BASELINE]
 
 
-def test_the_profile_shows_its_set() -> None:
-    data = ranking()
-    (text,) = [
-        label
-        for label in discovery_figures(data)["exponent-profile"].axes[0].get_legend_handles_labels()[1]
-        if "95 %" in label
-    ]
-    assert text == "95 % set: 3.8 to 4.25"
+def test_the_profile_shows_its_sets() -> None:
+    axes = discovery_figures(ranking())["exponent-profile"].axes
+    assert [ax.get_title(loc="left") for ax in axes] == ["95 % set: 3.8 to 4.25", "95 % set: 0.21 at most"]
+
+
+@pytest.mark.parametrize(
+    ("reach", "words"),
+    [
+        ("identified", "3.8 to 4.25"),
+        ("open below", "4.25 at most"),
+        ("open above", "3.8 at least"),
+        ("not identifiable", "open, 3.8 to 4.25 all do"),
+    ],
+)
+def test_an_open_set_is_called_open(reach: str, words: str) -> None:
+    assert set_words({"low": 3.8, "high": 4.25, "reach": reach}) == words
 
 
 def verdict(**changes: Any) -> tuple[str, bool | None]:
@@ -157,7 +165,7 @@ def test_the_page_answers_first_and_shows_every_table(tmp_path: Path) -> None:
         "how sure is that?",
         "nearer than the paper's law on 44 of 58 records",
         "off by 12.6\u00a0% (median)",
-        "exponent 4.02 (95\u00a0%: 3.80 to 4.25)",
+        "exponent 4.02 (95\u00a0% set: 3.8 to 4.25)",
         "a hit of 400 N peak and 2.1 ms at a preload of 150 N",
         "2310 candidate laws were considered",
         "Laws of loosening, ranked by re-simulation",
