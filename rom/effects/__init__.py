@@ -112,9 +112,16 @@ def candidates(
         Only members that are marked as core.
     """
     return tuple(
-        (member, member.at(enters, ground=kind == "ground"))
+        (member, _with_stiffness(member, member.at(enters, ground=kind == "ground"), model))
         for member in CATALOGUE.values()
         if member.core or not core
         for enters, kind in places(model, channels).items()
         if kind in member.places
     )
+
+
+def _with_stiffness(member: Member, effect: Added, model: Model) -> Added:
+    """The effect with those parameters that are the stiffness law's own."""
+    laws = model.link_laws.get(effect.enters)
+    law = laws.stiffness.parameters if laws is not None else {}
+    return effect.with_values(**{name: law[name].value for name in member.of_stiffness if name in law})

@@ -54,7 +54,7 @@ def _lugre(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
     u = min(abs(v) / p[3], 20.0)
-    g = max(p[1] * T * (1.0 + p[2] * math.exp(-u * u)), p[0] * k * 3e-7)
+    g = max(p[1] * T * (1.0 + p[2] * math.exp(-u * u)), p[0] * k * 3e-7, 1e-12)
     ds[0] = p[0] * k * abs(v) * (x - s[0]) / g if p[0] > 0.0 else 0.0
     return p[0] * (p[4] * (v - ds[0]) - k * s[0])
 
@@ -126,7 +126,7 @@ MEMBERS = (
         passive=True,
         ground={
             "kappa": parameter(0.1, "1", 0.0, 0.95),
-            "F_s": parameter(0.3, "N", 0.0, 100.0),
+            "F_s": parameter(0.1, "N", 0.0, 100.0),
             "mu": parameter(0.0, "1", 0.0, 0.4),
         },
     ),
@@ -153,7 +153,7 @@ MEMBERS = (
     Member(
         "lugre",
         ("joint",),
-        "u = min(abs(v) / v_s, 20); g = max(mu * T * (1 + rise * exp(-u * u)), kappa * k * 3e-7); "
+        "u = min(abs(v) / v_s, 20); g = max(mu * T * (1 + rise * exp(-u * u)), kappa * k * 3e-7, 1e-12); "
         "w = kappa * k * abs(v) * (x - z1) / g; F = kappa * (sigma * (v - w) - k * z1); dz1/dt = w",
         {
             "kappa": parameter(0.5, "1", 0.0, 0.9),

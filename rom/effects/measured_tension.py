@@ -104,7 +104,7 @@ MEMBERS = (
         "F = b * x ** 2",
         {"b": parameter(2e8, "N/m2", -1e10, 1e10)},
         {"b": 1e7},
-        ("tension at twice the frequency", "net tightening"),
+        ("tension at twice the frequency",),
         f"He et al. (2025), section 2.4; {_GAUGE}",
         _follows_square,
     ),

@@ -56,6 +56,8 @@ class Member:
         Parameters that differ where it enters a link to ground.
     by_record : tuple of str
         Parameters that are a record's own, such as a phase.
+    of_stiffness : tuple of str
+        Parameters that are those of the link's own stiffness law, where it has them.
     """
 
     name: str
@@ -74,6 +76,7 @@ class Member:
     core: bool = True
     ground: Mapping[str, Parameter] = field(default_factory=dict)
     by_record: tuple[str, ...] = ()
+    of_stiffness: tuple[str, ...] = ()
 
     @property
     def kind(self) -> Literal["force", "tension rate", "measured tension", "sensor"]:
@@ -141,12 +144,13 @@ class Member:
             for point in product(*self.inner.values())
         ]
         least = {name: there(name, value) for name, value in self.strengths.items()}
-        return tuple(
-            effect.with_values(**{**none, **point, name: value})
+        probes = {
+            tuple(probe.values): probe
             for point in grid
             for name, value in least.items()
-            if value
-        )
+            if (probe := effect.with_values(**{**none, **point, name: value})) and value
+        }
+        return tuple(probes.values())
 
 
 def parameter(value: float, unit: str, low: float, high: float) -> Parameter:

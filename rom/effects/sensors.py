@@ -184,7 +184,7 @@ MEMBERS = (
         "y = y_true + b",
         {"b": parameter(0.1, "m/s2", -5.0, 5.0)},
         {"b": 0.02},
-        ("offset",),
+        ("acceleration offset",),
         "offset of an amplifier",
         _biased,
         _unbiased,

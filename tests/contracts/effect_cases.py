@@ -2,6 +2,7 @@
 
 import re
 from ctypes import CFUNCTYPE, POINTER, c_double
+from functools import reduce
 from math import prod
 
 import numpy as np
@@ -10,8 +11,8 @@ from rom.effects import CATALOGUE, Member
 
 _KERNEL = CFUNCTYPE(c_double, *[c_double] * 6, *[POINTER(c_double)] * 4)
 _WORDS = {
-    "abs": np.abs, "cos": np.cos, "exp": np.exp, "log": np.log, "max": np.maximum, "min": np.minimum,
-    "pi": np.pi, "sign": np.sign, "sin": np.sin, "sqrt": np.sqrt, "step": lambda y: 1.0 * (y > 0),
+    "abs": np.abs, "cos": np.cos, "exp": np.exp, "log": np.log,
+    "max": lambda *y: reduce(np.maximum, y), "min": np.minimum, "pi": np.pi, "sign": np.sign, "sin": np.sin, "sqrt": np.sqrt, "step": lambda y: 1.0 * (y > 0),
     "tanh": np.tanh, "where": np.where,
 }  # fmt: skip
 # numbers in equations that carry a unit

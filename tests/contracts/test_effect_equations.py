@@ -1,5 +1,7 @@
 """Every effect: equation and machine code agree, units are consistent, no strength is no effect."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,18 @@ def test_a_force_without_strength_is_exactly_zero(member):
         assert compiled(effect, *arguments(rng).values(), states(member, rng))[0] == 0.0
         given = {**arguments(rng), "T": 0.0}
         assert compiled(effect, *given.values(), states(member, rng))[0] == 0.0
+
+
+@pytest.mark.parametrize("member", FORCES, ids=name_of)
+def test_no_motion_makes_a_force_that_is_no_number(member):
+    s = [0.0] * len(member.state_units)
+    for ground in (False, True):
+        for bound in (0, 1):
+            p = {name: q.bounds[bound] for name, q in member.at("joint", ground=ground).parameters.items()}
+            effect = member.at("joint", ground=ground).with_values(**p)
+            for x, v, T, k in itertools.product((0.0, -10.0, 1e3), (0.0, 1e3, -1e5), (0.0, 1e6), (0.0, 1e9)):
+                force, rates, _ = compiled(effect, 1.0, x, v, T, k, 1e4, s)
+                assert np.isfinite([force, *rates]).all(), (p, x, v, T, k)
 
 
 def rate_arguments(rng) -> dict[str, float]:

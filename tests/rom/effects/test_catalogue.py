@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from rom.effects import (
     places,
     register,
 )
-from rom.laws import Parameter
+from rom.laws import Parameter, logistic_stiffness
 from rom.parameters.he_2025 import nominal_impact, paper_model
 
 CHANNELS = ("force_lo", "acceleration_lo", "acceleration_so", "strain")
@@ -87,6 +88,24 @@ def test_probes_are_weak_one_strength_at_a_time_over_the_grid():
     member, effect = next(p for p in candidates(paper_model()) if p[0].name == "two-sided-gap")
     deltas = [probe.parameters["delta"].value for probe in member.probes(effect)]
     assert deltas == pytest.approx([1e-4, 3e-4, 6e-4, 1e-3])  # a flexure moves ten times as far as the joint
+
+
+def test_the_oscillating_stiffness_goes_along_the_law_of_its_joint():
+    law = logistic_stiffness(8e5, -0.03, 15.0)
+    joint = replace(paper_model().link_laws["joint"], stiffness=law)
+    model = replace(paper_model(), link_laws={**paper_model().link_laws, "joint": joint})
+    effect = next(e for m, e in candidates(model) if m.name == "oscillating-tension-stiffness")
+    assert effect.parameters["alpha"].value == -0.03
+    assert effect.parameters["beta"].value == 15.0
+
+
+def test_an_effects_parameters_vary_in_the_fast_path():
+    model = CATALOGUE["coulomb-friction"].at("joint").added_to(paper_model())
+    forces = np.tile(nominal_impact(1600.0, 19200, 1.0), (2, 1))
+    both = model.final_tension(forces, 19200, [60.0, 60.0], {"joint.coulomb-friction.F_c": [0.0, 5.0]})
+    one = model.with_values({"joint.coulomb-friction.F_c": 5.0}).final_tension(forces[:1], 19200, [60.0])
+    assert both[1] == pytest.approx(one[0], rel=1e-9)
+    assert both[1] - both[0] > 0.1
 
 
 def test_look_alikes_share_a_class():
