@@ -55,7 +55,7 @@ def register(*members: Member) -> None:
             raise ValueError(f"an effect's name must be new to the catalogue, got {member.name!r}")
 
 
-for _module in sorted(info.name for info in iter_modules(__path__)):
+for _module in sorted(info.name for info in iter_modules(__path__) if not info.name.startswith("_")):
     register(*getattr(import_module(f"{__name__}.{_module}"), "MEMBERS", ()))
 
 
@@ -92,8 +92,8 @@ def places(model: Model, channels: Iterable[str] = ()) -> Mapping[str, str]:
     if structure.bolted_links:
         found["tension"] = "tension"
     for channel in channels:
-        quantity = "tension" if channel == "strain" else channel.partition("_")[0]
-        found[f"sensor:{channel}"] = f"sensor:{quantity}"
+        shown = "tension" if channel == "strain" else channel  # a gauge's faults are told as tension
+        found[f"sensor:{shown}"] = f"sensor:{shown.partition('_')[0]}"
     return found
 
 

@@ -47,7 +47,7 @@ def _follows_body(motion: Motion, p: Numbers) -> FloatArray:
 
 _SLOW = ("slow tension",)
 _IN_PHASE = ("tension in phase with motion",)
-_GAUGE = "Sakai, J. Jpn. Res. Inst. Adv. Mach. (2011): bending of the bolt seen by its gauge"
+_GAUGE = "Sakai, JMMP 5, 627 (2011): bending of the bolt seen by its gauge"
 
 MEMBERS = (
     Member(

@@ -11,10 +11,19 @@ from rom.effects import CATALOGUE, Member
 
 _KERNEL = CFUNCTYPE(c_double, *[c_double] * 6, *[POINTER(c_double)] * 4)
 _WORDS = {
-    "abs": np.abs, "cos": np.cos, "exp": np.exp, "log": np.log,
-    "max": lambda *y: reduce(np.maximum, y), "min": np.minimum, "pi": np.pi, "sign": np.sign, "sin": np.sin, "sqrt": np.sqrt, "step": lambda y: 1.0 * (y > 0),
-    "tanh": np.tanh, "where": np.where,
-}  # fmt: skip
+    "abs": np.abs,
+    "cos": np.cos,
+    "exp": np.exp,
+    "log": np.log,
+    "max": lambda *values: reduce(np.maximum, values),
+    "min": np.minimum,
+    "pi": np.pi,
+    "sign": np.sign,
+    "sin": np.sin,
+    "step": lambda y: 1.0 * (y > 0),
+    "tanh": np.tanh,
+    "where": np.where,
+}
 # numbers in equations that carry a unit
 _LITERALS = {"1e-4": "m", "0.05": "m/s", "2e-4": "s", "3e-7": "m", "100": "N"}
 _BASE = {

@@ -28,7 +28,7 @@ from rom.laws import Parameter, logistic_stiffness
 from rom.parameters.he_2025 import nominal_impact, paper_model
 
 CHANNELS = ("force_lo", "acceleration_lo", "acceleration_so", "strain")
-GUIDE = Path(__file__).parents[3] / "docs" / "own-effect.md"
+DOCS = Path(__file__).parents[3] / "docs"
 
 
 @pytest.mark.parametrize("member", CATALOGUE.values(), ids=lambda member: member.name)
@@ -62,7 +62,7 @@ def test_a_member_at_a_place_is_of_its_kind():
 def test_candidates_are_effects_times_places():
     found = {(member.name, effect.enters) for member, effect in candidates(paper_model(), CHANNELS)}
     assert {("cubic-stiffness", "flexure_so"), ("cubic-stiffness", "joint")} <= found
-    assert {("extra-mode", "body:so"), ("tightening", "tension"), ("tension-skew", "sensor:strain")} <= found
+    assert {("extra-mode", "body:so"), ("tightening", "tension"), ("tension-skew", "sensor:tension")} <= found
     assert {("hum", "sensor:acceleration_lo"), ("force-gain", "sensor:force_lo")} <= found
     assert not {("tension-dependent-stiffness", "joint"), ("contact-stiffness", "flexure_lo")} & found
     assert not any(name in ("lugre", "iwan-slip") for name, _ in found)
@@ -164,7 +164,9 @@ def test_a_free_form_force_is_its_equation():
 
 
 def test_an_effect_of_ones_own_is_added_by_one_file(tmp_path, monkeypatch):
-    source, use = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
+    source, use = re.findall(
+        r"```python\n(.*?)```", (DOCS / "own-effect.md").read_text(encoding="utf-8"), re.DOTALL
+    )
     path = tmp_path / "clamp_rocking.py"
     path.write_text(source, encoding="utf-8")
     spec = importlib.util.spec_from_file_location("clamp_rocking", path)
@@ -179,3 +181,10 @@ def test_an_effect_of_ones_own_is_added_by_one_file(tmp_path, monkeypatch):
         assert np.isfinite(names["response"].displacement["lo"]).all()
     finally:
         rom.effects._members.pop("clamp-rocking", None)
+
+
+def test_the_printed_catalogue_is_current(capsys):
+    from rom.effects.__main__ import main
+
+    main()
+    assert capsys.readouterr().out == (DOCS / "effects.md").read_text(encoding="utf-8")
