@@ -7,11 +7,12 @@ from rom.laws import Parameter
 
 _HEAD = """# The catalogue of effects
 
-Printed by `python -m rom.effects`. What a model may lack: each effect with the places where it can enter, its
-equation, and its parameters: default, range, unit. In an equation `F` is a force that pulls the first body
-back, or what is added to a reading; `z1` an internal state; `rate` the rate of the tension law that is
-changed, and `follow` its dependence on tension, 1 at 100 N. All parameters in bold at zero: no effect, exactly.
-A star marks the core, which an attribution must be able to find. How to add one: [own-effect.md](own-effect.md).
+Printed by `python -m rom.effects`. What a model may lack: each effect with the places where it can enter,
+its equation, and its parameters: default, range, unit. In an equation `F` is a force that pulls the first
+body back, or what is added to a reading; `z1` an internal state; `rate` the rate of the tension law that is
+changed, and `follow` its dependence on tension, 1 at 100 N. All parameters in bold at zero: no effect,
+exactly. A star marks the core, which an attribution must be able to find. How to add one:
+[own-effect.md](own-effect.md).
 """
 _COLUMNS = "| name | enters | equation | parameters | look-alikes | source |"
 _TITLES = {
