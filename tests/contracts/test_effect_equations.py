@@ -170,3 +170,31 @@ def test_an_equation_means_the_same_in_other_units(member):
         for i, of_state in enumerate(member.state_units):
             rate = f"dz{i + 1}/dt"
             assert there[rate] == pytest.approx(here[rate] * scale_of(of_state) / scale_of("s"), rel=1e-9)
+
+
+@pytest.mark.parametrize("member", FORCES, ids=name_of)
+def test_linear_in_its_strengths_means_linear(member):
+    rng, once, twice = np.random.default_rng(9), [], []
+    for _ in range(20):
+        p, given, s = drawn(member, rng), {**arguments(rng), "k": 1e6}, states(member, rng)
+        strengths = {name: 0.4 * p[name] for name in member.strengths}
+        weak = member.at("joint").with_values(**{**p, **strengths})
+        strong = member.at("joint").with_values(**{**p, **{name: 2 * v for name, v in strengths.items()}})
+        (force, rates, _), (double, others, _) = (compiled(e, *given.values(), s) for e in (weak, strong))
+        once += [2 * force, *rates]
+        twice += [double, *others]
+    assert (np.allclose(once, twice, rtol=1e-9, atol=0.0)) is member.linear
+
+
+@pytest.mark.parametrize("member", RATES, ids=name_of)
+def test_linear_in_its_strengths_means_linear_in_the_rate(member):
+    rng, changes = np.random.default_rng(10), []
+    for _ in range(10):
+        p, given = drawn(member, rng), tuple(rate_arguments(rng).values())
+        strengths = {name: 0.4 * p[name] for name in member.strengths}
+        for factor in (1.0, 2.0):
+            values = {**p, **{name: factor * value for name, value in strengths.items()}}
+            law = member.at("tension").with_values(**values).changed(LAW)
+            changes.append(float(law.rate(*given)) - float(LAW.rate(*given)))
+    once, twice = np.array(changes[::2]), np.array(changes[1::2])
+    assert bool(np.allclose(2 * once, twice, rtol=1e-5, atol=1e-9)) is member.linear
