@@ -183,7 +183,7 @@ class Reading(Effect):
         return np.asarray(measured, dtype=np.float64) - self.added(motion)
 
 
-Samples = Callable[[FloatArray, float, Numbers], FloatArray]
+Samples = Callable[..., FloatArray]
 
 
 @dataclass(frozen=True)
@@ -193,21 +193,45 @@ class SensorFault(Added):
     Parameters
     ----------
     fault, cure : callable
-        ``f(samples, rate_hz, p) -> samples``: from what is true to what the channel shows, and back.
+        ``f(samples, rate_hz, p) -> samples``: from what is true to what the channel shows, and back; with
+        the samples of another channel as fourth argument where ``other`` names one.
+    other : str
+        Kind of channel that disturbs this one: its quantity, on another body; empty for none.
     """
 
     fault: Samples = field(repr=False)
     cure: Samples = field(repr=False)
+    other: str = ""
 
     @property
     def channel(self) -> str:
         """The channel, such as ``"acceleration_so"``."""
         return self.enters.partition(":")[2]
 
-    def apply(self, samples: npt.ArrayLike, rate_hz: float) -> FloatArray:
-        """What the channel shows of true ``samples``, shape (samples,)."""
-        return self.fault(np.asarray(samples, dtype=np.float64), rate_hz, self._numbers)
+    def apply(self, samples: npt.ArrayLike, rate_hz: float, other: npt.ArrayLike | None = None) -> FloatArray:
+        """What the channel shows of true ``samples``, shape (samples,); ``other`` are those that disturb it.
 
-    def remove(self, samples: npt.ArrayLike, rate_hz: float) -> FloatArray:
+        Raises
+        ------
+        ValueError
+            If the fault needs samples of another channel and none are given.
+        """
+        return self._run(self.fault, samples, rate_hz, other)
+
+    def remove(
+        self, samples: npt.ArrayLike, rate_hz: float, other: npt.ArrayLike | None = None
+    ) -> FloatArray:
         """The true signal behind shown ``samples``; inverse of ``apply`` but for what the fault destroys."""
-        return self.cure(np.asarray(samples, dtype=np.float64), rate_hz, self._numbers)
+        return self._run(self.cure, samples, rate_hz, other)
+
+    def _run(
+        self, function: Samples, samples: npt.ArrayLike, rate_hz: float, other: npt.ArrayLike | None
+    ) -> FloatArray:
+        given = np.asarray(samples, dtype=np.float64)
+        if not self.other:
+            return function(given, rate_hz, self._numbers)
+        if other is None:
+            raise ValueError(
+                f"{self.name} in {self.channel} needs the {self.other} of another body, got none"
+            )
+        return function(given, rate_hz, self._numbers, np.asarray(other, dtype=np.float64))

@@ -58,6 +58,8 @@ class Member:
         Parameters that are a record's own, such as a phase.
     of_stiffness : tuple of str
         Parameters that are those of the link's own stiffness law, where it has them.
+    other : str
+        Of a sensor's fault: the kind of channel, of another body, that disturbs it.
     """
 
     name: str
@@ -77,6 +79,7 @@ class Member:
     ground: Mapping[str, Parameter] = field(default_factory=dict)
     by_record: tuple[str, ...] = ()
     of_stiffness: tuple[str, ...] = ()
+    other: str = ""
 
     @property
     def kind(self) -> Literal["force", "tension rate", "measured tension", "sensor"]:
@@ -112,7 +115,7 @@ class Member:
             return LawChange(*head)
         if self.kind == "sensor":
             assert self.cure is not None
-            return SensorFault(*head, self.function, self.cure)
+            return SensorFault(*head, self.function, self.cure, self.other)
         if self.kind == "measured tension":
             return Reading(*head, reading=self.function)
         return Effect(*head, self.function, len(self.state_units))

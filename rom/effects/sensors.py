@@ -85,6 +85,14 @@ def _unbiased(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  #
     return samples - p[0]
 
 
+def _crossed(samples: FloatArray, rate_hz: float, p: Numbers, other: FloatArray) -> FloatArray:  # noqa: ARG001
+    return samples + p[0] * other
+
+
+def _uncrossed(samples: FloatArray, rate_hz: float, p: Numbers, other: FloatArray) -> FloatArray:  # noqa: ARG001
+    return samples - p[0] * other
+
+
 _GAIN = {"g": parameter(0.03, "1", -0.5, 0.5)}
 
 MEMBERS = (
@@ -188,5 +196,18 @@ MEMBERS = (
         "offset of an amplifier",
         _biased,
         _unbiased,
+    ),
+    Member(
+        "cross-axis",
+        ("sensor:acceleration",),
+        "y = y_true + epsilon * y_other",
+        {"epsilon": parameter(0.02, "1", -0.2, 0.2)},
+        {"epsilon": 0.01},
+        ("cross-axis",),
+        "transverse sensitivity of an accelerometer, or cross-talk from another body's",
+        _crossed,
+        _uncrossed,
+        core=False,
+        other="acceleration",
     ),
 )

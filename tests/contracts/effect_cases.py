@@ -51,7 +51,7 @@ def evaluated(text: str, names: dict) -> dict:
 
 def compiled(effect, t, x, v, T, k, c, states=()):
     """Force [N] and state rates of an effect's machine code."""
-    s, rates, rate = (c_double * 4)(*states), (c_double * 4)(), (c_double * 1)()
+    s, rates, rate = (c_double * 8)(*states), (c_double * 8)(), (c_double * 1)()
     p = (c_double * (len(effect.values) + 1))(*effect.values)
     force = _KERNEL(effect.address)(t, x, v, T, k, c, s, p, rates, rate)
     return force, list(rates)[: effect.states], rate[0]

@@ -127,8 +127,8 @@ def test_equation_and_function_of_a_reading_agree_and_it_can_be_taken_away(membe
 def test_a_sensor_without_fault_shows_what_is_true(member):
     samples = np.random.default_rng(6).normal(size=100)
     silent = member.silent(f"{member.places[0]}_lo")
-    assert (silent.apply(samples, 4800.0) == samples).all()
-    assert (silent.remove(samples, 4800.0) == samples).all()
+    assert (silent.apply(samples, 4800.0, samples[::-1]) == samples).all()
+    assert (silent.remove(samples, 4800.0, samples[::-1]) == samples).all()
 
 
 @pytest.mark.parametrize("member", POINTWISE, ids=name_of)
@@ -136,8 +136,8 @@ def test_equation_and_function_of_a_sensor_agree(member):
     rng = np.random.default_rng(7)
     true = 100.0 * rng.normal(size=40)
     p = drawn(member, rng)
-    shown = member.at(member.places[0]).with_values(**p).apply(true, 1000.0)
-    names = {**p, "y_true": true, "t": np.arange(40) / 1000.0}
+    shown = member.at(member.places[0]).with_values(**p).apply(true, 1000.0, true[::-1])
+    names = {**p, "y_true": true, "y_other": true[::-1], "t": np.arange(40) / 1000.0}
     assert shown == pytest.approx(evaluated(member.equation, names)["y"], rel=1e-9)
 
 
@@ -148,6 +148,7 @@ def test_an_equation_means_the_same_in_other_units(member):
         **{"t": "s", "t_hit": "s", "x": "m", "v": "m/s", "T": "N", "k": "N/m", "c": "N s/m", "D": "N"},
         **{"rate": "N/s", "follow": "1", "F_J": "N", "x_b": "m"},
         "y_true": "m/s2" if "acceleration" in member.places[0] else "N",
+        "y_other": "m/s2",
         **{f"z{i + 1}": unit for i, unit in enumerate(member.state_units)},
         **{name: p.unit for name, p in member.parameters.items()},
     }
@@ -159,7 +160,14 @@ def test_an_equation_means_the_same_in_other_units(member):
     )
     for _ in range(10):
         given = {**arguments(rng), **rate_arguments(rng), "rate": -3.0, "follow": 0.7}
-        given |= {"F_J": 50.0, "t_hit": 0.5, "x_b": 1e-3, "y_true": 20.0, **drawn(member, rng)}
+        given |= {
+            "F_J": 50.0,
+            "t_hit": 0.5,
+            "x_b": 1e-3,
+            "y_true": 20.0,
+            "y_other": 30.0,
+            **drawn(member, rng),
+        }
         given |= {f"z{i + 1}": value for i, value in enumerate(states(member, rng))}
         names = {name: given[name] for name in units}
         here = evaluated(member.equation, names)

@@ -135,6 +135,16 @@ def test_the_loop_of_a_slider_does_not_depend_on_the_rate():
     assert slow == pytest.approx(fast, rel=1e-3)
 
 
+def test_iwan_has_its_stiffness_its_limit_and_its_power_of_dissipation():
+    values = {"kappa": 0.8, "mu": 0.1, "F_s": 0.0, "chi": -0.5, "beta": 0.5}
+    limit, spring = 0.1 * 150.0, 0.8 * 9e5
+    x, _, force, _ = loop("iwan-slip", 1e-3, 16.0, **values)
+    assert max(force + spring * x) == pytest.approx(limit, rel=0.02)
+    taken = [area(*loop("iwan-slip", amplitude, 16.0, **values)) for amplitude in (1.6e-6, 2.56e-5)]
+    slope = np.log(taken[1] / taken[0]) / np.log(16)  # W goes with amplitude^(3 + chi) within microslip
+    assert slope == pytest.approx(2.5, abs=0.25)
+
+
 def test_bouc_wen_yields_at_its_yield_displacement():
     x, _, force, _ = loop("bouc-wen", 1e-3, 16.0, kappa=0.3, x_y=6e-5, n=2.0, beta=0.5)
     spring = 0.3 * 9e5

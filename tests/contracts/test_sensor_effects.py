@@ -27,9 +27,10 @@ def test_a_fault_can_be_undone(member):
     true = 50.0 * ringing() + (200.0 if "tension" in member.places[0] else 0.0)
     p = drawn(member, np.random.default_rng(1))
     effect = member.at(f"{member.places[0]}_lo").with_values(**p)
-    shown = effect.apply(true, RATE)
+    other = 30.0 * ringing(173.0)
+    shown = effect.apply(true, RATE, other)
     assert abs(shown - true).max() > 1e-3 * np.ptp(true)
-    assert effect.remove(shown, RATE) == pytest.approx(true, abs=1e-6 * np.ptp(true))
+    assert effect.remove(shown, RATE, other) == pytest.approx(true, abs=1e-6 * np.ptp(true))
 
 
 def test_a_fault_names_its_channel():
@@ -62,3 +63,10 @@ def test_calibration_moves_the_whole_curve():
     effect = fault("calibration-error", "sensor:tension", T_0=4.0, c_1=0.2, c_2=5e-5)
     shown = effect.apply(np.array([0.0, 100.0, 3000.0]), 4800.0)
     assert shown == pytest.approx([4.0, 124.5, 4054.0])
+
+
+def test_cross_talk_needs_the_other_channel():
+    effect = fault("cross-axis", "sensor:acceleration_so", epsilon=0.05)
+    assert effect.apply([1.0, 2.0], RATE, [10.0, -20.0]) == pytest.approx([1.5, 1.0])
+    with pytest.raises(ValueError, match="cross-axis in acceleration_so needs the acceleration of another"):
+        effect.apply([1.0, 2.0], RATE)
