@@ -6,9 +6,9 @@ rate adds u. If law a is true, a number of hits adds up to the expected log like
     LLR = (c - r' (1 + A)^-1 r) / 2,   c = sum d' W^-1 d,   r = sum J' W^-1 d,   A = sum J' W^-1 J,
 
 with d the difference of both courses (law b simulated at the level of law a, that shift added back), W the
-covariance of noise, scatter of the rate and error of the model, and J the change of the course by one standard
-error of each principal direction of what was fitted to law b: what scatter or other numbers of the law could
-absorb does not count.
+covariance of noise, scatter of the rate and error of the model, and J the change of the course by one
+standard error of each principal direction of what was fitted to law b: what scatter or other numbers of the
+law could absorb does not count.
 """
 
 from __future__ import annotations
