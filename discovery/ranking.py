@@ -1,0 +1,284 @@
+"""The race of candidate tension laws: fitted, re-simulated, cross-validated, compared, ranked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from discovery import validation
+from discovery.fitting import Fit, fit, predict, refine
+from discovery.motion import Frozen
+from discovery.ranked import RankedLaw, Ranking, names_of, term_name, with_law
+from discovery.terms import BASELINE, Candidate, rivals_always_in_the_race
+from discovery.validation import CrossValidation, Fold
+from rom.campaign import Campaign
+from rom.channels import FloatArray
+from rom.comparison import judge
+from rom.laws import Parameter
+from rom.reduction import Progress
+from rom.residuals import Errors, summarise
+
+__all__ = ["RankedLaw", "Ranking", "race", "term_inclusion"]
+
+_REFINED = 32  # candidates that are fitted again with full re-simulation
+_VALIDATED = 20  # that are cross-validated
+_LISTED = 15  # that are judged by every error measure
+_CHUNKS = 4  # for each process and stage
+_STAGES = 4
+_EQUAL_NOISE, _EQUAL_LOSS = 0.1, 0.005  # of the noise, of the loss: far below what can be told
+Item = TypeVar("Item")
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True, eq=False)
+class _Entrant:
+    """A refined law, what turned out to be the same law, and its cross-validation."""
+
+    fit: Fit
+    look_alikes: tuple[str, ...] = ()
+    validation: CrossValidation | None = None
+
+
+def race(
+    candidates: Sequence[Candidate],
+    frozen: Frozen,
+    hold_out: Frozen | None = None,
+    campaign: Campaign | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> tuple[RankedLaw, ...]:
+    """Rank candidates and the rivals that are always in the race, the best one first.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Proposed laws; their numbers are the start of the fit.
+    frozen : Frozen
+        Motion and tension courses of the training records.
+    hold_out : Frozen
+        Of records that no fit sees: they only say which records of the campaign are judged as held out.
+    campaign : Campaign
+        Its loosening records are re-simulated in full with every law listed; None: `errors` are empty.
+    seed, jobs, progress
+        Of folds and resampling; processes; told what is done, in percent. No number depends on `jobs`.
+
+    Returns
+    -------
+    tuple of RankedLaw
+        The laws of full re-simulation, in the order of `discovery.validation.order`.
+
+    Raises
+    ------
+    ValueError
+        If all records have one preload.
+    """
+    rng = np.random.default_rng(seed)
+    groups = validation.preload_groups(frozen)
+    folds = validation.preload_folds(groups, seed)
+    run = _Runner(jobs, progress)
+    starts = [*_baseline_starts(), *rivals_always_in_the_race(), *candidates]
+    first = _lowest(run(0, _fit_some, starts, frozen))
+    refined = run(1, _refine_some, _best(first, frozen, _REFINED), frozen)
+    entrants = [_Entrant(found, same) for found, same in _merged(_best(refined, frozen, _REFINED), frozen)]
+    kept = _best([entrant.fit for entrant in entrants], frozen, _VALIDATED)
+    entrants = [entrant for entrant in entrants if any(entrant.fit is found for found in kept)]
+    validated = run(2, _validate_some, [entrant.fit for entrant in entrants], frozen, folds)
+    entrants = [replace(e, validation=v) for e, v in zip(entrants, validated, strict=True)]
+    laws = _ranked(entrants, frozen, groups, rng)
+    if campaign is None:
+        return laws
+    return _judged(laws, frozen, hold_out, campaign, jobs, run)
+
+
+def term_inclusion(laws: Sequence[RankedLaw]) -> dict[str, float]:
+    """How often each term is part of the first law, over resamples of preloads; the most frequent first."""
+    shares: dict[str, float] = {}
+    for law in laws:
+        for name in {term_name(term, None) for term in law.candidate.terms}:
+            shares[name] = shares.get(name, 0.0) + law.chosen
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+@dataclass(frozen=True)
+class _Runner:
+    """Runs a stage in chunks over processes and says how far it is."""
+
+    jobs: int
+    progress: Progress | None
+
+    def __call__(
+        self,
+        stage: int,
+        work: Callable[..., list[Found]],
+        items: Sequence[Item],
+        frozen: Frozen,
+        *others: object,
+    ) -> list[Found]:
+        count = max(min(_CHUNKS * self.jobs, len(items)), 1)
+        chunks = [items[k::count] for k in range(count)]
+        bare = frozen.without_cache()
+        tasks = (delayed(work)(chunk, bare, *others) for chunk in chunks)
+        done: list[list[Found]] = []
+        for part in Parallel(n_jobs=self.jobs, return_as="generator")(tasks):
+            done.append(part)
+            self.report(stage, len(done) / count)
+        found: list[Found] = []
+        for place in range(len(items)):
+            found.append(done[place % count][place // count])
+        return found
+
+    def report(self, stage: int, share: float) -> None:
+        if self.progress is not None:
+            self.progress(round(100 * (stage + share) / _STAGES), 100)
+
+
+def _baseline_starts() -> list[Candidate]:
+    """The baseline from other numbers: what all are compared with must not stop in a side valley."""
+    first = next(rival for rival in rivals_always_in_the_race() if rival.name == BASELINE)
+    inner = first.terms[0].tension.inner
+    return [
+        first.with_values({"gamma_i": gamma_i, "rho": rho})
+        for gamma_i in inner["gamma_i"].grid[:3]
+        for rho in inner["rho"].grid[-3:]
+    ]
+
+
+def _lowest(fits: Sequence[Fit | None]) -> list[Fit]:
+    """The fit of lowest deviance of each form: a law may start from several numbers."""
+    best: dict[tuple[object, ...], Fit] = {}
+    for found in fits:
+        if found is None:
+            continue
+        other = best.get(found.candidate.key)
+        if other is None or found.deviance < other.deviance - 1e-9:
+            best[found.candidate.key] = found
+    return list(best.values())
+
+
+def _fit_some(candidates: Sequence[Candidate], frozen: Frozen) -> list[Fit | None]:
+    return [_safely(fit, candidate, frozen.without_cache()) for candidate in candidates]
+
+
+def _refine_some(fits: Sequence[Fit], frozen: Frozen) -> list[Fit | None]:
+    return [_safely(refine, found.candidate, frozen.without_cache()) for found in fits]
+
+
+def _safely(work: Callable[[Candidate, Frozen], Fit], candidate: Candidate, frozen: Frozen) -> Fit | None:
+    """Fit of a candidate; None where numbers overflow or a matrix cannot be solved: it is out of the race."""
+    try:
+        with np.errstate(all="ignore"):
+            found = work(candidate, frozen)
+    except (np.linalg.LinAlgError, FloatingPointError, OverflowError):
+        return None
+    return found if np.isfinite(found.deviance) and np.isfinite(found.offsets).all() else None
+
+
+def _validate_some(fits: Sequence[Fit], frozen: Frozen, folds: Sequence[Fold]) -> list[CrossValidation]:
+    parts = validation.divide(frozen, folds)
+    with np.errstate(all="ignore"):
+        return [validation.cross_validate(found, frozen, folds, parts) for found in fits]
+
+
+def _best(fits: Sequence[Fit | None], frozen: Frozen, count: int) -> list[Fit]:
+    """The fits of lowest BIC, and what is always in the race."""
+    there = [found for found in fits if found is not None]
+    there.sort(key=lambda found: validation.information_criterion(found, frozen))
+    return [f for place, f in enumerate(there) if place < count or f.candidate.source == "baseline"]
+
+
+def _merged(fits: Sequence[Fit], frozen: Frozen) -> list[tuple[Fit, tuple[str, ...]]]:
+    """Laws of equal predictions as one: that of the fewest numbers, the others as its look-alikes."""
+    by_simplicity = sorted(fits, key=lambda f: (f.candidate.source != "baseline", len(f.free), f.deviance))
+    kept: list[tuple[Fit, FloatArray, list[str]]] = []
+    noise = np.sqrt(np.diagonal(np.stack([c.covariance for c in frozen.courses]), axis1=1, axis2=2))
+    for found in by_simplicity:
+        course = predict(found.candidate, frozen.without_cache(), found.offsets)
+        near = _EQUAL_NOISE * noise + _EQUAL_LOSS * np.abs(course)
+        same = next((k for k in kept if bool((np.abs(course - k[1]) <= near).all())), None)
+        if same is None:
+            kept.append((found, course, []))
+        else:
+            same[2].append(found.candidate.equation)
+    return [(found, tuple(others)) for found, _, others in kept]
+
+
+def _ranked(
+    entrants: Sequence[_Entrant], frozen: Frozen, groups: validation.Index, rng: np.random.Generator
+) -> tuple[RankedLaw, ...]:
+    fits = [entrant.fit for entrant in entrants]
+    checks = [entrant.validation for entrant in entrants if entrant.validation is not None]
+    scores = np.stack([check.scores for check in checks])
+    numbers = [len(found.free) for found in fits]
+    base = next(k for k, found in enumerate(fits) if found.candidate.name == BASELINE)
+    p_values = validation.p_values(scores, scores[base], groups, rng)
+    shares = validation.chosen(scores, numbers, groups, rng)
+    spread = validation.dispersion(min(fits, key=lambda found: found.deviance), frozen)
+    criteria = [validation.information_criterion(found, frozen, spread) for found in fits]
+    places = validation.order(scores, numbers, groups)
+    names = names_of([fits[k].candidate for k in places])
+    return tuple(
+        RankedLaw(
+            rank=rank,
+            name=name,
+            equation=fits[k].candidate.equation,
+            parameters=_parameters(fits[k], checks[k], spread),
+            errors={"training": summarise(()), "hold_out": summarise(())},
+            cross_validated_loss_error_percent_median=float(np.median(checks[k].loss_error_percent)),
+            cross_validated_score=float(scores[k].sum()),
+            delta_bic=criteria[k] - criteria[places[0]],
+            wins_against_baseline=(int((scores[k] > scores[base]).sum()), len(frozen)),
+            p_value_against_baseline=None if k == base else float(p_values[k]),
+            source=fits[k].candidate.source,
+            free_numbers=numbers[k],
+            look_alikes=entrants[k].look_alikes,
+            fit=fits[k],
+            candidate=replace(fits[k].candidate, name=name),
+            scores=scores[k],
+            chosen=float(shares[k]),
+        )
+        for rank, (name, k) in enumerate(zip(names, places, strict=True), 1)
+    )
+
+
+def _parameters(found: Fit, check: CrossValidation, spread: float) -> dict[str, Parameter]:
+    """Numbers with 95 % limits, the wider of likelihood's and the jackknife's over preloads."""
+    limits = validation.limits(found, check, spread)
+    return {
+        name: replace(p, low=limits[name][0], high=limits[name][1]) if name in limits else p
+        for name, p in found.candidate.parameters.items()
+    }
+
+
+def _judged(
+    laws: Sequence[RankedLaw],
+    frozen: Frozen,
+    hold_out: Frozen | None,
+    campaign: Campaign,
+    jobs: int,
+    run: _Runner,
+) -> tuple[RankedLaw, ...]:
+    """The laws that are listed, with their errors on training and held-out records."""
+    listed = [law for law in laws if law.rank <= _LISTED or law.source == "baseline"]
+    unseen = {course.file for course in hold_out.courses} if hold_out is not None else set()
+    files = {course.file for course in frozen.courses} | unseen
+    records = [record for record in campaign.settings.record if record.file in files]
+    models = [with_law(frozen.model, law) for law in listed]
+    judged = judge(models, campaign, records, jobs, lambda done, total: run.report(_STAGES - 1, done / total))
+    errors: list[dict[str, Errors]] = []
+    for place in range(len(listed)):
+        of = [(j.settings.file in unseen, j.comparisons[place]) for j in judged if j.comparisons]
+        errors.append(
+            {
+                "training": summarise(c for held, c in of if not held),
+                "hold_out": summarise(c for held, c in of if held),
+            }
+        )
+    return tuple(
+        replace(law, rank=rank, errors=found)
+        for rank, (law, found) in enumerate(zip(listed, errors, strict=True), 1)
+    )

@@ -1,0 +1,244 @@
+"""How well a fitted law does on records it was not fitted to, and how surely it beats another one.
+
+Records are left out by preload: all repeats at one preload leave together, for they share what is special
+about it. Laws are compared record by record by their log predictive density, the case-to-case scatter
+integrated out: a law earns nothing for following it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+from sklearn.model_selection import GroupKFold
+
+from discovery.fitting import Fit, fit, log_predictive, predict
+from discovery.motion import Frozen
+from rom.channels import FloatArray
+
+Index = npt.NDArray[np.int64]
+Fold = tuple[Index, Index]
+
+FOLDS = 8
+_SAME_PRELOAD = 0.05
+_DECISIVE = 5.0  # ln of the odds beyond which one record says no more: 150 to 1
+_WORTH = 3.0  # ln of odds, 20 to 1: less than that no free number is worth
+_EXHAUSTIVE = 16  # groups up to which every flip of signs is tried
+_NUISANCE = 3  # of every case: two directions of oscillation, its own rate
+
+
+@dataclass(frozen=True, eq=False)
+class CrossValidation:
+    """Scores on cases while their preload was left out of the fit.
+
+    Attributes
+    ----------
+    scores : ndarray, shape (cases,)
+        Log predictive density.
+    loss_error_percent : ndarray, shape (cases,)
+        ``100 |predicted - measured loss| / |measured loss|`` in the last bin, at the law's typical rate.
+    estimates : ndarray, shape (folds, free numbers)
+        What each fold's fit found: ln coefficients (as they are where negative) and inner numbers.
+    """
+
+    scores: FloatArray
+    loss_error_percent: FloatArray
+    estimates: FloatArray
+
+
+def preload_groups(frozen: Frozen) -> Index:
+    """Number of the preload of every case, (cases,); within 5 % of each other preloads are the same."""
+    preloads = np.maximum([course.preload for course in frozen.courses], 1e-9)
+    order = np.argsort(preloads, kind="stable")
+    groups = np.zeros(len(preloads), dtype=np.int64)
+    number, first = 0, preloads[order[0]]
+    for place in order:
+        if preloads[place] > first * (1 + _SAME_PRELOAD):
+            number, first = number + 1, preloads[place]
+        groups[place] = number
+    return groups
+
+
+def preload_folds(groups: Index, seed: int = 0) -> list[Fold]:
+    """Indices of fitted and left-out cases, fold by fold; no preload is in both.
+
+    Raises
+    ------
+    ValueError
+        If all cases have one preload.
+    """
+    count = len(np.unique(groups))
+    if count < 2:
+        raise ValueError(
+            "found loosening records at one preload only, expected two or more to cross-validate"
+        )
+    splitter = GroupKFold(n_splits=min(FOLDS, count), shuffle=True, random_state=seed)
+    return list(splitter.split(groups, groups=groups))
+
+
+def divide(frozen: Frozen, folds: Sequence[Fold]) -> list[tuple[Frozen, Frozen]]:
+    """Fitted and left-out cases of every fold."""
+    return [(frozen.subset(kept), frozen.subset(left)) for kept, left in folds]
+
+
+def cross_validate(
+    fitted: Fit, frozen: Frozen, folds: Sequence[Fold], parts: Sequence[tuple[Frozen, Frozen]]
+) -> CrossValidation:
+    """Refit without each fold's preloads, by the offsets of the full fit, and score those left out."""
+    scores, errors, estimates = np.empty(len(frozen)), np.empty(len(frozen)), []
+    for (kept, left), (fitted_to, left_out) in zip(folds, parts, strict=True):
+        training, unseen = fitted_to.without_cache(), left_out.without_cache()
+        found = refit(fitted, training, kept)
+        estimates.append(estimate(found))
+        scores[left] = log_predictive(found, unseen, fitted.offsets[left])
+        predicted = predict(found.candidate, unseen, fitted.offsets[left])[:, -1]
+        measured = unseen.change[:, -1]
+        errors[left] = 100 * np.abs(predicted - measured) / np.maximum(np.abs(measured), 1e-12)
+    return CrossValidation(np.where(np.isfinite(scores), scores, -1e12), errors, np.stack(estimates))
+
+
+def refit(fitted: Fit, part: Frozen, index: Index) -> Fit:
+    """Fit again to the cases ``index``, from the full fit and with its offsets."""
+    start = replace(fitted, deviations=fitted.deviations[index])
+    return fit(fitted.candidate, part, fitted.offsets[index], start)
+
+
+def estimate(fitted: Fit) -> FloatArray:
+    """Free numbers as their covariance has them: ln coefficients, inner numbers."""
+    values = fitted.candidate.parameters
+    found = []
+    for name in fitted.free:
+        value = values[name].value
+        found.append(np.log(value) if name in fitted.candidate.coefficient_names and value > 0 else value)
+    return np.array(found)
+
+
+def limits(fitted: Fit, check: CrossValidation, spread: float = 1.0) -> dict[str, tuple[float, float]]:
+    """95 % limits of every free number.
+
+    From the likelihood's covariance times c-hat or from the jackknife over folds of preloads,
+    ``(m - 1) / m * sum (theta_k - mean)^2``, whichever is wider: the second needs no model of the noise.
+    """
+    if not fitted.free:
+        return {}
+    folds = len(check.estimates)
+    jackknife = np.sqrt((folds - 1) * check.estimates.var(axis=0)) * stats.t.ppf(0.975, folds - 1)
+    likelihood = 1.96 * np.sqrt(spread * np.maximum(np.diag(fitted.covariance), 0.0))
+    half = np.maximum(jackknife, likelihood)
+    found = {}
+    for name, value, width in zip(fitted.free, estimate(fitted), half, strict=True):
+        ends = np.array([value - width, value + width])
+        if name in fitted.candidate.coefficient_names and fitted.candidate.parameters[name].value > 0:
+            ends = np.exp(np.clip(ends, -690, 690))
+        found[name] = (float(ends[0]), float(ends[1]))
+    return found
+
+
+def dispersion(fitted: Fit, frozen: Frozen) -> float:
+    """Mean square of whitened residuals over degrees of freedom, 1 at least: c-hat of quasi-likelihood.
+
+    More than 1 where motion and noise are less well known than their covariance says: differences of
+    deviance are divided by it, so that small terms that make up for it earn little.
+    """
+    residual = frozen.change - predict(fitted.candidate, frozen, fitted.offsets, fitted.deviations)
+    whitener = np.linalg.inv(np.linalg.cholesky(frozen.covariance))
+    square = float((np.einsum("cij,cj->ci", whitener, residual) ** 2).sum())
+    cases, bins = residual.shape
+    freedom = max(cases * (bins - _NUISANCE) - len(fitted.free), 1)
+    return max(1.0, square / float(freedom))
+
+
+def information_criterion(fitted: Fit, frozen: Frozen, spread: float = 1.0) -> float:
+    """``deviance / c-hat + free numbers ln n``; n counts means of bins, not cases: the stricter choice."""
+    cases, bins = frozen.change.shape
+    size = cases * (bins - _NUISANCE)
+    return fitted.deviance / spread + len(fitted.free) * float(np.log(size))
+
+
+def bounded_difference(scores: FloatArray, other: FloatArray) -> FloatArray:
+    """Difference of scores, (..., cases), cut at +-5: no single record decides."""
+    return np.asarray(np.clip(scores - other, -_DECISIVE, _DECISIVE))
+
+
+def by_group(values: FloatArray, groups: Index) -> FloatArray:
+    """Sums over the cases of each group: (..., cases) to (..., groups)."""
+    return np.stack([values[..., groups == g].sum(axis=-1) for g in np.unique(groups)], axis=-1)
+
+
+def paired(scores: FloatArray, other: FloatArray, groups: Index) -> tuple[float, float]:
+    """Advantage of one law over another, summed over preloads, and its standard error."""
+    sums = by_group(bounded_difference(scores, other), groups)
+    return float(sums.sum()), float(np.sqrt(len(sums)) * sums.std(ddof=1))
+
+
+def order(scores: FloatArray, free_numbers: Sequence[int], groups: Index) -> list[int]:
+    """Laws from first to last, (laws, cases) of scores.
+
+    By total score, with the rule of one standard error (L. Breiman et al., Classification and Regression
+    Trees, 1984, Section 3.4.3): where a simpler law is within one paired standard error of the best, or the
+    best is ahead by odds of less than 20 to 1, the simpler one goes before it.
+    """
+    return _ordered(*_compared(scores, groups), np.asarray(free_numbers))
+
+
+def _compared(scores: FloatArray, groups: Index) -> tuple[FloatArray, FloatArray]:
+    """Sums by preload of scores, and of bounded differences between any two laws, (laws, laws, groups)."""
+    pairs = by_group(bounded_difference(scores[:, None], scores[None, :]), groups)
+    return by_group(scores, groups), pairs
+
+
+def _ordered(sums: FloatArray, pairs: FloatArray, free_numbers: npt.NDArray[np.int64]) -> list[int]:
+    totals = sums.sum(axis=1)
+    best = int(np.argmax(totals))
+    lead = pairs[best].sum(axis=1)
+    error = np.sqrt(sums.shape[1]) * pairs[best].std(axis=1, ddof=1)
+    equal = (lead <= np.maximum(error, _WORTH)) & (free_numbers <= free_numbers[best])
+    equal[best] = True
+    return sorted(
+        range(len(totals)), key=lambda k: (not equal[k], free_numbers[k] if equal[k] else 0, -totals[k])
+    )
+
+
+def chosen(
+    scores: FloatArray, free_numbers: Sequence[int], groups: Index, rng: np.random.Generator, draws: int = 400
+) -> FloatArray:
+    """How often each law comes first when preloads are drawn again with replacement, (laws,)."""
+    sums, pairs = _compared(scores, groups)
+    counts = np.zeros(len(scores))
+    for _ in range(draws):
+        drawn = rng.integers(0, sums.shape[1], sums.shape[1])
+        counts[_ordered(sums[:, drawn], pairs[..., drawn], np.asarray(free_numbers))[0]] += 1
+    return counts / draws
+
+
+def p_values(scores: FloatArray, baseline: FloatArray, groups: Index, rng: np.random.Generator) -> FloatArray:
+    """Chance of so great an advantage over the baseline where no law is better, (laws,).
+
+    The advantage over each preload is as likely gain as loss where a law is no better: signs are flipped,
+    of all laws alike, and the smallest p among all laws is what each law's p is compared with (P. Westfall
+    and S. Young, Resampling-Based Multiple Testing, 1993, min-p): the best of many is not credited for there
+    being many.
+    """
+    gains = by_group(bounded_difference(scores, baseline), groups)
+    signs = _flips(gains.shape[1], rng)
+    flipped = gains @ signs.T
+    single = np.empty_like(flipped)
+    for row, values in enumerate(flipped):
+        ordered = np.sort(values)
+        single[row] = (len(values) - np.searchsorted(ordered, values - 1e-9, side="left")) / len(values)
+    smallest = single.min(axis=0)
+    found = np.array([np.mean(smallest <= own + 1e-12) for own in single[:, 0]])
+    return np.asarray(np.where(gains.sum(axis=1) > 0, found, 1.0))
+
+
+def _flips(groups: int, rng: np.random.Generator) -> FloatArray:
+    """Signs, (flips, groups); none flipped in the first row."""
+    if groups <= _EXHAUSTIVE:
+        codes = np.arange(2**groups)[:, None] >> np.arange(groups) & 1
+        return np.asarray(1.0 - 2.0 * codes)
+    signs = rng.choice([-1.0, 1.0], (2**_EXHAUSTIVE, groups))
+    signs[0] = 1.0
+    return np.asarray(signs)
