@@ -1,6 +1,7 @@
 """The catalogue: what it holds, where its members can enter, and how one is added."""
 
 import importlib.util
+import pickle
 import re
 import sys
 from dataclasses import replace
@@ -161,6 +162,10 @@ def test_a_free_form_force_is_its_equation():
     x = two.displacement["so"]
     assert one.displacement["so"] == pytest.approx(x, abs=1e-5 * abs(x).max())
     assert make("free-form", "joint", p, effect.equation) == effect
+    weaker = effect.with_values(a=1e6)
+    assert pickle.loads(pickle.dumps(weaker)) == weaker != effect
+    with pytest.raises(ValueError, match="may use t, x, v, T, k, c, a, b, got 'z'"):
+        free_form("a * z", "joint", p)
 
 
 def test_an_effect_of_ones_own_is_added_by_one_file(tmp_path, monkeypatch):
