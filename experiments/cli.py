@@ -120,6 +120,30 @@ def reproduce(
     _say(f"wrote {path} and figures beside it", quiet)
 
 
+@app.command(epilog="Example: boltlaw discover rig-campaign")
+def discover(
+    campaign: CampaignPath,
+    tightening: Annotated[
+        bool,
+        typer.Option("--tightening", help="Also laws that tighten, and the records in which the bolt did."),
+    ] = False,
+    out: Out = None,
+    seed: Seed = 0,
+    jobs: Jobs = _CORES,
+    cluster: Cluster = None,
+    quiet: Quiet = False,
+) -> None:
+    """Rank rival tension laws by re-simulation: which one the records support, and how surely."""
+    from experiments.studies import discover as study
+
+    with _progress(quiet) as report, execution(cluster):
+        path = study.run(
+            campaign, results_folder(campaign, out), seed, jobs, report, _command(), tightening=tightening
+        )
+    _say(study.summary(path), quiet)
+    _say(f"wrote {path}, the first law's model.json and figures beside it", quiet)
+
+
 @app.command(epilog="Example: boltlaw predict rig-campaign-results/model.json rig-campaign --out prediction")
 def predict(
     model: Annotated[Path, typer.Argument(help="A model.json.", callback=existing)],

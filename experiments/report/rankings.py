@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from experiments.report import equations
 from experiments.report.answers import Answer, Headline
+from experiments.report.scores import mappings
 from experiments.report.tables import Table, parameter_rows
 from experiments.report.wording import NONE, law_name, number, set_words, trimmed
 
@@ -122,14 +123,19 @@ def _on_profiles(data: Data) -> Iterator[str]:
 
 
 def _on_proposals(proposals: object) -> Iterator[str]:
-    if not isinstance(proposals, list) or not proposals:
+    tests = mappings(proposals)
+    if not tests:
         return
-    first = proposals[0]
-    yield (
-        "What would tell them apart best: a hit of "
-        f"{_rounded(first.get('peak_force_n'))} N peak and {_milliseconds(first.get('pulse_s'))} ms "
-        f"at a preload of {_rounded(first.get('preload_n'))} N."
-    )
+    listed = [
+        f"{_times(test.get('hits'))} {_rounded(test.get('peak_force_n'))} N for "
+        f"{_milliseconds(test.get('pulse_s'))} ms at a preload of {_rounded(test.get('preload_n'))} N"
+        for test in tests
+    ]
+    yield f"Tests that would tell the first laws apart: {'; then '.join(listed)}."
+
+
+def _times(hits: object) -> str:
+    return f"{hits} hits of" if isinstance(hits, int) and hits > 1 else "a hit of"
 
 
 def _headlines(best: Data, laws: Sequence[Data]) -> Iterator[Headline]:
@@ -144,7 +150,7 @@ def _headlines(best: Data, laws: Sequence[Data]) -> Iterator[Headline]:
 def tables(data: Data) -> list[Table]:
     """Return leader board, parameters of the first laws, and the tests that would separate them."""
     found = (_leader_board(data), _parameters(data), _proposals(data))
-    return [table for table in found if table is not None and table.rows]
+    return [table for table in found if table.rows]
 
 
 def _leader_board(data: Data) -> Table:
@@ -160,8 +166,8 @@ def _leader_board(data: Data) -> Table:
     note = (
         "Error of loss: 100 |simulated − measured loss| / |measured loss|, median over records; "
         "cross-validated: with the numbers of the law fitted to the other preloads. ΔBIC: difference of the "
-        "Bayesian information criterion to the first law. p: chance of so great an advantage over the "
-        "paper's law where both are equally good."
+        "Bayesian information criterion to the first law. p: chance that the best of so "
+        "many laws would look as much better than the paper's if none were better."
     )
     kept = [place for place in range(len(heads)) if any(str(row[place]) != NONE for row in rows)]
     cells = tuple(tuple(row[place] for place in kept) for row in rows)
@@ -205,20 +211,33 @@ def _parameters(data: Data) -> Table:
     return Table("Parameters of the first laws", heads, tuple(rows), note=note)
 
 
-def _proposals(data: Data) -> Table | None:
-    tests = [test for test in data.get("proposals") or [] if isinstance(test, Mapping)]
+def _proposals(data: Data) -> Table:
     rows = tuple(
         (
+            number(test.get("hits")),
             _rounded(test.get("peak_force_n")),
             _milliseconds(test.get("pulse_s")),
             _rounded(test.get("preload_n")),
             trimmed(number(test.get("expected_gain"), 2)),
+            _odds(test.get("odds")),
+            " | ".join(law_name(str(name)) for name in test.get("separates") or ()),
         )
-        for test in tests
+        for test in mappings(data.get("proposals"))
     )
-    heads = ("Peak force [N]", "Pulse [ms]", "Preload [N]", "Expected gain")
-    note = "Expected gain: 2 ln of the likelihood ratio that one such hit is expected to add, by simulation."
-    return Table("Tests that would separate the first laws most", heads, rows, note=note)
+    heads = ("Hits", "Peak force [N]", "Pulse [ms]", "Preload [N]", "Expected gain of a hit", "Odds after it",
+             "Separates")  # fmt: skip
+    note = (
+        "Chosen by simulation, one after the other. Expected gain: 2 ln of the likelihood ratio between the "
+        "two laws that one such hit adds. Odds: between the laws that are hardest to separate, of those that "
+        "can be."
+    )
+    return Table("Tests that would separate the first laws most, for the fewest hits", heads, rows, note=note)
+
+
+def _odds(value: object) -> str:
+    if not isinstance(value, int | float):
+        return NONE
+    return "over a million to 1" if value >= 1e6 else f"{trimmed(number(float(value), 2))} to 1"
 
 
 def _rounded(value: object) -> str:

@@ -1,0 +1,255 @@
+"""A campaign's rival tension laws, ranked by re-simulation: which one the records support, and how surely."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from experiments.results import plain, results_folder, write_result
+from experiments.studies.identify import Progress, save_figures
+from rom.campaign import Campaign, read_campaign
+from rom.channels import FloatArray
+from rom.courses import TensionCourse
+from rom.laws import Parameter
+
+if TYPE_CHECKING:
+    from discovery.identifiability import ExponentProfile, MotionProfile
+    from discovery.proposals import Proposal
+    from discovery.ranked import RankedLaw, Ranking
+
+_CHI2_95 = 3.841459
+_SHOWN = 8  # laws in the summary
+
+
+def run(
+    campaign_path: Path,
+    out: Path | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Callable[[str], Progress | None] | None = None,
+    command: str = "",
+    *,
+    tightening: bool = False,
+) -> Path:
+    """Write ``ranking.json``, ``model.json`` with the first law, and the figures; return the ranking's path.
+
+    Raises
+    ------
+    ValueError
+        If the campaign cannot be used, or holds too few loosening records to compare laws.
+    """
+    from discovery.discover import discover
+    from experiments.report.discovery import discovery_figures
+
+    started = time.perf_counter()
+    report = progress or (lambda _: None)
+    campaign = read_campaign(campaign_path, jobs, report("checking records"))
+    enough(campaign, campaign_path)
+    ranking = discover(campaign, jobs, report, seed, tightening)
+    content = plain(ranking_section(ranking) | {"command": command, "campaign_digest": campaign.digest})
+    drawn = discovery_figures(content)
+    folder = results_folder(campaign_path, out)
+    folder.mkdir(parents=True, exist_ok=True)
+    header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
+    elapsed = round(time.perf_counter() - started, 3)
+    ranking.model.save(
+        folder / "model.json", **header, elapsed_s=elapsed, identification=model_section(content)
+    )
+    path = write_result(folder / "ranking.json", "ranking", content, **header, elapsed_s=elapsed)
+    save_figures(drawn, folder)
+    return path
+
+
+def enough(campaign: Campaign, path: Path) -> None:
+    """Refuse a campaign whose loosening records are too few to compare laws.
+
+    Raises
+    ------
+    ValueError
+        If fewer than four loosening records may be fitted to.
+    """
+    from discovery.discover import LEAST_CASES
+
+    training = [record for record in campaign.select("loosening") if not record.hold_out]
+    if len(training) < LEAST_CASES:
+        raise ValueError(
+            f"{path}: found {len(training)} loosening records that are not held out, expected "
+            f"{LEAST_CASES} or more to compare tension laws"
+        )
+
+
+def summary(path: Path) -> str:
+    """Return a few lines for people: which law, how sure, what it beats, and the leader board."""
+    from experiments.report import rankings
+    from experiments.report.wording import law_name, number, trimmed
+
+    data = json.loads(path.read_text(encoding="utf-8"))
+    found = rankings.answer(data)
+    lines = [data["campaign"], *([found.verdict, *found.sentences] if found else [])]
+    lines.append(f"\n{'rank':>4} {'error of loss [%]':>18} {'delta BIC':>10}  law")
+    laws = rankings.ranked(data)
+    for law in [*laws[:_SHOWN], *(law for law in laws[_SHOWN:] if law["source"] == "baseline")]:
+        error = trimmed(number(law["cross_validated_loss_error_percent_median"], 3))
+        rise = trimmed(number(law["delta_bic"], 4))
+        lines.append(f"{law['rank']:>4} {error:>18} {rise:>10}  {law_name(law['name'])}")
+        lines.append(f"{'':>35} dT/dt = {rankings.equation_text(law['equation'])}")
+    return "\n".join(lines + [f"  note: {text}" for text in data["warnings"] + data["set_aside"]])
+
+
+def ranking_section(ranking: Ranking) -> dict[str, Any]:
+    """Return what ranking.json says, but for its header."""
+    from experiments.report.discovery import drawn_laws
+
+    content = {
+        "laws": [_law_row(law) for law in ranking.laws],
+        "considered": ranking.considered,
+        "indistinguishable": list(ranking.indistinguishable),
+        "inclusion": dict(ranking.inclusion),
+        "scatter": dict(zip(("a", "b"), ranking.scatter, strict=True)),
+        "exponent_profile": _profile_row(ranking.profile),
+        "motion_profile": _motion_row(ranking.motion_profile),
+        "proposals": [_proposal_row(test) for test in ranking.proposals],
+        "set_aside": list(ranking.set_aside),
+        "warnings": list(ranking.warnings),
+    }
+    return content | {"cases": _case_rows(ranking, drawn_laws(content))}
+
+
+def _law_row(law: RankedLaw) -> dict[str, Any]:
+    return {
+        "rank": law.rank,
+        "name": law.name,
+        "equation": law.equation,
+        "parameters": {name: _parameter_row(parameter) for name, parameter in law.parameters.items()},
+        "errors": {kind: dict(law.errors[kind]) for kind in ("training", "hold_out")},
+        "cross_validated_loss_error_percent_median": law.cross_validated_loss_error_percent_median,
+        "cross_validated_score": law.cross_validated_score,
+        "delta_bic": law.delta_bic,
+        "wins_against_baseline": list(law.wins_against_baseline),
+        "p_value_against_baseline": law.p_value_against_baseline,
+        "chosen": law.chosen,
+        "free_numbers": law.free_numbers,
+        "look_alikes": list(law.look_alikes),
+        "source": law.source,
+    }
+
+
+def _parameter_row(parameter: Parameter) -> dict[str, Any]:
+    return {
+        "value": parameter.value, "low": parameter.low, "high": parameter.high, "unit": parameter.unit
+    }  # fmt: skip
+
+
+def _profile_row(profile: ExponentProfile | None) -> dict[str, Any]:
+    if profile is None:
+        return {"values": [], "delta_bic": []}
+    return {
+        "values": profile.values,
+        "delta_bic": profile.delta_bic,
+        "deviance": profile.deviance,
+        "best": profile.best,
+        "low": profile.low,
+        "high": profile.high,
+        "reach": profile.reach,
+        "level": _CHI2_95 * profile.dispersion,
+        "explains_the_courses": profile.fits,
+    }
+
+
+def _motion_row(profile: MotionProfile | None) -> dict[str, Any] | None:
+    if profile is None:
+        return None
+    return {
+        "driver": profile.driver,
+        "velocity": _profile_row(profile.velocity),
+        "displacement": _profile_row(profile.displacement),
+    }
+
+
+def _proposal_row(test: Proposal) -> dict[str, Any]:
+    return {
+        "body": test.body,
+        "peak_force_n": test.peak_force,
+        "pulse_s": test.pulse_length,
+        "preload_n": test.preload,
+        "hits": test.hits,
+        "expected_gain": test.expected_gain,
+        "odds": test.odds,
+        "separates": list(test.laws),
+    }
+
+
+def _case_rows(ranking: Ranking, names: Sequence[str]) -> list[dict[str, Any]]:
+    """Return what every loosening test measured, and its course and loss by the laws of the figures."""
+    predicted = {name: _predicted(ranking, ranking[name], ranking.courses) for name in names}
+    rows = []
+    for place, course in enumerate(ranking.courses):
+        loss = course.initial - course.final
+        middles = 0.5 * (course.edges_s[1:] + course.edges_s[:-1]) - course.impact_s
+        rows.append(
+            {
+                "file": course.file,
+                "hold_out": course.hold_out,
+                "preload_n": course.preload,
+                "initial_tension_n": course.initial,
+                "peak_force_n": np.abs(course.force).max(),
+                "loss_n": loss,
+                "loss_error_n": course.final_error,
+                "time_s": middles,
+                "change_n": course.change,
+                "change_error_n": np.sqrt(np.diag(course.covariance)),
+                "laws": {name: means[place][:-1] - course.initial for name, means in predicted.items()},
+                "loss_error_percent": {
+                    name: 100 * abs((course.initial - means[place][-1]) / loss - 1) if loss else None
+                    for name, means in predicted.items()
+                },
+            }
+        )
+    return rows
+
+
+def _predicted(ranking: Ranking, law: RankedLaw, courses: Sequence[TensionCourse]) -> list[FloatArray]:
+    """Return the mean tensions [N] of each test in its bins, then in its final window, by full simulation."""
+    from discovery.ranked import with_law
+
+    model = with_law(ranking.identified, law)
+    found: dict[int, FloatArray] = {}
+    kinds = [(c.body, c.rate_hz, c.tension_rate_hz, len(c.force), len(c.edges_s)) for c in courses]
+    for kind in dict.fromkeys(kinds):
+        places = [place for place, other in enumerate(kinds) if other == kind]
+        chosen = [courses[place] for place in places]
+        forces = np.stack([c.force for c in chosen])
+        divisor = kind[2] if kind[1] % kind[2] == 0 else None
+        initial = np.array([max(c.initial, 0.0) for c in chosen])
+        bins, final = (
+            model.mean_tensions(
+                forces, kind[1], initial, np.stack(edges), body=kind[0], tension_rate_hz=divisor
+            )
+            for edges in ([c.edges_s for c in chosen], [_final_edges(c) for c in chosen])
+        )
+        found |= dict(zip(places, np.concatenate([bins, final], axis=1), strict=True))
+    return [found[place] for place in range(len(courses))]
+
+
+def _final_edges(course: TensionCourse) -> FloatArray:
+    start, end = course.final_window
+    return np.array([start, min(end, len(course.force) / course.rate_hz)])
+
+
+def model_section(content: dict[str, Any]) -> dict[str, Any]:
+    """Return what model.json says of how the first law was found: its errors, and those without loosening."""
+    laws = {law["name"]: law["errors"] for law in content["laws"]}
+    first = laws[content["laws"][0]["name"]]
+    return {
+        "campaign_digest": content["campaign_digest"],
+        "command": content["command"],
+        "records": first["training"]["records"],
+        "errors": first | {"no_loosening": laws["no loosening"]},
+        "set_aside": content["set_aside"],
+        "warnings": content["warnings"],
+    }

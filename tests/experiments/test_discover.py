@@ -1,0 +1,235 @@
+"""`boltlaw discover`: what it writes, what it refuses, and the plain words that it prints."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from discovery import discover as discovery_module
+from discovery.fitting import Fit
+from discovery.identifiability import ExponentProfile, MotionProfile
+from discovery.proposals import Proposal
+from discovery.ranked import RankedLaw, Ranking
+from discovery.terms import BASELINE, Candidate, rivals_always_in_the_race
+from experiments.studies import discover
+from rom.courses import TensionCourse
+from rom.laws import Parameter
+from rom.model_file import load_model
+from rom.parameters.he_2025 import nominal_impact, paper_model
+from tests.experiments.sound_ranking import errors
+from tests.rom.sound_campaign import write_sound_campaign
+
+Boltlaw = Callable[..., Any]
+RATE_HZ = 4800.0
+CONTRACT_LAW = {
+    "rank",
+    "name",
+    "equation",
+    "parameters",
+    "errors",
+    "cross_validated_loss_error_percent_median",
+    "delta_bic",
+    "wins_against_baseline",
+    "p_value_against_baseline",
+    "source",
+}
+
+
+def course(preload: float, hold_out: bool = False) -> TensionCourse:
+    """A test whose tension fell as the paper's model says, by full simulation."""
+    force = nominal_impact(1600.0, RATE_HZ, 2.0)
+    edges = np.array([0.5, 0.503, 0.51, 0.6, 1.0, 1.95])
+    final = np.array([1.0, 1.95])
+    means, last = (
+        paper_model().mean_tensions(force[None], RATE_HZ, [preload], e, body="lo")[0] for e in (edges, final)
+    )
+    return TensionCourse(
+        file=f"records/loosening_{preload:g}.h5", hold_out=hold_out, preload=preload, body="lo", force=force,
+        rate_hz=RATE_HZ, impact_s=0.5, initial=preload, edges_s=edges, change=means - preload,
+        covariance=1e-4 * np.eye(len(edges) - 1), tension_rate_hz=RATE_HZ, final_window=(1.0, 1.95),
+        final=float(last[0]), final_error=0.01,
+    )  # fmt: skip
+
+
+def ranked(rank: int, candidate: Candidate, values: dict[str, float]) -> RankedLaw:
+    fitted = candidate.with_values(values)
+    parameters = {
+        name: replace(p, low=0.9 * p.value, high=1.1 * p.value) if name in fitted.free else p
+        for name, p in fitted.parameters.items()
+    }
+    base = candidate.name == BASELINE
+    fit = Fit(
+        fitted, fitted.free, np.eye(len(fitted.free)), 0.0, (0.0, 0.0), np.zeros((1, 5)), np.zeros(1), True
+    )
+    return RankedLaw(
+        rank, candidate.name, fitted.equation, parameters,
+        {kind: errors(10.0, 3) for kind in ("training", "hold_out")},
+        10.0 * rank, -5.0 * rank, 3.0 * (rank - 1), (0 if base else 3, 5), None if base else float("nan"),
+        candidate.source, len(fitted.free), (), fit, fitted, np.zeros(5), 1.0 if rank == 1 else 0.0,
+    )  # type: ignore[arg-type]  # fmt: skip
+
+
+def profile(name: str, reach: Any = "identified") -> ExponentProfile:
+    values = np.array([3.0, 4.0, 5.0])
+    return ExponentProfile(
+        name, values, np.array([30.0, 0.5, np.inf]), 3.9, 3.7, 4.2, reach, 1.0, True, None, ()  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def made() -> Ranking:
+    rate = paper_model().link_laws["joint"].tension_rate
+    assert rate is not None
+    paper = {name: p.value for name, p in rate.parameters.items()}
+    papers = {"gamma": 10 ** paper["gamma_d"], "gamma_i": paper["gamma_i"], "rho": paper["rho"]}
+    candidates = rivals_always_in_the_race()
+    laws = tuple(ranked(k, c, papers if c.name == BASELINE else {}) for k, c in enumerate(candidates, 1))
+    test = Proposal("lo", 800.0, 0.001, 150.0, 2, (laws[0].name, laws[1].name), 4.0, np.inf)
+    return Ranking(
+        laws=laws, considered=2000, identified=paper_model(), inclusion={"|v|^n T": 0.9},
+        profile=profile("n"), motion_profile=MotionProfile(profile("n"), profile("q", "open below")),
+        indistinguishable=(laws[1].name,), proposals=(test,),
+        courses=tuple(course(t, t == 100.0) for t in (20.0, 60.0, 100.0, 300.0)),
+        set_aside=("records/a.h5: clipped",),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def folder(made: Ranking, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """What the command writes for a sound campaign, the ranking itself made by hand."""
+    from experiments.cli import run
+
+    monkeypatch.setattr(discovery_module, "discover", lambda *_: made)
+    monkeypatch.setattr(discover, "enough", lambda *_: None)
+    write_sound_campaign(tmp_path / "campaign")
+    assert run(["discover", str(tmp_path / "campaign"), "--jobs", "1", "--seed", "4", "--quiet"]) == 0
+    return tmp_path / "campaign-results"
+
+
+def load(folder: Path) -> dict[str, Any]:
+    text = (folder / "ranking.json").read_text(encoding="utf-8")
+    assert not re.search(r"\b(NaN|Infinity|-Infinity)\b", text)
+    data: dict[str, Any] = json.loads(text)
+    return data
+
+
+def test_the_ranking_has_the_keys_that_others_read(folder: Path) -> None:
+    data = load(folder)
+    assert data["format"] == "boltlaw-ranking/1"
+    assert data["seed"] == 4
+    assert {"campaign", "program_version", "elapsed_s"} <= set(data)
+    names = [law["name"] for law in data["laws"]]
+    assert {"gamma(T) baseline", "no loosening", "constant gamma, quadratic"} <= set(names)
+    for rank, law in enumerate(data["laws"], 1):
+        assert set(law) >= CONTRACT_LAW
+        assert law["rank"] == rank
+        assert set(law["errors"]) == {"training", "hold_out"}
+        assert set(law["errors"]["hold_out"]) == set(errors(1.0, 1))
+        for parameter in law["parameters"].values():
+            assert set(parameter) == {"value", "low", "high", "unit"}
+    assert data["exponent_profile"]["values"] == [3.0, 4.0, 5.0]
+    assert data["exponent_profile"]["delta_bic"] == [29.5, 0.0, None]
+    assert data["laws"][0]["wins_against_baseline"] == [0, 5]
+    assert data["laws"][1]["p_value_against_baseline"] is None  # was not a number
+
+
+def test_cases_hold_the_courses_of_the_laws_by_full_simulation(folder: Path) -> None:
+    """The records were made with the paper's law: it repeats them, no loosening is off by 100 %."""
+    cases = load(folder)["cases"]
+    assert [case["hold_out"] for case in cases] == [False, False, True, False]
+    for case in cases:
+        assert case["laws"][BASELINE] == pytest.approx(case["change_n"], rel=1e-3, abs=1e-3)
+        assert case["loss_error_percent"][BASELINE] < 0.1
+        assert case["time_s"][0] == pytest.approx(0.0015)
+        assert case["change_error_n"] == [pytest.approx(0.01)] * 5
+
+
+def test_the_model_is_the_identified_one_with_the_first_law(folder: Path, made: Ranking) -> None:
+    model = load_model(folder / "model.json")
+    rate = model.link_laws["joint"].tension_rate
+    assert rate is not None
+    assert rate.equation == made.laws[0].equation
+    force = nominal_impact(1600.0, RATE_HZ, 2.0)
+    losses = [m.simulate({"lo": force}, RATE_HZ, 150.0).tension for m in (model, paper_model())]
+    assert losses[0] == pytest.approx(losses[1], rel=1e-6)
+    section = json.loads((folder / "model.json").read_text(encoding="utf-8"))["identification"]
+    assert section["errors"]["hold_out"]["tension_loss_error_percent_median"] == 10.0
+    assert section["errors"]["no_loosening"]["training"]["records"] == 3
+
+
+def test_every_figure_is_there_and_nothing_else(folder: Path) -> None:
+    assert {path.name for path in folder.iterdir()} == {
+        "ranking.json",
+        "model.json",
+        "law-leader-board.svg",
+        "law-trajectories.svg",
+        "law-errors.svg",
+        "exponent-profile.svg",
+        "accuracy-complexity.svg",
+        "term-inclusion.svg",
+    }
+
+
+def test_the_summary_says_which_law_how_sure_and_what_is_open(folder: Path) -> None:
+    text = discover.summary(folder / "ranking.json")
+    for part in (
+        "The paper's law ranks first; these records cannot tell it from another one.",
+        "95 % set: 3.7 to 4.2",
+        "2 hits of 800 N for 1 ms at a preload of 150 N",
+        "2000 candidate laws were considered",
+        "dT/dt = -gamma |v|^n T",
+        "note: records/a.h5: clipped",
+    ):
+        assert part in text, part
+
+
+def test_few_loosening_records_are_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, boltlaw: Boltlaw
+) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError("work began")
+
+    monkeypatch.setattr(discovery_module, "discover", never)
+    assert (
+        boltlaw(
+            "rig", tmp_path / "few", "--cases", 3, "--duration-s", 2.5, "--hold-out-every", 3, "--quiet"
+        ).code
+        == 0
+    )
+    before = sorted(tmp_path.rglob("*"))
+    ran = boltlaw("discover", tmp_path / "few", "--jobs", 1)
+    assert (ran.code, ran.out) == (2, "")
+    (line,) = ran.err.splitlines()
+    assert re.search(r"few: found [23] loosening records.*expected 4 or more", line)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_parameter_without_limits_has_none() -> None:
+    assert discover._parameter_row(Parameter(4.0, "1")) == {
+        "value": 4.0,
+        "low": None,
+        "high": None,
+        "unit": "1",
+    }
+
+
+@pytest.mark.slow
+def test_a_small_campaign_is_ranked_from_end_to_end(
+    rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    ran = boltlaw("discover", rig_campaign, "--out", tmp_path, "--jobs", 2)
+    assert ran.code == 0, ran.err
+    assert "rank" in ran.out
+    data = load(tmp_path)
+    assert data["considered"] >= 2000
+    assert {"gamma(T) baseline", "no loosening", "constant gamma, quadratic"} <= {
+        law["name"] for law in data["laws"]
+    }
+    assert boltlaw("predict", tmp_path / "model.json", rig_campaign, "--out", tmp_path, "--quiet").code == 0
