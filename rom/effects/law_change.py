@@ -44,7 +44,8 @@ def _follow(law: Law) -> ast.expr:
     motion: dict[str, ast.expr] = {name: ast.Constant(value) for name, value in _REFERENCE.items()}
     here = ast.unparse(_replaced(law.equation, motion))
     there = ast.unparse(_replaced(law.equation, {**motion, "T": ast.Constant(_REFERENCE_TENSION)}))
-    return _text(f"({here}) * {_REFERENCE_TENSION} / (({there}) * max(T, 1e-9))")
+    # a law that does nothing at the reference has no dependence to follow: 0, and no division by it
+    return _text(f"abs(({here}) * {_REFERENCE_TENSION} / max(abs({there}) * max(T, 1e-9), 1e-300))")
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class LawChange(Added):
     The equation is an expression in what a tension law sees (``T x v F D``), the parameters, ``rate``, which
     is the rate of the law that is changed, and ``follow``, its relative rate at a given motion as a function
     of tension, 1 at 100 N: ``follow ** 0`` leaves a rate proportional to T, ``follow ** 1`` lets it depend on
-    tension as the law itself does.
+    tension as the law itself does. Of several changes each sees the law that those before it left.
     """
 
     def changed(self, law: Law) -> Law:

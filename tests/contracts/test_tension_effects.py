@@ -5,7 +5,7 @@ import pytest
 
 from rom.effects import CATALOGUE, LawChange, Motion
 from rom.effects.observation import tension_reading
-from rom.laws import logistic_loosening, no_loosening, power_loosening
+from rom.laws import Parameter, free_form_law, logistic_loosening, no_loosening, power_loosening
 from rom.parameters.he_2025 import nominal_impact, paper_model
 
 LAW = logistic_loosening(11.79, 7.974, -0.00362)
@@ -79,6 +79,14 @@ def test_a_changed_model_loosens_otherwise_and_can_be_fitted_by_path():
     same = 100.0 - off.simulate(force, 19200, 100.0).tension[-1]
     assert same == pytest.approx(loss[0], rel=1e-5)
     assert off.link_laws["joint"].tension_rate.name == "logistic loosening + tightening"
+
+
+def test_a_law_that_does_nothing_at_the_reference_is_followed_nowhere():
+    idle = free_form_law(
+        "idle", "-g * max(abs(v) - 0.2, 0) * T", "tension rate", {"g": Parameter(3.0, "1/m")}
+    )
+    law = changed("loosening-displacement", idle, g_x=0.5, h_x=0.7)
+    assert law.rate(TENSIONS, 1e-4, [[0.1], [0.3]]) == pytest.approx(idle.rate(TENSIONS, 0.0, [[0.1], [0.3]]))
 
 
 def test_changes_add_up_but_not_with_themselves():
