@@ -34,7 +34,7 @@ _Z95 = 1.959964
 _BOARD_ROWS = 10
 _SHOWN_CASES = 6
 _PRINTED_N = (6.4, 21.5, 61.3, 152.7, 317.0, 700.2)  # preloads of He et al. (2025), Fig. 15
-_TERMS = 12
+_TERMS, _SELDOM = 12, 0.005
 _DRAWN_PERCENT = (0.1, 1000.0)  # errors beyond are drawn at the edge
 _LINES = ((BLUE, "-"), (GREEN, "--"), (SKY, "-."))
 _MOST_DEVIANCE = 60.0
@@ -49,7 +49,7 @@ def discovery_figures(data: Data) -> dict[str, Figure]:
         "law-errors": (_cases(data), errors_over_preload),
         "exponent-profile": (_profiles(data), profiles),
         "accuracy-complexity": (len(_front_points(data)) > 1, accuracy_and_complexity),
-        "term-inclusion": (data.get("inclusion"), inclusion),
+        "term-inclusion": (any((data.get("inclusion") or {}).values()), inclusion),
     }
     return {name: draw(data) for name, (there, draw) in made.items() if there}
 
@@ -100,22 +100,24 @@ def leader_board(data: Data) -> Figure:
     axes[0, 0].set_xlabel("$\\Delta$BIC [1]")
     axes[0, 1].set_xscale("log")
     _plain_decades(axes[0, 1].xaxis)
-    axes[0, 1].set_xlabel("Error of loss, cross-validated [%]")
+    axes[0, 1].set_xlabel("Cross-validated error [%]")
     return figure
 
 
 def _counts_up(ax: Axes, values: Sequence[float]) -> None:
-    """Scale an axis that starts at zero and may end at thousands: linear to 10, by decades from there."""
-    top = max([*values, 1.0])
-    if top <= 30:
-        ax.set_xlim(-0.05 * top, 1.08 * top)
+    """Scale an axis about zero that may end at thousands: linear to 10, by decades from there."""
+    low, top = min([*values, 0.0]), max([*values, 1.0])
+    if top - low <= 40:
+        margin = 0.06 * (top - low)
+        ax.set_xlim(low - margin, top + margin)
         ax.xaxis.set_major_locator(MaxNLocator(4))
         return
     ax.set_xscale("symlog", linthresh=10.0, linscale=1.0)
-    decades = range(1, int(np.ceil(np.log10(top))) + 1)
-    ax.set_xticks([0.0, *(10.0**power for power in decades)])
+    most = int(np.ceil(np.log10(top)))
+    decades = [10.0**power for power in range(1, most + 1, 1 + most // 5)]
+    ax.set_xticks([*(-decade for decade in reversed(decades) if decade <= -low), 0.0, *decades])
     ax.xaxis.set_minor_locator(NullLocator())
-    ax.set_xlim(-1.0, 1.5 * top)
+    ax.set_xlim(1.5 * low - 1.0, 1.5 * top)
 
 
 def _plain_decades(axis: Axis) -> None:
@@ -328,11 +330,12 @@ def _point_out(ax: Axes, law: Data) -> None:
 @styled
 def inclusion(data: Data) -> Figure:
     """Share of the fits on resampled records that chose each term."""
-    shares = sorted(data["inclusion"].items(), key=lambda item: -float(item[1] or 0.0))[:_TERMS]
+    known = [(name, float(share)) for name, share in data["inclusion"].items() if share and share >= _SELDOM]
+    shares = sorted(known, key=lambda item: -item[1])[:_TERMS]
     figure, axes = panels(height_mm=12.0 + 7.0 * len(shares))
     ax = axes[0, 0]
     for row, (name, share) in enumerate(shares):
-        ax.barh(row, 100 * float(share or 0.0), 0.32, color=BLUE)
+        ax.barh(row, 100 * share, 0.32, color=BLUE)
         ax.annotate(law_name(name, 60), (0.0, row - 0.2), xycoords=("axes fraction", "data"), va="bottom")
     ax.set_ylim(len(shares) - 0.6, -0.9)
     ax.set_yticks([])

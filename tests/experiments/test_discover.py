@@ -101,16 +101,18 @@ def made() -> Ranking:
     )  # fmt: skip
 
 
-@pytest.fixture
-def folder(made: Ranking, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+@pytest.fixture(scope="module")
+def folder(made: Ranking, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the command writes for a sound campaign, the ranking itself made by hand."""
     from experiments.cli import run
 
-    monkeypatch.setattr(discovery_module, "discover", lambda *_: made)
-    monkeypatch.setattr(discover, "enough", lambda *_: None)
-    write_sound_campaign(tmp_path / "campaign")
-    assert run(["discover", str(tmp_path / "campaign"), "--jobs", "1", "--seed", "4", "--quiet"]) == 0
-    return tmp_path / "campaign-results"
+    place = tmp_path_factory.mktemp("discover")
+    write_sound_campaign(place / "campaign")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(discovery_module, "discover", lambda *_: made)
+        patch.setattr(discover, "enough", lambda *_: None)
+        assert run(["discover", str(place / "campaign"), "--jobs", "1", "--seed", "4", "--quiet"]) == 0
+    return place / "campaign-results"
 
 
 def load(folder: Path) -> dict[str, Any]:
