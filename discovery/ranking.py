@@ -24,11 +24,10 @@ from rom.residuals import Errors, summarise
 
 __all__ = ["RankedLaw", "Ranking", "race", "term_inclusion"]
 
-_REFINED = 32  # candidates that are fitted again with full re-simulation
-_VALIDATED = 20  # that are cross-validated
-_LISTED = 15  # that are judged by every error measure
+_REFINED = (12, 32, 200.0)  # candidates fitted again with full re-simulation: least, most, reach of BIC
+_VALIDATED = (8, 18, 100.0)  # cross-validated
+_LISTED = 12  # that are judged by every error measure
 _CHUNKS = 4  # for each process and stage
-_STAGES = 4
 _EQUAL_NOISE, _EQUAL_LOSS = 0.1, 0.005  # of the noise, of the loss: far below what can be told
 Item = TypeVar("Item")
 Found = TypeVar("Found")
@@ -80,7 +79,7 @@ def race(
     rng = np.random.default_rng(seed)
     groups = validation.preload_groups(frozen)
     folds = validation.preload_folds(groups, seed)
-    run = _Runner(jobs, progress)
+    run = _Runner(jobs, progress, 3 if campaign is None else 4)
     starts = [*_baseline_starts(), *rivals_always_in_the_race(), *candidates]
     first = _lowest(run(0, _fit_some, starts, frozen))
     refined = run(1, _refine_some, _best(first, frozen, _REFINED), frozen)
@@ -110,6 +109,7 @@ class _Runner:
 
     jobs: int
     progress: Progress | None
+    stages: int
 
     def __call__(
         self,
@@ -134,7 +134,7 @@ class _Runner:
 
     def report(self, stage: int, share: float) -> None:
         if self.progress is not None:
-            self.progress(round(100 * (stage + share) / _STAGES), 100)
+            self.progress(round(100 * (stage + share) / self.stages), 100)
 
 
 def _baseline_starts() -> list[Candidate]:
@@ -143,8 +143,8 @@ def _baseline_starts() -> list[Candidate]:
     inner = first.terms[0].tension.inner
     return [
         first.with_values({"gamma_i": gamma_i, "rho": rho})
-        for gamma_i in inner["gamma_i"].grid[:3]
-        for rho in inner["rho"].grid[-3:]
+        for gamma_i in inner["gamma_i"].grid[::2]
+        for rho in inner["rho"].grid[1:3]
     ]
 
 
@@ -184,11 +184,18 @@ def _validate_some(fits: Sequence[Fit], frozen: Frozen, folds: Sequence[Fold]) -
         return [validation.cross_validate(found, frozen, folds, parts) for found in fits]
 
 
-def _best(fits: Sequence[Fit | None], frozen: Frozen, count: int) -> list[Fit]:
+def _best(fits: Sequence[Fit | None], frozen: Frozen, share: tuple[int, int, float]) -> list[Fit]:
     """The fits of lowest BIC, and what is always in the race."""
-    there = [found for found in fits if found is not None]
-    there.sort(key=lambda found: validation.information_criterion(found, frozen))
-    return [f for place, f in enumerate(there) if place < count or f.candidate.source == "baseline"]
+    least, most, reach = share
+    there = [(validation.information_criterion(found, frozen), found) for found in fits if found is not None]
+    there.sort(key=lambda item: item[0])
+    return [
+        found
+        for place, (criterion, found) in enumerate(there)
+        if place < least
+        or (place < most and criterion < there[0][0] + reach)
+        or found.candidate.source == "baseline"
+    ]
 
 
 def _merged(fits: Sequence[Fit], frozen: Frozen) -> list[tuple[Fit, tuple[str, ...]]]:
@@ -268,7 +275,9 @@ def _judged(
     files = {course.file for course in frozen.courses} | unseen
     records = [record for record in campaign.settings.record if record.file in files]
     models = [with_law(frozen.model, law) for law in listed]
-    judged = judge(models, campaign, records, jobs, lambda done, total: run.report(_STAGES - 1, done / total))
+    judged = judge(
+        models, campaign, records, jobs, lambda done, total: run.report(run.stages - 1, done / total)
+    )
     errors: list[dict[str, Errors]] = []
     for place in range(len(listed)):
         of = [(j.settings.file in unseen, j.comparisons[place]) for j in judged if j.comparisons]

@@ -1,0 +1,156 @@
+"""The race on simulated courses: the true law first, names, tables, equal laws merged, any number of jobs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from discovery.factors import (
+    displacement_power,
+    tension_exponential,
+    tension_logistic,
+    tension_power,
+    velocity_power,
+    velocity_threshold,
+)
+from discovery.motion import Frozen, freeze
+from discovery.ranked import Ranking, equation_name, names_of
+from discovery.ranking import RankedLaw, race, term_inclusion
+from discovery.terms import (
+    BASELINE,
+    CONSTANT_QUADRATIC,
+    NO_LOOSENING,
+    Candidate,
+    Term,
+    baseline,
+    rivals_always_in_the_race,
+)
+from rom import paper_model
+from tests.discovery.synthetic import measured, with_power
+
+FREE = Candidate("free", (Term(velocity_power(), tension_logistic()),), (1e11,), "hand")
+THRESHOLD = Candidate("th", (Term(velocity_threshold(0.01, 0.06), tension_logistic()),), (1e11,), "hand")
+BY_DISPLACEMENT = Candidate("x", (Term(displacement_power(), tension_power()),), (1e9,), "hand")
+
+
+@pytest.fixture(scope="module")
+def frozen() -> Frozen:
+    return freeze(paper_model(), measured(with_power(3.0), scatter=0.3, seed=5))
+
+
+@pytest.fixture(scope="module")
+def laws(frozen: Frozen) -> tuple[RankedLaw, ...]:
+    return race([FREE, BY_DISPLACEMENT], frozen)
+
+
+def named(laws: tuple[RankedLaw, ...], name: str) -> RankedLaw:
+    return next(law for law in laws if law.name == name)
+
+
+def test_true_power_wins_and_its_limits_hold_the_truth(laws: tuple[RankedLaw, ...]) -> None:
+    first = laws[0]
+    exponent = first.parameters["n"]
+    assert first.candidate.key == FREE.key
+    assert exponent.low is not None
+    assert exponent.high is not None
+    assert exponent.low < 3.0 < exponent.high
+    assert exponent.high - exponent.low < 1.0
+    assert [law.rank for law in laws] == list(range(1, len(laws) + 1))
+
+
+def test_rivals_are_always_listed(laws: tuple[RankedLaw, ...]) -> None:
+    assert {rival.name for rival in rivals_always_in_the_race()} <= {law.name for law in laws}
+    assert named(laws, NO_LOOSENING).free_numbers == 0
+    assert len({law.name for law in laws}) == len(laws)
+
+
+def test_scores_against_baseline(laws: tuple[RankedLaw, ...]) -> None:
+    first, base = laws[0], named(laws, BASELINE)
+    assert base.p_value_against_baseline is None
+    assert base.wins_against_baseline == (0, 16)
+    assert first.cross_validated_score > base.cross_validated_score + 5
+    assert first.wins_against_baseline[0] > 8
+    assert first.p_value_against_baseline is not None
+    assert first.p_value_against_baseline < 0.2
+    assert named(laws, NO_LOOSENING).p_value_against_baseline == 1.0
+    assert first.delta_bic == 0.0
+    assert base.delta_bic > 10
+    assert named(laws, CONSTANT_QUADRATIC).delta_bic > 100
+    assert sum(law.chosen for law in laws) == pytest.approx(1.0)
+
+
+def test_errors_are_empty_without_a_campaign(laws: tuple[RankedLaw, ...]) -> None:
+    assert laws[0].errors["hold_out"]["records"] == 0
+    assert laws[0].errors["training"]["tension_loss_error_percent_median"] is None
+
+
+def test_law_equal_to_a_simpler_one_is_its_look_alike(frozen: Frozen) -> None:
+    extra = Term(velocity_power().held(n=4.0), tension_logistic())
+    tiny = Candidate("tiny", (FREE.terms[0], extra), (1e11, 1e-6), "hand")
+    part = frozen.subset(range(4, 12))
+    found = race([FREE, THRESHOLD, tiny], part, seed=1)
+    everyone = [law.equation for law in found] + [text for law in found for text in law.look_alikes]
+    assert {FREE.equation, THRESHOLD.equation, tiny.equation} <= set(everyone)
+    for law in found:
+        if THRESHOLD.equation in law.look_alikes:
+            assert law.free_numbers <= 4
+
+
+@pytest.mark.slow
+def test_numbers_do_not_depend_on_jobs(frozen: Frozen) -> None:
+    part = frozen.subset(range(6, 12))
+    one, two = (race([FREE], part, seed=2, jobs=jobs) for jobs in (1, 2))
+    assert [law.name for law in one] == [law.name for law in two]
+    for a, b in zip(one, two, strict=True):
+        np.testing.assert_array_equal(a.scores, b.scores)
+        assert a.parameters == b.parameters
+        assert a.p_value_against_baseline == b.p_value_against_baseline
+
+
+def test_progress_rises_to_its_end(frozen: Frozen) -> None:
+    told: list[tuple[int, int]] = []
+    race([], frozen.subset(range(6, 10)), progress=lambda done, total: told.append((done, total)))
+    shares = [done / total for done, total in told]
+    assert shares == sorted(shares)
+    assert shares[-1] == pytest.approx(1.0)
+
+
+def test_ranking_in_words_tables_and_as_a_model(laws: tuple[RankedLaw, ...], frozen: Frozen) -> None:
+    ranking = Ranking(laws, 321, paper_model(), term_inclusion(laws), indistinguishable=(laws[1].name,))
+    text = ranking.summary()
+    assert laws[0].name in text
+    assert "321 candidate laws" in text
+    assert f"cannot tell it from: {laws[1].name}" in text
+    frame = ranking.to_frame()
+    assert list(frame["name"]) == [law.name for law in laws]
+    assert len(ranking.plot().axes[0].get_yticklabels()) == len(laws)
+    assert "<table" in ranking._repr_html_()
+    course = frozen.courses[-6]
+    response = ranking.model.simulate({"lo": course.force}, course.rate_hz, course.initial)
+    assert response.status == "ok"
+    assert float(np.asarray(response.tension)[-1]) < course.initial
+    assert ranking[BASELINE].name == BASELINE
+    with pytest.raises(KeyError, match="no law 'none'"):
+        ranking["none"]
+
+
+def test_inclusion_adds_up_over_laws_with_a_term(laws: tuple[RankedLaw, ...]) -> None:
+    shares = term_inclusion(laws)
+    assert shares["|v|^n T gamma(T)"] == pytest.approx(
+        sum(law.chosen for law in laws if law.candidate.key == FREE.key)
+    )
+    assert list(shares.values()) == sorted(shares.values(), reverse=True)
+
+
+def test_names_are_equations_and_each_its_own() -> None:
+    fading = Term(velocity_power(2.0).held(n=2.0), tension_exponential(312.0))
+    pair = Candidate("", (Term(velocity_power(3.98), tension_logistic()), fading), (1.0, 1.0))
+    assert equation_name(pair) == "|v|^3.98 T gamma(T) + |v|^2 T exp(-T/312)"
+    rising = Candidate("", (replace(fading, sign=1),), (1.0,))
+    assert equation_name(rising) == "- |v|^2 T exp(-T/312)"
+    near = replace(pair, terms=(Term(velocity_power(3.9801), tension_logistic()), fading))
+    names = names_of([baseline(), pair, near, pair])
+    assert names[0] == BASELINE
+    assert len(set(names)) == 4

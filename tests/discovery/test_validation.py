@@ -1,0 +1,122 @@
+"""Folds by preload, paired comparison, chance of being the best of many, limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from discovery import validation
+from discovery.fitting import fit, log_predictive
+from discovery.motion import Frozen, freeze
+from discovery.terms import baseline
+from rom import paper_model
+from tests.discovery.synthetic import measured
+
+GROUPS = np.repeat(np.arange(16), 3)
+
+
+@pytest.fixture(scope="module")
+def frozen() -> Frozen:
+    return freeze(paper_model(), measured(scatter=0.4, seed=3))
+
+
+def test_preloads_within_a_few_percent_are_one_group(frozen: Frozen) -> None:
+    groups = validation.preload_groups(frozen)
+    assert list(groups) == list(np.repeat(np.arange(8), 2))
+    shuffled = frozen.subset([15, 0, 2, 1, 14])
+    assert list(validation.preload_groups(shuffled)) == [2, 0, 1, 0, 2]
+
+
+def test_folds_leave_whole_preloads_out_and_every_case_once() -> None:
+    folds = validation.preload_folds(GROUPS, seed=1)
+    assert len(folds) == validation.FOLDS
+    assert sorted(np.concatenate([left for _, left in folds])) == list(range(len(GROUPS)))
+    for kept, left in folds:
+        assert not set(GROUPS[kept]) & set(GROUPS[left])
+
+
+def test_one_preload_cannot_be_cross_validated() -> None:
+    with pytest.raises(ValueError, match="one preload only, expected two or more"):
+        validation.preload_folds(np.zeros(5, dtype=np.int64))
+
+
+def test_cases_left_out_score_less_than_cases_fitted(frozen: Frozen) -> None:
+    found = fit(baseline(), frozen)
+    folds = validation.preload_folds(validation.preload_groups(frozen))
+    check = validation.cross_validate(found, frozen, folds, validation.divide(frozen, folds))
+    fitted = log_predictive(found, frozen)
+    assert fitted.sum() - 30 < check.scores.sum() < fitted.sum()
+    assert check.estimates.shape == (len(folds), 3)
+    assert np.median(check.loss_error_percent) < 100
+    wide = validation.limits(found, check)
+    for name, (low, high) in wide.items():
+        own = found.limits(name)
+        assert low <= own[0] + 1e-9 * abs(own[0])
+        assert high >= own[1] - 1e-9 * abs(own[1])
+    assert wide["gamma_i"][0] < 7.974 < wide["gamma_i"][1]
+
+
+def test_dispersion_is_one_for_noise_as_declared_and_grows_with_it(frozen: Frozen) -> None:
+    found = fit(baseline(), frozen)
+    assert validation.dispersion(found, frozen) < 1.4
+    noisy = freeze(paper_model(), measured(scatter=0.4, seed=3, noise=1.0))
+    rough = np.random.default_rng(0).multivariate_normal(np.zeros(9), noisy.covariance[0] * 8, len(noisy))
+    object.__setattr__(noisy, "change", noisy.change + rough)
+    assert validation.dispersion(fit(baseline(), noisy), noisy) > 2.0
+
+
+def test_simpler_law_goes_first_within_a_standard_error() -> None:
+    rng = np.random.default_rng(0)
+    simple = rng.standard_normal(48)
+    rich = simple + 0.3 * rng.standard_normal(48)
+    better = simple + 1.0 + 0.5 * rng.standard_normal(48)
+    assert validation.order(np.stack([rich, simple]), [3, 1], GROUPS) == [1, 0]
+    assert validation.order(np.stack([better, simple]), [3, 1], GROUPS) == [0, 1]
+    assert validation.order(np.stack([simple, better, better - 0.01]), [1, 3, 2], GROUPS) == [2, 1, 0]
+
+
+def test_no_single_record_decides() -> None:
+    calm = np.zeros(48)
+    lucky = calm.copy()
+    lucky[0] = 1e4
+    p = validation.p_values(lucky[None], calm, GROUPS, np.random.default_rng(0))
+    assert p[0] == pytest.approx(0.5)
+
+
+def test_steady_gain_is_beyond_chance_and_loss_is_not() -> None:
+    rng = np.random.default_rng(1)
+    base = rng.standard_normal(48)
+    scores = np.stack([base + 0.5 + 0.3 * rng.standard_normal(48), base - 1.0, base])
+    p = validation.p_values(scores, base, GROUPS, rng)
+    assert p[0] < 1e-3
+    assert p[1] == 1.0
+    assert p[2] == 1.0
+
+
+@pytest.mark.parametrize("laws", [1, 30])
+def test_best_of_many_equal_laws_is_rarely_called_better(laws: int) -> None:
+    rng = np.random.default_rng(2)
+    called = 0
+    groups = np.repeat(np.arange(10), 3)
+    for _ in range(200):
+        shared = rng.standard_normal(30)
+        scores = 0.5 * shared + rng.standard_normal((laws, 30))
+        called += bool(validation.p_values(scores, np.zeros(30), groups, rng).min() < 0.05)
+    assert called / 200 < 0.10
+
+
+def test_many_preloads_are_flipped_at_random() -> None:
+    rng = np.random.default_rng(3)
+    groups = np.arange(24)
+    gain = 0.5 + 0.5 * rng.standard_normal(24)
+    p = validation.p_values(gain[None], np.zeros(24), groups, rng)
+    assert 0 < p[0] < 0.01
+
+
+def test_share_of_resamples_sums_to_one_and_favours_the_better() -> None:
+    rng = np.random.default_rng(4)
+    base = rng.standard_normal(48)
+    scores = np.stack([base, base + 1.0 + 0.2 * rng.standard_normal(48)])
+    share = validation.chosen(scores, [1, 1], GROUPS, rng)
+    assert share.sum() == pytest.approx(1.0)
+    assert share[1] > 0.95
