@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -22,8 +23,8 @@ from rom.loosening import LooseningCase, identify_gamma
 from rom.model import Model
 
 _LEAD_S = 0.004  # a hit begins before its impact is noticed
-_BURST_S, _SETTLED_S = 0.06, 0.5
-_PER_PERIOD = 32
+_BURST_S, _EARLY_S, _SETTLED_S = 0.06, 0.12, 0.5
+_PER_PERIOD = 16
 _WIDE = 1.0e3  # standard deviation of a nuisance direction, in largest noise of a bin
 _LEAST_FINAL = 0.01  # of the initial tension
 
@@ -81,12 +82,24 @@ class Frozen:
     def exposure(self, factor: Factor) -> FloatArray:
         """Cumulative integral of a motion factor at the knots, (cases, knots) [its unit times s]."""
         if factor.key not in self._exposures:
-            _, x, v, force, damping, _ = self.nodes
-            values = factor.of_motion(x, v, force, damping)
-            self._exposures[factor.key] = np.stack(
-                [_cumulative(values[a:b], self.nodes[0, a:b], self.knots_s) for a, b in pairwise(self.starts)]
-            )
+            values = factor.of_motion(*self.nodes[1:5])
+            steps, place, share = self._quadrature
+            total = np.cumsum(np.concatenate([[0.0], (values[1:] + values[:-1]) * steps]))
+            at_knots = total[place] + share * (total[place + 1] - total[place])
+            self._exposures[factor.key] = at_knots - at_knots[:, :1]
         return self._exposures[factor.key]
+
+    @cached_property
+    def _quadrature(self) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
+        """Half the steps of the trapezoidal rule, and where the knots lie between nodes, (cases, knots)."""
+        time = self.nodes[0]
+        steps = 0.5 * np.maximum(np.diff(time), 0.0)  # no step leads from one case to the next
+        places, shares = [], []
+        for a, b in pairwise(self.starts):
+            place = np.clip(np.searchsorted(time[a:b], self.knots_s, side="right") - 1, 0, b - a - 2) + a
+            places.append(place)
+            shares.append(np.clip((self.knots_s - time[place]) / (time[place + 1] - time[place]), 0.0, 1.0))
+        return steps, np.stack(places), np.stack(shares)
 
     def subset(self, index: Sequence[int] | npt.NDArray[np.int64]) -> Frozen:
         """The same for some of the cases, in the order of ``index``; repeats are allowed."""
@@ -188,14 +201,15 @@ def _relative(motion: object, first: str, second: str) -> FloatArray:
 
 
 def _places(v: FloatArray, time: FloatArray) -> npt.NDArray[np.int64]:
-    """Every sample in the burst, every fourth until the motion settles, then a few dozen a period."""
+    """Every sample in the burst, ever fewer until the motion settles, then some a period."""
     late = v[time > _SETTLED_S]
     crossings = int(np.sum(np.signbit(late[1:]) != np.signbit(late[:-1])))
     stride = 4
     if crossings:
         stride = max(int(2 * len(late) / (crossings * _PER_PERIOD)), 1)
     index = np.arange(len(v))
-    chosen = (time < _BURST_S) | ((time < _SETTLED_S) & (index % 4 == 0)) | (index % min(stride, 64) == 0)
+    chosen = (time < _BURST_S) | (index % min(stride, 64) == 0)
+    chosen |= ((time < _EARLY_S) & (index % 4 == 0)) | ((time < _SETTLED_S) & (index % 16 == 0))
     return np.flatnonzero(chosen)
 
 
