@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from joblib import Parallel, delayed
@@ -110,7 +111,7 @@ class Curve:
                 break
         return found
 
-    def end(self, best: Fit, side: Side, threshold: float) -> float:
+    def end(self, best: Fit, side: Side, threshold: float, close: float = _CLOSE) -> float:
         """Where the deviance crosses the threshold for the last time on a side; nan where the values end."""
         known = [(self.value(best), best)] + [pair for pair in side if pair[0] != self.value(best)]
         above = [found.deviance - best.deviance - threshold for _, found in known]
@@ -119,11 +120,12 @@ class Curve:
             return float("nan")
         (inner, near), (outer, _) = known[last], known[last + 1]
 
+        @cache
         def excess(value: float) -> float:
             rise = max(self.at(value, near).deviance - best.deviance, 0.0) if value != inner else 0.0
             return float(np.sqrt(rise) - np.sqrt(threshold))  # nearly straight in the exponent
 
-        return float(optimize.brentq(excess, inner, outer, xtol=_CLOSE)) if excess(outer) > 0 else outer
+        return float(optimize.brentq(excess, inner, outer, xtol=close)) if excess(outer) > 0 else outer
 
 
 def dispersion_of(found: Fit, frozen: Frozen) -> tuple[float, bool]:

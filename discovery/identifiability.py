@@ -42,6 +42,7 @@ MIXED_VALUES = tuple(float(q) for q in np.arange(0.0, 4.01, 0.5))
 _LEVEL = 0.95
 _THRESHOLD = float(stats.chi2.ppf(_LEVEL, 1))
 _SAME = 0.1  # of deviances
+_ROUGH = 0.05  # of an exponent
 
 Reach = Literal["identified", "open below", "open above", "not identifiable", "no loss above noise"]
 
@@ -245,10 +246,9 @@ def _profile(
     dispersion, fits_well = dispersion_of(best, frozen)
     curve = curve.anchored(best)
     best = fit(best.candidate, frozen, curve.anchors[-1][1], best) if curve.anchors else best
-    for last in (False, True):
-        low, high = (curve.end(best, side, dispersion * _THRESHOLD) for side in sides)
-        if not last:
-            curve = curve.anchored(*(curve.at(end, best) for end in (low, high) if np.isfinite(end)))
+    rough = (curve.end(best, side, dispersion * _THRESHOLD, _ROUGH) for side in sides)
+    curve = curve.anchored(*(curve.at(end, best) for end in rough if np.isfinite(end)))
+    low, high = (curve.end(best, side, dispersion * _THRESHOLD) for side in sides)
     fine = {value: curve.at(value, best) for value in _within(low, curve.value(best), high)}
     every = dict(sorted({**dict(sides[0]), **dict(sides[1]), **fine}.items()))
     return ExponentProfile(

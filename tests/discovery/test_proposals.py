@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import numpy as np
+
+import rom
+from discovery.factors import tension_power, velocity_power
+from discovery.fitting import fit, log_predictive, refine
+from discovery.motion import freeze
+from discovery.proposals import propose_tests
+from discovery.terms import Candidate, Term, baseline, constant_power, no_loosening
+from tests.discovery.synthetic import free_power, measured, small
+
+
+def held(n: float) -> Candidate:
+    term = Term(velocity_power().held(n=n), baseline().terms[0].tension)
+    return Candidate(f"power {n:g}", (term,), (1e11,))
+
+
+def test_rivals_get_a_test_within_reach() -> None:
+    whole = small()
+    fits = [refine(law, whole) for law in (baseline(), held(3.0), constant_power(4.0, "quartic"))]
+    found = propose_tests(fits, whole)
+    strongest = max(course.force.max() for course in whole.courses)
+    assert 1 <= len(found) <= 3
+    assert found[-1].odds >= 100
+    for test in found:
+        assert test.body == "lo"
+        assert 0 < test.peak_force <= 1.5 * strongest
+        assert whole.initial.min() / 1.6 < test.preload < whole.initial.max() * 1.6
+        assert 2e-4 < test.pulse_length < 2e-3
+        assert test.hits >= 1
+        assert set(test.laws) <= {one.candidate.name for one in fits}
+        assert test.expected_gain >= 0
+        assert f"{test.peak_force:.3g} N" in test.summary
+        assert "odds of" in test.summary
+    assert np.all(np.diff([test.odds for test in found]) >= 0)
+
+
+def test_the_proposed_test_separates_as_much_as_expected() -> None:
+    """Made on simulated courses it brings evidence, and more than the campaign's own weakest kind of hit."""
+    few = freeze(rom.paper_model(), measured(preloads=(60.0, 300.0, 1500.0), scatter=0.3, noise=2.0, seed=3))
+    fits = [refine(law, few) for law in (held(4.0), held(3.0))]
+    (test, *_) = propose_tests(fits, few)
+    gained = []
+    for peak, preload in ((test.peak_force, test.preload), (0.3 * 1608.7, 3000.0)):
+        again = measured(
+            fits[0].candidate,
+            preloads=[preload] * 6,
+            strengths=(peak / 1608.7,),
+            noise=2.0,
+            scatter=0.3,
+            seed=4,
+        )
+        whole = freeze(rom.paper_model(), again)
+        gained.append(float((log_predictive(fits[0], whole) - log_predictive(fits[1], whole)).mean()))
+    assert gained[0] > 10 * abs(gained[1])
+    assert gained[0] > 0.5
+
+
+def test_more_noise_promises_less() -> None:
+    gains = []
+    for noise in (1.0, 30.0):
+        whole = freeze(rom.paper_model(), measured(preloads=(60.0, 300.0), scatter=0.3, noise=noise, seed=1))
+        tests = propose_tests([fit(law, whole) for law in (held(4.0), held(3.5))], whole, most_tests=1)
+        gains.append(sum(test.expected_gain for test in tests))
+    assert gains[1] < 0.5 * gains[0]
+
+
+def test_no_more_kinds_of_tests_than_asked_for() -> None:
+    whole = small()
+    law = Candidate("r", (Term(velocity_power(), tension_power(0.7, free=True)),), (1e9,))
+    fits = [fit(candidate, whole) for candidate in (free_power(), law, held(3.0))]
+    assert len(propose_tests(fits, whole, most_tests=1)) == 1
+
+
+def test_laws_that_agree_everywhere_get_none() -> None:
+    whole = small()
+    same = fit(baseline(), whole)
+    assert propose_tests([same, same], whole) == ()
+
+
+def test_one_law_or_none_that_loosens_gets_none() -> None:
+    whole = small()
+    assert propose_tests([fit(baseline(), whole)], whole) == ()
+    assert propose_tests([fit(baseline(), whole), fit(no_loosening(), whole)], whole) == ()
