@@ -125,6 +125,16 @@ class Ranking:
         """The identified model with the first law."""
         return with_law(self.identified, self.laws[0])
 
+    @property
+    def front(self) -> tuple[RankedLaw, ...]:
+        """Laws that no other one of as few numbers outscores, from the simplest to the best."""
+        ordered = sorted(self.laws, key=lambda law: (law.free_numbers, -law.cross_validated_score))
+        kept: list[RankedLaw] = []
+        for law in ordered:
+            if not kept or law.cross_validated_score > kept[-1].cross_validated_score:
+                kept.append(law)
+        return tuple(kept)
+
     def summary(self) -> str:
         """Return in plain words what won, how surely, and what it beats."""
         first = self.laws[0]
@@ -252,7 +262,7 @@ def _against(first: RankedLaw, law: RankedLaw) -> str:
     own, other = (x.cross_validated_loss_error_percent_median for x in (first, law))
     return (
         f"Loss of tension at preloads left out: off by {own:.3g} % (median); {law.name}: {other:.3g} %; "
-        f"BIC higher by {law.delta_bic:.4g}."
+        f"its BIC is {abs(law.delta_bic):.4g} {'higher' if law.delta_bic >= 0 else 'lower'}."
     )
 
 

@@ -26,7 +26,7 @@ __all__ = ["RankedLaw", "Ranking", "race", "term_inclusion"]
 
 _REFINED = (12, 32, 200.0)  # candidates fitted again with full re-simulation: least, most, reach of BIC
 _VALIDATED = (8, 18, 100.0)  # cross-validated
-_LISTED = 12  # that are judged by every error measure
+_LISTED = 10  # that are judged by every error measure
 _CHUNKS = 4  # for each process and stage
 _EQUAL_NOISE, _EQUAL_LOSS = 0.1, 0.005  # of the noise, of the loss: far below what can be told
 Item = TypeVar("Item")
@@ -169,13 +169,14 @@ def _refine_some(fits: Sequence[Fit], frozen: Frozen) -> list[Fit | None]:
 
 
 def _safely(work: Callable[[Candidate, Frozen], Fit], candidate: Candidate, frozen: Frozen) -> Fit | None:
-    """Fit of a candidate; None where numbers overflow or a matrix cannot be solved: it is out of the race."""
+    """Fit of a candidate; None where it cannot be solved or its simulation fails: it is out of the race."""
     try:
         with np.errstate(all="ignore"):
             found = work(candidate, frozen)
-    except (np.linalg.LinAlgError, FloatingPointError, OverflowError):
+    except (np.linalg.LinAlgError, OverflowError, ValueError):  # ValueError: a number left its bounds
         return None
-    return found if np.isfinite(found.deviance) and np.isfinite(found.offsets).all() else None
+    failed = work is refine and bool(candidate.terms) and not found.offsets.any()
+    return None if failed or not np.isfinite(found.deviance) else found
 
 
 def _validate_some(fits: Sequence[Fit], frozen: Frozen, folds: Sequence[Fold]) -> list[CrossValidation]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,6 +29,9 @@ from discovery.terms import (
     rivals_always_in_the_race,
 )
 from rom import paper_model
+from rom.campaign import read_campaign
+from rom.identification import identify_campaign
+from rom.reduction import reduce_records, tension_courses
 from tests.discovery.synthetic import measured, with_power
 
 FREE = Candidate("free", (Term(velocity_power(), tension_logistic()),), (1e11,), "hand")
@@ -132,6 +136,10 @@ def test_ranking_in_words_tables_and_as_a_model(laws: tuple[RankedLaw, ...], fro
     assert response.status == "ok"
     assert float(np.asarray(response.tension)[-1]) < course.initial
     assert ranking[BASELINE].name == BASELINE
+    front = ranking.front
+    assert front[0].name == NO_LOOSENING
+    assert laws[0] in front
+    assert [law.free_numbers for law in front] == sorted({law.free_numbers for law in front})
     with pytest.raises(KeyError, match="no law 'none'"):
         ranking["none"]
 
@@ -154,3 +162,23 @@ def test_names_are_equations_and_each_its_own() -> None:
     names = names_of([baseline(), pair, near, pair])
     assert names[0] == BASELINE
     assert len(set(names)) == 4
+
+
+@pytest.mark.slow
+def test_listed_laws_are_judged_on_training_and_held_out_records(rig_campaign: Path) -> None:
+    campaign = read_campaign(rig_campaign)
+    found = identify_campaign(campaign, jobs=1)
+    model = replace(found.model, identification=None)
+    frozen = freeze(model, found.courses)
+    records = list(reduce_records(campaign, campaign.select("loosening", hold_out=True), 1))
+    unseen = freeze(model, tension_courses(records, found.course_noise, campaign.settings))
+    laws = race([FREE], frozen, unseen, campaign)
+    base = named(laws, BASELINE)
+    assert base.errors["training"]["records"] == len(frozen)
+    assert base.errors["hold_out"]["records"] == len(unseen)
+    loss = base.errors["training"]["tension_loss_error_percent_median"]
+    assert loss is not None
+    assert loss < 20
+    assert named(laws, NO_LOOSENING).errors["training"]["tension_loss_error_percent_median"] == (
+        pytest.approx(100.0)
+    )
