@@ -11,7 +11,8 @@ CAPTIONS: dict[str, tuple[str, str]] = {
         "Tension after the hit",
         "Means of the measured tension over bins of time with 95 % limits, and the courses of the first laws "
         "and the paper's, for the preloads nearest to Fig. 15 of He et al. (2025). In the titles: tension "
-        "before the hit (dotted). Scatter of the rate from test to test is not followed by any law.",
+        "before the hit (dotted). Shaded: what the scatter of the rate from test to test spans (one standard "
+        "deviation), which no law is asked to follow.",
     ),
     "law-errors": (
         "Error of the loss against preload",

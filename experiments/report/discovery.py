@@ -30,6 +30,7 @@ Data = Mapping[str, Any]
 
 BASELINE = "gamma(T) baseline"
 NO_LOOSENING = "no loosening"
+_EARLIER = "constant gamma, quadratic"  # [47] of He et al. (2025)
 _Z95 = 1.959964
 _BOARD_ROWS = 10
 _SHOWN_CASES = 6
@@ -69,10 +70,14 @@ def _colour(name: str, rank: int) -> str:
 
 
 def drawn_laws(data: Data) -> list[str]:
-    """Return the laws that figures over cases draw: the first two, and the paper's where it is neither."""
+    """Return the laws that figures over cases draw: the first two and the paper's.
+
+    Where that is one of them, the law of earlier work is the third, so that there is something to compare.
+    """
     names = [str(law["name"]) for law in _laws(data)]
-    first = [name for name in names if name != NO_LOOSENING][:2]
-    return first if BASELINE in first or BASELINE not in names else [*first, BASELINE]
+    chosen = [name for name in names if name != NO_LOOSENING][:2]
+    third = _EARLIER if BASELINE in chosen else BASELINE
+    return [*chosen, third] if third in names and third not in chosen else chosen
 
 
 @styled
@@ -89,12 +94,14 @@ def leader_board(data: Data) -> Figure:
         for ax, key in zip(axes[0], keys, strict=True):
             if law.get(key) is not None:
                 ax.plot(law[key], row, "o", color=colour, markerfacecolor=face, markeredgewidth=0.9)
-        axes[0, 0].annotate(f"{law['rank']}  {law_name(str(law['name']))}", (0.0, row - 0.28),
-                            xycoords=("axes fraction", "data"), va="bottom")  # fmt: skip
+        name = axes[0, 0].annotate(f"{law['rank']}  {law_name(str(law['name']))}", (0.0, row - 0.28),
+                                   xycoords=("axes fraction", "data"), va="bottom")  # fmt: skip
+        name.set_in_layout(False)  # it runs on over the panel beside
     for ax in axes[0]:
         ax.set_yticks([])
         ax.spines["left"].set_visible(False)
         ax.hlines(range(len(shown)), 0, 1, transform=ax.get_yaxis_transform(), color=GREY, lw=0.3, zorder=0)
+    axes[0, 1].patch.set_visible(False)
     axes[0, 0].set_ylim(len(shown) - 0.6, -0.95)
     _counts_up(axes[0, 0], [law["delta_bic"] for law in shown if law.get("delta_bic") is not None])
     axes[0, 0].set_xlabel("$\\Delta$BIC [1]")
@@ -121,10 +128,10 @@ def _counts_up(ax: Axes, values: Sequence[float]) -> None:
 
 
 def _plain_decades(axis: Axis) -> None:
-    """Label a logarithmic axis of percent with plain numbers, between decades too where it spans few."""
+    """Label a logarithmic axis of percent with plain numbers, the denser the fewer decades it spans."""
     low, high = axis.get_view_interval()
-    subs = (1.0, 2.0, 5.0) if high < 30 * low else (1.0,)
-    axis.set_major_locator(LogLocator(subs=subs, numticks=12))
+    dense = LogLocator(subs=(1.0, 2.0, 5.0) if high < 30 * low else (1.0,), numticks=12)
+    axis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]) if high < 4 * low else dense)
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
@@ -158,7 +165,7 @@ def trajectories(data: Data) -> Figure:
     figure, axes = panels(rows, columns, 16.0 + 30.0 * rows, sharex=True)
     names = drawn_laws(data)
     for ax, case in zip(axes.flat, cases, strict=False):
-        _course(ax, case, names)
+        _course(ax, case, names, _scatter(data, _tension(case)))
     for ax in axes.flat[len(cases) :]:
         ax.remove()
     for column in range(columns):
@@ -171,28 +178,49 @@ def trajectories(data: Data) -> Figure:
     return figure
 
 
-def _course(ax: Axes, case: Data, names: Sequence[str]) -> None:
+def _course(ax: Axes, case: Data, names: Sequence[str], scatter: float) -> None:
     time, initial = np.asarray(case["time_s"], dtype=float), _tension(case)
-    change = np.asarray(case["change_n"], dtype=float)
+    measured = initial + np.asarray(case["change_n"], dtype=float)
     error = _Z95 * np.asarray(case["change_error_n"], dtype=float)
     ax.axhline(initial, color=BACKGROUND, lw=0.6, ls=":", label="Before the hit")
-    ax.errorbar(time, initial + change, error, fmt="o", color=MEASURED, markersize=2.5, elinewidth=0.6,
+    ax.errorbar(time, measured, error, fmt="o", color=MEASURED, markersize=2.5, elinewidth=0.6,
                 label="Measured, 95 % limits", zorder=3)  # fmt: skip
-    shown = [initial, *(initial + change - error), *(initial + change + error)]
+    shown = [initial, *(measured - error), *(measured + error)]
     for place, name in enumerate(names):
         predicted = (case.get("laws") or {}).get(name)
-        if predicted is not None:
-            style = _LINES[min(place, 2)][1]
-            ax.plot(time, initial + np.asarray(predicted, dtype=float), style, color=_colour(name, place + 1),
-                    label=law_name(name, 34))  # fmt: skip
-    low, high = float(np.min(shown)), float(np.max(shown))
-    margin = high - low  # a law far off does not flatten the measured course
-    bottom, top = ax.get_ylim()
-    ax.set_ylim(max(bottom, low - margin), min(top, high + 0.3 * margin))
+        if predicted is None:
+            continue
+        course = initial + np.asarray(predicted, dtype=float)
+        if place == 0:
+            shown += [*_scattered(ax, time, course, initial, scatter), *course]
+        style = _LINES[min(place, 2)][1]
+        ax.plot(time, course, style, color=_colour(name, place + 1), label=law_name(name, 34))
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    ax.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))  # rivals far off may leave it
     ax.set_xscale("log")
     ax.set_title(f"{initial:.3g} N" + (", held out" if case.get("hold_out") else ""))
     ax.ticklabel_format(axis="y", useOffset=False)
     ax.yaxis.set_major_locator(MaxNLocator(4))
+
+
+def _scattered(
+    ax: Axes, time: FloatArray, course: FloatArray, initial: float, scatter: float
+) -> tuple[float, float]:
+    """Draw where 68 % of tests lie by the scatter of the rate, a power of T / T_0; return the ends."""
+    if not scatter or initial <= 0:
+        return initial, initial
+    share = np.log(np.clip(course / initial, 1e-9, None))
+    fast, slow = (initial * np.exp(share * np.exp(sign * scatter)) for sign in (1, -1))
+    ax.fill_between(time, fast, slow, color=GREY, alpha=0.25, lw=0, label="68 % of tests, by the first law")
+    return float(fast.min()), float(slow.max())
+
+
+def _scatter(data: Data, tension: float) -> float:
+    """Return the standard deviation of the log rate from test to test, at a tension [N]."""
+    known = data.get("scatter") or {}
+    if known.get("a") is None or known.get("b") is None or tension <= 0:
+        return 0.0
+    return float(np.exp(np.clip(known["a"] + known["b"] * np.log(tension / 100.0), -7.0, 1.5)))
 
 
 @styled
@@ -243,6 +271,7 @@ def profiles(data: Data) -> Figure:
     """Badness of fit over the exponent of the relative velocity (and of x against v), with the 95 % set."""
     shown = _profiles(data)
     figure, axes = panels(len(shown), 1, 6.0 + 50.0 * len(shown))
+    figure.get_layout_engine().set(hspace=0.08)  # type: ignore[union-attr,call-arg]
     for ax, (label, profile) in zip(axes[:, 0], shown, strict=True):
         _profile(ax, profile)
         ax.set_xlabel(label)

@@ -101,7 +101,7 @@ _LAW_PATTERNS = (
 
 def law_name(name: str, most: int = 70) -> str:
     """Return the name of a tension law for people, cut where it is longer than `most` characters."""
-    shown = _LAW_WORDS.get(name, name)
+    shown = re.sub(r"\d+\.\d{4,}", lambda found: f"{float(found[0]):.3g}", _LAW_WORDS.get(name, name))
     for pattern, words in _LAW_PATTERNS:
         shown = re.sub(pattern, words, shown)
     return shown if len(shown) <= most else shown[: most - 1].rstrip() + "…"

@@ -43,14 +43,14 @@ def run(
     ValueError
         If the campaign cannot be used, or holds too few loosening records to compare laws.
     """
-    from discovery.discover import discover
+    import discovery
     from experiments.report.discovery import discovery_figures
 
     started = time.perf_counter()
     report = progress or (lambda _: None)
     campaign = read_campaign(campaign_path, jobs, report("checking records"))
     enough(campaign, campaign_path)
-    ranking = discover(campaign, jobs, report, seed, tightening)
+    ranking = discovery.discover(campaign, jobs, report, seed, tightening)
     content = plain(ranking_section(ranking) | {"command": command, "campaign_digest": campaign.digest})
     drawn = discovery_figures(content)
     folder = results_folder(campaign_path, out)

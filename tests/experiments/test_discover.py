@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discovery import discover as discovery_module
 from discovery.fitting import Fit
 from discovery.identifiability import ExponentProfile, MotionProfile
 from discovery.proposals import Proposal
@@ -109,7 +108,7 @@ def folder(made: Ranking, tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("discover")
     write_sound_campaign(place / "campaign")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(discovery_module, "discover", lambda *_: made)
+        patch.setattr("discovery.discover", lambda *_: made)
         patch.setattr(discover, "enough", lambda *_: None)
         assert run(["discover", str(place / "campaign"), "--jobs", "1", "--seed", "4", "--quiet"]) == 0
     return place / "campaign-results"
@@ -198,7 +197,7 @@ def test_few_loosening_records_are_refused_before_the_work(
     def never(*_: object) -> None:
         raise AssertionError("work began")
 
-    monkeypatch.setattr(discovery_module, "discover", never)
+    monkeypatch.setattr("discovery.discover", never)
     assert (
         boltlaw(
             "rig", tmp_path / "few", "--cases", 3, "--duration-s", 2.5, "--hold-out-every", 3, "--quiet"

@@ -86,6 +86,8 @@ def test_trajectories_show_the_hardest_hit_nearest_to_each_printed_preload() -> 
 def test_figures_over_cases_draw_the_first_laws_and_always_the_papers() -> None:
     assert drawn_laws(ranking()) == [WINNER, SECOND, BASELINE]
     data = ranking()
+    data["laws"] = [law(1, BASELINE, "0", 10.0, 0.0), law(2, WINNER, "0", 11.0, 4.0), *laws()[5:]]
+    assert drawn_laws(data) == [BASELINE, WINNER, "constant gamma, quadratic"]
     data["laws"] = [law(1, "no loosening", "0", 100.0, 0.0), law(2, BASELINE, "0", 110.0, 4.0)]
     assert drawn_laws(data) == [BASELINE]
 
