@@ -1,12 +1,9 @@
 """From libraries and sparse fits to a short list of candidate laws, best first.
 
-Every candidate is judged by the same quick measure: -2 log likelihood of the integral rows with the scatter
-of the rate from case to case integrated out,
-
-    y_i = (1 + u_i) G_i c + e_i,   u_i ~ N(0, tau^2),   e_i ~ N(0, I) after whitening by the noise,
-
-so that the shape of a case's course counts in full and its size only as far as the scatter lets it. tau and
-c are fitted for every candidate. What passes goes on to refinement by re-simulation, which decides.
+A first round finds a guide: the single term that suits the courses best, fitted with its scatter. Along
+the tension that the guide predicts for every case all terms are integrated. Every single term and every sum
+of terms on the paths of the sparse fits is then judged by the same quick measure (``discovery.screening``).
+What passes goes on to refinement by re-simulation, which decides.
 """
 
 from __future__ import annotations
@@ -16,20 +13,22 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import optimize
 
-from discovery.factors import Factor
+from discovery.factors import Factor, tension_exponential, tension_logistic, tension_power
 from discovery.libraries import Scales, TermLibrary, motion_factors, printed, tension_factors
 from discovery.regression import (
     Rows,
+    along,
+    forward,
     integrals,
-    positive,
+    least_squares,
     smoothed,
     sparse_supports,
     usable,
     weighted,
     whitener,
 )
+from discovery.screening import COMMON_SCATTER, Found, best_pairs, judged, single_terms
 from discovery.terms import Candidate, Term
 from rom.channels import FloatArray
 
@@ -37,17 +36,15 @@ if TYPE_CHECKING:
     from discovery.fitting import Fit
     from discovery.motion import Frozen
 
-Progress = Callable[[str, int, int], None]
+Progress = Callable[[int, int], None]
 
 _MOST = 60
+_BEATEN = 8  # sums that a simpler law beats and that go on all the same: the measure is a quick one
+_GUIDES = 3  # single terms of different motion that are fitted to find the guide
 _SHARED = 6  # tension factors whose libraries go through the sparse fits
-_MIXED = 60  # columns of the library of the best single terms
-_PAIRS = 60  # of every library, judged in full
+_PAIRS = 40  # of every library, judged in full
 _BOOTSTRAPS = 20
-_SCATTERS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
-_MIXTURES = (0.1, 0.3, 0.5, 0.7, 0.9)
-_COMMON = 0.5  # scatter of the rate that pairs are first judged with, and the largest for sparse fits
-_TINY = 1e-300
+_SINGLE = "pysindy:grid/single term"
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ class Proposals:
     dropped : tuple of str
         Columns that are zero or a multiple of another one.
     scores : tuple of float
-        Quick measure of every candidate with its penalty for free numbers, as `candidates`.
+        Quick measure of every candidate with its price for free numbers, as `candidates`.
     """
 
     candidates: tuple[Candidate, ...]
@@ -73,16 +70,6 @@ class Proposals:
     inclusion: Mapping[str, float]
     dropped: tuple[str, ...] = ()
     scores: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
-class _Found:
-    """A support with its coefficients in the library's units, and its deviance."""
-
-    columns: tuple[int, ...]
-    coefficients: tuple[float, ...]
-    deviance: float
-    source: str
 
 
 def propose(
@@ -100,7 +87,7 @@ def propose(
     frozen : Frozen
         Motion and measured courses of the training records.
     baseline_fit : Fit
-        A fitted law whose predictions smooth the measured courses and whose scatter weighs them.
+        A fitted law; it smooths the measured courses until a better guide is found.
     seed : int
         Seed of the ensembles and of the bootstrap over records.
     tightening : bool
@@ -108,7 +95,7 @@ def propose(
     jobs : int
         Not used: one core is enough.
     progress : callable
-        Called as ``progress(what, done, total)``.
+        Called as ``progress(done, total)``.
     """
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped] # comes with scikit-learn
 
@@ -116,92 +103,52 @@ def propose(
         return _proposed(frozen, baseline_fit, seed, tightening, progress or _silent)
 
 
-def _silent(*_: object) -> None:
+def _silent(done: int, total: int) -> None:  # noqa: ARG001 - the signature of progress
     return None
 
 
 def _proposed(frozen: Frozen, baseline_fit: Fit, seed: int, tightening: bool, tell: Progress) -> Proposals:
     rng = np.random.default_rng(seed)
-    tell("candidate laws", 0, 3)
+    tell(0, 4)
     scales = Scales.of(frozen)
-    fitted = [term.tension for term in baseline_fit.candidate.terms if term.tension.inner]
-    library = TermLibrary("grid", scales, motion_factors(scales), tension_factors(*fitted))
-    smooth = smoothed(baseline_fit, frozen)
-    columns = integrals(library, frozen)
-    plain = weighted(columns, frozen, whitener(frozen, smooth))
-    singles = _singles(plain, "pysindy:grid/single term")
-    tell("candidate laws", 1, 3)
-    roots = whitener(frozen, smooth, np.minimum(baseline_fit.tau(frozen.initial), _COMMON))
-    search = _Search(library, plain, weighted(columns, frozen, roots), singles, tightening)
+    motions = motion_factors(scales)
+    guide = _guide(frozen, baseline_fit, scales, motions)
+    tell(1, 4)
+    followed = along(guide, frozen)
+    fitted = [t.tension for f in (baseline_fit, guide) for t in f.candidate.terms if t.tension.inner]
+    library = TermLibrary("grid", scales, motions, tension_factors(*fitted))
+    columns, smooth = integrals(library, followed), smoothed(guide, followed)
+    plain = weighted(columns, followed, whitener(followed, smooth))
+    scatter = np.minimum(guide.tau(frozen.initial), COMMON_SCATTER)
+    damped = weighted(columns, followed, whitener(followed, smooth, scatter))
+    singles = single_terms(plain, _SINGLE)
+    tell(2, 4)
+    search = _Search(library, plain, damped, singles, tightening)
     sums, dropped = search.sums(rng)
-    tell("candidate laws", 2, 3)
+    tell(3, 4)
     kept, scores = _merged(library, (*singles, *sums), plain.target.size)
     inclusion = search.inclusion(rng)
-    tell("candidate laws", 3, 3)
+    tell(4, 4)
     return Proposals(kept, len(singles) + len(sums), inclusion, dropped, scores)
 
 
-def marginal_deviance(
-    size: FloatArray, along: FloatArray, square: FloatArray, scatter: FloatArray | float
-) -> FloatArray:
-    """-2 log likelihood by case with the scatter integrated out.
+def _guide(frozen: Frozen, baseline_fit: Fit, scales: Scales, motions: tuple[Factor, ...]) -> Fit:
+    """The best of a few single-term laws of different motion and the baseline, fitted."""
+    from discovery.fitting import fit, refine
 
-    Parameters
-    ----------
-    size : ndarray
-        ``|y|^2`` of the whitened losses of a case.
-    along, square : ndarray
-        ``g . y`` and ``g . g`` of the law's whitened course g of the case.
-    scatter : ndarray or float
-        tau.
-    """
-    tau2 = np.square(scatter)
-    there = np.maximum(square, _TINY)
-    shape = np.maximum(size - along**2 / there, 0.0)
-    return np.asarray(shape + (along - square) ** 2 / (there * (1 + tau2 * square)) + np.log1p(tau2 * square))
-
-
-def _singles(rows: Rows, source: str) -> list[_Found]:
-    """Every column alone: coefficient and scatter by a scan over tau with Newton steps in ln c."""
-    columns, target = rows.columns, rows.target
-    size = (target**2).sum(axis=1)[:, None]
-    along = np.einsum("cbk,cb->ck", columns, target)
-    square = np.einsum("cbk,cbk->ck", columns, columns)
-    start = _typical(along, square)
-    best = np.full(columns.shape[2], np.inf)
-    where = start.copy()
-    for scatter in _SCATTERS:
-        value, logs = _scaled(size, along, square, start, scatter)
-        better = value < best
-        best, where = np.where(better, value, best), np.where(better, logs, where)
-    usable_ones = np.flatnonzero(np.isfinite(best) & (square.sum(axis=0) > 0))
-    return [_Found((int(k),), (float(np.exp(where[k])),), float(best[k]), source) for k in usable_ones]
-
-
-def _typical(along: FloatArray, square: FloatArray) -> FloatArray:
-    """Logarithm of a column's coefficient: mean over the cases, weighted by how well it shows in each."""
-    amplitude = along / np.maximum(square, _TINY)
-    seen = np.where(amplitude > 0, 1 / (0.25 + 1 / np.maximum(along * amplitude, _TINY)), 0.0)
-    logs = np.log(np.maximum(amplitude, _TINY))
-    return np.asarray((seen * logs).sum(axis=0) / np.maximum(seen.sum(axis=0), _TINY))
-
-
-def _scaled(
-    size: FloatArray, along: FloatArray, square: FloatArray, start: FloatArray, scatter: float
-) -> tuple[FloatArray, FloatArray]:
-    """Smallest deviance of many courses over a factor each, and its logarithm, by Newton steps."""
-
-    def deviance(logs: FloatArray) -> FloatArray:
-        factor = np.exp(logs)
-        return marginal_deviance(size, factor * along, factor**2 * square, scatter).sum(axis=0)
-
-    at, step = start, 0.02
-    for _ in range(6):
-        here, ahead, behind = deviance(at), deviance(at + step), deviance(at - step)
-        slope, bend = (ahead - behind) / (2 * step), (ahead + behind - 2 * here) / step**2
-        change = np.where(bend > 0, slope / np.where(bend > 0, bend, 1.0), 0.5 * np.sign(slope))
-        at = at - np.clip(change, -0.7, 0.7)
-    return deviance(at), at
+    tensions = (tension_power(), tension_exponential(2 * scales.tension), tension_logistic())
+    library = TermLibrary("first", scales, motions, tensions)
+    roots = whitener(frozen, smoothed(baseline_fit, frozen))
+    rows = weighted(integrals(library, frozen), frozen, roots)
+    terms, units = library.terms, library.units
+    forms: dict[str, Candidate] = {}
+    for found in sorted(single_terms(rows, _SINGLE), key=lambda item: item.deviance):
+        term = terms[found.columns[0]]
+        forms.setdefault(term.motion.text, _candidate([term], found, units))
+    fits = [fit(candidate, frozen) for candidate in list(forms.values())[:_GUIDES]]
+    best = min((baseline_fit, *fits), key=lambda item: item.deviance)
+    refined = best if best is baseline_fit else refine(best.candidate, frozen, rounds=1)
+    return refined if refined.converged else best
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,11 +162,11 @@ class _Search:
     library: TermLibrary
     plain: Rows
     damped: Rows
-    singles: Sequence[_Found]
+    singles: Sequence[Found]
     tightening: bool
 
-    def sums(self, rng: np.random.Generator) -> tuple[list[_Found], tuple[str, ...]]:
-        """Every distinct sum of terms on the paths of the sparse fits, judged; and the dropped columns."""
+    def sums(self, rng: np.random.Generator) -> tuple[list[Found], tuple[str, ...]]:
+        """Every distinct sum on the paths of the sparse fits, and the best pairs; and dropped columns."""
         names = self.library.names()
         sources: dict[frozenset[int], tuple[str, ...]] = {}
         dropped: dict[str, None] = {}
@@ -227,44 +174,35 @@ class _Search:
             theta, target = self._stacked(members)
             kept, gone = usable(theta, [names[k] for k in members])
             dropped |= dict.fromkeys(gone)
-            if not kept:
-                continue
             place = [members[k] for k in kept]
             found = {
                 support: tuple(f"pysindy:{label}/{optimizer}" for optimizer in optimizers)
                 for support, optimizers in sparse_supports(theta[:, kept], target, rng).items()
             }
             for pair in self._pairs(place):
-                found.setdefault(frozenset(pair), (f"pairs:{label}",))
+                found[frozenset(pair)] = (*found.get(frozenset(pair), ()), f"pysindy:{label}/best pairs")
             for support, texts in found.items():
                 whole = frozenset(place[k] for k in support)
                 sources[whole] = tuple(dict.fromkeys((*sources.get(whole, ()), *texts)))
-        sums = (self._judged(support, texts) for support, texts in sources.items() if len(support) > 1)
-        return [found for found in sums if found is not None], tuple(dropped)
+        sums = [self._judged(support, texts) for support, texts in sources.items() if len(support) > 1]
+        return sums, tuple(dropped)
 
     def inclusion(self, rng: np.random.Generator) -> dict[str, float]:
         """How often FROLS takes each motion factor among its first two when records are drawn again."""
-        from pysindy import FROLS
-
-        _, members = next(iter(self._libraries().items()))
+        members = next(iter(self._libraries().values()))
         theta, target = self.damped.columns[:, :, members], self.damped.target
         kept, _ = usable(theta.reshape(-1, len(members)), [str(k) for k in members])
         counts: dict[str, float] = {}
         for _ in range(_BOOTSTRAPS):
             drawn = rng.integers(len(target), size=len(target))
             rows = theta[drawn][:, :, kept].reshape(-1, len(kept))
-            norms = np.maximum(np.linalg.norm(rows, axis=0), _TINY)
-            path = FROLS(max_iter=2, alpha=1e-6).fit(rows / norms, target[drawn].ravel()).history_
-            for k in np.flatnonzero(path[-1][0]):
-                name = printed(self._motion(members[kept[k]]))
+            for k in forward(rows, target[drawn].ravel(), 2):
+                name = printed(self.library.motions[members[kept[k]] // len(self.library.tensions)])
                 counts[name] = counts.get(name, 0.0) + 1.0 / _BOOTSTRAPS
         return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
-    def _motion(self, column: int) -> Factor:
-        return self.library.motions[column // len(self.library.tensions)]
-
     def _libraries(self) -> dict[str, list[int]]:
-        """Columns of libraries: all motions with one tension factor, several times; each motion with its best."""
+        """Columns of libraries: all motions with one tension factor, several times; each with its best."""
         width = len(self.library.tensions)
         motions = np.arange(len(self.library.motions))
         deviance = np.full(len(motions) * width, np.inf)
@@ -277,94 +215,53 @@ class _Search:
             texts.setdefault(self.library.tensions[k].text, k)
         shared = list(dict.fromkeys((*texts.values(), *order)))[:_SHARED]
         libraries = {printed(self.library.tensions[k]): [int(j) for j in motions * width + k] for k in shared}
-        own = [int(j * width + table[j].argmin()) for j in motions]
-        return {**libraries, "each with its best T": own}
-
-    def _pairs(self, members: Sequence[int]) -> list[tuple[int, int]]:
-        """Places in ``members`` of the pairs of largest marginal likelihood, over a few mixtures of each pair."""
-        sizes = {found.columns[0]: found.coefficients[0] for found in self.singles}
-        alone = [k for k, column in enumerate(members) if column in sizes]
-        columns = self.plain.columns[:, :, [members[k] for k in alone]]
-        columns = columns * np.array([sizes[members[k]] for k in alone])
-        gram = np.einsum("cbj,cbk->cjk", columns, columns)
-        product = np.einsum("cbj,cb->cj", columns, self.plain.target)
-        size = (self.plain.target**2).sum(axis=1)[:, None]
-        j, k = np.triu_indices(len(alone), 1)
-        best = np.full(len(j), np.inf)
-        for share in _MIXTURES:
-            rest = 1 - abs(share)
-            along = rest * product[:, j] + share * product[:, k]
-            square = rest**2 * gram[:, j, j] + share**2 * gram[:, k, k] + 2 * rest * share * gram[:, j, k]
-            best = np.minimum(best, _scaled(size, along, square, _typical(along, square), _COMMON)[0])
-        return [(alone[j[p]], alone[k[p]]) for p in np.argsort(best)[:_PAIRS]]
+        return {**libraries, "each with its best T": [int(j * width + table[j].argmin()) for j in motions]}
 
     def _stacked(self, members: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         return self.damped.columns[:, :, members].reshape(-1, len(members)), self.damped.target.ravel()
 
-    def _judged(self, support: frozenset[int], sources: tuple[str, ...]) -> _Found | None:
-        """The sum with coefficients and scatter at the largest marginal likelihood."""
+    def _pairs(self, members: Sequence[int]) -> list[tuple[int, int]]:
+        """Places in ``members`` of the best pairs."""
+        sizes = {found.columns[0]: found.coefficients[0] for found in self.singles}
+        alone = [k for k, column in enumerate(members) if column in sizes]
+        chosen = [members[k] for k in alone]
+        rows = Rows(self.plain.columns[:, :, chosen], self.plain.target)
+        pairs = best_pairs(rows, np.array([sizes[k] for k in chosen]), _PAIRS, self.tightening)
+        return [(alone[j], alone[k]) for j, k in pairs]
+
+    def _judged(self, support: frozenset[int], sources: tuple[str, ...]) -> Found:
         members = sorted(support)
-        theta, target = self._stacked(members)
-        signs, start = self._start(theta, target)
-        if signs is None:
-            return None
-        columns = self.plain.columns[:, :, members] * (signs * start)
-        gram = np.einsum("cbj,cbk->cjk", columns, columns)
-        product = np.einsum("cbj,cb->cj", columns, self.plain.target)
-        size = (self.plain.target**2).sum(axis=1)
-
-        def deviance(logs: FloatArray) -> float:
-            weight = np.exp(np.clip(logs[:-1], -30, 30))
-            along, square = product @ weight, np.einsum("j,cjk,k->c", weight, gram, weight)
-            return float(marginal_deviance(size, along, square, np.exp(np.clip(logs[-1], -5, 2))).sum())
-
-        first = np.append(np.zeros(len(members)), np.log(0.5))
-        found = optimize.minimize(deviance, first, method="L-BFGS-B")
-        coefficients = signs * start * np.exp(np.clip(found.x[:-1], -30, 30))
-        text = "; ".join(sources)
-        return _Found(tuple(members), tuple(float(c) for c in coefficients), float(found.fun), text)
-
-    def _start(self, theta: FloatArray, target: FloatArray) -> tuple[FloatArray | None, FloatArray]:
-        """Signs and sizes of coefficients by least squares; a term that it leaves out starts small."""
-        if self.tightening:
-            coefficients = np.linalg.lstsq(theta, target, rcond=None)[0]
-        else:
-            coefficients = positive(theta, target)
-        norms = np.linalg.norm(theta, axis=0)
-        strength = np.abs(coefficients) * norms
-        if not strength.max() > 0:
-            return None, strength
-        signs = np.where(coefficients < 0, -1.0, 1.0)
-        return signs, np.maximum(strength, 0.03 * strength.max()) / norms
+        start = least_squares(*self._stacked(members), signed=self.tightening)
+        return judged(self.plain, members, start, sources)
 
 
 def _merged(
-    library: TermLibrary, found: Iterable[_Found], rows: int
+    library: TermLibrary, found: Iterable[Found], rows: int
 ) -> tuple[tuple[Candidate, ...], tuple[float, ...]]:
     """Distinct laws, best first: equal forms are one law, with the best numbers and all its sources.
 
-    A sum that is not better than each of its terms alone, its added numbers counted, is left out.
+    Of the sums that are not better than every single term, their added numbers counted, a few are kept.
     """
     terms, units, price = library.terms, library.units, float(np.log(rows))
-    alone: dict[int, float] = {}
     best: dict[tuple[object, ...], tuple[float, Candidate]] = {}
-    for one in sorted(found, key=lambda item: (len(item.columns), item.deviance)):
+    for one in sorted(found, key=lambda item: item.deviance):
         candidate = _candidate([terms[k] for k in one.columns], one, units)
-        score = one.deviance + len(candidate.free) * price
-        if len(one.columns) == 1:
-            alone[one.columns[0]] = score
-        elif score >= min(alone.get(k, np.inf) for k in one.columns):
-            continue
-        score, kept = best.get(candidate.key, (score, candidate))
-        texts = dict.fromkeys((*kept.source.split("; "), *candidate.source.split("; ")))
+        # what was picked from a grid is a number too, whether a later fit moves it or not
+        numbers = sum(1 + len(term.inner) for term in candidate.terms)
+        score, kept = best.get(candidate.key, (one.deviance + numbers * price, replace(candidate, source="")))
+        texts = dict.fromkeys((*filter(None, kept.source.split("; ")), *one.sources))
         best[candidate.key] = score, replace(kept, source="; ".join(texts))
-    # one of every form with a single term, then the best sums
-    order = sorted(best.values(), key=lambda item: (len(item[1].terms) > 1, item[0]))[:_MOST]
-    order.sort(key=lambda item: item[0])
-    return tuple(c for _, c in order), tuple(s for s, _ in order)
+    ranked = sorted(best.values(), key=lambda item: item[0])
+    singles = [item for item in ranked if len(item[1].terms) == 1]
+    least = singles[0][0] if singles else np.inf
+    sums = [item for item in ranked if len(item[1].terms) > 1]
+    worth = [item for item in sums if item[0] < least]
+    chosen = [*singles, *worth, *sums[len(worth) : len(worth) + _BEATEN]][:_MOST]
+    chosen.sort(key=lambda item: item[0])
+    return tuple(c for _, c in chosen), tuple(s for s, _ in chosen)
 
 
-def _candidate(terms: Sequence[Term], found: _Found, units: FloatArray) -> Candidate:
+def _candidate(terms: Sequence[Term], found: Found, units: FloatArray) -> Candidate:
     """The law of a support; in sums the numbers of the motion are held at their grid points."""
     several = len(terms) > 1
     parts, values = [], []
@@ -374,11 +271,11 @@ def _candidate(terms: Sequence[Term], found: _Found, units: FloatArray) -> Candi
             motion = motion.held(**{name: inner.value for name, inner in motion.inner.items()})
         parts.append(replace(term, motion=motion, sign=-1 if value > 0 else 1))
         values.append(float(abs(value) * units[column]))
-    name = " + ".join(f"{printed(p.motion)} {printed(p.tension)}" if several else _family(p) for p in parts)
-    return Candidate(name, tuple(parts), tuple(values), found.source)
+    name = " + ".join(f"{printed(p.motion)} {printed(p.tension)}" if several else _form(p) for p in parts)
+    return Candidate(name, tuple(parts), tuple(values), "; ".join(found.sources))
 
 
-def _family(term: Term) -> str:
+def _form(term: Term) -> str:
     """Name of a single-term law: its form with the names of its free numbers."""
     text = f"{term.motion.text} {term.tension.text}".replace("max(T, 0)", "T")
     return text.replace(" ** ", "^").replace(" * ", " ")

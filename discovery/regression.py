@@ -15,7 +15,8 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,10 +33,11 @@ MODEL_ERROR = 0.01  # of the change: frozen motion and tension course against th
 _COLLINEAR = 1e-9  # one minus the cosine of two columns
 _RIDGE = 1e-4
 _LARGEST_SUPPORT = 3
-_LONG = 5000
+_LONG = 300
+_SMALL = 0.03
 _NOTHING = 1e-30
-_SHARES = tuple(np.geomspace(0.01, 0.8, 12))  # thresholds as a share of the target's norm
-_THRESHOLDS = 16
+_SHARES = tuple(np.geomspace(0.02, 0.8, 8))  # thresholds as a share of the target's norm
+_THRESHOLDS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,30 +60,23 @@ def integrals(library: TermLibrary, frozen: Frozen) -> FloatArray:
     """Integrals of the columns from the hit, averaged over bins, (cases, bins, motions, tensions) [s]."""
     bins = frozen.averages.shape[0]
     out = np.empty((len(frozen), bins, len(library.motions), len(library.tensions)))
-    edges = bin_edges(frozen)
     for case in range(len(frozen)):
         nodes = frozen.of_case(case)
         motion, tension = library.factors(nodes)
-        weights = _bin_weights(nodes[0], edges)
-        for place, row in enumerate(weights):
+        for place, row in enumerate(_node_weights(nodes[0], frozen)):
             out[case, place] = (motion * row[:, None]).T @ tension
     return out
 
 
-def bin_edges(frozen: Frozen) -> FloatArray:
-    """Edges of the time bins after the hit [s], (bins + 1,)."""
-    used = frozen.averages > 0
-    first = frozen.knots_s[used.argmax(axis=1)]
-    last = frozen.knots_s[used.shape[1] - 1 - used[:, ::-1].argmax(axis=1)]
-    return np.append(first, last[-1])
+def _node_weights(time: FloatArray, frozen: Frozen) -> FloatArray:
+    """Weights of an integrand's nodes in the mean of its integral over each bin, (bins, nodes) [s].
 
-
-def _bin_weights(time: FloatArray, edges: FloatArray) -> FloatArray:
-    """Weights of the nodes of an integrand in the mean of its integral over each bin, (bins, nodes)."""
+    Trapezoids up to the knots, then the knots' averages: as along exposures, so that offsets mean the same.
+    """
     step = np.diff(time)
-    share = 0.5 * (np.append(step, 0.0) + np.append(0.0, step))
-    low, high = edges[:-1, None], edges[1:, None]
-    return np.asarray(share * np.clip((high - time) / (high - low), 0.0, 1.0))
+    passed = np.clip((frozen.knots_s[:, None] - time[:-1]) / step, 0.0, 1.0)
+    half = 0.5 * step * (frozen.averages @ passed)
+    return np.asarray(np.pad(half, ((0, 0), (0, 1))) + np.pad(half, ((0, 0), (1, 0))))
 
 
 def whitener(frozen: Frozen, smooth: FloatArray, tau: FloatArray | None = None) -> FloatArray:
@@ -111,10 +106,20 @@ def weighted(columns: FloatArray, frozen: Frozen, roots: FloatArray) -> Rows:
 
 
 def smoothed(fit: Fit, frozen: Frozen) -> FloatArray:
-    """The measured courses as a fit with its deviations predicts them, (cases, bins) [N]."""
+    """The measured courses as a fit with its deviations predicts them on frozen motion, (cases, bins) [N]."""
     from discovery.fitting import predict
 
-    return predict(fit.candidate, frozen, fit.offsets, fit.deviations)
+    return predict(fit.candidate, frozen, deviations=fit.deviations)
+
+
+def along(fit: Fit, frozen: Frozen) -> Frozen:
+    """The same with the tension of a fit at the nodes, and its offsets to full simulation taken off."""
+    every = replace(frozen, averages=np.eye(len(frozen.knots_s)))
+    courses = frozen.initial[:, None] + smoothed(fit, every)
+    nodes = frozen.nodes.copy()
+    for case, (a, b) in enumerate(pairwise(frozen.starts)):
+        nodes[5, a:b] = np.interp(nodes[0, a:b], frozen.knots_s, courses[case])
+    return replace(frozen, nodes=nodes, change=frozen.change - fit.offsets)
 
 
 def usable(theta: FloatArray, names: Sequence[str]) -> tuple[list[int], tuple[str, ...]]:
@@ -199,7 +204,7 @@ def _history(optimizer: Any, theta: FloatArray, target: FloatArray) -> list[Floa
 
 
 def _coefficients(optimizer: Any, theta: FloatArray, target: FloatArray) -> list[FloatArray]:
-    """Coefficients of one fit; none where the optimizer warns that nothing is left or that it did not settle."""
+    """Coefficients of one fit; none where the optimizer warns that it left nothing or did not settle."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
@@ -219,10 +224,23 @@ def _global_seed(rng: np.random.Generator) -> Iterator[None]:
         np.random.set_state(before)  # noqa: NPY002 - the same
 
 
-def positive(theta: FloatArray, target: FloatArray) -> FloatArray:
-    """Least squares with coefficients that are not negative, (columns,)."""
+def forward(theta: FloatArray, target: FloatArray, count: int) -> list[int]:
+    """Return the first columns that FROLS takes."""
+    from pysindy import FROLS
+
+    norms = np.maximum(np.linalg.norm(theta, axis=0), np.finfo(float).tiny)
+    path = FROLS(max_iter=count, alpha=_RIDGE).fit(theta / norms, target).history_
+    return [int(k) for k in np.flatnonzero(np.asarray(path[-1])[0])]
+
+
+def least_squares(theta: FloatArray, target: FloatArray, signed: bool = False) -> FloatArray:
+    """Coefficients that are positive or, where ``signed``, of either sign; what is left out starts small."""
     norms = np.linalg.norm(theta, axis=0)
-    return np.asarray(optimize.nnls(theta / norms, target)[0] / norms)
+    unit = theta / norms
+    found = np.linalg.lstsq(unit, target, rcond=None)[0] if signed else optimize.nnls(unit, target)[0]
+    largest = max(float(np.abs(found).max()), np.finfo(float).tiny)
+    least = _SMALL * largest * np.where(found < 0, -1.0, 1.0)
+    return np.asarray(np.where(np.abs(found) < np.abs(least), least, found) / norms)
 
 
 def strong_form(

@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rom
+from discovery.candidates import Proposals, propose
+from discovery.factors import displacement_power, tension_logistic, velocity_power
+from discovery.fitting import fit
+from discovery.motion import Frozen, freeze
+from discovery.terms import Candidate, Term, baseline
+from tests.discovery.synthetic import frozen, measured
+
+PRELOADS = (8.0, 20.0, 60.0, 150.0, 300.0, 900.0)
+SHAPE = tension_logistic(7.974, -0.00362)
+
+
+def _proposed(whole: Frozen, seed: int = 0, *, tightening: bool = False) -> Proposals:
+    return propose(whole, fit(baseline(), whole), seed, tightening)
+
+
+def _place(proposals: Proposals, *motions: str) -> int:
+    """Place of the first law of these motions with the logistic exponent, from 0."""
+    forms = [
+        sorted(term.motion.text for term in law.terms if "10 **" in term.tension.text)
+        for law in proposals.candidates
+    ]
+    return forms.index(sorted(motions))
+
+
+@pytest.fixture(scope="module")
+def proposals() -> Proposals:
+    return _proposed(frozen(3.0))
+
+
+def test_the_true_form_comes_first(proposals: Proposals) -> None:
+    first = proposals.candidates[0]
+    assert _place(proposals, "abs(v) ** n") == 0
+    assert first.parameters["n"].value == pytest.approx(3.0)
+    assert first.source == "pysindy:grid/single term"
+
+
+def test_more_than_two_thousand_laws_are_considered_and_few_go_on(proposals: Proposals) -> None:
+    assert proposals.considered > 2000
+    assert 20 <= len(proposals.candidates) <= 60
+    assert list(proposals.scores) == sorted(proposals.scores)
+
+
+def test_no_form_comes_twice_and_all_are_laws(proposals: Proposals) -> None:
+    keys = [law.key for law in proposals.candidates]
+    assert len(set(keys)) == len(keys)
+    for law in proposals.candidates[::7]:
+        rate = law.law().rate(100.0, 3e-5, 0.04, 40.0, 20.0)
+        assert np.isfinite(rate)
+        assert rate < 0
+        assert all(part.startswith("pysindy:") for part in law.source.split("; "))
+
+
+def test_inclusion_is_a_share(proposals: Proposals) -> None:
+    assert all(0 < share <= 1 + 1e-9 for share in proposals.inclusion.values())
+    assert next(iter(proposals.inclusion)).startswith("abs(")
+
+
+def test_coefficients_start_near_the_fit(proposals: Proposals) -> None:
+    first = proposals.candidates[0]
+    found = fit(first, frozen(3.0)).candidate
+    shift = np.log(found.coefficients[0] / first.coefficients[0])
+    assert found.parameters["n"].value == pytest.approx(3.0, abs=0.1)
+    assert abs(shift) < 3.0
+
+
+@pytest.mark.slow
+def test_a_sum_of_two_terms_is_proposed_where_it_is_the_truth() -> None:
+    law = Candidate(
+        "sum",
+        (Term(velocity_power().held(n=4.0), SHAPE), Term(displacement_power().held(q=2.0), SHAPE)),
+        (10**11.49, 10**12.32),
+    )
+    whole = freeze(
+        rom.paper_model(), measured(law, preloads=PRELOADS, strengths=(1.0, 0.8, 0.6), scatter=0.2)
+    )
+    found = _proposed(whole)
+    assert _place(found, "abs(v) ** n", "abs(x) ** q") < 20
+    assert len(found.candidates[0].terms) > 1
+
+
+@pytest.fixture(scope="module")
+def few() -> Frozen:
+    return frozen(3.0).subset(range(0, len(frozen(3.0)), 3))
+
+
+def test_one_seed_gives_the_same_numbers_and_progress_runs_to_its_end(few: Frozen) -> None:
+    told: list[tuple[int, int]] = []
+    first, again = (
+        propose(few, fit(baseline(), few), 7, progress=lambda done, total: told.append((done, total)))
+        for _ in range(2)
+    )
+    assert again.scores == first.scores
+    assert again.candidates == first.candidates
+    assert again.inclusion == first.inclusion
+    assert told == [(step, 4) for step in range(5)] * 2
+
+
+def test_tightening_allows_terms_of_the_other_sign(few: Frozen) -> None:
+    found = _proposed(few, tightening=True)
+    assert any(term.sign == 1 for law in found.candidates for term in law.terms)
+    assert all(c > 0 for law in found.candidates for c in law.coefficients)

@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from discovery.factors import tension_exponential, tension_logistic, tension_power, velocity_power
+from discovery.fitting import Fit, fit
+from discovery.libraries import Scales, TermLibrary, motion_factors
+from discovery.prediction import predict
+from discovery.regression import (
+    along,
+    integrals,
+    least_squares,
+    smoothed,
+    sparse_supports,
+    strong_form,
+    usable,
+    weighted,
+    whitener,
+)
+from discovery.terms import Candidate, Term, baseline
+from tests.discovery.synthetic import frozen
+
+
+@pytest.fixture(scope="module")
+def fitted() -> Fit:
+    return fit(baseline(), frozen())
+
+
+def test_integrals_are_the_change_that_a_small_term_makes() -> None:
+    # so small a coefficient leaves the tension at its start, where T^0 and T agree with a constant
+    whole = frozen()
+    scales = Scales.of(whole)
+    tension = tension_power(0.0, free=True)
+    library = TermLibrary("one", scales, (velocity_power(2.0),), (tension,))
+    law = Candidate("small", (Term(velocity_power(2.0), tension),), (1e-3,))
+    expected = predict(law, whole)
+    found = -1e-3 / library.units[0] * integrals(library, whole)[:, :, 0, 0]
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-11)
+
+
+def test_along_a_fit_the_true_column_gives_its_own_course_back(fitted: Fit) -> None:
+    whole = frozen()
+    followed = along(fitted, whole)
+    term = fitted.candidate.terms[0]
+    library = TermLibrary("true", Scales.of(whole), (term.motion,), (term.tension,))
+    rate = fitted.candidate.coefficients[0] / library.units[0] * np.exp(fitted.deviations)
+    course = -rate[:, None] * integrals(library, followed)[:, :, 0, 0]
+    expected = smoothed(fitted, whole)
+    assert np.abs(course - expected).max() < 0.01 * np.abs(expected).max()
+    np.testing.assert_array_equal(followed.change, whole.change - fitted.offsets)
+
+
+def test_whitened_noise_is_white(fitted: Fit) -> None:
+    whole = frozen()
+    smooth = smoothed(fitted, whole)
+    roots = whitener(whole, smooth, np.full(len(whole), 0.3))
+    case = 4
+    d = smooth[case]
+    covariance = whole.covariance[case] + np.diag((0.01 * d) ** 2) + 0.09 * np.outer(d, d)
+    np.testing.assert_allclose(roots[case] @ covariance @ roots[case].T, np.eye(len(d)), atol=1e-8)
+
+
+def test_zero_and_collinear_columns_are_dropped_by_name() -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 40))
+    kept, dropped = usable(
+        np.stack([a, 0 * a, b, -3 * a, a + 1e-2 * b], axis=1), ["a", "zero", "b", "3a", "c"]
+    )
+    assert kept == [0, 2, 4]
+    assert dropped == ("zero", "3a")
+
+
+def test_every_optimizer_finds_two_terms_among_ten() -> None:
+    rng = np.random.default_rng(1)
+    unit = rng.normal(size=(200, 10))
+    target = 2 * unit[:, 2] + unit[:, 7] + 1e-2 * rng.normal(size=200)
+    found = sparse_supports(unit * np.geomspace(1e-6, 1e6, 10), target, rng)
+    assert set(found[frozenset({2, 7})]) == {"FROLS", "SSR", "STLSQ", "SR3", "EnsembleOptimizer"}
+
+
+def test_the_global_random_state_is_left_as_it_was() -> None:
+    before = np.random.get_state()[1].copy()  # type: ignore[index,union-attr,call-overload] # noqa: NPY002
+    rng = np.random.default_rng(2)
+    theta = rng.normal(size=(30, 4))
+    supports = [sparse_supports(theta, theta[:, 0], np.random.default_rng(5)) for _ in range(2)]
+    assert supports[0] == supports[1]
+    np.testing.assert_array_equal(np.random.get_state()[1], before)  # type: ignore[index,arg-type] # noqa: NPY002
+
+
+def test_least_squares_keeps_signs_and_starts_small_what_it_leaves_out() -> None:
+    theta = np.eye(3)
+    target = np.array([2.0, -1.0, 0.0])
+    assert np.all(least_squares(theta, target) > 0)
+    np.testing.assert_allclose(least_squares(theta, target, signed=True), [2.0, -1.0, 0.06])
+
+
+def test_rows_of_a_library_carry_the_loss(fitted: Fit) -> None:
+    whole = frozen()
+    scales = Scales.of(whole)
+    library = TermLibrary("few", scales, motion_factors(scales)[:4], (tension_power(), tension_exponential()))
+    roots = whitener(whole, smoothed(fitted, whole))
+    rows = weighted(integrals(library, whole), whole, roots)
+    assert rows.columns.shape == (*whole.change.shape, 8)
+    np.testing.assert_allclose(rows.target[2], -roots[2] @ whole.change[2])
+
+
+def test_the_strong_form_differentiates() -> None:
+    whole = frozen()
+    nodes = whole.of_case(6)
+    regular = nodes[:, :500]
+    rate = 1 / (regular[0, 1] - regular[0, 0])
+    tension = 150.0 - 3.0 * np.arange(500) / rate
+    library = TermLibrary("true", Scales.of(whole), (velocity_power(),), (tension_logistic(),))
+    theta, slope = strong_form(library, regular, tension, rate)
+    np.testing.assert_allclose(slope, -3.0, rtol=1e-6)
+    assert theta.shape == (500, 1)
