@@ -38,6 +38,11 @@ class Inner:
         if not self.low <= self.value <= self.high:
             raise ValueError(f"inner parameter must lie within [{self.low}, {self.high}], got {self.value}")
 
+    @property
+    def step(self) -> float:
+        """Step of the grid on which exposures are kept: a quarter of an exponent, a share of a threshold."""
+        return 0.25 if self.unit == "1" else self.high / 32
+
 
 @dataclass(frozen=True)
 class Factor:
@@ -88,6 +93,12 @@ class Factor:
             old = inner[name]
             inner[name] = replace(old, value=float(np.clip(value, old.low, old.high)))
         return replace(self, inner=inner)
+
+    def at_node(self, name: str, value: float) -> Factor:
+        """The same factor with one inner value, outside its range too: a node of a grid."""
+        old = self.inner[name]
+        node = replace(old, value=value, low=min(old.low, value), high=max(old.high, value))
+        return replace(self, inner={**self.inner, name: node})
 
     def held(self, **values: float) -> Factor:
         """The same factor with these inner values fixed: no fit moves them."""

@@ -26,7 +26,11 @@ _LEAD_S = 0.004  # a hit begins before its impact is noticed
 _BURST_S, _EARLY_S, _SETTLED_S = 0.06, 0.12, 0.5
 _PER_PERIOD = 16
 _WIDE = 1.0e3  # standard deviation of a nuisance direction, in largest noise of a bin
+_NOTHING = 1e-16  # of the largest exposure
 _LEAST_FINAL = 0.01  # of the initial tension
+
+
+Corners = list[tuple[float, float]]  # values of a grid about a number, and their weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +84,35 @@ class Frozen:
         return self.nodes[:, self.starts[case] : self.starts[case + 1]]
 
     def exposure(self, factor: Factor) -> FloatArray:
-        """Cumulative integral of a motion factor at the knots, (cases, knots) [its unit times s]."""
+        """Cumulative integral of a motion factor at the knots, (cases, knots) [its unit times s].
+
+        Between a grid's values of the inner parameters it is interpolated by cubics, in its logarithm along
+        exponents: a fit moves them often, and the integrals at the grid's values serve all fits.
+        """
+        corners = [_corners(inner.value, inner.step) for inner in factor.inner.values()]
+        logarithmic = [inner.unit == "1" for inner in factor.inner.values()]
+        return self._interpolated(factor, tuple(factor.inner), corners, logarithmic)
+
+    def _interpolated(
+        self, factor: Factor, names: tuple[str, ...], corners: list[Corners], logarithmic: list[bool]
+    ) -> FloatArray:
+        """Interpolate along the first inner parameter, and within that along the others."""
+        if not names:
+            return self._integrated(factor)
+        parts = [
+            self._interpolated(factor.at_node(names[0], value), names[1:], corners[1:], logarithmic[1:])
+            for value, _ in corners[0]
+        ]
+        weights = [weight for _, weight in corners[0]]
+        if len(parts) == 1:
+            return parts[0]
+        if not logarithmic[0]:
+            return np.maximum(sum(w * part for w, part in zip(weights, parts, strict=True)), 0.0)
+        floors = [max(_NOTHING * float(part.max()), 1e-300) for part in parts]
+        logs = [np.log(np.maximum(part, floor)) for part, floor in zip(parts, floors, strict=True)]
+        return np.exp(sum(w * log for w, log in zip(weights, logs, strict=True)))
+
+    def _integrated(self, factor: Factor) -> FloatArray:
         if factor.key not in self._exposures:
             values = factor.of_motion(*self.nodes[1:5])
             steps, place, share = self._quadrature
@@ -236,6 +268,21 @@ def _averages(knots: FloatArray, offsets: FloatArray) -> FloatArray:
 def _cumulative(values: FloatArray, time: FloatArray, knots: FloatArray) -> FloatArray:
     total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
     return np.asarray(np.interp(knots, time, total))
+
+
+def _corners(value: float, step: float) -> Corners:
+    """The four values of a grid about a number with Lagrange's weights; itself where it is one of them."""
+    first = int(np.floor(value / step))
+    share = value / step - first
+    if min(share, 1 - share) < 1e-9:
+        return [(round(value / step) * step, 1.0)]
+    first = max(first - 1, 0)
+    at = value / step - first
+    weights = [
+        float(np.prod([(at - other) / (node - other) for other in range(4) if other != node]))
+        for node in range(4)
+    ]
+    return [((first + node) * step, weight) for node, weight in enumerate(weights)]
 
 
 def _with_nuisance(covariance: FloatArray, nodes: FloatArray, offsets: FloatArray) -> FloatArray:
