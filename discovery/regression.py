@@ -262,5 +262,5 @@ def strong_form(
     from pysindy import FiniteDifference
 
     rows = np.vstack([nodes[:5], tension])
-    slope = FiniteDifference()._differentiate(tension[:, None], 1.0 / rate_hz)
+    slope = FiniteDifference()(tension[:, None], 1.0 / rate_hz)
     return library.transform(rows), np.asarray(slope)[:, 0]

@@ -89,6 +89,7 @@ def few() -> Frozen:
     return frozen(3.0).subset(range(0, len(frozen(3.0)), 3))
 
 
+@pytest.mark.slow
 def test_one_seed_gives_the_same_numbers_and_progress_runs_to_its_end(few: Frozen) -> None:
     told: list[tuple[int, int]] = []
     first, again = (
