@@ -65,6 +65,8 @@ class Frozen:
     change: FloatArray
     covariance: FloatArray
     _exposures: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
+    _whole: Frozen | None = field(default=None, repr=False)  # of a subset: where its exposures are kept
+    _index: tuple[int, ...] = field(default=(), repr=False)
 
     def __len__(self) -> int:
         return len(self.courses)
@@ -113,6 +115,8 @@ class Frozen:
         return np.exp(sum(w * log for w, log in zip(weights, logs, strict=True)))
 
     def _integrated(self, factor: Factor) -> FloatArray:
+        if self._whole is not None:
+            return self._whole._integrated(factor)[list(self._index)]
         if factor.key not in self._exposures:
             values = factor.of_motion(*self.nodes[1:5])
             steps, place, share = self._quadrature
@@ -144,7 +148,9 @@ class Frozen:
             starts=np.cumsum([0, *(part.shape[1] for part in parts)]),
             change=self.change[chosen],
             covariance=self.covariance[chosen],
-            _exposures={key: value[chosen] for key, value in self._exposures.items()},
+            _exposures={},
+            _whole=self._whole or self,
+            _index=tuple(self._index[i] for i in chosen) if self._whole else tuple(chosen),
         )
 
     def without_cache(self) -> Frozen:
