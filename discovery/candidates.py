@@ -174,6 +174,8 @@ class _Search:
             theta, target = self._stacked(members)
             kept, gone = usable(theta, [names[k] for k in members])
             dropped |= dict.fromkeys(gone)
+            if len(kept) < 2:
+                continue
             place = [members[k] for k in kept]
             found = {
                 support: tuple(f"pysindy:{label}/{optimizer}" for optimizer in optimizers)

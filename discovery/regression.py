@@ -228,9 +228,12 @@ def forward(theta: FloatArray, target: FloatArray, count: int) -> list[int]:
     """Return the first columns that FROLS takes."""
     from pysindy import FROLS
 
-    norms = np.maximum(np.linalg.norm(theta, axis=0), np.finfo(float).tiny)
-    path = FROLS(max_iter=count, alpha=_RIDGE).fit(theta / norms, target).history_
-    return [int(k) for k in np.flatnonzero(np.asarray(path[-1])[0])]
+    norms = np.linalg.norm(theta, axis=0)
+    there = np.flatnonzero(norms > 0)
+    if len(there) < 2:
+        return [int(k) for k in there]
+    path = FROLS(max_iter=count, alpha=_RIDGE).fit(theta[:, there] / norms[there], target).history_
+    return [int(there[k]) for k in np.flatnonzero(np.asarray(path[-1])[0])]
 
 
 def least_squares(theta: FloatArray, target: FloatArray, signed: bool = False) -> FloatArray:

@@ -9,6 +9,7 @@ from discovery.libraries import Scales, TermLibrary, motion_factors
 from discovery.prediction import predict
 from discovery.regression import (
     along,
+    forward,
     integrals,
     least_squares,
     smoothed,
@@ -115,3 +116,12 @@ def test_the_strong_form_differentiates() -> None:
     theta, slope = strong_form(library, regular, tension, rate)
     np.testing.assert_allclose(slope, -3.0, rtol=1e-6)
     assert theta.shape == (500, 1)
+
+
+def test_forward_steps_over_columns_that_a_resample_left_empty() -> None:
+    rng = np.random.default_rng(3)
+    theta = rng.normal(size=(30, 5))
+    target = theta[:, 4] + 0.3 * theta[:, 2]
+    theta[:, 1] = 0.0
+    assert forward(theta, target, 2) == [2, 4]
+    assert forward(np.zeros((30, 3)), target, 2) == []
