@@ -10,7 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from discovery import validation
-from discovery.fitting import Fit, fit, predict, refine
+from discovery.fitting import Fit, fit, predict, resimulate
 from discovery.motion import Frozen
 from discovery.ranked import RankedLaw, Ranking, names_of, term_name, with_law
 from discovery.terms import BASELINE, Candidate, rivals_always_in_the_race
@@ -29,6 +29,7 @@ _VALIDATED = (8, 18, 100.0)  # cross-validated
 _LISTED = 10  # that are judged by every error measure
 _CHUNKS = 4  # for each process and stage
 _EQUAL_NOISE, _EQUAL_LOSS = 0.1, 0.005  # of the noise, of the loss: far below what can be told
+_ROUNDS = 2  # of correction by re-simulation
 Item = TypeVar("Item")
 Found = TypeVar("Found")
 
@@ -165,18 +166,35 @@ def _fit_some(candidates: Sequence[Candidate], frozen: Frozen) -> list[Fit | Non
 
 
 def _refine_some(fits: Sequence[Fit], frozen: Frozen) -> list[Fit | None]:
-    return [_safely(refine, found.candidate, frozen.without_cache()) for found in fits]
+    return [_safely(_corrected, found, frozen.without_cache()) for found in fits]
 
 
-def _safely(work: Callable[[Candidate, Frozen], Fit], candidate: Candidate, frozen: Frozen) -> Fit | None:
+def _corrected(found: Fit, frozen: Frozen) -> Fit:
+    """Correct by full re-simulation and fit on from the fit at hand.
+
+    Where a law is far from the truth, as the baseline may be, it may be so steep in the tension that the
+    corrected fit is lost: then the frozen one stands.
+    """
+    for _ in range(_ROUNDS if found.candidate.terms else 0):
+        full = resimulate(found.candidate, frozen, found.deviations)
+        offsets = full - predict(found.candidate, frozen, deviations=found.deviations)
+        if not np.isfinite(offsets).all():
+            raise OverflowError("a re-simulation diverged")
+        corrected = fit(found.candidate, frozen, offsets, found)
+        if validation.lost(corrected, found.deviance):
+            break
+        found = corrected
+    return found
+
+
+def _safely(work: Callable[[Item, Frozen], Fit], item: Item, frozen: Frozen) -> Fit | None:
     """Fit of a candidate; None where it cannot be solved or its simulation fails: it is out of the race."""
     try:
         with np.errstate(all="ignore"):
-            found = work(candidate, frozen)
+            found = work(item, frozen)
     except (np.linalg.LinAlgError, OverflowError, ValueError):  # ValueError: a number left its bounds
         return None
-    failed = work is refine and bool(candidate.terms) and not found.offsets.any()
-    return None if failed or not np.isfinite(found.deviance) else found
+    return found if np.isfinite(found.deviance) else None
 
 
 def _validate_some(fits: Sequence[Fit], frozen: Frozen, folds: Sequence[Fold]) -> list[CrossValidation]:
