@@ -103,10 +103,13 @@ class Specimen:
 def specimen(law: str, seed: int, setting: Setting, known: Identification | None = None) -> Specimen:
     """Make a campaign, identify it unless its plant is known already, and freeze its loosening records."""
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / "campaign"
-        campaign = measure(folder, law, seed, setting)
-        found = known or replace(identify_campaign(campaign), courses=())
-        return Specimen(*frozen_courses(campaign, found), read_truth(rig.truth_path(folder)), found)
+        return specimen_of(measure(Path(scratch) / "campaign", law, seed, setting), known)
+
+
+def specimen_of(campaign: Campaign, known: Identification | None = None) -> Specimen:
+    """Read a campaign as `specimen` does, and the truth beside it."""
+    found = known or replace(identify_campaign(campaign), courses=())
+    return Specimen(*frozen_courses(campaign, found), read_truth(rig.truth_path(campaign.path)), found)
 
 
 @dataclass(frozen=True)
@@ -213,34 +216,29 @@ def race_of_forms(found: Specimen, seed: int) -> Ranking:
     )
 
 
-def run_seed(seed: int, laws: Sequence[str], setting: Setting, mode: str = "search") -> list[Trial]:
-    """Make a campaign for every law and score what is found; ``mode``: "search", "forms" or "peers"."""
+def run_seed(
+    seed: int, laws: Sequence[str], setting: Setting, forms: bool = False, peers: bool = False
+) -> list[Trial]:
+    """Make a campaign for every law and score what is found; with ``forms``, identify the plant once."""
     trials: list[Trial] = []
     known: Identification | None = None
     for law in laws:
-        if mode == "forms":
+        with tempfile.TemporaryDirectory() as scratch:
+            campaign = measure(Path(scratch) / "campaign", law, seed, setting)
             started = time.perf_counter()
-            found = specimen(law, seed, setting, known)
-            known = found.identified
-            ranking = race_of_forms(found, seed)
-            trials.append(score(ranking, found.truth, time.perf_counter() - started))
-        else:
-            trials.append(run_trial(law, seed, setting, peers=mode == "peers"))
+            if forms:
+                found = specimen_of(campaign, known)
+                known = found.identified
+                ranking = race_of_forms(found, seed)
+            else:
+                ranking = discover(campaign, seed=seed)
+            truth, seconds = read_truth(rig.truth_path(campaign.path)), time.perf_counter() - started
+            trial = score(ranking, truth, seconds)
+            trials.append(
+                replace(trial, peers=score_peers(campaign, ranking, truth, seed)) if peers else trial
+            )
         print(f"noise {setting.noise:g}, {law}, seed {seed}: {trials[-1]}", file=sys.stderr, flush=True)
     return trials
-
-
-def run_trial(law: str, seed: int, setting: Setting, jobs: int = 1, peers: bool = False) -> Trial:
-    """Make a campaign in a temporary folder, discover and score; with ``peers``, let them try too."""
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) / "campaign"
-        campaign = measure(folder, law, seed, setting, jobs)
-        started = time.perf_counter()
-        ranking = discover(campaign, jobs, seed=seed)
-        seconds = time.perf_counter() - started
-        truth = read_truth(rig.truth_path(folder))
-        trial = score(ranking, truth, seconds)
-        return replace(trial, peers=score_peers(campaign, ranking, truth, seed)) if peers else trial
 
 
 def score_peers(campaign: Campaign, ranking: Ranking, truth: Truth, seed: int) -> dict[str, Peer]:
@@ -353,10 +351,9 @@ def main() -> None:
             f"{options.duration:g} s, {options.seeds} seeds\n",
             flush=True,
         )
-        mode = "forms" if options.forms else "peers" if options.peers else "search"
         seeds = range(options.first, options.first + options.seeds)
-        tasks = (delayed(run_seed)(seed, options.laws, setting, mode) for seed in seeds)
-        by_seed = Parallel(n_jobs=options.jobs)(tasks)
+        given = options.laws, setting, options.forms, options.peers
+        by_seed = Parallel(n_jobs=options.jobs)(delayed(run_seed)(seed, *given) for seed in seeds)
         by_law = {law: [trials[k] for trials in by_seed] for k, law in enumerate(options.laws)}
         print("\n".join([header(COLUMNS), *(row(law, trials) for law, trials in by_law.items())]), flush=True)
         if options.peers:
