@@ -122,8 +122,7 @@ class _Runner:
     ) -> list[Found]:
         count = max(min(_CHUNKS * self.jobs, len(items)), 1)
         chunks = [items[k::count] for k in range(count)]
-        bare = frozen.without_cache()
-        tasks = (delayed(work)(chunk, bare, *others) for chunk in chunks)
+        tasks = (delayed(work)(chunk, frozen, *others) for chunk in chunks)
         done: list[list[Found]] = []
         for part in Parallel(n_jobs=self.jobs, return_as="generator")(tasks):
             done.append(part)
@@ -162,11 +161,11 @@ def _lowest(fits: Sequence[Fit | None]) -> list[Fit]:
 
 
 def _fit_some(candidates: Sequence[Candidate], frozen: Frozen) -> list[Fit | None]:
-    return [_safely(fit, candidate, frozen.without_cache()) for candidate in candidates]
+    return [_safely(fit, candidate, frozen) for candidate in candidates]
 
 
 def _refine_some(fits: Sequence[Fit], frozen: Frozen) -> list[Fit | None]:
-    return [_safely(_corrected, found, frozen.without_cache()) for found in fits]
+    return [_safely(_corrected, found, frozen) for found in fits]
 
 
 def _corrected(found: Fit, frozen: Frozen) -> Fit:
@@ -223,7 +222,7 @@ def _merged(fits: Sequence[Fit], frozen: Frozen) -> list[tuple[Fit, tuple[str, .
     kept: list[tuple[Fit, FloatArray, list[str]]] = []
     noise = np.sqrt(np.diagonal(np.stack([c.covariance for c in frozen.courses]), axis1=1, axis2=2))
     for found in by_simplicity:
-        course = predict(found.candidate, frozen.without_cache(), found.offsets)
+        course = predict(found.candidate, frozen, found.offsets)
         near = _EQUAL_NOISE * noise + _EQUAL_LOSS * np.abs(course)
         same = next((k for k in kept if bool((np.abs(course - k[1]) <= near).all())), None)
         if same is None:

@@ -92,8 +92,7 @@ def cross_validate(
 ) -> CrossValidation:
     """Refit without each fold's preloads, by the offsets of the full fit, and score those left out."""
     scores, errors, estimates = np.empty(len(frozen)), np.empty(len(frozen)), []
-    for (kept, left), (fitted_to, left_out) in zip(folds, parts, strict=True):
-        training, unseen = fitted_to.without_cache(), left_out.without_cache()
+    for (kept, left), (training, unseen) in zip(folds, parts, strict=True):
         found = refit(fitted, training, kept)
         estimates.append(estimate(found))
         scores[left] = _log_density(found, unseen, fitted.offsets[left], fitted.deviations[left])
