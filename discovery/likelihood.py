@@ -195,6 +195,11 @@ class Problem:
 
     def normal_equations(self, state: State) -> tuple[FloatArray, FloatArray]:
         """Information matrix and right side of the step, u integrated out."""
+        matrices, rights = self.by_case(state)
+        return matrices.sum(axis=0), rights.sum(axis=0)
+
+    def by_case(self, state: State) -> tuple[FloatArray, FloatArray]:
+        """What every case adds to the normal equations, (cases, p, p) and (cases, p)."""
         tau2 = tau(state.scatter, self.frozen.initial) ** 2
         columns = []
         for place in range(len(state.theta)):
@@ -211,9 +216,23 @@ class Problem:
         cross = np.einsum("cb,cbp->cp", state.slope, jacobian)
         linear = state.residual + state.slope * state.u[:, None]
         seen = (state.slope * linear).sum(axis=1)
-        matrix = np.einsum("cbp,cbq->pq", jacobian, jacobian) - np.einsum("c,cp,cq->pq", share, cross, cross)
-        right = np.einsum("cbp,cb->p", jacobian, linear) - (share * seen) @ cross
+        matrix = np.einsum("cbp,cbq->cpq", jacobian, jacobian) - np.einsum(
+            "c,cp,cq->cpq", share, cross, cross
+        )
+        right = np.einsum("cbp,cb->cp", jacobian, linear) - (share * seen)[:, None] * cross
         return matrix, right
+
+    def resampled(self, state: State, counts: FloatArray) -> FloatArray:
+        """Steps from the fit to all cases to fits in which they count as often as given.
+
+        (draws, cases) to (draws, p): one Gauss-Newton step each, in ln coefficients and inner numbers.
+        """
+        matrices, rights = self.by_case(state)
+        scale = np.sqrt(np.maximum(np.diag(matrices.sum(axis=0)), _TINY))
+        left = np.einsum("dc,cpq->dpq", counts, matrices) / np.outer(scale, scale)
+        inverse = np.linalg.pinv(left, rcond=1e-8, hermitian=True)
+        steps = np.einsum("dpq,dq->dp", inverse, counts @ rights / scale) / scale
+        return np.asarray(steps @ self._to_coefficients(state.theta).T)
 
     def _log_place(self, place: int) -> bool:
         return self._is_coefficient(self.candidate.free[place])

@@ -251,7 +251,7 @@ def _ranked(
             rank=rank,
             name=name,
             equation=fits[k].candidate.equation,
-            parameters=_parameters(fits[k], checks[k], spread),
+            parameters=_parameters(fits[k], frozen, groups, rng, spread),
             errors={"training": summarise(()), "hold_out": summarise(())},
             cross_validated_loss_error_percent_median=float(np.median(checks[k].loss_error_percent)),
             cross_validated_score=float(scores[k].sum()),
@@ -270,9 +270,11 @@ def _ranked(
     )
 
 
-def _parameters(found: Fit, check: CrossValidation, spread: float) -> dict[str, Parameter]:
-    """Numbers with 95 % limits, the wider of likelihood's and the jackknife's over preloads."""
-    limits = validation.limits(found, check, spread)
+def _parameters(
+    found: Fit, frozen: Frozen, groups: validation.Index, rng: np.random.Generator, spread: float
+) -> dict[str, Parameter]:
+    """Numbers with 95 % limits."""
+    limits = validation.limits(found, frozen, groups, rng, spread)
     return {
         name: replace(p, low=limits[name][0], high=limits[name][1]) if name in limits else p
         for name, p in found.candidate.parameters.items()

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 from sklearn.model_selection import GroupKFold
 
 from discovery.fitting import Fit, fit, log_predictive, predict
@@ -30,6 +29,7 @@ _WORTH = 3.0  # ln of odds, 20 to 1: less than that no free number is worth
 _LOST = (1.5, 100.0)  # times, and more than, a deviance
 _SHIFTS = tuple(float(shift) for shift in range(-14, 4))  # of ln rate
 _EXHAUSTIVE = 16  # groups up to which every flip of signs is tried
+_DRAWS = 400
 _NUISANCE = 3  # of every case: two directions of oscillation, its own rate
 
 
@@ -43,13 +43,10 @@ class CrossValidation:
         Log predictive density.
     loss_error_percent : ndarray, shape (cases,)
         ``100 |predicted - measured loss| / |measured loss|`` in the last bin, at the law's typical rate.
-    estimates : ndarray, shape (folds, free numbers)
-        What each fold's fit found: ln coefficients (as they are where negative) and inner numbers.
     """
 
     scores: FloatArray
     loss_error_percent: FloatArray
-    estimates: FloatArray
 
 
 def preload_groups(frozen: Frozen) -> Index:
@@ -91,15 +88,14 @@ def cross_validate(
     fitted: Fit, frozen: Frozen, folds: Sequence[Fold], parts: Sequence[tuple[Frozen, Frozen]]
 ) -> CrossValidation:
     """Refit without each fold's preloads, by the offsets of the full fit, and score those left out."""
-    scores, errors, estimates = np.empty(len(frozen)), np.empty(len(frozen)), []
+    scores, errors = np.empty(len(frozen)), np.empty(len(frozen))
     for (kept, left), (training, unseen) in zip(folds, parts, strict=True):
         found = refit(fitted, training, kept)
-        estimates.append(estimate(found))
         scores[left] = _log_density(found, unseen, fitted.offsets[left], fitted.deviations[left])
         predicted = predict(found.candidate, unseen, fitted.offsets[left])[:, -1]
         measured = unseen.change[:, -1]
         errors[left] = 100 * np.abs(predicted - measured) / np.maximum(np.abs(measured), 1e-12)
-    return CrossValidation(np.where(np.isfinite(scores), scores, -1e12), errors, np.stack(estimates))
+    return CrossValidation(np.where(np.isfinite(scores), scores, -1e12), errors)
 
 
 def _log_density(found: Fit, unseen: Frozen, offsets: FloatArray, deviations: FloatArray) -> FloatArray:
@@ -141,24 +137,30 @@ def estimate(fitted: Fit) -> FloatArray:
     return np.array(found)
 
 
-def limits(fitted: Fit, check: CrossValidation, spread: float = 1.0) -> dict[str, tuple[float, float]]:
+def limits(
+    fitted: Fit, frozen: Frozen, groups: Index, rng: np.random.Generator, spread: float = 1.0
+) -> dict[str, tuple[float, float]]:
     """95 % limits of every free number.
 
-    From the likelihood's covariance times c-hat or from the jackknife over folds of preloads,
-    ``(m - 1) / m * sum (theta_k - mean)^2``, whichever is wider: the second needs no model of the noise.
+    From the likelihood's covariance times c-hat, or from the bootstrap over preloads, whichever is wider at
+    each end: the second needs no model of the noise.
     """
     if not fitted.free:
         return {}
-    folds = len(check.estimates)
-    jackknife = np.sqrt((folds - 1) * check.estimates.var(axis=0)) * stats.t.ppf(0.975, folds - 1)
-    likelihood = 1.96 * np.sqrt(spread * np.maximum(np.diag(fitted.covariance), 0.0))
-    half = np.maximum(jackknife, likelihood)
+    problem = Problem(fitted.candidate, frozen, fitted.offsets)
+    state = problem.solve(problem.theta0, np.array(fitted.scatter), fitted.deviations, steps=12)
+    count = int(groups.max()) + 1
+    drawn = rng.multinomial(count, np.full(count, 1 / count), _DRAWS)
+    steps = problem.resampled(state, drawn[:, groups].astype(float))
+    low, high = np.quantile(steps, (0.025, 0.975), axis=0)
+    half = 1.96 * np.sqrt(spread * np.maximum(np.diag(fitted.covariance), 0.0))
+    widest = np.stack([np.minimum(low, -half), np.maximum(high, half)], axis=1)
     found = {}
-    for name, value, width in zip(fitted.free, estimate(fitted), half, strict=True):
-        ends = np.array([value - width, value + width])
+    for name, value, ends in zip(fitted.free, estimate(fitted), widest, strict=True):
+        both = value + ends
         if name in fitted.candidate.coefficient_names and fitted.candidate.parameters[name].value > 0:
-            ends = np.exp(np.clip(ends, -690, 690))
-        found[name] = (float(ends[0]), float(ends[1]))
+            both = np.exp(np.clip(both, -690, 690))
+        found[name] = (float(both[0]), float(both[1]))
     return found
 
 

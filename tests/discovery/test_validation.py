@@ -7,6 +7,7 @@ import pytest
 
 from discovery import validation
 from discovery.fitting import fit, log_predictive
+from discovery.likelihood import Problem
 from discovery.motion import Frozen, freeze
 from discovery.terms import baseline
 from rom import paper_model
@@ -46,14 +47,35 @@ def test_cases_left_out_score_less_than_cases_fitted(frozen: Frozen) -> None:
     check = validation.cross_validate(found, frozen, folds, validation.divide(frozen, folds))
     fitted = log_predictive(found, frozen)
     assert fitted.sum() - 30 < check.scores.sum() < fitted.sum()
-    assert check.estimates.shape == (len(folds), 3)
     assert np.median(check.loss_error_percent) < 100
-    wide = validation.limits(found, check)
+
+
+def test_limits_are_never_inside_those_of_the_likelihood(frozen: Frozen) -> None:
+    found = fit(baseline(), frozen)
+    wide = validation.limits(found, frozen, validation.preload_groups(frozen), np.random.default_rng(0))
     for name, (low, high) in wide.items():
         own = found.limits(name)
         assert low <= own[0] + 1e-9 * abs(own[0])
         assert high >= own[1] - 1e-9 * abs(own[1])
     assert wide["gamma_i"][0] < 7.974 < wide["gamma_i"][1]
+
+
+def test_one_step_to_resampled_preloads_is_where_a_refit_ends(frozen: Frozen) -> None:
+    found = fit(baseline(), frozen)
+    problem = Problem(found.candidate, frozen, found.offsets)
+    state = problem.solve(problem.theta0, np.array(found.scatter), found.deviations, steps=12)
+    groups = validation.preload_groups(frozen)
+    error = np.sqrt(np.diag(found.covariance))
+    for drawn in np.random.default_rng(1).integers(0, groups.max() + 1, (3, groups.max() + 1)):
+        index = np.concatenate([np.flatnonzero(groups == group) for group in drawn])
+        counts = np.bincount(index, minlength=len(groups)).astype(float)
+        again = validation.refit(found, frozen.subset(index), index)
+        moved = validation.estimate(again) - validation.estimate(found)
+        step = problem.resampled(state, counts[None])[0]
+        assert (
+            np.abs(step - moved).max() < 0.5 * np.abs(moved).max()
+            or (np.abs(step - moved) < 0.5 * error).all()
+        )
 
 
 def test_dispersion_is_one_for_noise_as_declared_and_grows_with_it(frozen: Frozen) -> None:
