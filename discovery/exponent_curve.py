@@ -111,6 +111,23 @@ class Curve:
                 break
         return found
 
+    def of_model(self, best: Fit) -> float:
+        """Shift of the exponent with the identified model, half width of its 95 % limits.
+
+        Root of the sum of squares over the model's numbers that have limits, each moved to its upper one.
+        """
+        model, total = self.frozen.model, 0.0
+        plain = resimulate(best.candidate, self.frozen, best.deviations)
+        for path, parameter in model.parameters.items():
+            if parameter.high is None or ".tension_rate." in path:
+                continue
+            other = replace(self.frozen, model=model.with_values({path: parameter.high}))
+            change = resimulate(best.candidate, other, best.deviations) - plain
+            if np.isfinite(change).all():
+                moved = fit(best.candidate, self.frozen, best.offsets + change, best)
+                total += (self.value(moved) - self.value(best)) ** 2
+        return float(np.sqrt(total))
+
     def end(self, best: Fit, side: Side, threshold: float, close: float = _CLOSE) -> float:
         """Where the deviance crosses the threshold for the last time on a side; nan where the values end."""
         known = [(self.value(best), best)] + [pair for pair in side if pair[0] != self.value(best)]

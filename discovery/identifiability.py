@@ -6,7 +6,8 @@ confidence set holds every value with
     (deviance(n) - deviance(best)) / dispersion <= chi2_1(0.95) = 3.84,
 
 where the dispersion, one at least, is the mean square of the whitened residuals of the best fit: what noise
-and scatter do not explain widens the set.
+and scatter do not explain widens the set. What the uncertainty of the identified model adds is combined with
+the distance of each end from the best value as a root of squares.
 """
 
 from __future__ import annotations
@@ -71,6 +72,8 @@ class ExponentProfile:
         sense the set is empty.
     candidates : tuple of Candidate
         The form refitted at every value: its coefficients and tension factor.
+    of_model : float
+        Part of the half width that comes from the identified model.
     """
 
     name: str
@@ -84,6 +87,7 @@ class ExponentProfile:
     fits: bool
     fitted: Fit = field(repr=False)
     candidates: tuple[Candidate, ...] = field(repr=False)
+    of_model: float = 0.0
 
     @property
     def delta_bic(self) -> FloatArray:
@@ -249,6 +253,7 @@ def _profile(
     rough = (curve.end(best, side, dispersion * _THRESHOLD, _ROUGH) for side in sides)
     curve = curve.anchored(*(curve.at(end, best) for end in rough if np.isfinite(end)))
     low, high = (curve.end(best, side, dispersion * _THRESHOLD) for side in sides)
+    of_model, centre = curve.of_model(best), curve.value(best)
     fine = {value: curve.at(value, best) for value in _within(low, curve.value(best), high)}
     every = dict(sorted({**dict(sides[0]), **dict(sides[1]), **fine}.items()))
     return ExponentProfile(
@@ -256,9 +261,10 @@ def _profile(
         values=np.array(list(every)),
         deviance=np.array([found.deviance for found in every.values()]) - best.deviance,
         best=curve.value(best),
-        low=float(held[0] if np.isnan(low) else low),
-        high=float(held[-1] if np.isnan(high) else high),
+        low=float(held[0] if np.isnan(low) else max(centre - np.hypot(centre - low, of_model), held[0])),
+        high=float(held[-1] if np.isnan(high) else min(centre + np.hypot(high - centre, of_model), held[-1])),
         reach=_reach(low, high) if _loses(best, frozen) else "no loss above noise",
+        of_model=of_model,
         dispersion=dispersion,
         fits=fits_well,
         fitted=best,

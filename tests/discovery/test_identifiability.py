@@ -61,6 +61,24 @@ def test_the_set_does_not_depend_on_the_values_or_processes(profile: ExponentPro
     assert other.high == pytest.approx(profile.high, abs=0.02)
 
 
+def test_an_uncertain_model_widens_the_set(profile: ExponentProfile) -> None:
+    whole = small(noise=0.5)
+    laws = whole.model.link_laws["joint"]
+    damping = replace(
+        laws.damping,
+        parameters={
+            name: replace(value, low=0.5 * value.value, high=1.5 * value.value) if name == "c_d" else value
+            for name, value in laws.damping.parameters.items()
+        },
+    )
+    model = replace(whole.model, link_laws={**whole.model.link_laws, "joint": replace(laws, damping=damping)})
+    found = exponent_profile(replace(whole, model=model), values=VALUES)
+    assert profile.of_model == 0.0
+    assert found.of_model > 0.002
+    assert found.high >= profile.high
+    assert found.best == pytest.approx(profile.best, abs=0.01)
+
+
 def test_the_main_term_of_a_sum_is_profiled() -> None:
     minor = Term(velocity_power().held(n=2.0), tension_power())
     main = free_power().terms[0]
