@@ -69,7 +69,7 @@ class Fit:
         return value - 1.96 * error, value + 1.96 * error
 
 
-def refine(candidate: Candidate, frozen: Frozen, rounds: int = 2) -> Fit:
+def refine(candidate: Candidate, frozen: Frozen, rounds: int = 3) -> Fit:
     """Fit, re-simulate in full, correct the frozen courses by the difference, and fit again."""
     found = fit(candidate, frozen)
     for _ in range(rounds):
