@@ -30,6 +30,7 @@ _LISTED = 10  # that are judged by every error measure
 _CHUNKS = 4  # for each process and stage
 _EQUAL_NOISE, _EQUAL_LOSS = 0.1, 0.005  # of the noise, of the loss: far below what can be told
 _ROUNDS = 2  # of correction by re-simulation
+_EQUAL_FIT = 1.0  # of the deviance
 Item = TypeVar("Item")
 Found = TypeVar("Found")
 
@@ -216,15 +217,40 @@ def _best(fits: Sequence[Fit | None], frozen: Frozen, share: tuple[int, int, flo
     ]
 
 
+def _complexity(found: Fit) -> float:
+    """Free numbers, and the length of the equation to order laws of as many."""
+    return len(found.free) + min(len(found.candidate.equation) / 1e4, 0.99)
+
+
+def _at_bound(found: Fit) -> bool:
+    """Whether an inner number ended at a bound of its range."""
+    values = [found.candidate.parameters[name] for name in found.free]
+    return any(p.value in p.bounds for p in values)
+
+
 def _merged(fits: Sequence[Fit], frozen: Frozen) -> list[tuple[Fit, tuple[str, ...]]]:
-    """Laws of equal predictions as one: that of the fewest numbers, the others as its look-alikes."""
+    """Laws of equal predictions as one: that of the fewest numbers, the others as its look-alikes.
+
+    Also those with a number at its bound, a threshold of zero say, that fit no better than a simpler law.
+    """
     by_simplicity = sorted(fits, key=lambda f: (f.candidate.source != "baseline", len(f.free), f.deviance))
     kept: list[tuple[Fit, FloatArray, list[str]]] = []
     noise = np.sqrt(np.diagonal(np.stack([c.covariance for c in frozen.courses]), axis1=1, axis2=2))
     for found in by_simplicity:
         course = predict(found.candidate, frozen, found.offsets)
         near = _EQUAL_NOISE * noise + _EQUAL_LOSS * np.abs(course)
-        same = next((k for k in kept if bool((np.abs(course - k[1]) <= near).all())), None)
+        bound = _at_bound(found)
+        same = next(
+            (
+                k
+                for k in kept
+                if bool((np.abs(course - k[1]) <= near).all())
+                or (
+                    bound and len(k[0].free) < len(found.free) and k[0].deviance < found.deviance + _EQUAL_FIT
+                )
+            ),
+            None,
+        )
         if same is None:
             kept.append((found, course, []))
         else:
@@ -241,10 +267,11 @@ def _ranked(
     numbers = [len(found.free) for found in fits]
     base = next(k for k, found in enumerate(fits) if found.candidate.name == BASELINE)
     p_values = validation.p_values(scores, scores[base], groups, rng)
-    shares = validation.chosen(scores, numbers, groups, rng)
+    complexity = [_complexity(found) for found in fits]
+    shares = validation.chosen(scores, complexity, groups, rng)
     spread = validation.dispersion(min(fits, key=lambda found: found.deviance), frozen)
     criteria = [validation.information_criterion(found, frozen, spread) for found in fits]
-    places = validation.order(scores, numbers, groups)
+    places = validation.order(scores, complexity, groups)
     names = names_of([fits[k].candidate for k in places])
     return tuple(
         RankedLaw(

@@ -201,14 +201,15 @@ def paired(scores: FloatArray, other: FloatArray, groups: Index) -> tuple[float,
     return float(sums.sum()), float(np.sqrt(len(sums)) * sums.std(ddof=1))
 
 
-def order(scores: FloatArray, free_numbers: Sequence[int], groups: Index) -> list[int]:
+def order(scores: FloatArray, complexity: Sequence[float], groups: Index) -> list[int]:
     """Laws from first to last, (laws, cases) of scores.
 
     By total score, with the rule of one standard error (L. Breiman et al., Classification and Regression
     Trees, 1984, Section 3.4.3): where a simpler law is within one paired standard error of the best, or the
-    best is ahead by odds of less than 20 to 1, the simpler one goes before it.
+    best is ahead by odds of less than 20 to 1, the simpler one goes before it. `complexity` is the count
+    of free numbers, plus a fraction that orders laws of as many: of those only the second rule holds.
     """
-    return _ordered(*_compared(scores, groups), np.asarray(free_numbers))
+    return _ordered(*_compared(scores, groups), np.asarray(complexity, dtype=float))
 
 
 def _compared(scores: FloatArray, groups: Index) -> tuple[FloatArray, FloatArray]:
@@ -217,27 +218,28 @@ def _compared(scores: FloatArray, groups: Index) -> tuple[FloatArray, FloatArray
     return by_group(scores, groups), pairs
 
 
-def _ordered(sums: FloatArray, pairs: FloatArray, free_numbers: npt.NDArray[np.int64]) -> list[int]:
+def _ordered(sums: FloatArray, pairs: FloatArray, complexity: FloatArray) -> list[int]:
     totals = sums.sum(axis=1)
     best = int(np.argmax(totals))
     lead = pairs[best].sum(axis=1)
     error = np.sqrt(sums.shape[1]) * pairs[best].std(axis=1, ddof=1)
-    equal = (lead <= np.maximum(error, _WORTH)) & (free_numbers <= free_numbers[best])
+    fewer, as_many = complexity < int(complexity[best]), complexity < int(complexity[best]) + 1
+    equal = (lead <= _WORTH) & as_many | (lead <= error) & fewer
     equal[best] = True
     return sorted(
-        range(len(totals)), key=lambda k: (not equal[k], free_numbers[k] if equal[k] else 0, -totals[k])
+        range(len(totals)), key=lambda k: (not equal[k], complexity[k] if equal[k] else 0.0, -totals[k])
     )
 
 
 def chosen(
-    scores: FloatArray, free_numbers: Sequence[int], groups: Index, rng: np.random.Generator, draws: int = 400
+    scores: FloatArray, complexity: Sequence[float], groups: Index, rng: np.random.Generator, draws: int = 400
 ) -> FloatArray:
     """How often each law comes first when preloads are drawn again with replacement, (laws,)."""
     sums, pairs = _compared(scores, groups)
     counts = np.zeros(len(scores))
     for _ in range(draws):
         drawn = rng.integers(0, sums.shape[1], sums.shape[1])
-        counts[_ordered(sums[:, drawn], pairs[..., drawn], np.asarray(free_numbers))[0]] += 1
+        counts[_ordered(sums[:, drawn], pairs[..., drawn], np.asarray(complexity, dtype=float))[0]] += 1
     return counts / draws
 
 
