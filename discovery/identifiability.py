@@ -131,8 +131,10 @@ class MotionProfile:
     displacement: ExponentProfile
 
     @property
-    def driver(self) -> Literal["velocity", "displacement", "both", "undecided"]:
-        """What a law without cannot do."""
+    def driver(self) -> Literal["velocity", "displacement", "both", "undecided", "neither"]:
+        """What a law without cannot do; "neither" where no product of powers fits to within noise."""
+        if not (self.velocity.fits and self.displacement.fits):
+            return "neither"
         without_x, without_v = self.displacement.holds(0.0), self.velocity.holds(0.0)
         if without_x and without_v:
             return "undecided"
@@ -148,6 +150,7 @@ class MotionProfile:
             "displacement": "displacement drives the loosening; velocity is not needed",
             "both": "velocity and displacement both act",
             "undecided": "velocity and displacement cannot be told apart as drivers",
+            "neither": "no product of powers of velocity and displacement explains the courses",
         }[self.driver]
         return f"{told} ({self.velocity.summary}; {self.displacement.summary})"
 
