@@ -38,6 +38,7 @@ _PRINTED_N = (6.4, 21.5, 61.3, 152.7, 317.0, 700.2)  # preloads of He et al. (20
 _TERMS, _SELDOM = 12, 0.005
 _DRAWN_PERCENT = (0.1, 1000.0)  # errors beyond are drawn at the edge
 _LINES = ((BLUE, "-"), (GREEN, "--"), (SKY, "-."))
+_LONGEST, _HALF_WIDTH = 48, 27  # characters of a name in a legend, and of one that leaves room for another
 _MOST_DEVIANCE = 60.0
 _CHI2_95 = 3.841459
 
@@ -127,6 +128,15 @@ def _counts_up(ax: Axes, values: Sequence[float]) -> None:
     ax.set_xlim(1.5 * low - 1.0, 1.5 * top)
 
 
+def _legend(figure: Figure, ax: Axes) -> None:
+    """Put the legend above the panels, in one column where names are long; the figure grows by it."""
+    handles, labels = ax.get_legend_handles_labels()
+    columns = 1 if max(map(len, labels), default=0) > _HALF_WIDTH else 2
+    grown = 0.13 * (-(-len(labels) // columns) - 3)  # [inch], beyond the three rows that there is room for
+    figure.set_figheight(figure.get_figheight() + max(grown, 0.0))
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns)
+
+
 def _plain_decades(axis: Axis) -> None:
     """Label a logarithmic axis of percent with plain numbers, the denser the fewer decades it spans."""
     low, high = axis.get_view_interval()
@@ -174,7 +184,7 @@ def trajectories(data: Data) -> Figure:
             lowest.tick_params(labelbottom=True)
             lowest.set_xlabel("Time after the hit [s]")
     figure.supylabel("Non-oscillatory tension $T$ [N]", fontsize=7.5)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    _legend(figure, axes[0, 0])
     return figure
 
 
@@ -194,7 +204,7 @@ def _course(ax: Axes, case: Data, names: Sequence[str], scatter: float) -> None:
         if place == 0:
             shown += [*_scattered(ax, time, course, initial, scatter), *course]
         style = _LINES[min(place, 2)][1]
-        ax.plot(time, course, style, color=_colour(name, place + 1), label=law_name(name, 34))
+        ax.plot(time, course, style, color=_colour(name, place + 1), label=law_name(name, _LONGEST))
     low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
     ax.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))  # rivals far off may leave it
     ax.set_xscale("log")
@@ -236,7 +246,7 @@ def errors_over_preload(data: Data) -> Figure:
         error = np.array([_loss_error(case, name) for case in cases])
         there = np.isfinite(error) & (tension > 0)
         held = np.array([bool(case.get("hold_out")) for case in cases])
-        for chosen, face, label in ((there & ~held, _colour(name, place + 1), law_name(name, 34)),
+        for chosen, face, label in ((there & ~held, _colour(name, place + 1), law_name(name, _LONGEST)),
                                     (there & held, "none", None)):  # fmt: skip
             ax.plot(tension[chosen], np.clip(error[chosen], *_DRAWN_PERCENT), "oDs"[min(place, 2)],
                     color=_colour(name, place + 1), markerfacecolor=face, markersize=3.0,
@@ -248,7 +258,7 @@ def errors_over_preload(data: Data) -> Figure:
     ax.set_ylim(0.8 * max(0.7 * lowest, least), min(1.3 * max(highest, 100.0), 1.2 * most))
     _plain_decades(ax.yaxis)
     ax.set_ylabel("Error of loss [%]")
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    _legend(figure, ax)
     return figure
 
 
@@ -343,7 +353,7 @@ def accuracy_and_complexity(data: Data) -> Figure:
     ax.set_xlim(steps.min() - 0.5, steps.max() + 0.5)
     ax.set_xlabel("Free numbers of the law [1]")
     ax.set_ylabel("Error of loss, cross-validated [%]")
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    _legend(figure, ax)
     return figure
 
 
@@ -353,7 +363,7 @@ def _point_out(ax: Axes, law: Data) -> None:
         return
     name = str(law["name"])
     ax.plot(law["free_numbers"], error, "D", color=_colour(name, 1), markersize=4.5,
-            label=("First: " if law["rank"] == 1 else "") + law_name(name, 34))  # fmt: skip
+            label=("First: " if law["rank"] == 1 else "") + law_name(name, _LONGEST))  # fmt: skip
 
 
 @styled

@@ -76,9 +76,7 @@ def _against_baseline(best: Data, equals: Sequence[str], told: str) -> tuple[str
 
 def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
     yield from _on_errors(best, laws)
-    wins = best.get("wins_against_baseline")
-    if isinstance(wins, Sequence) and len(wins) == 2 and best.get("name") != BASELINE:
-        yield f"It is nearer than the paper's law on {wins[0]} of {wins[1]} records."
+    yield from _on_wins(best, laws)
     equals = _equals(data)
     if equals:
         named = ", ".join(f"“{law_name(name)}”" for name in equals[:_NAMED])
@@ -88,6 +86,15 @@ def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
     yield from _on_proposals(data.get("proposals"))
     if data.get("considered"):
         yield f"{data['considered']} candidate laws were considered; {len(laws)} of them are ranked below."
+
+
+def _on_wins(best: Data, laws: Sequence[Data]) -> Iterator[str]:
+    wins = best.get("wins_against_baseline")
+    if best.get("name") == BASELINE or not isinstance(wins, Sequence) or len(wins) != 2:
+        return
+    text = f"It is nearer than the paper's law on {wins[0]} of {wins[1]} records"
+    rise = next((law.get("delta_bic") for law in laws if law.get("name") == BASELINE), None)
+    yield f"{text}; in BIC that is worse by {number(rise, 3)}." if isinstance(rise, float) else f"{text}."
 
 
 def _on_errors(best: Data, laws: Sequence[Data]) -> Iterator[str]:
