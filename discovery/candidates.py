@@ -40,6 +40,7 @@ Progress = Callable[[int, int], None]
 
 _MOST = 60
 _BEATEN = 8  # sums that a simpler law beats and that go on all the same: the measure is a quick one
+_WHOLE = 4  # sums of one form with whole powers
 _GUIDES = 3  # single terms of different motion that are fitted to find the guide
 _SHARED = 6  # tension factors whose libraries go through the sparse fits
 _PAIRS = 40  # of every library, judged in full
@@ -242,17 +243,27 @@ def _merged(
 ) -> tuple[tuple[Candidate, ...], tuple[float, ...]]:
     """Distinct laws, best first: equal forms are one law, with the best numbers and all its sources.
 
-    Of the sums that are not better than every single term, their added numbers counted, a few are kept.
+    Sums come in two guises: with free powers of the motion, once for every form, and with whole powers that
+    are held, a few of every form, so that no form crowds out the others. Of the sums that are not better than
+    every single term, their added numbers counted, a few are kept.
     """
     terms, units, price = library.terms, library.units, float(np.log(rows))
     best: dict[tuple[object, ...], tuple[float, Candidate]] = {}
+    whole: dict[tuple[object, ...], int] = {}
     for one in sorted(found, key=lambda item: item.deviance):
-        candidate = _candidate([terms[k] for k in one.columns], one, units)
+        free = _candidate([terms[k] for k in one.columns], one, units)
+        guises = [free]
+        if len(free.terms) > 1 and all(_is_whole(term.motion) for term in free.terms):
+            held = _held(free)
+            count = whole.get(free.key, 0) + (held.key not in best)
+            guises += [held] if count <= _WHOLE else []
+            whole[free.key] = min(count, _WHOLE)
         # what was picked from a grid is a number too, whether a later fit moves it or not
-        numbers = sum(1 + len(term.inner) for term in candidate.terms)
-        score, kept = best.get(candidate.key, (one.deviance + numbers * price, replace(candidate, source="")))
-        texts = dict.fromkeys((*filter(None, kept.source.split("; ")), *one.sources))
-        best[candidate.key] = score, replace(kept, source="; ".join(texts))
+        score = one.deviance + price * sum(1 + len(term.inner) for term in free.terms)
+        for guise in guises:
+            value, kept = best.get(guise.key, (score, replace(guise, source="")))
+            texts = dict.fromkeys((*filter(None, kept.source.split("; ")), *one.sources))
+            best[guise.key] = value, replace(kept, source="; ".join(texts))
     ranked = sorted(best.values(), key=lambda item: item[0])
     singles = [item for item in ranked if len(item[1].terms) == 1]
     least = singles[0][0] if singles else np.inf
@@ -264,20 +275,33 @@ def _merged(
 
 
 def _candidate(terms: Sequence[Term], found: Found, units: FloatArray) -> Candidate:
-    """The law of a support; in sums the numbers of the motion are held at their grid points."""
-    several = len(terms) > 1
-    parts, values = [], []
-    for term, column, value in zip(terms, found.columns, found.coefficients, strict=True):
-        motion = term.motion
-        if several:
-            motion = motion.held(**{name: inner.value for name, inner in motion.inner.items()})
-        parts.append(replace(term, motion=motion, sign=-1 if value > 0 else 1))
-        values.append(float(abs(value) * units[column]))
-    name = " + ".join(f"{printed(p.motion)} {printed(p.tension)}" if several else _form(p) for p in parts)
-    return Candidate(name, tuple(parts), tuple(values), "; ".join(found.sources))
+    """The law of a support, its inner numbers free and starting at the grid point."""
+    signs = [-1 if value > 0 else 1 for value in found.coefficients]
+    pairs = zip(found.columns, found.coefficients, strict=True)
+    values = tuple(float(abs(value) * units[column]) for column, value in pairs)
+    parts = tuple(replace(term, sign=sign) for term, sign in zip(terms, signs, strict=True))
+    name = " + ".join(_form(term) for term in parts)
+    return Candidate(name, parts, values, "; ".join(found.sources))
+
+
+def _is_whole(motion: Factor) -> bool:
+    return all(inner.value == round(inner.value) for inner in motion.inner.values())
+
+
+def _held(law: Candidate) -> Candidate:
+    """The law with the numbers of its motion held."""
+    parts = tuple(
+        replace(term, motion=term.motion.held(**{n: i.value for n, i in term.motion.inner.items()}))
+        for term in law.terms
+    )
+    name = " + ".join(f"{printed(term.motion)} {_text(term.tension)}" for term in parts)
+    return replace(law, terms=parts, name=name)
 
 
 def _form(term: Term) -> str:
-    """Name of a single-term law: its form with the names of its free numbers."""
-    text = f"{term.motion.text} {term.tension.text}".replace("max(T, 0)", "T")
-    return text.replace(" ** ", "^").replace(" * ", " ")
+    """The form of a term with the names of its free numbers."""
+    return f"{_text(term.motion)} {_text(term.tension)}"
+
+
+def _text(factor: Factor) -> str:
+    return factor.text.replace("max(T, 0)", "T").replace(" ** ", "^").replace(" * ", " ")
