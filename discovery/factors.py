@@ -187,7 +187,7 @@ def tension_exponential(T_s: float = 300.0) -> Factor:
 def tension_logistic(gamma_i: float = 8.0, rho: float = -0.0036) -> Factor:
     """``T 10^(-gamma_i / (1 + exp(rho T)))``: the shape of He et al. (2025), Eq. 13."""
     inner = {
-        "gamma_i": Inner(gamma_i, -20.0, 40.0, "1", grid=(2.0, 4.0, 8.0, 12.0)),
-        "rho": Inner(rho, -0.1, -1e-5, "1/N", grid=(-0.02, -0.008, -0.0036, -0.0016)),
+        "gamma_i": Inner(gamma_i, -20.0, 40.0, "1", grid=(2.0, 4.5, 7.0, 11.0)),
+        "rho": Inner(rho, -0.1, -1e-5, "1/N", grid=(-0.02, -0.007, -0.0025, -0.001)),
     }
     return Factor("max(T, 0) * 10 ** (-gamma_i / (1 + exp(rho * max(T, 0))))", inner, (("T", 1.0),))

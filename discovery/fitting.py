@@ -20,7 +20,7 @@ from rom.channels import FloatArray
 if TYPE_CHECKING:
     from discovery.motion import Frozen
 
-__all__ = ["Fit", "fit", "log_predictive", "predict", "refine", "resimulate"]
+__all__ = ["Fit", "fit", "fit_losses", "log_predictive", "predict", "refine", "resimulate"]
 
 _ITERATIONS = 30
 _SETTLED = 0.01  # of the deviance
@@ -45,6 +45,8 @@ class Fit:
         Full re-simulation minus frozen course [N].
     deviations : ndarray, shape (cases,)
         u at its mode.
+    of_losses : bool
+        Whether it was fitted to the losses alone, the courses left aside.
     """
 
     candidate: Candidate
@@ -55,6 +57,7 @@ class Fit:
     offsets: FloatArray
     deviations: FloatArray
     converged: bool
+    of_losses: bool = False
 
     def tau(self, initial: FloatArray) -> FloatArray:
         """Scatter of the log rate at tensions [N]."""
@@ -121,6 +124,19 @@ def fit(
         state.u,
         converged,
     )
+
+
+def fit_losses(candidate: Candidate, frozen: Frozen, offsets: FloatArray | None = None) -> Fit:
+    """Fit to the changes in the last bin alone, as He et al. (2025), Section 3.5, to final tensions.
+
+    For a law whose courses are not those measured: the shape of the courses, which it cannot follow, would
+    otherwise decide its numbers, at the cost of the losses. The deviance is still that of the courses.
+    """
+    whole = Problem(candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
+    found = fit(candidate, frozen.last_bin(), whole.offsets[:, -1:])
+    after = Problem(found.candidate, frozen, whole.offsets)
+    state = after.solve(after.theta0, np.array(found.scatter), found.deviations, steps=12)
+    return replace(found, deviance=state.deviance, offsets=whole.offsets, of_losses=True)
 
 
 def log_predictive(fitted: Fit, frozen: Frozen, offsets: FloatArray | None = None) -> FloatArray:

@@ -153,6 +153,15 @@ class Frozen:
             _index=tuple(self._index[i] for i in chosen) if self._whole else tuple(chosen),
         )
 
+    def last_bin(self) -> Frozen:
+        """The same with the last bin alone: the losses."""
+        return replace(
+            self,
+            averages=self.averages[-1:],
+            change=self.change[:, -1:],
+            covariance=self.covariance[:, -1:, -1:],
+        )
+
     def without_cache(self) -> Frozen:
         """The same without kept exposures, to be sent to another process."""
         return replace(self, _exposures={})

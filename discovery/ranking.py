@@ -10,7 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from discovery import validation
-from discovery.fitting import Fit, fit, predict, resimulate
+from discovery.fitting import Fit, fit, fit_losses, predict, resimulate
 from discovery.motion import Frozen
 from discovery.ranked import RankedLaw, Ranking, names_of, term_name, with_law
 from discovery.terms import BASELINE, Candidate, rivals_always_in_the_race
@@ -29,7 +29,8 @@ _VALIDATED = (8, 18, 100.0)  # cross-validated
 _LISTED = 10  # that are judged by every error measure
 _CHUNKS = 4  # for each process and stage
 _EQUAL_NOISE, _EQUAL_LOSS = 0.1, 0.005  # of the noise, of the loss: far below what can be told
-_ROUNDS = 2  # of correction by re-simulation
+_ROUNDS = 3  # of correction by re-simulation
+_MISFIT = 4.0  # dispersion beyond which the shape of its courses says nothing of a law's numbers
 _EQUAL_FIT = 1.0  # of the deviance
 Item = TypeVar("Item")
 Found = TypeVar("Found")
@@ -175,6 +176,8 @@ def _corrected(found: Fit, frozen: Frozen) -> Fit:
     Where a law is far from the truth, as the baseline may be, it may be so steep in the tension that the
     corrected fit is lost: then the frozen one stands.
     """
+    if found.candidate.terms and validation.dispersion(found, frozen) > _MISFIT:
+        return _of_losses(found.candidate, frozen)
     for _ in range(_ROUNDS if found.candidate.terms else 0):
         full = resimulate(found.candidate, frozen, found.deviations)
         offsets = full - predict(found.candidate, frozen, deviations=found.deviations)
@@ -184,6 +187,19 @@ def _corrected(found: Fit, frozen: Frozen) -> Fit:
         if validation.lost(corrected, found.deviance):
             break
         found = corrected
+    return found
+
+
+def _of_losses(candidate: Candidate, frozen: Frozen) -> Fit:
+    """Fit a law whose courses are not those measured to the losses alone, corrected by full re-simulation."""
+    start = next((c for c in rivals_always_in_the_race() if c.name == candidate.name), candidate)
+    found = fit_losses(start, frozen)
+    for _ in range(_ROUNDS):
+        full = resimulate(found.candidate, frozen, found.deviations)
+        offsets = full - predict(found.candidate, frozen, deviations=found.deviations)
+        if not np.isfinite(offsets).all():
+            raise OverflowError("a re-simulation diverged")
+        found = fit_losses(found.candidate, frozen, offsets)
     return found
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from sklearn.model_selection import GroupKFold
 
-from discovery.fitting import Fit, fit, log_predictive, predict
+from discovery.fitting import Fit, fit, fit_losses, log_predictive, predict
 from discovery.likelihood import Problem
 from discovery.motion import Frozen
 from rom.channels import FloatArray
@@ -117,6 +117,8 @@ def _log_density(found: Fit, unseen: Frozen, offsets: FloatArray, deviations: Fl
 
 def refit(fitted: Fit, part: Frozen, index: Index) -> Fit:
     """Fit again to the cases ``index``, from the full fit and with its offsets; where lost, the full fit."""
+    if fitted.of_losses:
+        return fit_losses(fitted.candidate, part, fitted.offsets[index])
     start = replace(fitted, deviations=fitted.deviations[index])
     found = fit(fitted.candidate, part, fitted.offsets[index], start)
     return start if lost(found, fitted.deviance) else found

@@ -7,7 +7,7 @@ import pytest
 
 import rom
 from discovery.factors import displacement_power, tension_power, velocity_power
-from discovery.fitting import Fit, fit, log_predictive, predict, refine, resimulate
+from discovery.fitting import Fit, fit, fit_losses, log_predictive, predict, refine, resimulate
 from discovery.motion import freeze
 from discovery.terms import Candidate, Term, baseline, constant_power, no_loosening
 from tests.discovery.synthetic import free_power, frozen, measured, with_power
@@ -145,3 +145,18 @@ def test_two_terms_share_the_loss() -> None:
         low, high = found.limits(name)
         assert low < value < high
     assert found.deviance < refine(replace(truth, terms=terms[:1], coefficients=(1e7,)), whole).deviance - 20
+
+
+def test_losses_alone_decide_where_the_courses_cannot_be_followed() -> None:
+    whole = frozen(2.0)
+    quartic = replace(baseline(), name="quartic")
+    of_courses, of_losses = fit(quartic, whole), fit_losses(quartic, whole)
+    assert of_losses.of_losses
+    assert not of_courses.of_losses
+    measured_loss = -whole.change[:, -1]
+
+    def error(found: Fit) -> float:
+        return float(np.median(np.abs(-predict(found.candidate, whole)[:, -1] / measured_loss - 1)))
+
+    assert error(of_losses) < 0.7 * error(of_courses)
+    assert of_losses.deviance >= of_courses.deviance  # that of the courses, which it does not minimise
