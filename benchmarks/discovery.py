@@ -3,8 +3,8 @@
 ``python -m benchmarks.discovery --seeds 10 --laws eq13 power-2 --noise 1 --scatter 1`` makes a campaign per
 law and seed (20 preloads, hits of 100, 80 and 60 % of full strength), discovers on the folder alone, and
 scores the ranking against the truth beside it, read only then. A table per noise level, a row per law;
-``--peers`` adds a table of other programs on the same records. ``--forms`` is quick: a race of twelve given
-forms, all started alike, in place of the search, and one identification for all laws of a seed.
+``--peers`` adds a table of other programs on the same records. ``--forms`` is quick: a race of given forms,
+all started alike, in place of the search, and one identification for all laws of a seed.
 """
 
 from __future__ import annotations
@@ -182,26 +182,33 @@ def _found_form(ranking: Ranking, truth: Truth) -> str:
     return "listed" if listed else "other"
 
 
-def contenders() -> list[Candidate]:
-    """Forms that a race without search is between, beside those that are always in it."""
+def _forms() -> dict[str, tuple[Term, ...]]:
     gamma, n, q = tension_logistic(), velocity_power(3.5), displacement_power(3.0)
     both = Term(velocity_power(4.0).held(n=4.0), gamma), Term(displacement_power(2.0).held(q=2.0), gamma)
-    forms = {
+    return {
         "velocity": (Term(n, gamma),),
-        "velocity, constant gamma": (Term(n, tension_power()),),
+        "velocity-constant-gamma": (Term(n, tension_power()),),
         "displacement": (Term(q, gamma),),
-        "displacement, constant gamma": (Term(q, tension_power()),),
-        "velocity times displacement": (Term(velocity_displacement(2.0, 1.0), gamma),),
-        "velocity above a threshold": (Term(velocity_threshold(0.01, 0.1, 3.0), gamma),),
-        "dissipated power": (Term(dissipated_power(1.5), gamma),),
-        "velocity and displacement": both,
+        "displacement-constant-gamma": (Term(q, tension_power()),),
+        "velocity-times-displacement": (Term(velocity_displacement(2.0, 1.0), gamma),),
+        "velocity-threshold": (Term(velocity_threshold(0.01, 0.1, 3.0), gamma),),
+        "dissipated-power": (Term(dissipated_power(1.5), gamma),),
+        "velocity-and-displacement": both,
     }
-    return [Candidate(name, terms, (1.0,) * len(terms), "contender") for name, terms in forms.items()]
 
 
-def race_of_forms(found: Specimen, seed: int) -> Ranking:
+FORMS = tuple(_forms())
+
+
+def contenders(names: Sequence[str] = FORMS) -> list[Candidate]:
+    """Forms that a race without search is between, beside those that are always in it."""
+    forms = _forms()
+    return [Candidate(name, forms[name], (1.0,) * len(forms[name]), "contender") for name in names]
+
+
+def race_of_forms(found: Specimen, seed: int, names: Sequence[str] = FORMS) -> Ranking:
     """Rank the contenders, with the profile of the exponent in the first one."""
-    laws = race(contenders(), found.training, seed=seed)
+    laws = race(contenders(names), found.training, seed=seed)
     compared = laws[:6]
     fits = [replace(law.fit, candidate=law.candidate) for law in compared]
     pairs = compare_laws(fits, found.training, {law.name: law.scores for law in compared})
@@ -217,7 +224,7 @@ def race_of_forms(found: Specimen, seed: int) -> Ranking:
 
 
 def run_seed(
-    seed: int, laws: Sequence[str], setting: Setting, forms: bool = False, peers: bool = False
+    seed: int, laws: Sequence[str], setting: Setting, forms: Sequence[str] = (), peers: bool = False
 ) -> list[Trial]:
     """Make a campaign for every law and score what is found; with ``forms``, identify the plant once."""
     trials: list[Trial] = []
@@ -229,7 +236,7 @@ def run_seed(
             if forms:
                 found = specimen_of(campaign, known)
                 known = found.identified
-                ranking = race_of_forms(found, seed)
+                ranking = race_of_forms(found, seed, forms)
             else:
                 ranking = discover(campaign, seed=seed)
             truth, seconds = read_truth(rig.truth_path(campaign.path)), time.perf_counter() - started
@@ -335,7 +342,9 @@ def options_given() -> argparse.Namespace:
     parser.add_argument("--strengths", default="1,0.8,0.6", help="hits per preload, shares of full strength")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--forms", action="store_true", help="twelve given forms in place of the search")
+    parser.add_argument(
+        "--forms", nargs="*", choices=FORMS, help="race of these (none named: all) in place of the search"
+    )
     parser.add_argument("--peers", action="store_true", help=f"pysindy alone, and {', '.join(SYMBOLIC)}")
     return parser.parse_args()
 
@@ -352,7 +361,8 @@ def main() -> None:
             flush=True,
         )
         seeds = range(options.first, options.first + options.seeds)
-        given = options.laws, setting, options.forms, options.peers
+        forms = () if options.forms is None else options.forms or FORMS
+        given = options.laws, setting, forms, options.peers
         by_seed = Parallel(n_jobs=options.jobs)(delayed(run_seed)(seed, *given) for seed in seeds)
         by_law = {law: [trials[k] for trials in by_seed] for k, law in enumerate(options.laws)}
         print("\n".join([header(COLUMNS), *(row(law, trials) for law, trials in by_law.items())]), flush=True)
