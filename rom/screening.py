@@ -17,7 +17,7 @@ from rom.model import Model
 
 FloatArray = npt.NDArray[np.float64]
 # after the hit the samples are taken ever more sparsely: from so many seconds on, every so many samples
-_SPACING = ((0.0, 1), (0.012, 4), (0.06, 16), (0.25, 64))
+_SPACING = ((0.0, 1), (0.012, 4), (0.06, 16), (0.25, 64), (1.0, 128))
 
 
 @dataclass(frozen=True)

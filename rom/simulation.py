@@ -226,6 +226,7 @@ def simulate(
     tolerance: float,
 ) -> Response:
     """See ``Model.simulate``."""
+    from rom.kernels.bins import sums_of_blocks
     from rom.kernels.exponential import Task, integrate
     from rom.kernels.runge_kutta import integrate_links
 
@@ -244,10 +245,11 @@ def simulate(
     task = Task(rate, driven, assembly.active, fixed(forces), motion, tensions, last, 1, tolerance)
     out = np.full((3 * bodies + int(assembly.program.size[1:].sum()), samples), np.nan)
     report = np.zeros(6 + int(assembly.program.size[2]))
-    large = bodies > DENSE_BODIES
-    (integrate_links if large else integrate)(assembly.program, assembly.coefficients, task, report, out)
-    if large:
+    if bodies > DENSE_BODIES:
+        integrate_links(assembly.program, assembly.coefficients, task, report, out)
         report[1:3] = np.nan
+    else:
+        integrate(assembly.program, assembly.coefficients, task, sums_of_blocks(1), report, out)
     return _response(structure, rate, out, report)
 
 

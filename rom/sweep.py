@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from rom.simulation import DENSE_BODIES, finite, fixed, forces_on, number
+from rom.simulation import DENSE_BODIES, TOLERANCE, finite, fixed, forces_on, number
 
 if TYPE_CHECKING:
     from rom.kernels.exponential import Task
@@ -88,14 +88,17 @@ def _means(
 
 
 def _cases(model: Model, coefficients: FloatArray, tasks: Task) -> FloatArray:
-    """Mean tensions, shape (cases, bins, tensions); NaN for a case that diverged."""
+    """Mean tensions, shape (cases, bins, tensions); NaN for a case that diverged.
+
+    Effects with memory bend too sharply for long blocks: unless more is asked for, they go link by link.
+    """
     from rom.kernels.bins import means
     from rom.kernels.exponential import REACHED, integrate_cases
     from rom.kernels.runge_kutta import integrate_links
 
     program = model.assembly.program
     reports = np.zeros((len(coefficients), 6 + int(program.size[2])))
-    if len(model.structure.bodies) <= DENSE_BODIES:
+    if len(model.structure.bodies) <= DENSE_BODIES and not (program.size[2] and tasks.tolerance >= TOLERANCE):
         result: FloatArray = integrate_cases(program, coefficients, tasks, reports)
         return result
     result = np.full((len(coefficients), tasks.edges.shape[1] - 1, int(program.size[1])), np.nan)

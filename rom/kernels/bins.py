@@ -20,7 +20,7 @@ def sums_of_blocks(every: int) -> Any:
     sums = np.zeros((LEVELS, every, NODES + 1))
     for level in range(LEVELS):
         for phase in range(every):
-            for i in range(max(4 * 2**level // TICKS, 1)):
+            for i in range(max((4 << level) // TICKS, 1)):
                 if (phase + 1 + i) % every == 0:
                     sums[level, phase, NODES] += 1.0
                     for node in range(NODES):
@@ -48,7 +48,7 @@ def add(
 
     The sample at a block's start belongs to the block before. Returns the bin of the next sample.
     """
-    start, last = (tick - 4 * 2**level) // TICKS, tick // TICKS
+    start, last = (tick - (4 << level)) // TICKS, tick // TICKS
     sample = max(start + 1, edges[bin]) if bin < edges.size - 1 else last + 1
     while sample <= last and bin < edges.size - 1:
         stop = min(last + 1, edges[bin + 1])

@@ -1,19 +1,17 @@
-"""One block of the exponential integrator: its nodes, their equations, and the sweeps that solve them."""
+"""One block of the exponential integrator: its nodes and their equations."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numpy as np
 from numba import njit
 
 from rom.kernels.calling import invoke, pointer
 from rom.kernels.equations import Program
-from rom.kernels.propagators import INTEGRAL, NODES, SAMPLE, SIMPSON, TICKS, Propagators
+from rom.kernels.propagators import NODES, SAMPLE, TICKS, Propagators
 
-SWEEPS = 12
 # places in Block.change: what the last sweep changed, and what decides how much the next one would
-FORCE, TENSION, STATE, STIFFNESS, DAMPING, SPEED, SHARPNESS = range(7)
+FORCE, TENSION, STATE, STIFFNESS, DAMPING, SPEED, SHARPNESS, SIZE = range(8)
 
 
 class Block(NamedTuple):
@@ -26,10 +24,10 @@ class Block(NamedTuple):
     r: Any  # (node, tensions + states + 1): rates of z, and a place for links without tension
     start: Any  # (tensions,): initial tensions
     base: Any  # (active link, 2): stiffness and damping of the linear part
-    beyond: Any  # (active link, 2): stiffness and damping beyond it, at the last node
+    beyond: Any  # (node, active link, 2): stiffness and damping beyond it
     active: Any  # (active links,)
     spare: Any  # (1,): where an effect puts its tension rate
-    change: Any  # (7,): see above
+    change: Any  # (8,): see above
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -107,8 +105,47 @@ def evaluate(program: Program, p: Any, block: Block, from_node: int, t: float, d
             change[STIFFNESS] = max(change[STIFFNESS], abs(k))
             change[DAMPING] = max(change[DAMPING], abs(c))
             change[SPEED] = max(change[SPEED], abs(v))
-            block.beyond[a, 0], block.beyond[a, 1] = k, c
+            block.beyond[node, a, 0], block.beyond[node, a, 1] = k, c
             block.N[node, a] = force
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def evaluate_rates(program: Program, p: Any, block: Block) -> None:
+    """Rates of the tensions at nodes 1 to 4 without effects, from the stiffness and damping known so far."""
+    n, width = program.size[0], block.r.shape[1]
+    for node in range(1, NODES):
+        for i in range(width):
+            block.r[node, i] = 0.0
+    for a in range(block.active.size):
+        link = block.active[a]
+        first, second, bolt = program.ends[link, 0], program.ends[link, 1], program.tension[link]
+        if program.laws[link, 4] == 0:
+            continue
+        for node in range(1, NODES):
+            x = v = 0.0
+            if first >= 0:
+                x, v = block.y[node, first], block.y[node, n + first]
+            if second >= 0:
+                x, v = x - block.y[node, second], v - block.y[node, n + second]
+            T = max(block.start[bolt] + block.z[node, bolt], 0.0)
+            damping_force = (block.base[a, 1] + block.beyond[node, a, 1]) * v
+            force = (block.base[a, 0] + block.beyond[node, a, 0]) * x + damping_force
+            block.r[node, bolt] += invoke(
+                program.laws[link, 4], (T, x, v, force, damping_force, pointer(p, program.laws[link, 5]))
+            )
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def evaluate_laws(program: Program, p: Any, block: Block) -> None:
+    """Stiffness and damping beyond the linear part at nodes 1 to 4, of links with a tension."""
+    for a in range(block.active.size):
+        link, bolt = block.active[a], program.tension[block.active[a]]
+        stiffness, damping = program.laws[link, 1], program.laws[link, 3]
+        for node in range(1, NODES):
+            T = max(block.start[bolt] + block.z[node, bolt], 0.0)
+            k = invoke(program.laws[link, 0], (T, pointer(p, stiffness)))
+            c = invoke(program.laws[link, 2], (T, pointer(p, damping)))
+            block.beyond[node, a, 0], block.beyond[node, a, 1] = k - block.base[a, 0], c - block.base[a, 1]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz"})
@@ -139,15 +176,15 @@ def free_motion(free: Any, y: Any, E: Any, W: Any, force: Any, level: int, tick:
             forced[place, i] = 0.0
     for u in range(force.shape[0]):
         if level >= SAMPLE:
-            count, sample = 2 ** (level - SAMPLE), tick // TICKS
+            count, sample = (1 << (level - SAMPLE)), tick // TICKS
             _long_response(forced, W[level, u], force[u, sample : sample + 4 * count + 1], count)
             continue
         for place in range(NODES - 1):
-            at = tick + place * 2**level
+            at = tick + (place << level)
             sample = at // TICKS
             slope = (force[u, sample + 1] - force[u, sample]) / TICKS
             start = force[u, sample] + slope * (at - sample * TICKS)
-            end = start + slope * 2**level
+            end = start + slope * (1 << level)
             for i in range(forced.shape[1]):
                 forced[place, i] += W[level, u, i, 0] * start + W[level, u, i, 1] * end
     for node in range(1, NODES):
@@ -159,144 +196,14 @@ def free_motion(free: Any, y: Any, E: Any, W: Any, force: Any, level: int, tick:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _collocate_motion(block: Block, H: Any, level: int) -> None:
-    """Motion at nodes 1 to 4 from the forces at all nodes."""
-    size = block.y.shape[1]
-    for node in range(1, NODES):
-        for i in range(size):
-            block.y[node, i] = block.free[node, i]
-    for a in range(block.active.size):
-        for other in range(NODES):
-            value = block.N[other, a]
-            for node in range(1, NODES):
-                for i in range(size):
-                    block.y[node, i] += H[level, a, other, node, i] * value
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _collocate_rates(block: Block, d: float) -> None:
-    """Tension changes and states at nodes 1 to 4 from the rates at all nodes."""
-    block.change[TENSION] = block.change[STATE] = 0.0
-    for i in range(block.z.shape[1]):
-        change = size = 0.0
-        first, second, third = d * block.r[0, i], d * block.r[1, i], d * block.r[2, i]
-        fourth, fifth = d * block.r[3, i], d * block.r[4, i]
-        for node in range(1, NODES):
-            weights = INTEGRAL[node]
-            total = block.z[0, i] + weights[0] * first + weights[1] * second + weights[2] * third
-            total += weights[3] * fourth + weights[4] * fifth
-            change, size = max(change, abs(total - block.z[node, i])), max(size, abs(total))
-            block.z[node, i] = total
-        if i < block.start.size:
-            block.change[TENSION] = max(block.change[TENSION], change)
-        elif size > 0.0:
-            block.change[STATE] = max(block.change[STATE], change / size)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _guess(program: Program, block: Block) -> None:
-    """First guess of a block: laws and rates as at node 0, along the free motion."""
-    n = program.size[0]
-    for a in range(block.active.size):
-        first, second = program.ends[block.active[a], 0], program.ends[block.active[a], 1]
-        k, c = block.beyond[a, 0], block.beyond[a, 1]
-        for node in range(1, NODES):
-            x = v = 0.0
-            if first >= 0:
-                x, v = block.free[node, first], block.free[node, n + first]
-                x, v = x - block.y[0, first], v - block.y[0, n + first]
-            if second >= 0:
-                x, v = x - block.free[node, second], v - block.free[node, n + second]
-                x, v = x + block.y[0, second], v + block.y[0, n + second]
-            block.N[node, a] = block.N[0, a] + k * x + c * v
-    for node in range(1, NODES):
-        for i in range(block.z.shape[1]):
-            block.z[node, i] = block.z[0, i]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _next_change(change: Any, span: float, goal: Any, mobility: float) -> float:
-    """What a second sweep would change, over the goals, from what the first one did; laws alone.
-
-    Stiffness and damping beyond the linear part bound how a change of force comes back to it, the sharpness
-    of the tension law how a change of tension does; a rate goes with about the fourth power of velocity.
-    """
-    impulse = span * change[FORCE]
-    back = mobility * span * (change[STIFFNESS] * span + change[DAMPING])
-    tension = change[SHARPNESS] * change[TENSION]
-    if change[SPEED] > 0.0:
-        tension += 4.0 * mobility * impulse / change[SPEED]
-    stiff: float = max(impulse * min(back, 1.0) / goal[0], change[TENSION] * min(tension, 1.0) / goal[1])
-    return stiff
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def solve(
-    program: Program, p: Any, block: Block, H: Any, level: int, t: float, d: float, goal: Any, mobility: float
-) -> bool:
-    """Sweep until the next change would be below the goals: impulse [N s], tension [N], state (relative)."""
-    _guess(program, block)
-    _collocate_motion(block, H, level)
-    change, before = block.change, 0.0
-    for sweep in range(SWEEPS):
-        evaluate(program, p, block, 1, t, d)
-        _collocate_motion(block, H, level)
-        _collocate_rates(block, d)
-        now = max(4.0 * d * change[FORCE] / goal[0], change[TENSION] / goal[1], change[STATE] / goal[2])
-        if not np.isfinite(now):
-            return False
-        if sweep > 0 and before > 0.0:
-            if now * min(now / before, 1.0) <= 1.0:
-                return True
-        elif now <= 1.0 or (
-            program.effects.shape[0] == 0 and _next_change(change, 4.0 * d, goal, mobility) <= 1.0
-        ):
-            return True
-        before = now
-    return False
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _quadrature_error(values: Any, column: int, d: float) -> float:
-    """Error of the integral over a block: that of Simpson's rule taken to the order of the rule in use.
-
-    For an oscillation both errors are powers of frequency times length, e6 = 5.1 e4^(3/2).
-    """
-    simpson = boole = size = 0.0
-    for node in range(NODES):
-        simpson += SIMPSON[node] * values[node, column]
-        boole += INTEGRAL[NODES - 1, node] * values[node, column]
-        size += INTEGRAL[NODES - 1, node] * abs(values[node, column])
-    if size == 0.0:
-        return 0.0
-    ratio = abs(simpson - boole) / size
-    error: float = d * size * min(ratio, 5.1 * ratio * np.sqrt(ratio))
-    return error
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def errors(block: Block, d: float, scale: Any) -> Any:
-    """Estimated errors of a block: the largest of impulses [N s], of tensions [N], of states (relative)."""
-    impulse = tension = state = 0.0
-    for a in range(block.active.size):
-        impulse = max(impulse, _quadrature_error(block.N, a, d))
-    tensions = block.start.size
-    for i in range(block.z.shape[1]):
-        error = _quadrature_error(block.r, i, d)
-        if i < tensions:
-            tension = max(tension, error)
-        else:
-            state = max(state, error / scale[2 + i - tensions])
-    return impulse, tension, state
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def copy_node(block: Block, node: int, target: int) -> None:
     """Take the values at a node for those at another."""
     for i in range(block.y.shape[1]):
         block.y[target, i] = block.y[node, i]
     for a in range(block.N.shape[1]):
         block.N[target, a] = block.N[node, a]
+        block.beyond[target, a, 0] = block.beyond[node, a, 0]
+        block.beyond[target, a, 1] = block.beyond[node, a, 1]
     for i in range(block.r.shape[1]):
         block.r[target, i] = block.r[node, i]
     for i in range(block.z.shape[1]):
@@ -312,19 +219,13 @@ def advance(block: Block) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def drifted(program: Program, p: Any, block: Block, limit: float) -> bool:
-    """Whether the linear part has moved away from the last node's tension."""
+def drifted(block: Block, limit: float) -> bool:
+    """Whether the linear part has moved away from that of node 0."""
     for a in range(block.active.size):
-        link = block.active[a]
-        bolt = program.tension[link]
-        if bolt < 0:
-            continue
-        T = block.start[bolt] + block.z[0, bolt]
-        k = invoke(program.laws[link, 0], (T, pointer(p, program.laws[link, 1])))
-        c = invoke(program.laws[link, 2], (T, pointer(p, program.laws[link, 3])))
-        scale = limit * max(abs(k), abs(block.base[a, 0]))
-        if abs(k - block.base[a, 0]) > scale:
-            return True
-        if abs(c - block.base[a, 1]) > limit * max(abs(c), abs(block.base[a, 1])):
-            return True
+        for part in range(2):
+            beyond = abs(block.beyond[0, a, part])
+            if beyond > limit * max(
+                abs(block.base[a, part]), abs(block.base[a, part] + block.beyond[0, a, part])
+            ):
+                return True
     return False

@@ -35,7 +35,7 @@ def fill_sample(block: Block, tables: Propagators, force: Any, node: int, out: A
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill(block: Block, tables: Propagators, force: Any, level: int, tick: int, d: float, out: Any) -> None:
     """Write the samples of the block that ends at ``tick``."""
-    samples = 4 * 2**level // TICKS
+    samples = (4 << level) // TICKS
     if samples > 2:
         _fill_long(block, tables, force, level, tick // TICKS - samples, d, out)
         return
@@ -77,7 +77,7 @@ def _follow(y: Any, E: Any, inputs: Any, starts: Any, ends: Any, count: int) -> 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _fill_motion(block: Block, tables: Propagators, y: Any, inputs: Any, level: int) -> None:
     """Motion ``y`` at the samples of a block, and the forces of active links among the ``inputs``."""
-    driven, count = tables.W.shape[1], 2 ** (level - SAMPLE)
+    driven, count = tables.W.shape[1], (1 << (level - SAMPLE))
     for a in range(block.active.size):
         for i in range(4 * count):
             inputs[driven + a, i + 1] = 0.0
@@ -113,7 +113,7 @@ def _fill_long(
     block: Block, tables: Propagators, force: Any, level: int, start: int, d: float, out: Any
 ) -> None:
     """Write the samples of a block of four or more, row by row."""
-    size, width, span = block.y.shape[1], block.z.shape[1], 4 * 2 ** (level - SAMPLE)
+    size, width, span = block.y.shape[1], block.z.shape[1], 4 * (1 << (level - SAMPLE))
     inputs, y = np.empty((tables.b.shape[0], span + 1)), np.empty((size, span + 1))
     for u in range(force.shape[0]):
         for i in range(span + 1):

@@ -2,7 +2,7 @@
 
 The structure linearised at a tension is propagated exactly under the piecewise linear force. What the links
 do beyond that, and the rates of tensions and internal states, are polynomials through the five nodes of a
-block (sixth order at its end), found by sweeps. Blocks of 1/4 to 256 samples start and end on the force's
+block (sixth order at its end), found by sweeps. Blocks of 1/4 to 1024 samples start and end on the force's
 knots or within one sample; their length follows from an error estimate.
 """
 
@@ -20,11 +20,9 @@ from rom.kernels.block import (
     advance,
     copy_node,
     drifted,
-    errors,
     evaluate,
     free_motion,
     linearise,
-    solve,
 )
 from rom.kernels.calling import invoke, pointer
 from rom.kernels.dense import fill, fill_sample
@@ -38,6 +36,7 @@ from rom.kernels.propagators import (
     allocate,
     build,
 )
+from rom.kernels.sweeps import errors, solve, solve_laws
 
 RUNS = 3  # how often a record is integrated until its own peaks are the scale of its errors
 
@@ -59,6 +58,7 @@ class Task(NamedTuple):
 SPREAD, LEAST = 0.5, 0.002  # a block of d seconds may spend d / SPREAD of the tolerance, or LEAST of it
 MOTION = 3.0  # tolerance of velocities and states over that of tensions: their estimate is the coarser one
 NEGLIGIBLE = 1e-9  # a change of tension, relative to it, below which errors are not measured against it
+CHUNK = 16  # samples whose sizes stand for their running sum
 SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no hit above this share of the peak velocity
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
@@ -91,10 +91,10 @@ def _prepare(program: Program, p: Any, task: Task) -> Any:
         np.zeros((NODES, width + 1)),
         task.tensions,
         np.zeros((active, 2)),
-        np.zeros((active, 2)),
+        np.zeros((NODES, active, 2)),
         task.active,
         np.zeros(1),
-        np.zeros(7),
+        np.zeros(8),
     )
     largest = 1.0
     for T in task.tensions:
@@ -121,7 +121,7 @@ def _restart(program: Program, p: Any, block: Block, t: float) -> None:
 def _highest(level: int, tick: int, boundary: int) -> int:
     """The highest level, not above ``level``, whose block starts on its grid and ends by the boundary."""
     while level > 0:
-        block = 4 * 2**level
+        block = 4 << level
         if tick + block <= boundary and tick % min(block, TICKS) == 0:
             break
         level -= 1
@@ -153,19 +153,35 @@ def _account(program: Program, block: Block, impulse: float, tension: float, rep
         report[STATES + i] = max(report[STATES + i], abs(block.z[NODES - 1, block.start.size + i]))
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "nsz"})
+def largest_impulse(force: Any) -> float:
+    """An upper bound, within some samples' sizes, of the largest running sum of a force."""
+    largest = running = 0.0
+    whole = force.size // CHUNK * CHUNK
+    for i in range(whole, force.size):
+        running += force[i]
+    for start in range(0, whole, CHUNK):
+        part = force[start : start + CHUNK]
+        total = size = 0.0
+        for i in range(CHUNK):
+            total += part[i]
+            size += abs(part[i])
+        largest = max(largest, abs(running) + size)
+        running += total
+    return largest
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _open(task: Task, level: int, tick: int, least: float) -> int:
     """Highest level whose block hides no hit of impulse `least` [N s], which no node may feel.
 
     The impulse is the largest running sum of a force: noise cancels in it, a hit of any length does not.
     """
-    while 4 * 2**level > SHORT * TICKS:
+    while (4 << level) > SHORT * TICKS:
+        first, last = tick // TICKS, (tick + (4 << level)) // TICKS
         largest = 0.0
         for u in range(task.force.shape[0]):
-            running = 0.0
-            for i in range(tick // TICKS, (tick + 4 * 2**level) // TICKS + 1):
-                running += task.force[u, i]
-                largest = max(largest, abs(running))
+            largest = max(largest, largest_impulse(task.force[u, first : last + 1]))
         if largest <= least * task.rate:
             break
         level -= 1
@@ -192,12 +208,15 @@ def _run(  # noqa: C901 - the loop over the blocks, in one place
         level = _open(task, _highest(level, tick, end), tick, HIDDEN * scale[0] / mobility)
         if tables.built[0] <= max(level, SAMPLE):
             build(tables, max(level, SAMPLE), sample)
-        d, t = sample * 2.0**level / TICKS, tick * sample / TICKS
+        d, t = sample * float(1 << level) / TICKS, tick * sample / TICKS
         allowed = task.tolerance * max(4.0 * d / SPREAD, LEAST)
         free_motion(block.free, block.y, tables.E, tables.W, task.force, level, tick)
         change = max(0.1 * allowed, 1e-13)  # sweeps end at rounding
         goal = (MOTION * change * scale[0] / mobility, change * scale[1], MOTION * change)
-        solved = solve(program, p, block, tables.H, level, t, d, goal, 2.0 * mobility)
+        if program.effects.shape[0] == 0:
+            solved = solve_laws(program, p, block, tables.H, level, d, goal, 2.0 * mobility)
+        else:
+            solved = solve(program, p, block, tables.H, level, t, d, goal)
         impulse, tension, state = errors(block, d, scale)
         error = max(impulse * mobility / scale[0] / MOTION, tension / scale[1], state / MOTION)
         if level > 0 and not (solved and error <= allowed):
@@ -205,27 +224,19 @@ def _run(  # noqa: C901 - the loop over the blocks, in one place
             continue
         if not _finite(block, error):
             return
-        tick += 4 * 2**level
+        tick += 4 << level
         bin = add(block, level, tick, d, task.edges, task.every, sums, bin, total)
         if out.size:
             fill(block, tables, task.force, level, tick, d, out)
         _account(program, block, impulse * mobility, tension, report)
         report[REACHED] = tick // TICKS
         advance(block)
-        if drifted(program, p, block, DRIFT):
+        if drifted(block, DRIFT):
             linearise(program, p, block, tables)
             _restart(program, p, block, tick * sample / TICKS)
         if error * 40.0 < allowed and level < LEVELS - 1:
             level += 1
     report[REACHED] += 1.0
-
-
-@njit(cache=True, nogil=True, fastmath={"reassoc"})
-def _sum(values: Any, row: int, start: int, end: int) -> Any:
-    total = 0.0
-    for i in range(start, end):
-        total += values[row, i]
-    return total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -236,10 +247,7 @@ def _expected(program: Program, p: Any, task: Task) -> Any:
     for i in range(n):
         velocity = max(velocity, abs(task.y0[n + i]), 10.0 * abs(task.y0[i]))
     for u in range(task.driven.size):
-        impulse = 0.0
-        for start in range(0, task.force.shape[1], 64):
-            impulse += _sum(task.force, u, start, min(start + 64, task.force.shape[1]))
-            velocity = max(velocity, abs(impulse) / task.rate / p[task.driven[u]])
+        velocity = max(velocity, largest_impulse(task.force[u]) / task.rate / p[task.driven[u]])
     loss = 0.0
     for a in range(task.active.size):
         link = task.active[a]
@@ -257,14 +265,15 @@ def _expected(program: Program, p: Any, task: Task) -> Any:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def integrate(program: Program, p: Any, task: Task, report: Any, out: Any) -> Any:
+def integrate(program: Program, p: Any, task: Task, sums: Any, report: Any, out: Any) -> Any:
     """Integrate over a record; its own peak velocity and loss of tension are the scale of its errors.
 
-    Fills ``report`` (6 + states,) and, unless empty, ``out``, shape (3 bodies + tensions + states, samples):
-    displacements, velocities, tensions, states, accelerations. Returns the sums of the tensions' changes
-    over the bins, shape (bins, tensions); the run is complete where ``report[REACHED]`` is the last edge.
+    ``sums`` are ``sums_of_blocks``. Fills ``report`` (6 + states,) and, unless empty, ``out``, shape
+    (3 bodies + tensions + states, samples): displacements, velocities, tensions, states, accelerations.
+    Returns the sums of the tensions' changes over the bins, shape (bins, tensions); the run is complete where
+    ``report[REACHED]`` is the last edge.
     """
-    total, sums = np.zeros((task.edges.size - 1, program.size[1])), sums_of_blocks(task.every)
+    total = np.zeros((task.edges.size - 1, program.size[1]))
     scale = _expected(program, p, task)
     least = 1e-12
     for T in task.tensions:
@@ -294,13 +303,13 @@ def integrate_cases(program: Program, coefficients: Any, tasks: Task, reports: A
     """
     cases = coefficients.shape[0]
     result = np.full((cases, tasks.edges.shape[1] - 1, program.size[1]), np.nan)
-    nothing = np.empty((0, 0))
+    nothing, sums = np.empty((0, 0)), sums_of_blocks(tasks.every)
     for case in range(cases):
         task = Task(
             tasks.rate, tasks.driven, tasks.active, tasks.force[case], tasks.y0,
             tasks.tensions[case], tasks.edges[case], tasks.every, tasks.tolerance,
         )  # fmt: skip
-        sums = integrate(program, coefficients[case], task, reports[case], nothing)
+        changes = integrate(program, coefficients[case], task, sums, reports[case], nothing)
         if reports[case, REACHED] == task.edges[-1]:
-            means(sums, task.edges, task.every, task.tensions, result[case])
+            means(changes, task.edges, task.every, task.tensions, result[case])
     return result

@@ -16,7 +16,7 @@ from numba import njit
 from numpy.polynomial import Polynomial
 
 NODES = 5
-LEVELS = 11  # sub-blocks of 1/16, 1/8, 1/4, 1/2, 1, 2 ... 64 samples
+LEVELS = 13  # sub-blocks of 1/16, 1/8, 1/4, 1/2, 1, 2 ... 256 samples
 SAMPLE = 4  # the level whose sub-block is one sample
 TICKS = 2**SAMPLE  # ticks in a sample; the shortest sub-block is a tick
 LONGEST = 2 ** (LEVELS - 1 - SAMPLE)
@@ -78,25 +78,47 @@ def allocate(size: int, driven: int, active: int) -> Propagators:
 
 
 @njit(cache=True, nogil=True)
-def _series(A: Any, start: Any, d: float, power: int, result: Any, term: Any, image: Any) -> None:
-    """``int_0^d exp(A (d - s)) start (s / d)^power ds`` by its series; ``exp(A d) start`` for power -1."""
-    size = start.size
-    factor = 1.0 if power < 0 else d / (power + 1.0)
+def _next_term(A: Any, factor: float, term: Any, image: Any) -> float:
+    """``term = factor A term``; its largest element."""
+    size, largest = term.size, 0.0
     for i in range(size):
-        term[i] = start[i] * factor
-        result[i] = term[i]
+        image[i] = 0.0
+        for j in range(size):
+            image[i] += A[i, j] * term[j]
+    for i in range(size):
+        term[i] = image[i] * factor
+        largest = max(largest, abs(term[i]))
+    return largest
+
+
+@njit(cache=True, nogil=True)
+def _exponential(A: Any, d: float, result: Any, term: Any, image: Any) -> None:
+    """``exp(A d) term`` by its series."""
+    result[:] = term
     for k in range(1, 80):
-        largest = total = 0.0
-        for i in range(size):
-            image[i] = 0.0
-            for j in range(size):
-                image[i] += A[i, j] * term[j]
-        for i in range(size):
-            term[i] = image[i] * d / (k + power + 1.0)
+        largest = _next_term(A, d / k, term, image)
+        for i in range(term.size):
             result[i] += term[i]
-            largest = max(largest, abs(term[i]))
-            total = max(total, abs(result[i]))
-        if largest <= 1e-20 * total:
+        if largest <= 1e-20 * np.max(np.abs(result)):
+            break
+
+
+@njit(cache=True, nogil=True)
+def _moments(A: Any, start: Any, d: float, result: Any, term: Any, image: Any) -> None:
+    """``int_0^d exp(A (d - s)) start (s / d)^q ds`` for all powers q, one series of ``(A d)^k start / k!``.
+
+    The k-th term of power q has the factor ``d k! q! / (k + q + 1)!``.
+    """
+    term[:] = start
+    result[:] = 0.0
+    size, total = term.size, np.max(np.abs(start))
+    for k in range(80):
+        factor = d / (k + 1.0)
+        for q in range(NODES):
+            for i in range(size):
+                result[q, i] += factor * term[i]
+            factor *= (q + 1.0) / (k + q + 2.0)
+        if _next_term(A, d / (k + 1.0), term, image) <= 1e-20 * total:
             break
 
 
@@ -104,14 +126,13 @@ def _series(A: Any, start: Any, d: float, power: int, result: Any, term: Any, im
 def _build_first(tables: Propagators, d: float) -> None:
     """Exponential and moments of the shortest sub-block, by series."""
     size = tables.A.shape[0]
-    term, image, unit = np.zeros(size), np.zeros(size), np.zeros(size)
+    term, image = np.zeros(size), np.zeros(size)
     for i in range(size):
-        unit[:] = 0.0
-        unit[i] = 1.0
-        _series(tables.A, unit, d, -1, tables.E[0, i], term, image)
+        term[:] = 0.0
+        term[i] = 1.0
+        _exponential(tables.A, d, tables.E[0, i], term, image)
     for i in range(tables.b.shape[0]):
-        for q in range(NODES):
-            _series(tables.A, tables.b[i], d, q, tables.P[0, i, q], term, image)
+        _moments(tables.A, tables.b[i], d, tables.P[0, i], term, image)
 
 
 @njit(cache=True, nogil=True)
@@ -191,7 +212,7 @@ def build(tables: Propagators, level: int, sample: float) -> None:
 
 def _within(level: int) -> FloatArray:
     """Where the samples of a block lie behind its start, in sub-blocks."""
-    samples = max(4 * 2**level // TICKS, 1)
+    samples = max((4 << level) // TICKS, 1)
     places: FloatArray = 4.0 / samples * np.arange(1, samples + 1)
     return places
 

@@ -3,14 +3,16 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from rom.effects.effect import Effect
-from rom.kernels.block import advance, free_motion, solve
+from rom.kernels.block import advance, free_motion
 from rom.kernels.exponential import Task, _prepare
 from rom.kernels.propagators import NODES, SAMPLE, TICKS, build
+from rom.kernels.sweeps import solve, solve_laws
 from rom.laws import Parameter, constant_damping, constant_stiffness, no_loosening, power_loosening
 from rom.model import LinkLaws, Model
 from rom.parameters.he_2025 import paper_model
@@ -69,7 +71,11 @@ def marched(model: Model, level: int, samples: int) -> np.ndarray:
     for number in range(samples * TICKS // (4 * 2**level)):
         tick = number * 4 * 2**level
         free_motion(block.free, block.y, tables.E, tables.W, force, level, tick)
-        solve(program, p, block, tables.H, level, tick / TICKS / RATE, d, (1e-14, 1e-13, 1e-14), 2.0)
+        goal = (1e-14, 1e-13, 1e-14)
+        if model.effects:
+            solve(program, p, block, tables.H, level, tick / TICKS / RATE, d, goal)
+        else:
+            solve_laws(program, p, block, tables.H, level, d, goal, 2.0)
         advance(block)
     return np.concatenate([block.y[0], block.z[0]])
 
@@ -140,6 +146,23 @@ def test_a_slider_with_memory_slips_at_its_limit_and_follows_the_fine_solution()
     assert abs(x - x_fine).max() < 1e-3 * abs(x).max()
     without = paper_model().simulate({"lo": force}, RATE, 152.7)
     assert abs(x - without.displacement["lo"]).max() > 0.05 * abs(x).max()
+
+
+def test_an_effect_with_memory_loses_on_the_fast_path_what_its_response_loses():
+    slider = effect("jenkins-slip", jenkins, 1, kappa=0.9, mu=0.15)
+    time = np.arange(9600) / RATE - 0.05
+    force = 1608.7 * np.sin(np.pi * time / 0.65e-3) * ((time > 0) & (time < 0.65e-3))
+    for added in (slider, effect("maxwell", maxwell, 1, k_m=2e5, tau=5e-4)):
+        model = paper_model().with_effect(added)
+        tension = model.simulate({"lo": force}, RATE, 152.7).tension
+        loss = 152.7 - tension[-1]
+        edges = np.array([0, 964, 1000, 5000, 9600])
+        means = [tension[a:b].mean() for a, b in pairwise(edges)]
+        final = model.final_tension([force], RATE, [152.7])[0]
+        assert final == pytest.approx(tension[-1], abs=3e-4 * loss)
+        assert model.mean_tensions([force], RATE, [152.7], edges / RATE)[0] == pytest.approx(
+            means, abs=3e-4 * loss
+        )
 
 
 def test_a_body_effect_acts_on_its_body_alone():

@@ -310,3 +310,20 @@ def test_every_bolt_has_mean_tensions():
     for place, tension in enumerate(response.tension.values()):
         loss = start[place] - tension[-1]
         assert found[0, :, place] == pytest.approx(binned(tension, [0, 1056, 5760]), abs=1e-5 * loss)
+
+
+@pytest.mark.parametrize("place", [23000, 23001, 23015, 23511, 24063, 24575, 25599])
+def test_a_second_hit_anywhere_in_the_ring_down_is_seen(place, monkeypatch):
+    model, force = paper_model(), np.pad(hit(seconds=0.1), (0, 25600 - 1920))
+    quiet = model.final_tension(force[None], RATE, [150.0])[0]
+    force[place : place + 12] += 300.0
+    found = model.final_tension(force[None], RATE, [150.0])[0]
+    bins = model.mean_tensions(force[None], RATE, [150.0], [0.0, 1.0, 25600 / RATE])[0]
+    monkeypatch.setattr("rom.sweep.DENSE_BODIES", 0)
+    exact = model.final_tension(force[None], RATE, [150.0])[0]
+    assert found == pytest.approx(exact, abs=1e-4 * (150.0 - exact))
+    assert bins == pytest.approx(
+        model.mean_tensions(force[None], RATE, [150.0], [0.0, 1.0, 25600 / RATE])[0],
+        abs=1e-4 * (150.0 - exact),
+    )
+    assert place > 25590 or quiet - found > 1e-3

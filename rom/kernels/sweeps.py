@@ -1,0 +1,211 @@
+"""The sweeps that solve a block, and the estimate of its error."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from rom.kernels.block import (
+    FORCE,
+    SHARPNESS,
+    SIZE,
+    SPEED,
+    STATE,
+    TENSION,
+    Block,
+    evaluate,
+    evaluate_laws,
+    evaluate_rates,
+)
+from rom.kernels.equations import Program
+from rom.kernels.propagators import INTEGRAL, NODES, SIMPSON
+
+SWEEPS = 12
+SMOOTH = 6  # up to this level a first guess of the tension goes on at the rate of node 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _collocate_motion(block: Block, H: Any, level: int) -> None:
+    """Motion at nodes 1 to 4 from the forces at all nodes."""
+    size = block.y.shape[1]
+    for node in range(1, NODES):
+        for i in range(size):
+            block.y[node, i] = block.free[node, i]
+    for a in range(block.active.size):
+        for other in range(NODES):
+            value = block.N[other, a]
+            for node in range(1, NODES):
+                for i in range(size):
+                    block.y[node, i] += H[level, a, other, node, i] * value
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _collocate_rates(block: Block, d: float) -> None:
+    """Tension changes and states at nodes 1 to 4 from the rates at all nodes."""
+    block.change[TENSION] = block.change[STATE] = 0.0
+    for i in range(block.z.shape[1]):
+        change = size = 0.0
+        first, second, third = d * block.r[0, i], d * block.r[1, i], d * block.r[2, i]
+        fourth, fifth = d * block.r[3, i], d * block.r[4, i]
+        for node in range(1, NODES):
+            weights = INTEGRAL[node]
+            total = block.z[0, i] + weights[0] * first + weights[1] * second + weights[2] * third
+            total += weights[3] * fourth + weights[4] * fifth
+            change, size = max(change, abs(total - block.z[node, i])), max(size, abs(total))
+            block.z[node, i] = total
+        if i < block.start.size:
+            block.change[TENSION] = max(block.change[TENSION], change)
+        elif size > 0.0:
+            block.change[STATE] = max(block.change[STATE], change / size)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _guess_forces(program: Program, block: Block) -> None:
+    """First guess of the forces: laws as at node 0, along the free motion."""
+    n = program.size[0]
+    for a in range(block.active.size):
+        first, second = program.ends[block.active[a], 0], program.ends[block.active[a], 1]
+        k, c = block.beyond[0, a, 0], block.beyond[0, a, 1]
+        for node in range(1, NODES):
+            x = v = 0.0
+            if first >= 0:
+                x, v = block.free[node, first], block.free[node, n + first]
+                x, v = x - block.y[0, first], v - block.y[0, n + first]
+            if second >= 0:
+                x, v = x - block.free[node, second], v - block.free[node, n + second]
+                x, v = x + block.y[0, second], v + block.y[0, n + second]
+            block.N[node, a] = block.N[0, a] + k * x + c * v
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _guess_changes(block: Block, d: float) -> None:
+    """First guess of the tensions and states: they go on for ``d`` a node at the rates of node 0."""
+    for node in range(1, NODES):
+        for i in range(block.z.shape[1]):
+            block.z[node, i] = block.z[0, i] + node * d * block.r[0, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _link_forces(program: Program, block: Block, motion: Any) -> float:
+    """Forces beyond the linear part from stiffness, damping and ``motion`` at nodes 1 to 4; their change."""
+    n, moved = program.size[0], 0.0
+    block.change[SPEED] = block.change[SIZE] = 0.0
+    for a in range(block.active.size):
+        first, second = program.ends[block.active[a], 0], program.ends[block.active[a], 1]
+        for node in range(1, NODES):
+            x = v = 0.0
+            if first >= 0:
+                x, v = motion[node, first], motion[node, n + first]
+            if second >= 0:
+                x, v = x - motion[node, second], v - motion[node, n + second]
+            force = block.beyond[node, a, 0] * x + block.beyond[node, a, 1] * v
+            moved = max(moved, abs(force - block.N[node, a]))
+            size = abs(force + block.base[a, 0] * x + block.base[a, 1] * v)
+            block.change[SPEED], block.change[SIZE] = (
+                max(block.change[SPEED], abs(v)),
+                max(block.change[SIZE], size),
+            )
+            block.N[node, a] = force
+    return moved
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _next_tension(block: Block, moved: float, span: float, mobility: float) -> float:
+    """What a further sweep would change a tension by [N], after one that changed forces by ``moved``.
+
+    A rate goes with about the fourth power of velocity, and with the tension by its sharpness.
+    """
+    change, over = block.change, block.change[TENSION]
+    for b in range(block.start.size):
+        over = max(over, abs(block.z[NODES - 1, b] - block.z[0, b]))
+    relative = change[SHARPNESS] * change[TENSION]
+    if change[SPEED] > 0.0 and change[SIZE] > 0.0:
+        relative += 4.0 * moved * (mobility * span / change[SPEED] + 1.0 / change[SIZE])
+    tension: float = min(over * relative, change[TENSION])
+    return tension
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def solve_laws(
+    program: Program, p: Any, block: Block, H: Any, level: int, d: float, goal: Any, mobility: float
+) -> bool:
+    """As ``solve`` for links with laws alone: first the tensions along the motion, then forces and motion."""
+    for node in range(1, NODES):
+        for a in range(block.active.size):
+            block.beyond[node, a, 0], block.beyond[node, a, 1] = block.beyond[0, a, 0], block.beyond[0, a, 1]
+    _guess_changes(block, d if level <= SMOOTH else 0.0)
+    _link_forces(program, block, block.free)
+    _collocate_motion(block, H, level)
+    change, span = block.change, NODES * d - d
+    for _ in range(SWEEPS):
+        evaluate_rates(program, p, block)
+        _collocate_rates(block, d)
+        evaluate_laws(program, p, block)
+        moved = last = _link_forces(program, block, block.y)
+        for _ in range(SWEEPS):
+            _collocate_motion(block, H, level)
+            last = _link_forces(program, block, block.y)
+            moved += last
+            if span * last <= goal[0]:
+                break
+        if not np.isfinite(moved + change[TENSION]):
+            return False
+        if span * last <= goal[0] and _next_tension(block, moved, span, mobility) <= goal[1]:
+            return True
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def solve(program: Program, p: Any, block: Block, H: Any, level: int, t: float, d: float, goal: Any) -> bool:
+    """Sweep until the next change would be below the goals: impulse [N s], tension [N], state (relative)."""
+    _guess_changes(block, 0.0)
+    _guess_forces(program, block)
+    _collocate_motion(block, H, level)
+    change, before = block.change, 0.0
+    for sweep in range(SWEEPS):
+        evaluate(program, p, block, 1, t, d)
+        _collocate_motion(block, H, level)
+        _collocate_rates(block, d)
+        now = max(4.0 * d * change[FORCE] / goal[0], change[TENSION] / goal[1], change[STATE] / goal[2])
+        if not np.isfinite(now):
+            return False
+        if now <= 1.0 or (sweep > 0 and now * min(now / before, 1.0) <= 1.0):
+            return True
+        before = now
+    return False
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _quadrature_error(values: Any, column: int, d: float) -> float:
+    """Error of the integral over a block: that of Simpson's rule taken to the order of the rule in use.
+
+    For an oscillation both errors are powers of frequency times length, e6 = 5.1 e4^(3/2).
+    """
+    simpson = boole = size = 0.0
+    for node in range(NODES):
+        simpson += SIMPSON[node] * values[node, column]
+        boole += INTEGRAL[NODES - 1, node] * values[node, column]
+        size += INTEGRAL[NODES - 1, node] * abs(values[node, column])
+    if size == 0.0:
+        return 0.0
+    ratio = abs(simpson - boole) / size
+    error: float = d * size * min(ratio, 5.1 * ratio * np.sqrt(ratio))
+    return error
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def errors(block: Block, d: float, scale: Any) -> Any:
+    """Estimated errors of a block: the largest of impulses [N s], of tensions [N], of states (relative)."""
+    impulse = tension = state = 0.0
+    for a in range(block.active.size):
+        impulse = max(impulse, _quadrature_error(block.N, a, d))
+    tensions = block.start.size
+    for i in range(block.z.shape[1]):
+        error = _quadrature_error(block.r, i, d)
+        if i < tensions:
+            tension = max(tension, error)
+        else:
+            state = max(state, error / scale[2 + i - tensions])
+    return impulse, tension, state
