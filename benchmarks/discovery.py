@@ -263,6 +263,7 @@ def score_peers(campaign: Campaign, ranking: Ranking, truth: Truth, seed: int) -
 
 
 COLUMNS = (
+    "seeds",
     "exponent of v",
     "95 % set holds it",
     "its width",
@@ -303,7 +304,7 @@ def row(law: str, trials: Sequence[Trial]) -> str:
         f"{sum(t.smallest_p < SURE for t in trials)} of {count}",
         spread(lambda t: t.seconds, 0),
     ]
-    return "| " + " | ".join([law, *cells]) + " |"
+    return "| " + " | ".join([law, str(count), *cells]) + " |"
 
 
 PEER_COLUMNS = ("held-out loss error over ours", "driven as the truth (ours)", "time [s] (ours)")
