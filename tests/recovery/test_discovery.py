@@ -94,7 +94,7 @@ def test_the_form(law: str) -> None:
     """One seed, the race of twelve: the first is driven as the truth is and nearer than the paper's law.
 
     The true form is the first one; a threshold at least among those named as not told from the first, for a
-    steep power does nearly as well. Constant gamma is a special case of the paper's law: it need not be nearer.
+    steep power does nearly as well. Constant gamma is a special case of the paper's law: not nearer.
     """
     found = campaign(law, 0)
     trial = score(race_of_forms(found, 0), found.truth)
