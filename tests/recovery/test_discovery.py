@@ -10,6 +10,7 @@ it. The search among thousands is measured by ``python -m benchmarks.discovery``
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
@@ -121,7 +122,7 @@ def test_the_curve_of_gamma() -> None:
 
 
 def test_hits_of_one_strength_tell_the_exponent_as_well_as_they_say(
-    record_property: pytest.FixtureRequest,
+    record_property: Callable[[str, object], None],
 ) -> None:
     """Five seeds, truths 3 and 4 in turn: the 95 % set covers the truth in four at least; widths are kept."""
     single = Setting(duration_s=2.5, strengths=(1.0,))
