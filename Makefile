@@ -4,11 +4,12 @@ DEMO := demo
 
 .PHONY: demo test clean
 
-demo: .venv/installed  ## a small campaign from the virtual rig, its model, a page of figures
+demo: .venv/installed  ## a small campaign from the virtual rig, its model, its tension laws, a page of figures
 	rm -rf $(DEMO)
 	mkdir $(DEMO)
-	$(BIN)/boltlaw rig $(DEMO)/campaign --cases 12 --seed 1
+	$(BIN)/boltlaw rig $(DEMO)/campaign --cases 12 --strengths 1,0.8,0.6 --duration-s 4 --seed 1
 	$(BIN)/boltlaw identify $(DEMO)/campaign --out $(DEMO)/results
+	$(BIN)/boltlaw discover $(DEMO)/campaign --out $(DEMO)/results
 	$(BIN)/boltlaw report $(DEMO)/results
 
 test: .venv/installed-test  ## every check: style, walls between packages, types, tests
