@@ -3,8 +3,8 @@
 Campaigns have 20 preloads, hits of 100, 80 and 60 % of full strength where nothing else is said, nominal
 noise, nominal scatter of gamma from test to test, records of 2.5 s, one preload in five held out. Plant,
 sensors and soft hits are the same for every law of a seed: they are identified once, under the paper's law.
-Forms are fitted with every number free; the form is told by a race of eight with the four that are always in
-it. The search among thousands is measured by ``python -m benchmarks.discovery``: docs/recovery.md.
+Forms are fitted with every number free; the form is told by races of a few with the four that are always
+in them. The search among thousands is measured by ``python -m benchmarks.discovery``: docs/recovery.md.
 """
 
 from __future__ import annotations
@@ -29,6 +29,14 @@ pytestmark = pytest.mark.slow
 
 SEEDS = 10
 NOMINAL = Setting(duration_s=2.5)
+NEAR = ("velocity", "velocity-threshold", "dissipated-power")  # what could beat the paper's law by chance
+APART = (
+    "velocity",
+    "velocity-constant-gamma",
+    "displacement",
+    "velocity-threshold",
+    "velocity-and-displacement",
+)
 POWERS = {"power-2": 2.0, "power-3": 3.0, "eq13": 4.0, "power-5": 5.0}
 
 
@@ -78,10 +86,10 @@ def test_the_exponent_of_the_velocity_and_no_worse_than_the_truth(law: str) -> N
 
 
 def test_nothing_is_called_better_than_the_paper_s_law_where_it_is_true() -> None:
-    """Ten seeds, the race of twelve forms: p >= 0.01 for every law, and the first one moves as the truth."""
+    """Ten seeds, a race of three forms: p >= 0.01 for every law, and the first one is driven as the truth."""
     for seed in range(SEEDS):
         found = campaign("eq13", seed)
-        laws = race_of_forms(found, seed).laws
+        laws = race_of_forms(found, seed, NEAR).laws
         chances = {law.name: law.p_value_against_baseline for law in laws if law.name != BASELINE}
         assert all(p is not None and p >= SURE for p in chances.values()), (seed, chances)
         assert same_motion(laws[0].candidate.law(), found.truth, found.training), (seed, laws[0].name)
@@ -92,13 +100,13 @@ def test_nothing_is_called_better_than_the_paper_s_law_where_it_is_true() -> Non
     ["constant-quartic", "constant-quadratic", "displacement-2", "velocity-and-displacement", "threshold"],
 )
 def test_the_form(law: str) -> None:
-    """One seed, the race of twelve: the first is driven as the truth is and nearer than the paper's law.
+    """One seed, a race of five forms: the first is driven as the truth is and nearer than the paper's law.
 
     The true form is the first one; a threshold at least among those named as not told from the first, for a
     steep power does nearly as well. Constant gamma is a special case of the paper's law: not nearer.
     """
     found = campaign(law, 0)
-    trial = score(race_of_forms(found, 0), found.truth)
+    trial = score(race_of_forms(found, 0, APART), found.truth)
     assert trial.motion, trial
     assert trial.form == "true" or (law == "threshold" and trial.form == "listed"), trial
     if law == "constant-quartic":
