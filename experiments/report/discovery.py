@@ -308,16 +308,11 @@ def _profile(ax: Axes, profile: Data) -> None:
 
 
 def _curve(profile: Data) -> tuple[FloatArray, FloatArray]:
-    """Return values and rises in order, with the best value and the ends of the set where they are known."""
+    """Return values and rises in order, the best value among them."""
     known = profile.get("deviance") or profile["delta_bic"]
     points = {float(x): float(y) for x, y in zip(profile["values"], known, strict=True) if y is not None}
     if profile.get("best") is not None:
         points[float(profile["best"])] = 0.0
-    reach, level = str(profile.get("reach") or ""), float(profile.get("level") or _CHI2_95)
-    ends = {"low": ("identified", "open above"), "high": ("identified", "open below")}
-    for end, bounded in ends.items():
-        if reach in bounded and profile.get(end) is not None:
-            points[float(profile[end])] = level
     value, rise = np.array(sorted(points.items())).T
     return value, rise - rise.min()
 
