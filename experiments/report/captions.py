@@ -22,7 +22,8 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     "exponent-profile": (
         "How well the exponent is known",
         "Rise of the badness of fit when the exponent is held at a value and all else is fitted again. "
-        "Shaded: the 95 % set, below the dashed level and as far beyond as the identified model is uncertain.",
+        "Shaded: the 95 % set, below the dashed level and as far beyond as the identified model is "
+        "uncertain.",
     ),
     "accuracy-complexity": (
         "Accuracy and complexity",
