@@ -24,7 +24,7 @@ from rom.reduction import Progress, reduce_records, tension_courses
 Stages = Callable[[str], Progress | None]
 LEAST_CASES = 4
 _TIGHTENED = 3.0  # standard errors
-_COMPARED = 6
+_COMPARED, _NEAR = 6, 10.0  # first laws, and those of nearly the same BIC
 
 
 def discover(
@@ -122,7 +122,7 @@ def _with_what_is_open(ranking: Ranking, frozen: Frozen, jobs: int, stage: Stage
     motion = motion_profile(frozen, winner.candidate, jobs=jobs)
     if report is not None:
         report(2, 3)
-    compared = ranking.laws[:_COMPARED]
+    compared = [law for law in ranking.laws if law.rank <= _COMPARED or law.delta_bic < _NEAR]
     fits = [replace(law.fit, candidate=law.candidate) for law in compared]
     pairs = compare_laws(fits, frozen, {law.name: law.scores for law in compared})
     tests = propose_tests(fits[:3], frozen)
