@@ -235,7 +235,8 @@ def _spelt(factor: Factor, digits: int | None) -> str:
     text = factor.text
     for name, inner in factor.inner.items():
         if digits is not None or not inner.free:
-            shown = f"{inner.value:#.{digits or _DIGITS}g}".rstrip(".") if inner.free else f"{inner.value:.3g}"
+            free = f"{inner.value:#.{digits or _DIGITS}g}".rstrip(".")
+            shown = free if inner.free else f"{inner.value:.3g}"
             text = re.sub(rf"\b{name}\b", shown, text)
     text = text.replace("max(T, 0)", "T")
     text = re.sub(r"abs\(([^()]*)\)", lambda found: f"|{found[1]}|", text)
