@@ -1,7 +1,8 @@
 """Cost against the number of bolted links and of cases: ``python -m benchmarks.scaling``.
 
-A chain of equal bodies bolted in a row, struck at its first body, for 8 s at 19200 Hz on one core; and 58 to
-5800 cases of the paper's model over 58 records, the candidates' law differing from call to call.
+A chain of equal bodies bolted in a row, struck at its first body, for 8 s at 19200 Hz on one core: up to 60
+bodies by blocks, larger ones link by link. And 58 to 5800 cases of the paper's model over 58 records, the
+candidates' law differing from call to call.
 """
 
 from __future__ import annotations

@@ -122,7 +122,7 @@ def test_work_of_the_force_is_kinetic_potential_and_dissipated_energy(tension):
         model = model.with_effect(effect("meter", meter, 1, enters=link))
     time = np.arange(9600) / RATE
     force = 1608.7 * np.sin(np.pi * time / 0.65e-3) * (time < 0.65e-3)
-    response = model.simulate({"lo": force}, RATE, tension, tolerance=1e-8)
+    response = model.simulate({"lo": force}, RATE, tension)
     v, a, h = response.velocity["lo"], response.acceleration["lo"], 1 / RATE
     # integral of a linear force times the velocity's Hermite cubic
     work = h * np.sum(
