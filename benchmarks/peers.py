@@ -55,17 +55,21 @@ def runge_kutta(force: Any, tension: float, substeps: int, states: Any) -> float
     return float(y[4])
 
 
-def scipy_final(force: FloatArray, tension: float, method: str, **options: float) -> float:
-    """``solve_ivp`` with a compiled right-hand side and the force by index; no output in between.
+def scipy_final(
+    force: FloatArray, tension: float, method: str, *, compiled: bool = True, **options: float
+) -> float:
+    """``solve_ivp`` with the force by index; no output in between.
 
-    The steps are limited to 0.5 ms so that none passes over the hit.
+    The steps are limited to 0.5 ms so that none passes over the hit. The right-hand side is compiled, or in
+    plain Python as most would write it.
     """
     values, dy = force.tolist(), np.zeros(5)
+    fill = derivative if compiled else derivative.py_func
 
     def rhs(t: float, y: FloatArray) -> FloatArray:
         place = t * RATE_HZ
         i = min(int(place), len(values) - 2)
-        derivative(y, values[i] + (values[i + 1] - values[i]) * (place - i), dy)
+        fill(y, values[i] + (values[i + 1] - values[i]) * (place - i), dy)
         return dy.copy()
 
     span = (0.0, (force.size - 1) / RATE_HZ)
@@ -76,6 +80,9 @@ def scipy_final(force: FloatArray, tension: float, method: str, **options: float
 
 PEERS: dict[str, Callable[[FloatArray, float], float]] = {
     "SciPy LSODA, rtol 1e-8": lambda force, tension: scipy_final(force, tension, "LSODA", rtol=1e-8),
+    "SciPy LSODA, rtol 1e-8, equations in Python": lambda force, tension: scipy_final(
+        force, tension, "LSODA", compiled=False, rtol=1e-8
+    ),
     "SciPy RK45, rtol 1e-6": lambda force, tension: scipy_final(force, tension, "RK45", rtol=1e-6),
     "SciPy DOP853, rtol 1e-8": lambda force, tension: scipy_final(force, tension, "DOP853", rtol=1e-8),
     "compiled Runge-Kutta 4": lambda force, tension: runge_kutta(force, tension, 1, np.empty((0, 0))),

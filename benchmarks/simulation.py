@@ -4,7 +4,8 @@ One core, one run, ratios. Reference: the compiled Runge-Kutta method with 16 st
 crosses a knot of the force; its own doubt is the difference to 8 steps. (The tests hold the engine to DOP853
 at rtol 1e-12 from knot to knot.) The hit is the nominal pulse, once as it is and once with 0.2 N of noise on
 the whole record, as measured. SciPy's solvers get a compiled right-hand side, the force by index, and steps
-of at most 0.5 ms; they are compared without noise, which they take 100 times longer for.
+of at most 0.5 ms; LSODA once more with the equations in plain Python, as most would write them. They are
+compared without noise, which they take 100 times longer for.
 """
 
 from __future__ import annotations
