@@ -193,7 +193,7 @@ def read_campaign(
     """
     toml = Path(path) / "campaign.toml" if Path(path).is_dir() else Path(path)
     settings = _read_settings(toml)
-    folder = toml.parent
+    folder = toml.parent.absolute()  # worker processes may have been started in another folder
     if faults := [f"{toml.name}: {line}" for line in structure_faults(settings)]:
         raise CampaignError(faults)
     faults = [f"{toml.name}: {line}" for line in record_faults(settings)]

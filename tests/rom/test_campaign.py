@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import joblib
 import numpy as np
 import pytest
 import tomli_w
@@ -335,3 +336,13 @@ def test_without_a_bolt_the_windows_may_be_left_out() -> None:
     }
     settings_without_windows = CampaignSettings.model_validate(bare)
     assert settings_without_windows.windows.final_s == (2.0, 8.0)
+
+
+def test_workers_started_in_another_folder_find_the_records(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_sound_campaign(tmp_path / "there" / "campaign")
+    joblib.Parallel(n_jobs=2)(joblib.delayed(abs)(number) for number in range(4))  # these stay where they are
+    monkeypatch.chdir(tmp_path / "there")
+    campaign = read_campaign("campaign", jobs=2)
+    assert campaign.path == tmp_path / "there" / "campaign"
