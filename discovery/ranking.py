@@ -12,7 +12,7 @@ from joblib import Parallel, delayed
 from discovery import validation
 from discovery.fitting import Fit, fit, fit_losses, predict, resimulate
 from discovery.motion import Frozen
-from discovery.ranked import RankedLaw, Ranking, names_of, term_name, with_law
+from discovery.ranked import RankedLaw, Ranking, names_of, with_law
 from discovery.terms import BASELINE, Candidate, rivals_always_in_the_race
 from discovery.validation import CrossValidation, Fold
 from rom.campaign import Campaign
@@ -22,7 +22,7 @@ from rom.laws import Parameter
 from rom.reduction import Progress
 from rom.residuals import Errors, summarise
 
-__all__ = ["RankedLaw", "Ranking", "race", "term_inclusion"]
+__all__ = ["RankedLaw", "Ranking", "race"]
 
 _REFINED = (12, 32, 200.0)  # candidates fitted again with full re-simulation: least, most, reach of BIC
 _VALIDATED = (8, 18, 100.0)  # cross-validated
@@ -95,15 +95,6 @@ def race(
     if campaign is None:
         return laws
     return _judged(laws, frozen, hold_out, campaign, jobs, run)
-
-
-def term_inclusion(laws: Sequence[RankedLaw]) -> dict[str, float]:
-    """How often each term is part of the first law, over resamples of preloads; the most frequent first."""
-    shares: dict[str, float] = {}
-    for law in laws:
-        for name in {term_name(term, None) for term in law.candidate.terms}:
-            shares[name] = shares.get(name, 0.0) + law.chosen
-    return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
 @dataclass(frozen=True)

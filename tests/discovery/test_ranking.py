@@ -18,7 +18,7 @@ from discovery.factors import (
 )
 from discovery.motion import Frozen, freeze
 from discovery.ranked import Ranking, equation_name, names_of
-from discovery.ranking import RankedLaw, race, term_inclusion
+from discovery.ranking import RankedLaw, race
 from discovery.terms import (
     BASELINE,
     CONSTANT_QUADRATIC,
@@ -122,7 +122,7 @@ def test_progress_rises_to_its_end(frozen: Frozen) -> None:
 
 
 def test_ranking_in_words_tables_and_as_a_model(laws: tuple[RankedLaw, ...], frozen: Frozen) -> None:
-    ranking = Ranking(laws, 321, paper_model(), term_inclusion(laws), indistinguishable=(laws[1].name,))
+    ranking = Ranking(laws, 321, paper_model(), {}, indistinguishable=(laws[1].name,))
     text = ranking.summary()
     assert laws[0].name in text
     assert "321 candidate laws" in text
@@ -142,14 +142,6 @@ def test_ranking_in_words_tables_and_as_a_model(laws: tuple[RankedLaw, ...], fro
     assert [law.free_numbers for law in front] == sorted({law.free_numbers for law in front})
     with pytest.raises(KeyError, match="no law 'none'"):
         ranking["none"]
-
-
-def test_inclusion_adds_up_over_laws_with_a_term(laws: tuple[RankedLaw, ...]) -> None:
-    shares = term_inclusion(laws)
-    assert shares["|v|^n T gamma(T)"] == pytest.approx(
-        sum(law.chosen for law in laws if law.candidate.key == FREE.key)
-    )
-    assert list(shares.values()) == sorted(shares.values(), reverse=True)
 
 
 def test_names_are_equations_and_each_its_own() -> None:
