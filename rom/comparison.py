@@ -13,7 +13,7 @@ from rom.model import Model
 from rom.processing import process
 from rom.quality import Doubt, assess
 from rom.reduction import Progress
-from rom.residuals import Comparison, compare
+from rom.residuals import Comparison, compare_all
 
 
 @dataclass(frozen=True)
@@ -62,4 +62,4 @@ def _judge_record(models: Sequence[Model], campaign: Campaign, settings: RecordS
         return Judged(settings, (), doubts)
     measurement = process(record, campaign.settings, models[0].filter_cutoff_hz)
     windows = campaign.settings.windows
-    return Judged(settings, tuple(compare(model, measurement, windows) for model in models))
+    return Judged(settings, compare_all(models, measurement, windows))

@@ -7,7 +7,8 @@ the same `FilterChain` and the same tension windows before any difference is tak
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy import fft, ndimage, signal
@@ -85,15 +86,24 @@ class Measurement:
     chain: FilterChain
     tension: TensionRecord | None
     link: Mapping[str, Channel]
+    _displacements: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
 
-    @property
+    @cached_property
     def applied_force(self) -> Mapping[str, FloatArray]:
         """Force [N] by body as a simulation takes it, which joins samples by straight lines."""
         return {body: for_straight_lines(samples) for body, samples in self.force.items()}
 
     def displacement(self, body: str) -> FloatArray:
-        """Return the measured displacement [m] of a body after the filter chain."""
-        return displacement(self.motion[body].kind, self.motion[body].samples, self.rate_hz, self.chain)
+        """Return the measured displacement [m] of a body after the filter chain, worked out once."""
+        if body not in self._displacements:
+            motion = self.motion[body]
+            found = displacement(motion.kind, motion.samples, self.rate_hz, self.chain)
+            self._displacements[body] = found
+        return self._displacements[body]
+
+    def __getstate__(self) -> dict[str, object]:
+        kept = {name: value for name, value in self.__dict__.items() if name != "applied_force"}
+        return {**kept, "_displacements": {}}  # to be worked out again: they would double what is sent
 
 
 def displacement(kind: str, samples: FloatArray, rate_hz: float, chain: FilterChain) -> FloatArray:

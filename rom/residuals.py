@@ -116,33 +116,69 @@ def _moving(model: Model, bodies: Collection[str]) -> Model:
 
 def compare(model: Model, measurement: Measurement, windows: WindowSettings) -> Comparison:
     """Compare a model with one record."""
-    known = measurement.test == "uncoupled" or _tension_known(model, measurement)
-    if not known or measurement.test not in (*_MOTION_TESTS, "cycled"):
-        return Comparison(measurement.file, measurement.test, True, {})
+    return compare_all([model], measurement, windows)[0]
+
+
+def compare_all(
+    models: Sequence[Model], measurement: Measurement, windows: WindowSettings
+) -> tuple[Comparison, ...]:
+    """Compare models with one record; what is filtered goes side by side."""
     if measurement.test == "cycled":
-        return _compare_cycled(model, measurement)
-    response = simulate_measurement(model, measurement)
-    if response.status != "ok":
-        return Comparison(measurement.file, measurement.test, False, {})
+        return tuple(_compare_cycled(model, measurement) for model in models)
+    responses = {
+        place: simulate_measurement(model, measurement)
+        for place, model in enumerate(models)
+        if _can_be_compared(model, measurement)
+    }
+    motions = iter(_displacements([r for r in responses.values() if r.status == "ok"], measurement))
+    found = []
+    for place, model in enumerate(models):
+        response = responses.get(place)
+        comparison = Comparison(measurement.file, measurement.test, True, {})
+        if response is not None and response.status != "ok":
+            comparison = replace(comparison, finished=False)
+        elif response is not None:
+            comparison = _with_motion(comparison, model, measurement, next(motions))
+            comparison = _with_tension(comparison, response, measurement, windows)
+        found.append(comparison)
+    return tuple(found)
+
+
+def _can_be_compared(model: Model, measurement: Measurement) -> bool:
+    known = measurement.test == "uncoupled" or _tension_known(model, measurement)
+    return known and measurement.test in _MOTION_TESTS
+
+
+def _displacements(
+    responses: Sequence[Response], measurement: Measurement
+) -> tuple[Mapping[str, FloatArray], ...]:
+    """Return the displacements [m] of responses, by body, as the sensors and the filter chain show them."""
+    found: list[dict[str, FloatArray]] = [{} for _ in responses]
+    for kind in {motion.kind for motion in measurement.motion.values()}:
+        bodies = [body for body, motion in measurement.motion.items() if motion.kind == kind]
+        rows = [_quantity(response, kind, body) for response in responses for body in bodies]
+        if not rows:
+            continue
+        filtered = iter(displacement(kind, np.stack(rows), measurement.rate_hz, measurement.chain))
+        for of_response in found:
+            of_response.update((body, next(filtered)) for body in bodies)
+    return tuple(found)
+
+
+def _with_motion(
+    comparison: Comparison, model: Model, measurement: Measurement, simulated: Mapping[str, FloatArray]
+) -> Comparison:
     start = int((measurement.impact_s or 0.0) * measurement.rate_hz)
     measured = {body: measurement.displacement(body) for body in measurement.motion}
-    simulated = {
-        body: displacement(
-            motion.kind, _quantity(response, motion.kind, body), measurement.rate_hz, measurement.chain
-        )
-        for body, motion in measurement.motion.items()
-    }
     nrmse = {body: _nrmse(simulated[body][start:], measured[body][start:]) for body in measured}
     pair = _coupled_pair(model)
-    relative = np.nan
-    if pair is not None and set(pair) <= set(measured):
-        first, second = pair
-        relative = _nrmse(
-            (simulated[first] - simulated[second])[start:], (measured[first] - measured[second])[start:]
-        )
-    return _with_tension(
-        Comparison(measurement.file, measurement.test, True, nrmse, relative), response, measurement, windows
+    if pair is None or not set(pair) <= set(measured):
+        return replace(comparison, motion_nrmse=nrmse)
+    first, second = pair
+    relative = _nrmse(
+        (simulated[first] - simulated[second])[start:], (measured[first] - measured[second])[start:]
     )
+    return replace(comparison, motion_nrmse=nrmse, relative_motion_nrmse=relative)
 
 
 def summarise(comparisons: Iterable[Comparison]) -> Errors:
@@ -224,11 +260,8 @@ def _free_response(
             initial_displacement=dict(zip(bodies, displacements, strict=True)),
             initial_velocity=dict(zip(bodies, velocities, strict=True)),
         )
-        parts = [
-            displacement(m.kind, _quantity(response, m.kind, body), measurement.rate_hz, measurement.chain)
-            for body, m in measurement.motion.items()
-        ]
-        return response, np.concatenate(parts)
+        shown = _displacements([response], measurement)[0]
+        return response, np.concatenate([shown[body] for body in measurement.motion])
 
     state = np.zeros(2 * len(bodies))
     response, simulated = run(state)
@@ -295,12 +328,8 @@ def _with_tension(
     if measurement.impact_s is not None:
         start = int(measurement.impact_s * tension.rate_hz)
         rmse = float(np.sqrt(np.mean((simulated - tension.non_oscillatory)[start:] ** 2)))
-    return Comparison(
-        comparison.file,
-        comparison.test,
-        comparison.finished,
-        comparison.motion_nrmse,
-        comparison.relative_motion_nrmse,
+    return replace(
+        comparison,
         initial_tension=tension.initial,
         measured_final=tension.final,
         simulated_final=window_mean(simulated, tension.rate_hz, windows.final_s),

@@ -13,6 +13,7 @@ from scipy import integrate, ndimage, signal
 FloatArray = npt.NDArray[np.float64]
 
 _LONGEST_PULSE_S = 0.02  # a hammer's pulse is over within this time; anything longer is a driven force
+_MANY_ROWS = 4  # fewer are filtered one by one as fast
 _SHORTEST_PULSE_S = 5e-4  # a pulse this long must survive the removal of single-sample spikes
 
 
@@ -61,13 +62,28 @@ class FilterChain:
         """Filter, then integrate and filter again, ``times`` times; shape (..., samples) is kept.
 
         One call serves any motion channel: acceleration to displacement is 2, velocity to displacement 1,
-        displacement to displacement 0.
+        displacement to displacement 0. Many rows go side by side, to the same numbers in less time.
         """
+        if np.ndim(samples) == 2 and len(samples) >= _MANY_ROWS:
+            return self._integrated_rows(_finite(samples), rate_hz, times)
         result = self.highpass(samples, rate_hz)
         for _ in range(times):
             result = integrate.cumulative_trapezoid(result, dx=1 / rate_hz, axis=-1, initial=0)
             result = self.highpass(result, rate_hz)
         return result
+
+    def _integrated_rows(self, rows: FloatArray, rate_hz: float, times: int) -> FloatArray:
+        from rom.kernels.filters import filter_and_integrate
+
+        sections = _highpass_sections(self.order, self.cutoff_hz, rate_hz)
+        start, padding = signal.sosfilt_zi(sections), self._padding(rows.shape[1], rate_hz)
+        filtered = filter_and_integrate(
+            np.ascontiguousarray(rows), sections, start, padding, 1 / rate_hz, times
+        )
+        return np.asarray(filtered)
+
+    def _padding(self, samples: int, rate_hz: float) -> int:
+        return min(samples - 1, int(2 * rate_hz / self.cutoff_hz))
 
     def highpass(self, samples: FloatArray, rate_hz: float, passes: int = 1) -> FloatArray:
         """Zero-phase high-pass of samples (..., samples), ``passes`` times over.
@@ -76,7 +92,7 @@ class FilterChain:
         """
         result = _finite(samples)
         sections = _highpass_sections(self.order, self.cutoff_hz, rate_hz)
-        padding = min(result.shape[-1] - 1, int(2 * rate_hz / self.cutoff_hz))
+        padding = self._padding(result.shape[-1], rate_hz)
         for _ in range(passes):
             result = signal.sosfiltfilt(sections, result, axis=-1, padtype="even", padlen=padding)
         return result

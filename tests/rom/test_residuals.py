@@ -19,7 +19,7 @@ from rom.laws import (
 )
 from rom.model import LinkLaws, Model
 from rom.processing import Measurement, Motion, TensionRecord
-from rom.residuals import Comparison, compare, simulate_measurement, summarise
+from rom.residuals import Comparison, compare, compare_all, simulate_measurement, summarise
 from rom.signals import FilterChain
 from rom.structure import Body, Link, Structure
 from tests.rom.lumped import pulse, respond
@@ -94,6 +94,20 @@ def test_a_wrong_model_has_an_error_of_its_size() -> None:
     wrong = model().with_values({"ga.stiffness.k": 1.2 * 9000.0})
     found = compare(wrong, measurement("coupled", seen("displacement"), preload_n=100.0), WINDOWS)
     assert min(found.motion_nrmse.values()) > 0.1
+
+
+def test_models_side_by_side_are_as_each_alone() -> None:
+    stiff = [model().with_values({"ga.stiffness.k": k}) for k in (8000.0, 9000.0, 1e4)]
+    runaway = model().with_values({"ga.stiffness.k": -1e9})
+    samples = np.where(np.arange(SAMPLES) < 0.3 * RATE_HZ, 200.0, 150.0)
+    record = measurement("loosening", seen("acceleration"), tension=tension(samples))
+    together = compare_all([stiff[0], runaway, *stiff[1:]], record, WINDOWS)
+    assert [found.finished for found in together] == [True, False, True, True]
+    for one, found in zip(stiff, (together[0], *together[2:]), strict=True):
+        alone = compare(one, record, WINDOWS)
+        assert found.motion_nrmse == pytest.approx(alone.motion_nrmse, rel=1e-9)
+        assert found.relative_motion_nrmse == pytest.approx(alone.relative_motion_nrmse, rel=1e-9)
+        assert found.simulated_final == alone.simulated_final
 
 
 def test_a_body_at_rest_is_ground_and_the_bolt_is_out() -> None:

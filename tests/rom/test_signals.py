@@ -118,6 +118,17 @@ def test_rows_are_filtered_as_if_alone(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(together[1, 2], FilterChain(5.0).displacement(rows[1, 2], 1000.0))
 
 
+@pytest.mark.parametrize(("rows", "samples"), [(4, 3000), (21, 700), (5, 90)])  # the last: shorter than a pad
+@pytest.mark.parametrize("times", [0, 2])
+def test_many_rows_side_by_side_are_as_each_alone(
+    rows: int, samples: int, times: int, rng: np.random.Generator
+) -> None:
+    signals = rng.standard_normal((rows, samples)) + 3.0
+    alone = np.stack([FilterChain(5.0).integrated(row, 1000.0, times) for row in signals])
+    together = FilterChain(5.0).integrated(signals, 1000.0, times)
+    np.testing.assert_allclose(together, alone, rtol=0, atol=1e-12 * np.abs(alone).max())
+
+
 @pytest.mark.parametrize(
     ("chain", "samples", "message"),
     [
