@@ -27,6 +27,7 @@ _BURST_S, _EARLY_S, _SETTLED_S = 0.06, 0.12, 0.5
 _PER_PERIOD = 16
 _WIDE = 1.0e3  # standard deviation of a nuisance direction, in largest noise of a bin
 _NOTHING = 1e-16  # of the largest exposure
+_RECENT = 32  # interpolated exposures that are kept: a fit asks for the same ones again and again
 _LEAST_FINAL = 0.01  # of the initial tension
 
 
@@ -65,6 +66,7 @@ class Frozen:
     change: FloatArray
     covariance: FloatArray
     _exposures: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
+    _recent: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
     _whole: Frozen | None = field(default=None, repr=False)  # of a subset: where its exposures are kept
     _index: tuple[int, ...] = field(default=(), repr=False)
 
@@ -91,9 +93,15 @@ class Frozen:
         Between a grid's values of the inner parameters it is interpolated by cubics, in its logarithm along
         exponents: a fit moves them often, and the integrals at the grid's values serve all fits.
         """
-        corners = [_corners(inner.value, inner.step) for inner in factor.inner.values()]
-        logarithmic = [inner.unit == "1" for inner in factor.inner.values()]
-        return self._interpolated(factor, tuple(factor.inner), corners, logarithmic)
+        if self._whole is not None:
+            return self._whole.exposure(factor)[list(self._index)]
+        if factor.key not in self._recent:
+            corners = [_corners(inner.value, inner.step) for inner in factor.inner.values()]
+            logarithmic = [inner.unit == "1" for inner in factor.inner.values()]
+            while len(self._recent) >= _RECENT:
+                del self._recent[next(iter(self._recent))]
+            self._recent[factor.key] = self._interpolated(factor, tuple(factor.inner), corners, logarithmic)
+        return self._recent[factor.key]
 
     def _interpolated(
         self, factor: Factor, names: tuple[str, ...], corners: list[Corners], logarithmic: list[bool]
@@ -115,8 +123,6 @@ class Frozen:
         return np.exp(sum(w * log for w, log in zip(weights, logs, strict=True)))
 
     def _integrated(self, factor: Factor) -> FloatArray:
-        if self._whole is not None:
-            return self._whole._integrated(factor)[list(self._index)]
         if factor.key not in self._exposures:
             values = factor.of_motion(*self.nodes[1:5])
             steps, place, share = self._quadrature
@@ -149,6 +155,7 @@ class Frozen:
             change=self.change[chosen],
             covariance=self.covariance[chosen],
             _exposures={},
+            _recent={},
             _whole=self._whole or self,
             _index=tuple(self._index[i] for i in chosen) if self._whole else tuple(chosen),
         )
@@ -164,7 +171,7 @@ class Frozen:
 
     def without_cache(self) -> Frozen:
         """The same without kept exposures, to be sent to another process."""
-        return replace(self, _exposures={})
+        return replace(self, _exposures={}, _recent={})
 
 
 def freeze(model: Model, courses: Sequence[TensionCourse]) -> Frozen:

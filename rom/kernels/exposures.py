@@ -10,14 +10,14 @@ from numba import njit
 from rom.kernels.calling import invoke, pointer
 
 
+_STILL = 1e-6  # relative change of T within which its factors are taken as unchanged
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _relative_rate(addresses: Any, p: Any, T: float, weights: Any) -> float:
-    """Sum over terms of weight times tension factor, over the tension."""
-    total = 0.0
+def _factors(addresses: Any, p: Any, T: float, weights: Any, result: Any) -> None:
+    """Weight times tension factor over the tension, term by term."""
     for term in range(addresses.size):
-        if weights[term] != 0.0:
-            total += weights[term] * invoke(addresses[term], (T, pointer(p, term * p.shape[1])))
-    return total / T
+        result[term] = weights[term] * invoke(addresses[term], (T, pointer(p, term * p.shape[1]))) / T
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -28,22 +28,32 @@ def follow_exposures(
 
     ``addresses`` and ``p``, shape (terms, parameters): the tension factors g; ``weights``, (cases, terms):
     the signed coefficients w; ``exposures``, (terms, cases, knots): the cumulative integrals M of the motion
-    factors. ``ln T`` is advanced by the midpoint rule, so that T stays positive; cut at ``highest``.
+    factors. ``ln T`` is advanced by the trapezoidal rule, so that T stays positive; cut at ``highest``. Its
+    factors are evaluated once a step, at the predicted end, and not at all while T hardly changes.
     """
     terms, cases, knots = exposures.shape
     result = np.empty((cases, knots))
-    step = np.empty(terms)
+    here, there, gain = np.zeros(terms), np.zeros(terms), np.zeros(terms)
     lowest = 1e-9
     for case in range(cases):
         T = max(starts[case], lowest)
         result[case, 0] = T
+        _factors(addresses, p, T, weights[case], here)
+        since = 0.0
         for knot in range(1, knots):
+            change = 0.0
             for term in range(terms):
-                gain = exposures[term, case, knot] - exposures[term, case, knot - 1]
-                step[term] = weights[case, term] * gain
-            half = 0.5 * _relative_rate(addresses, p, T, step)
-            middle = min(max(T * np.exp(min(half, 50.0)), lowest), highest)
-            whole = _relative_rate(addresses, p, middle, step)
-            T = min(max(T * np.exp(min(whole, 50.0)), lowest), highest)
+                gain[term] = exposures[term, case, knot] - exposures[term, case, knot - 1]
+                change += here[term] * gain[term]
+            since += abs(change)
+            if since > _STILL:
+                since = 0.0
+                predicted = min(max(T * np.exp(min(change, 50.0)), lowest), highest)
+                _factors(addresses, p, predicted, weights[case], there)
+                change = 0.0
+                for term in range(terms):
+                    change += 0.5 * (here[term] + there[term]) * gain[term]
+                    here[term] = there[term]
+            T = min(max(T * np.exp(min(change, 50.0)), lowest), highest)
             result[case, knot] = T
     return result
