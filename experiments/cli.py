@@ -59,6 +59,14 @@ def rig(
     law: Annotated[
         str | None, typer.Option(help="Tension law that the bolt follows; default: that of the paper.")
     ] = None,
+    undeclared: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="EFFECT[@PLACE][:KEY=VALUE,...]",
+            help="Physics or sensor fault that the campaign does not tell, such as coulomb-friction:F_c=2 or "
+            "cubic-stiffness@flexure_so; may be repeated. `python -m experiments.rig` lists them.",
+        ),
+    ] = None,
     duration_s: Annotated[float | None, typer.Option(help="Length of a record [s].")] = None,
     hold_out_every: Annotated[
         int, typer.Option(min=0, help="One in so many preloads is held out; 0: none.")
@@ -78,6 +86,7 @@ def rig(
             new_dir if out is None else out / new_dir, cases, noise, seed, jobs, report("measuring"),
             duration_s=duration_s, strengths=study.strengths_from_text(strengths), law=law,
             scatter=scatter, hold_out_every=hold_out_every,
+            undeclared=tuple(study.undeclared_from_text(text) for text in undeclared or ()),
         )  # fmt: skip
     _say(f"wrote {folder}", quiet)
 

@@ -1,15 +1,18 @@
 """Running the planned tests: records for the campaign folder, and the truth for beside it."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from joblib import Parallel, delayed
 
+from experiments.rig.excitation import STEP_RATE_HZ, FloatArray
 from experiments.rig.plant import Plant
+from experiments.rig.readings import Seen
 from experiments.rig.schedule import Case
 from experiments.rig.sensors import CALIBRATION, Instruments, Transducer, couple, drift, sample, strain_of
-from experiments.rig.simulation import STEP_RATE_HZ, Motion, run
+from experiments.rig.simulation import Motion, run
+from experiments.rig.undeclared import Undeclared
 from rom.campaign import CampaignSettings
 from rom.records import Channel
 
@@ -29,10 +32,12 @@ class Laboratory:
 
         Every disturbance draws from its own child of `seed`.
         """
-        streams = [np.random.default_rng(child) for child in seed.spawn(6)]
+        streams = [np.random.default_rng(child) for child in seed.spawn(7)]
+        plant = self.plant if case.preload is not None else self.plant.without_bolt()
+        plant = replace(plant, effects=tuple(effect.in_record(streams[6]) for effect in plant.effects))
         start = -np.ceil(self.instruments.lead * STEP_RATE_HZ) / STEP_RATE_HZ
         motion = run(
-            self.plant if case.preload is not None else self.plant.without_bolt(),
+            plant,
             case.hit,
             case.tension,
             self.duration - 2.0 * start,
@@ -41,36 +46,50 @@ class Laboratory:
             floor_rms=self.instruments.floor,
             rng=streams[0],
         )
-        channels = self.motion_channels(case, motion, streams[1:4])
+        channels = self.motion_channels(case, motion, streams[1:4], plant.effects)
         if case.preload is not None:
-            channels["strain"] = self.strain_channel(motion, streams[4:])
-        return channels, truth_of(case, motion)
+            channels["strain"] = self.strain_channel(case, motion, streams[4:6], plant)
+        return channels, truth_of(case, motion, plant)
 
     def motion_channels(
-        self, case: Case, motion: Motion, streams: list[np.random.Generator]
+        self,
+        case: Case,
+        motion: Motion,
+        streams: list[np.random.Generator],
+        effects: tuple[Undeclared, ...] = (),
     ) -> dict[str, Channel]:
         """Return force and accelerations as the data acquisition reads them, of the bodies that move."""
         kit, body = self.instruments, case.hit.body
         accelerometer = kit.sensitive if case.hit.strength < 100.0 else kit.robust
 
-        def channel(name: str, analog: np.ndarray, sensor: Transducer, rng: np.random.Generator) -> Channel:
-            coupled = couple(analog, sensor.time_constant)
-            sampled = sample(coupled, float(motion.time[0]), kit.motion_rate_hz, self.duration)
+        def channel(
+            name: str, analog: FloatArray, other: FloatArray, sensor: Transducer, rng: np.random.Generator
+        ) -> Channel:
+            seen = faulty(couple(analog, sensor.time_constant), f"sensor:{name}", motion.time, other, effects)
+            sampled = sample(seen, float(motion.time[0]), kit.motion_rate_hz, self.duration)
             return Channel(name, sensor.read(sampled, rng), kit.motion_rate_hz)
 
         accelerations = {"lo": motion.acceleration_lo, "so": motion.acceleration_so}
-        moving = accelerations if case.preload is not None else {body: accelerations[body]}
-        named = [channel(f"force_{body}", case.hit.force(motion.time), kit.force, streams[0])]
-        for (name, analog), rng in zip(moving.items(), streams[1:], strict=False):
-            named.append(channel(f"acceleration_{name}", analog, accelerometer, rng))
+        moving = tuple(accelerations) if case.preload is not None else (body,)
+        force = case.hit.force(motion.time)
+        named = [channel(f"force_{body}", force, force, kit.force, streams[0])]
+        for name, rng in zip(moving, streams[1:], strict=False):
+            other = accelerations["so" if name == "lo" else "lo"]
+            named.append(channel(f"acceleration_{name}", accelerations[name], other, accelerometer, rng))
         return {channel.name: channel for channel in named}
 
-    def strain_channel(self, motion: Motion, streams: list[np.random.Generator]) -> Channel:
+    def strain_channel(
+        self, case: Case, motion: Motion, streams: list[np.random.Generator], plant: Plant
+    ) -> Channel:
         """Return the bolt's strain [mm/m]: Eq. 1 backwards from tension, its oscillating part and drift."""
         kit = self.instruments
         share = kit.oscillation * np.exp(-motion.tension / kit.oscillation_tension)
         apparent = motion.tension + share * (motion.displacement_lo - motion.displacement_so)
         apparent += drift(kit, motion.time, streams[0])
+        for effect in plant.effects:
+            if effect.kind.acts == "reading":
+                apparent += effect.kind.function(seen_by_gauge(case, motion, plant), effect.values)
+        apparent = faulty(apparent, "sensor:tension", motion.time, apparent, plant.effects)
         sampled = sample(strain_of(apparent), float(motion.time[0]), kit.tension_rate_hz, self.duration)
         return Channel("strain", kit.strain.read(sampled, streams[1]), kit.tension_rate_hz)
 
@@ -91,12 +110,38 @@ class Laboratory:
                 yield case, channels, truth
 
 
-def truth_of(case: Case, motion: Motion) -> Truth:
+def faulty(
+    analog: FloatArray, channel: str, time: FloatArray, other: FloatArray, effects: tuple[Undeclared, ...]
+) -> FloatArray:
+    """Return what a channel with undeclared faults makes of a signal, in the order of the faults."""
+    for effect in effects:
+        if effect.enters == channel:
+            analog = effect.kind.function(analog, time, effect.values, other)
+    return analog
+
+
+def seen_by_gauge(case: Case, motion: Motion, plant: Plant) -> Seen:
+    """Collect what the gauge of the bolt might show besides its tension."""
+    c = plant.constants()
+    x, v = motion.displacement_lo - motion.displacement_so, motion.velocity_lo - motion.velocity_so
+    stiffness = c.k_i / (1.0 + np.exp(c.alpha * (motion.tension - c.beta)))
+    damping = c.c_d - c.c_i / (1.0 + np.exp(c.eta * motion.tension))
+    since = np.maximum(motion.time - case.hit.start, 0.0)
+    return Seen(motion.time, since, x, v, stiffness * x + damping * v, motion.displacement_lo)
+
+
+def truth_of(case: Case, motion: Motion, plant: Plant) -> Truth:
     """Return what no sensor tells about one test."""
     bolted = case.preload is not None
+    own = {
+        f"{effect.name}@{effect.enters}": dict(effect.parameters)
+        for effect in plant.effects
+        if effect.kind.by_record
+    }
     return asdict(case) | {
         "initial_tension_n": float(motion.tension[0]) if bolted else None,
         "final_tension_n": float(motion.tension[-1]) if bolted else None,
+        **({"undeclared": own} if own else {}),
     }
 
 

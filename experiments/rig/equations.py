@@ -1,16 +1,18 @@
 """The rig's own equations of motion and integrator, compiled: fourth-order Runge-Kutta."""
 
-from collections.abc import Callable
-from functools import cache
 from math import exp, log, pi, sin
-from types import FunctionType
 from typing import Any, NamedTuple
 
+import numpy as np
+import numpy.typing as npt
 from numba import njit
 
+from experiments.rig.calling import call
 from experiments.rig.excitation import FLOOR_RATE_HZ, FloatArray
 
 LN10 = log(10.0)
+JOINT, FLEXURE_LO, FLEXURE_SO, BODY_LO, BODY_SO = range(5)
+"""Places at which an undeclared force enters."""
 
 
 class Pulse(NamedTuple):
@@ -29,6 +31,15 @@ class Floor(NamedTuple):
     start: float
     displacement: FloatArray
     velocity: FloatArray
+
+
+class Table(NamedTuple):
+    """Undeclared physics, a row an effect."""
+
+    forces: npt.NDArray[np.int64]  # address, place, first state
+    force_numbers: FloatArray
+    rates: npt.NDArray[np.int64]  # address
+    rate_numbers: FloatArray
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -71,6 +82,81 @@ def pulse_at(time: float, pulse: Pulse) -> float:
 
 
 @njit(nogil=True, cache=True)
+def motion_at(place: int, state: Any, ground: float, speed: float) -> tuple[float, float]:
+    """Displacement [m] and velocity [m/s] that a force sees: of a link, or of a body."""
+    if place == JOINT:
+        return state[0] - state[2], state[1] - state[3]
+    if place == FLEXURE_LO:
+        return state[0] - ground, state[1] - speed
+    if place == FLEXURE_SO:
+        return state[2] - ground, state[3] - speed
+    return (state[0], state[1]) if place == BODY_LO else (state[2], state[3])
+
+
+@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+def added_forces(time: float, state: Any, inner: Any, slopes: Any, k: Any, ground: Any, table: Table) -> Any:
+    """Undeclared forces on LO, on SO and in the joint [N]; fills the slopes of the effects' own states."""
+    on_lo, on_so, joint = 0.0, 0.0, 0.0
+    if table is None:
+        return on_lo, on_so, joint
+    for row in range(table.forces.shape[0]):
+        address, place, first = table.forces[row, 0], table.forces[row, 1], table.forces[row, 2]
+        x, v = motion_at(place, state, ground[0], ground[1])
+        stiffness = k[place] if place < BODY_LO else 0.0
+        motion = (time, x, v, state[4], stiffness)
+        force = call(address, (*motion, inner[first:], table.force_numbers[row], slopes[first:]))
+        if place == JOINT:
+            joint += force
+        elif place in (FLEXURE_LO, BODY_LO):
+            on_lo -= force
+        else:
+            on_so -= force
+    return on_lo - joint, on_so + joint, joint
+
+
+@njit(nogil=True, cache=True, error_model="numpy")
+def following(tension: float, terms: Any) -> float:
+    """Relative rate of the law at 0.1 mm and 50 mm/s, over that at 100 N."""
+    here = tension_rate(1e-4, 0.05, tension, terms) / max(tension, 1e-9)
+    there = tension_rate(1e-4, 0.05, 100.0, terms) / 100.0
+    return abs(here / there) if there != 0.0 else 0.0
+
+
+@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+def changed_rate(rate: float, tension: float, motion: Any, terms: Any, table: Table) -> float:
+    """Tension rate [N/s] as every undeclared effect in turn changes it."""
+    if table is None:
+        return rate
+    if table.rates.size > 0:
+        follow = following(tension, terms)
+        for row in range(table.rates.size):
+            rate = call(table.rates[row], (rate, tension, *motion, follow, table.rate_numbers[row]))
+    return rate
+
+
+@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+def derivative(time: float, state: Any, inner: Any, slopes: Any, system: Any) -> Any:
+    """Slope of (x_LO, v_LO, x_SO, v_SO, T): Eqs. 2, 5, 11, 12 and the undeclared; fills that of `inner`."""
+    x_lo, v_lo, x_so, v_so, tension = state
+    constants, terms, floor, pulse, table = system
+    c = constants
+    joint_stiffness = c.k_i / (1.0 + exp(c.alpha * (tension - c.beta)))
+    joint_damping = c.c_d - c.c_i / (1.0 + exp(c.eta * tension))
+    damping = joint_damping * (v_lo - v_so)
+    joint = joint_stiffness * (x_lo - x_so) + damping
+    ground, speed = floor_at(time, floor)
+    force = pulse_at(time, pulse)
+    stiffness = (joint_stiffness, c.stiffness_lo, c.stiffness_so)
+    on_lo, on_so, added = added_forces(time, state, inner, slopes, stiffness, (ground, speed), table)
+    on_lo += pulse.on_lo * force - joint - c.stiffness_lo * (x_lo - ground) - c.damping_lo * (v_lo - speed)
+    on_so += pulse.on_so * force + joint - c.stiffness_so * (x_so - ground) - c.damping_so * (v_so - speed)
+    a_lo, a_so = on_lo / c.mass_lo, on_so / c.mass_so
+    rate = tension_rate(x_lo - x_so, v_lo - v_so, tension, terms)
+    motion = (x_lo - x_so, v_lo - v_so, a_lo - a_so, joint + added, damping)
+    return v_lo, a_lo, v_so, a_so, changed_rate(rate, tension, motion, terms, table)
+
+
+@njit(nogil=True, cache=True)
 def advance(state: Any, step: float, slope: Any) -> Any:
     """Return state + step * slope, both tuples of five."""
     return (
@@ -83,72 +169,60 @@ def advance(state: Any, step: float, slope: Any) -> Any:
 
 
 @njit(nogil=True, cache=True)
-def beyond(_time: float, _state: Any, _parameters: Any) -> tuple[float, float, float]:
-    """Forces on LO and SO [N] and tension rate [N/s] of undeclared physics; `integrator` may replace it."""
-    return 0.0, 0.0, 0.0
-
-
-@njit(nogil=True, cache=True, error_model="numpy")
-def derivative(time: float, state: Any, system: Any) -> Any:
-    """Slope of (x_LO, v_LO, x_SO, v_SO, T): Eqs. 2, 5, 11, 12 and whatever the effect adds."""
-    x_lo, v_lo, x_so, v_so, tension = state
-    constants, terms, floor, pulse, parameters = system
-    c = constants
-    joint_stiffness = c.k_i / (1.0 + exp(c.alpha * (tension - c.beta)))
-    joint_damping = c.c_d - c.c_i / (1.0 + exp(c.eta * tension))
-    joint = joint_stiffness * (x_lo - x_so) + joint_damping * (v_lo - v_so)
-    ground, speed = floor_at(time, floor)
-    force = pulse_at(time, pulse)
-    on_lo, on_so, rate = beyond(time, state, parameters)
-    on_lo += pulse.on_lo * force - joint - c.stiffness_lo * (x_lo - ground) - c.damping_lo * (v_lo - speed)
-    on_so += pulse.on_so * force + joint - c.stiffness_so * (x_so - ground) - c.damping_so * (v_so - speed)
-    rate += tension_rate(x_lo - x_so, v_lo - v_so, tension, terms)
-    return v_lo, on_lo / c.mass_lo, v_so, on_so / c.mass_so, rate
+def advance_inner(inner: Any, step: float, slope: Any, out: Any) -> Any:
+    """Fill and return out = inner + step * slope, arrays."""
+    if inner is not None:
+        for i in range(inner.size):
+            out[i] = inner[i] + step * slope[i]
+    return out
 
 
 @njit(nogil=True, cache=True)
-def runge_kutta(time: float, state: Any, k1: Any, h: float, system: Any) -> Any:
-    """One step of length h from the slope k1 at its start."""
-    k2 = derivative(time + 0.5 * h, advance(state, 0.5 * h, k1), system)
-    k3 = derivative(time + 0.5 * h, advance(state, 0.5 * h, k2), system)
-    k4 = derivative(time + h, advance(state, h, k3), system)
+def runge_kutta(time: float, state: Any, inner: Any, k1: Any, s: Any, h: float, system: Any) -> Any:
+    """One step of length h from the slopes k1 and s[0] at its start.
+
+    Returns the state; advances `inner` in place. s holds five arrays like `inner`.
+    """
+    trial = advance_inner(inner, 0.5 * h, s[0], s[4])
+    k2 = derivative(time + 0.5 * h, advance(state, 0.5 * h, k1), trial, s[1], system)
+    trial = advance_inner(inner, 0.5 * h, s[1], s[4])
+    k3 = derivative(time + 0.5 * h, advance(state, 0.5 * h, k2), trial, s[2], system)
+    trial = advance_inner(inner, h, s[2], s[4])
+    k4 = derivative(time + h, advance(state, h, k3), trial, s[3], system)
+    if inner is not None:
+        for i in range(inner.size):
+            inner[i] += h / 6.0 * (s[0][i] + 2.0 * s[1][i] + 2.0 * s[2][i] + s[3][i])
     total = advance(advance(advance(k1, 2.0, k2), 2.0, k3), 1.0, k4)
     return advance(state, h / 6.0, total)
 
 
 @njit(nogil=True, cache=True)
-def integrate(start: float, rate: float, state: Any, system: Any, out: FloatArray) -> Any:
-    """Fill `out`, shape (7, steps), with state and both accelerations; return the state at the end."""
+def scratch(inner: Any) -> Any:
+    """Five arrays like `inner`, or as many times None."""
+    if inner is None:
+        return None, None, None, None, None
+    n = inner.size
+    return np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+
+
+@njit(nogil=True, cache=True)
+def integrate(start: float, rate: float, state: Any, inner: Any, system: Any, out: FloatArray) -> Any:
+    """Fill `out`, shape (7, steps), with state and both accelerations; return the state at the end.
+
+    `inner`, the effects' own states, is advanced in place; None where nothing is undeclared: then what is not
+    needed is not compiled either.
+    """
     pulse = system[3]
+    s = scratch(inner)
     for step in range(out.shape[1]):
         now, end = start + step / rate, start + (step + 1) / rate
         out[:5, step] = state
-        slope = derivative(now, state, system)
+        slope = derivative(now, state, inner, s[0], system)
         out[5, step], out[6, step] = slope[1], slope[3]
         # The pulse has a kink at either end: a step never runs across one.
         for edge in (pulse.start, pulse.end):
             if now < edge < end:
-                state = runge_kutta(now, state, slope, edge - now, system)
-                now, slope = edge, derivative(edge, state, system)
-        state = runge_kutta(now, state, slope, end - now, system)
+                state = runge_kutta(now, state, inner, slope, s, edge - now, system)
+                now, slope = edge, derivative(edge, state, inner, s[0], system)
+        state = runge_kutta(now, state, inner, slope, s, end - now, system)
     return state
-
-
-@cache
-def integrator(effect: Callable[..., Any] | None) -> Callable[..., Any]:
-    """Return `integrate` with a compiled effect in the place of `beyond`.
-
-    Compiled once a process and not kept on disk, where every effect would leave its files.
-    """
-    if effect is None:
-        return integrate
-    slope = rebuilt(derivative, beyond=effect)
-    step = rebuilt(runge_kutta, derivative=slope)
-    return rebuilt(integrate, derivative=slope, runge_kutta=step)
-
-
-def rebuilt(function: Any, **replaced: Any) -> Callable[..., Any]:
-    """Compile a function anew with some of the names it calls standing for others."""
-    source = function.py_func
-    names = {**source.__globals__, **replaced}
-    return njit(nogil=True, error_model="numpy")(FunctionType(source.__code__, names, source.__name__))

@@ -7,6 +7,9 @@ import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
 
+STEP_RATE_HZ = 76_800.0
+"""Steps per second: four for every sample of force and acceleration, sixteen for every one of strain."""
+
 FLOOR_RATE_HZ = 600.0
 """Rate of the knots between which the floor moves along cubics [Hz]; its motion ends at 30 Hz."""
 

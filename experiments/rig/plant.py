@@ -1,8 +1,9 @@
 """What stands on the table: two oscillators on flexures, a lap joint between them and one bolt."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Self
+
+from experiments.rig.undeclared import Undeclared
 
 
 class Constants(NamedTuple):
@@ -53,26 +54,6 @@ class LooseningTerm:
         )
 
 
-class Effect(Protocol):
-    """Physics the campaign does not declare: a frozen object with a compiled contribution.
-
-    ``contribution(time, x_lo, v_lo, x_so, v_so, tension, parameters)`` returns the added force on LO [N], the
-    added force on SO [N] and the added tension rate [N/s].
-    """
-
-    @property
-    def name(self) -> str:
-        """Name in the truth file."""
-
-    @property
-    def contribution(self) -> Callable[..., tuple[float, float, float]]:
-        """Function compiled by Numba."""
-
-    @property
-    def parameters(self) -> tuple[float, ...]:
-        """Numbers handed to the contribution."""
-
-
 @dataclass(frozen=True)
 class Plant:
     """Physical parameters of the rig.
@@ -92,8 +73,8 @@ class Plant:
         Factors on the flexure stiffnesses once the bolt is in, Section 3.2.
     loosening : tuple of LooseningTerm
         Terms of the tension law; empty for a bolt that holds.
-    effects : tuple of Effect
-        Physics beyond the paper's model.
+    effects : tuple of Undeclared
+        Physics beyond the paper's model, and faults of the sensors.
     """
 
     mass_lo: float = 8.625
@@ -111,11 +92,14 @@ class Plant:
     c_i: float = 1717.4
     eta: float = -0.00922
     loosening: tuple[LooseningTerm, ...] = (LooseningTerm(),)
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[Undeclared, ...] = ()
 
     def without_bolt(self) -> Self:
         """The same rig with the bolt taken out: no joint, no stiffening, no tension law."""
-        return replace(self, stiffening_lo=1.0, stiffening_so=1.0, k_i=0.0, c_d=0.0, c_i=0.0, loosening=())
+        left = tuple(effect for effect in self.effects if not effect.bolted)
+        return replace(
+            self, stiffening_lo=1.0, stiffening_so=1.0, k_i=0.0, c_d=0.0, c_i=0.0, loosening=(), effects=left
+        )
 
     def constants(self) -> Constants:
         """Numbers of this assembly for the integrator, flexures stiffened."""

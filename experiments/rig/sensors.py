@@ -8,8 +8,7 @@ from typing import Self
 import numpy as np
 from scipy import signal
 
-from experiments.rig.excitation import FloatArray
-from experiments.rig.simulation import STEP_RATE_HZ
+from experiments.rig.excitation import STEP_RATE_HZ, FloatArray
 
 CALIBRATION = (2718.7, 2363.7, -575.63)
 """Eq. 1, ``T = c1 e + c2 e^2 + c3 e^3`` [N], e in mm/m.

@@ -1,21 +1,23 @@
 """One test on the rig: settle on the moving floor, strike, ring down."""
 
-from collections.abc import Callable
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from experiments.rig.equations import Floor, Pulse, integrator
-from experiments.rig.excitation import FloatArray, Hit, floor_motion
+from experiments.rig.calling import FORCE, RATE, address_of
+from experiments.rig.equations import Floor, Pulse, Table, derivative, integrate
+from experiments.rig.excitation import STEP_RATE_HZ, FloatArray, Hit, floor_motion
 from experiments.rig.plant import LooseningTerm, Plant
-
-STEP_RATE_HZ = 76_800.0
-"""Steps per second: four for every sample of force and acceleration, sixteen for every one of strain."""
+from experiments.rig.undeclared import Undeclared
 
 SETTLING_RATE_HZ = 9_600.0
-"""Steps per second while the structure settles on the moving floor before the record."""
+"""Steps per second while the structure settles on the moving floor before the record; more where needed."""
+
+FORCED = ("joint", "flexure_lo", "flexure_so", "body:lo", "body:so")
+"""Places of forces in the order of `equations`."""
+
+NUMBERS = 5
+"""Largest number of parameters of an effect."""
 
 
 class Motion(NamedTuple):
@@ -31,36 +33,60 @@ class Motion(NamedTuple):
     acceleration_so: FloatArray
 
 
-Contribution = Callable[..., tuple[float, float, float]]
+def table(effects: tuple[Undeclared, ...]) -> tuple[Table | None, int]:
+    """Return the forces and rates among effects as the integrator takes them, and their number of states.
+
+    None for none: then the integrator compiles to one without.
+    """
+    forces = [effect for effect in effects if effect.kind.acts == "force"]
+    rates = [effect for effect in effects if effect.kind.acts == "rate"]
+    if not forces and not rates:
+        return None, 0
+    first = np.cumsum([0, *(effect.kind.states for effect in forces)])
+    rows = [
+        (address_of(effect.kind.function, FORCE), FORCED.index(effect.enters), state)
+        for effect, state in zip(forces, first, strict=False)
+    ]
+
+    def numbers(some: list[Undeclared]) -> FloatArray:
+        padded = [effect.values + (NUMBERS - len(effect.values)) * (0.0,) for effect in some]
+        return np.array(padded, dtype=np.float64).reshape(len(some), NUMBERS)
+
+    return Table(
+        np.array(rows, dtype=np.int64).reshape(len(forces), 3),
+        numbers(forces),
+        np.array([address_of(effect.kind.function, RATE) for effect in rates], dtype=np.int64),
+        numbers(rates),
+    ), int(first[-1])
 
 
-@cache
-def combine(contributions: tuple[Contribution, ...]) -> Contribution | None:
-    """Compile one function that adds up the contributions of several effects; None for none."""
-    if not contributions:
-        return None
-    first, rest = contributions[0], combine(contributions[1:])
-
-    @njit(nogil=True)
-    def total(time: float, state: Any, parameters: Any) -> tuple[float, float, float]:
-        x_lo, v_lo, x_so, v_so, tension = state
-        one = first(time, x_lo, v_lo, x_so, v_so, tension, parameters[0])
-        if rest is None:
-            return one
-        others = rest(time, state, parameters[1:])
-        return one[0] + others[0], one[1] + others[1], one[2] + others[2]
-
-    return total
-
-
-def system(plant: Plant, hit: Hit, floor: Floor, gamma_factor: float) -> tuple[Any, ...]:
+def system(plant: Plant, hit: Hit, floor: Floor, gamma_factor: float, added: Table | None) -> tuple[Any, ...]:
     """Collect what the compiled derivative needs besides time and state."""
     # Compiled code cannot loop over nothing: a bolt that holds has one term without weight.
     terms = tuple(term.row(gamma_factor) for term in plant.loosening) or (LooseningTerm().row(0.0),)
     on_lo = float(hit.body == "lo")
     pulse = Pulse(on_lo, 1.0 - on_lo, hit.strength, hit.start, hit.start + hit.duration)
-    parameters = tuple(effect.parameters for effect in plant.effects)
-    return plant.constants(), terms, floor, pulse, parameters
+    return plant.constants(), terms, floor, pulse, added
+
+
+def at_rest(system: Any, time: float, tension: float, states: int) -> tuple[FloatArray, float]:
+    """Return where an undeclared force lets the rig rest, and a rate at which it settles stably [Hz].
+
+    Both from the slopes about zero: x_0 = -J^-1 f(0), and a step under 2 of the fastest time constant.
+    """
+
+    def slope(y: FloatArray) -> FloatArray:
+        filled = np.zeros(states)
+        whole = derivative(time, (*y[:4], tension), y[4:].copy(), filled, system)
+        return np.concatenate([whole[:4], filled])
+
+    size = 4 + states
+    zero, nudge = slope(np.zeros(size)), 1e-8
+    jacobian = np.stack([(slope(nudge * unit) - zero) / nudge for unit in np.eye(size)], axis=1)
+    fastest = float(np.max(np.abs(np.linalg.eigvals(jacobian))))
+    rate = SETTLING_RATE_HZ * 2.0 ** max(np.ceil(np.log2(fastest / (2.0 * SETTLING_RATE_HZ))), 0.0)
+    rest = -np.linalg.lstsq(jacobian, zero)[0] if np.any(zero) else np.zeros(size)
+    return np.asarray(rest), float(rate)
 
 
 def run(
@@ -109,17 +135,23 @@ def run(
     Motion
         ``round(duration * step_rate_hz) + 1`` instants.
     """
-    integrate = integrator(combine(tuple(effect.contribution for effect in plant.effects)))
-    state = (0.0, 0.0, 0.0, 0.0, float(tension))
-    floor = Floor(0.0, np.empty(0), np.empty(0))
+    floor, early = Floor(0.0, np.empty(0), np.empty(0)), start - settling
+    state, inner, rate = (0.0, 0.0, 0.0, 0.0, float(tension)), None, SETTLING_RATE_HZ
+    added, states = table(plant.effects)
+    if added is not None:
+        rest, rate = at_rest(system(plant, hit, floor, gamma_factor, added), early, float(tension), states)
+        state, inner = (*rest[:4].tolist(), float(tension)), rest[4:]
     if floor_rms > 0.0:
         if rng is None:
             raise ValueError("a moving floor needs a random generator, got none")
-        early = start - settling
         floor = Floor(early, *floor_motion(floor_rms, early, start + duration, rng))
-        before = np.empty((7, round(settling * SETTLING_RATE_HZ)))
-        settled = integrate(early, SETTLING_RATE_HZ, state, system(plant, hit, floor, gamma_factor), before)
+    whole = system(plant, hit, floor, gamma_factor, added)
+    if floor_rms > 0.0 or any(state[:4]):
+        settled = integrate(early, rate, state, inner, whole, np.empty((7, round(settling * rate))))
         state = (*settled[:4], float(tension))
     out = np.empty((7, round(duration * step_rate_hz) + 1))
-    integrate(start, step_rate_hz, state, system(plant, hit, floor, gamma_factor), out)
+    integrate(start, step_rate_hz, state, inner, whole, out)
+    if not np.all(np.isfinite(out)):
+        names = ", ".join(effect.name for effect in plant.effects) or "none"
+        raise ValueError(f"undeclared: the rig's motion diverges with {names}; expected weaker ones")
     return Motion(start + np.arange(out.shape[1]) / step_rate_hz, *out)

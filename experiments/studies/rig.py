@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +12,11 @@ from experiments.rig.plant import Plant
 from experiments.rig.rivals import RIVALS
 from experiments.rig.schedule import plan
 from experiments.rig.sensors import Instruments
+from experiments.rig.undeclared import Undeclared, undeclared_from_text
 from rom.campaign import write_campaign
 from rom.records import Channel, replacing
+
+__all__ = ["Undeclared", "run", "strengths_from_text", "truth_path", "undeclared_from_text"]
 
 
 def run(
@@ -30,6 +33,7 @@ def run(
     tightening: bool | None = None,
     hold_out_every: int = 5,
     law: str | None = None,
+    undeclared: tuple[Undeclared, ...] = (),
     plant: Plant | None = None,
     instruments: Instruments | None = None,
 ) -> Path:
@@ -63,6 +67,8 @@ def run(
     law : str or None
         Name of the tension law that the bolt follows (`experiments.rig.rivals`), for a `plant` without one of
         its own; None: that of the paper. It is told in the truth file alone.
+    undeclared : tuple of Undeclared
+        Physics and faults of sensors that the campaign does not tell, added to those of `plant`.
     plant, instruments : Plant, Instruments or None
         The rig and its sensors; None: those of the paper.
 
@@ -79,8 +85,9 @@ def run(
     folder = Path(new_dir)
     check(folder, cases, noise, jobs, duration_s, strengths, scatter, hold_out_every)
     full_scale = cases is None
+    standing = plant or plant_of(law)
     laboratory = Laboratory(
-        plant or plant_of(law),
+        replace(standing, effects=(*standing.effects, *undeclared)),
         (instruments or Instruments()).scaled(noise),
         duration_s if duration_s is not None else (30.5 if full_scale else 8.5),
     )
@@ -153,11 +160,11 @@ def write_truth(path: Path, options: Truth, laboratory: Laboratory, truths: list
         key: value for key, value in vars(laboratory.plant).items() if key not in ("loosening", "effects")
     }
     plant["loosening"] = [asdict(term) for term in laboratory.plant.loosening]
-    plant["effects"] = [{"name": e.name, "parameters": list(e.parameters)} for e in laboratory.plant.effects]
     content = {
         "format": "boltlaw-truth/1",
         **options,
         "duration_s": laboratory.duration,
+        "undeclared": [effect.truth() for effect in laboratory.plant.effects],
         "plant": plant,
         "instruments": asdict(laboratory.instruments),
         "records": truths,

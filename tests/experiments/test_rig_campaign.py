@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.rig import schedule, sensors
-from experiments.rig.simulation import STEP_RATE_HZ
+from experiments.rig.excitation import STEP_RATE_HZ
 from experiments.studies import rig
 from rom.campaign import read_campaign
 

@@ -1,17 +1,16 @@
 """The virtual rig against closed forms, the paper's numbers and itself."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from numba import njit
 from scipy import integrate, linalg
 
 from experiments.rig.equations import tension_rate
-from experiments.rig.excitation import FLOOR_RATE_HZ, Hit, contact_time, floor_motion
+from experiments.rig.excitation import FLOOR_RATE_HZ, STEP_RATE_HZ, Hit, contact_time, floor_motion
 from experiments.rig.plant import LooseningTerm, Plant
 from experiments.rig.rivals import RIVALS
-from experiments.rig.simulation import STEP_RATE_HZ, Contribution, run
+from experiments.rig.simulation import run
 
 NOMINAL = Hit("lo", 1608.7, 0.0100003, contact_time(1608.7))  # edges between steps
 HOLDING = replace(Plant(), loosening=())
@@ -169,38 +168,6 @@ def test_rival_laws_lose_the_same_once_and_otherwise_elsewhere(name: str) -> Non
 def test_negative_gamma_tightens_and_no_term_holds() -> None:
     assert run(Plant(), NOMINAL, 300.0, 0.2, gamma_factor=-1.0).tension[-1] > 301.0
     assert np.all(run(HOLDING, NOMINAL, 300.0, 0.2).tension == 300.0)
-
-
-@njit
-def dashpot(_time, _x_lo, v_lo, _x_so, v_so, _tension, parameters):  # type: ignore[no-untyped-def]
-    return -parameters[0] * v_lo, -parameters[1] * v_so, 0.0
-
-
-@njit
-def leak(_time, _x_lo, _v_lo, _x_so, _v_so, tension, parameters):  # type: ignore[no-untyped-def]
-    return 0.0, 0.0, -parameters[0] * tension
-
-
-@dataclass(frozen=True)
-class Toy:
-    name: str
-    contribution: Contribution
-    parameters: tuple[float, ...]
-
-
-def test_effects_add_to_forces_and_tension_rate() -> None:
-    added = run(
-        replace(HOLDING, effects=(Toy("dashpots", dashpot, (1.8, 1.304)), Toy("leak", leak, (0.5,)))),
-        replace(NOMINAL, strength=28.0),
-        3000.0,
-        0.3,
-    )
-    assert added.tension[-1] == pytest.approx(3000.0 * np.exp(-0.15), rel=1e-9)
-    plain = run(
-        replace(HOLDING, damping_lo=10.0, damping_so=4.0), replace(NOMINAL, strength=28.0), 3000.0, 0.3
-    )
-    assert added.displacement_lo == pytest.approx(plain.displacement_lo, abs=1e-9)
-    assert np.max(np.abs(plain.displacement_lo - run(HOLDING, NOMINAL, 3000.0, 0.3).displacement_lo)) > 1e-7
 
 
 def test_the_floor_moves_in_its_band_and_the_structure_with_it() -> None:
