@@ -28,7 +28,7 @@ from discovery.regression import (
     weighted,
     whitener,
 )
-from discovery.screening import COMMON_SCATTER, Found, best_pairs, judged, single_terms
+from discovery.screening import Found, best_pairs, common_scatter, judged, single_terms
 from discovery.terms import Candidate, Term
 from rom.channels import FloatArray
 
@@ -120,9 +120,9 @@ def _proposed(frozen: Frozen, baseline_fit: Fit, seed: int, tightening: bool, te
     library = TermLibrary("grid", scales, motions, tension_factors(*fitted))
     columns, smooth = integrals(library, followed), smoothed(guide, followed)
     plain = weighted(columns, followed, whitener(followed, smooth))
-    scatter = np.minimum(guide.tau(frozen.initial), COMMON_SCATTER)
+    scatter = np.minimum(guide.tau(frozen.initial), common_scatter(tightening))
     damped = weighted(columns, followed, whitener(followed, smooth, scatter))
-    singles = single_terms(plain, _SINGLE)
+    singles = single_terms(plain, _SINGLE, signed=tightening)
     tell(2, 4)
     search = _Search(library, plain, damped, singles, tightening)
     sums, dropped = search.sums(rng)

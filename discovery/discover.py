@@ -70,8 +70,8 @@ def discover(
             f"fitted, expected {LEAST_CASES} or more to compare tension laws"
         )
     model = replace(found.model, identification=None)
-    frozen = freeze(model, kept)
-    hold_out = freeze(model, unseen) if unseen else None
+    frozen = freeze(model, kept, signed=tightening)
+    hold_out = freeze(model, unseen, signed=tightening) if unseen else None
     first = refine(baseline(), frozen)
     proposals = propose(frozen, first, seed, tightening, jobs, stage("proposing laws"))
     laws = race(proposals.candidates, frozen, hold_out, campaign, seed, jobs, stage("ranking laws"))

@@ -11,7 +11,7 @@ from joblib import Parallel, delayed
 from scipy import optimize, stats
 
 from discovery.factors import Factor, Inner
-from discovery.fitting import Fit, fit, predict, refine, resimulate
+from discovery.fitting import Fit, correction, fit, predict, refine, resimulate
 from discovery.motion import Frozen
 from discovery.terms import Candidate
 from rom.channels import FloatArray
@@ -87,8 +87,7 @@ class Curve:
         """The same curve, with the offsets of more full re-simulations."""
         found = []
         for one in fits:
-            full = resimulate(one.candidate, self.frozen, one.deviations)
-            offsets = full - predict(one.candidate, self.frozen, deviations=one.deviations)
+            offsets = correction(one, self.frozen)
             if np.isfinite(offsets).all():
                 found.append((self.value(one), offsets))
         return replace(self, anchors=(*self.anchors, *found))

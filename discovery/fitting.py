@@ -24,6 +24,8 @@ __all__ = ["Fit", "fit", "fit_losses", "log_predictive", "predict", "refine", "r
 
 _ITERATIONS = 30
 _SETTLED = 0.01  # of the deviance
+_ROUNDS = 3  # of correction by re-simulation
+_SAME_NOISE, _SAME_CHANGE = 0.05, 1e-4  # of corrections: far below what can be told
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,16 +74,34 @@ class Fit:
         return value - 1.96 * error, value + 1.96 * error
 
 
-def refine(candidate: Candidate, frozen: Frozen, rounds: int = 3) -> Fit:
-    """Fit, re-simulate in full, correct the frozen courses by the difference, and fit again."""
+def refine(candidate: Candidate, frozen: Frozen, rounds: int = _ROUNDS) -> Fit:
+    """Fit, re-simulate in full, correct the frozen courses by the difference, and fit again.
+
+    Until the corrections stay the same, to a small part of the noise.
+    """
     found = fit(candidate, frozen)
-    for _ in range(rounds):
-        full = resimulate(found.candidate, frozen, found.deviations)
-        offsets = full - predict(found.candidate, frozen, deviations=found.deviations)
+    for _ in range(rounds if candidate.terms else 0):
+        offsets = correction(found, frozen)
         if not np.isfinite(offsets).all():
             return replace(found, converged=False)
+        if unchanged(offsets, found, frozen):
+            return found
         found = fit(found.candidate, frozen, offsets, found)
     return found
+
+
+def correction(found: Fit, frozen: Frozen) -> FloatArray:
+    """Full re-simulation minus frozen course, (cases, bins) [N]; not finite where it diverged."""
+    full = resimulate(found.candidate, frozen, found.deviations)
+    return full - predict(found.candidate, frozen, deviations=found.deviations)
+
+
+def unchanged(offsets: FloatArray, found: Fit, frozen: Frozen) -> bool:
+    """Whether corrections are those of a fit, to a small part of the noise or of the change."""
+    noise = np.sqrt(np.stack([np.diag(c.covariance)[-frozen.change.shape[1] :] for c in frozen.courses]))
+    change = predict(found.candidate, frozen, found.offsets, found.deviations)
+    near = _SAME_NOISE * noise + _SAME_CHANGE * np.abs(change)
+    return bool((np.abs(offsets - found.offsets) <= near).all())
 
 
 def fit(

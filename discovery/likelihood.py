@@ -120,16 +120,18 @@ class Problem:
         """The start: coefficients scaled to the measured losses unless a fit is at hand."""
         if start is not None:
             return self.solve(self.theta0, np.array(start.scatter), start.deviations, steps=6)
-        u, told = self._own_rates()
-        shift = float((told * u).sum() / told.sum()) if told.sum() > 0 else 0.0
+        factors, told = self._own_rates()
+        logs = np.log(np.maximum(np.abs(factors), _TINY))
+        shift = float((told * logs).sum() / told.sum()) if told.sum() > 0 else 0.0
+        u = np.clip(factors / np.exp(shift) - 1, -3, 3) if self.frozen.signed else logs - shift
         theta = self.theta0.copy()
         for place, name in enumerate(self.candidate.free):
             theta[place] += shift if self._is_coefficient(name) else 0.0
         spread = float(np.clip(np.std(u), 0.1, _LARGEST_SCATTER))
-        return self.solve(theta, np.array([np.log(spread), 0.0]), u - shift, steps=12)
+        return self.solve(theta, np.array([np.log(spread), 0.0]), u, steps=12)
 
     def _own_rates(self) -> tuple[FloatArray, FloatArray]:
-        """Log of the factor on the law that each case's last bin asks for, and how well it tells it, 0 to 1.
+        """Factor on the law that each case's last bin asks for, and how well it tells it, 0 to 1.
 
         A start from which Newton's method is safe: far above it the tension is gone and has no slope.
         """
@@ -140,13 +142,16 @@ class Problem:
                 size = self.frozen.exposure(term.motion)[:, -1] * term.tension.of_tension(initial) / initial
                 exposure += value * size
         if any(term.sign >= 0 for term in self.candidate.terms) or not (exposure > 0).any():
-            return np.zeros(len(initial)), np.zeros(len(initial))
+            return np.ones(len(initial)), np.zeros(len(initial))
         error = np.sqrt(self.frozen.covariance[:, -1, -1])
-        loss = np.maximum(-self.frozen.change[:, -1], 0.3 * error)
-        needed = -np.log(np.maximum(1 - loss / initial, 1e-3))
-        least = float(exposure[exposure > 0].min())
-        u = np.log(needed / np.maximum(exposure, least))
-        return u, (exposure > 0) * loss**2 / (loss**2 + 4 * error**2)
+        lost = np.abs(self.frozen.change[:, -1]) if self.frozen.signed else -self.frozen.change[:, -1]
+        loss = np.maximum(lost, 0.3 * error)
+        told = (exposure > 0) * loss**2 / (loss**2 + 4 * error**2)
+        exposure = np.maximum(exposure, float(exposure[exposure > 0].min()))
+        if self.frozen.signed:
+            change = np.log(np.maximum(1 + self.frozen.change[:, -1] / initial, 1e-3))
+            return -change / exposure, told
+        return -np.log(np.maximum(1 - loss / initial, 1e-3)) / exposure, told
 
     def solve(self, theta: FloatArray, scatter: FloatArray, u: FloatArray, steps: int = 4) -> State:
         """Modes of u by Newton steps, all cases at once, and the likelihood there."""

@@ -55,6 +55,8 @@ class Frozen:
         Measured changes of tension [N].
     covariance : ndarray, shape (cases, bins, bins)
         Their covariance with two wide directions for an oscillating part ``a x + b x^2`` [N^2].
+    signed : bool
+        Whether tests may tighten: a case's deviation u makes its rate 1 + u times the law's, not exp(u).
     """
 
     courses: tuple[TensionCourse, ...]
@@ -65,6 +67,7 @@ class Frozen:
     averages: FloatArray
     change: FloatArray
     covariance: FloatArray
+    signed: bool = False
     _exposures: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
     _recent: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
     _whole: Frozen | None = field(default=None, repr=False)  # of a subset: where its exposures are kept
@@ -82,6 +85,12 @@ class Frozen:
     def link(self) -> str:
         """Name of the bolted link."""
         return self.model.structure.bolted_links[0]
+
+    def factors(self, deviations: FloatArray | None) -> FloatArray:
+        """Factor of every case on a law's rate, (cases,), from its deviation; 1 where none are given."""
+        if deviations is None:
+            return np.ones(len(self))
+        return 1.0 + deviations if self.signed else np.exp(deviations)
 
     def of_case(self, case: int) -> FloatArray:
         """Nodes of one case, (6, nodes)."""
@@ -174,8 +183,17 @@ class Frozen:
         return replace(self, _exposures={}, _recent={})
 
 
-def freeze(model: Model, courses: Sequence[TensionCourse]) -> Frozen:
+def freeze(model: Model, courses: Sequence[TensionCourse], *, signed: bool = False) -> Frozen:
     """Simulate every test with its own gamma and keep the motion of the bolted link.
+
+    Parameters
+    ----------
+    model : Model
+        The identified model.
+    courses : sequence of TensionCourse
+        What was measured.
+    signed : bool
+        Whether tests may tighten.
 
     Raises
     ------
@@ -205,6 +223,7 @@ def freeze(model: Model, courses: Sequence[TensionCourse]) -> Frozen:
         averages=averages,
         change=np.stack([course.change for course in kept]),
         covariance=np.stack(covariance),
+        signed=signed,
     )
 
 

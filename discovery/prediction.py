@@ -36,7 +36,7 @@ def predict(
     exposures = np.stack([frozen.exposure(term.motion) for term in candidate.terms])
     signs = [term.sign or 1 for term in candidate.terms]
     weights = np.array(candidate.coefficients) * signs
-    rates = np.exp(np.zeros(len(frozen)) if deviations is None else deviations)
+    rates = frozen.factors(deviations)
     initial = frozen.initial
     course = follow_exposures(
         addresses, parameters, np.multiply.outer(rates, weights), exposures, initial, _HIGHEST * initial.max()
@@ -52,7 +52,7 @@ def resimulate(candidate: Candidate, frozen: Frozen, deviations: FloatArray | No
     link, law = frozen.link, candidate.law()
     laws = replace(frozen.model.link_laws[link], tension_rate=law)
     model = replace(frozen.model, link_laws={**frozen.model.link_laws, link: laws})
-    rates = np.exp(np.zeros(len(frozen)) if deviations is None else deviations)
+    rates = frozen.factors(deviations)
     out = np.empty_like(frozen.change)
     keys = [(c.body, c.rate_hz, len(c.force), c.tension_rate_hz) for c in frozen.courses]
     for key in dict.fromkeys(keys):

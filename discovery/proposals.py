@@ -188,7 +188,7 @@ def _simulated(
     laws = replace(frozen.model.link_laws[frozen.link], tension_rate=candidate.law())
     model = replace(frozen.model, link_laws={**frozen.model.link_laws, frozen.link: laws})
     vary = {
-        f"{frozen.link}.tension_rate.{name}": value * np.exp(deviations)
+        f"{frozen.link}.tension_rate.{name}": value * frozen.factors(deviations)
         for name, value in zip(candidate.coefficient_names, candidate.coefficients, strict=True)
     }
     edges = _LEAD_S + grid.offsets_s

@@ -10,7 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from discovery import validation
-from discovery.fitting import Fit, fit, fit_losses, predict, resimulate
+from discovery.fitting import Fit, correction, fit, fit_losses, predict, unchanged
 from discovery.motion import Frozen
 from discovery.ranked import RankedLaw, Ranking, names_of, with_law
 from discovery.terms import BASELINE, Candidate, rivals_always_in_the_race
@@ -170,10 +170,9 @@ def _corrected(found: Fit, frozen: Frozen) -> Fit:
     if found.candidate.terms and validation.dispersion(found, frozen) > _MISFIT:
         return _of_losses(found.candidate, frozen)
     for _ in range(_ROUNDS if found.candidate.terms else 0):
-        full = resimulate(found.candidate, frozen, found.deviations)
-        offsets = full - predict(found.candidate, frozen, deviations=found.deviations)
-        if not np.isfinite(offsets).all():
-            raise OverflowError("a re-simulation diverged")
+        offsets = _finite(correction(found, frozen))
+        if unchanged(offsets, found, frozen):
+            break
         corrected = fit(found.candidate, frozen, offsets, found)
         if validation.lost(corrected, found.deviance):
             break
@@ -186,12 +185,17 @@ def _of_losses(candidate: Candidate, frozen: Frozen) -> Fit:
     start = next((c for c in rivals_always_in_the_race() if c.name == candidate.name), candidate)
     found = fit_losses(start, frozen)
     for _ in range(_ROUNDS):
-        full = resimulate(found.candidate, frozen, found.deviations)
-        offsets = full - predict(found.candidate, frozen, deviations=found.deviations)
-        if not np.isfinite(offsets).all():
-            raise OverflowError("a re-simulation diverged")
+        offsets = _finite(correction(found, frozen))
+        if unchanged(offsets[:, -1:], replace(found, offsets=found.offsets[:, -1:]), frozen.last_bin()):
+            break
         found = fit_losses(found.candidate, frozen, offsets)
     return found
+
+
+def _finite(offsets: FloatArray) -> FloatArray:
+    if not np.isfinite(offsets).all():
+        raise OverflowError("a re-simulation diverged")
+    return offsets
 
 
 def _safely(work: Callable[[Item, Frozen], Fit], item: Item, frozen: Frozen) -> Fit | None:

@@ -12,7 +12,7 @@ allow for the scatter of the measured course instead could be fitted by shrinkin
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize
@@ -21,6 +21,7 @@ from discovery.regression import Rows
 from rom.channels import FloatArray
 
 COMMON_SCATTER = 0.5  # of the rate, as most bolts have it
+SIGNED_SCATTER = 1.5  # where some tests tighten
 _SCATTERS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
 _MIXTURES = (0.1, 0.3, 0.5, 0.7, 0.9)
 _NEWTON_STEPS, _LARGEST_STEP, _STEP = 6, 0.7, 0.02
@@ -37,6 +38,11 @@ class Found:
     coefficients: tuple[float, ...]
     deviance: float
     sources: tuple[str, ...]
+
+
+def common_scatter(signed: bool) -> float:
+    """Scatter of the rate to reckon with before it is known."""
+    return SIGNED_SCATTER if signed else COMMON_SCATTER
 
 
 def marginal_deviance(
@@ -59,8 +65,20 @@ def marginal_deviance(
     return np.asarray(shape + (along - square) ** 2 / (there * (1 + tau2 * square)) + np.log1p(tau2 * square))
 
 
-def single_terms(rows: Rows, source: str) -> list[Found]:
-    """Every column alone that is not zero, with the coefficient and the scatter that suit it best."""
+def single_terms(rows: Rows, source: str, *, signed: bool = False) -> list[Found]:
+    """Every column alone that is not zero, with the coefficient and the scatter that suit it best.
+
+    With ``signed`` the coefficient may have either sign.
+    """
+    found = _of_one_sign(rows, source)
+    if not signed:
+        return found
+    others = _of_one_sign(Rows(-rows.columns, rows.target), source)
+    turned = {one.columns: replace(one, coefficients=(-one.coefficients[0],)) for one in others}
+    return [min(one, turned.get(one.columns, one), key=lambda f: f.deviance) for one in found]
+
+
+def _of_one_sign(rows: Rows, source: str) -> list[Found]:
     size = (rows.target**2).sum(axis=1)[:, None]
     along = np.einsum("cbk,cb->ck", rows.columns, rows.target)
     square = np.einsum("cbk,cbk->ck", rows.columns, rows.columns)
@@ -97,7 +115,7 @@ def best_pairs(rows: Rows, sizes: FloatArray, count: int, signed: bool = False) 
     for first, second in _mixtures(signed):
         along = first * product[:, j] + second * product[:, k]
         square = first**2 * gram[:, j, j] + second**2 * gram[:, k, k] + 2 * first * second * gram[:, j, k]
-        value, _ = _scaled(size, along, square, _typical(along, square), COMMON_SCATTER)
+        value, _ = _scaled(size, along, square, _typical(along, square), common_scatter(signed))
         best = np.minimum(best, np.where(np.isfinite(value), value, np.inf))
     return [(int(j[place]), int(k[place])) for place in np.argsort(best)[:count]]
 

@@ -9,7 +9,6 @@ from numba import njit
 
 from rom.kernels.calling import invoke, pointer
 
-
 _STILL = 1e-6  # relative change of T within which its factors are taken as unchanged
 
 
