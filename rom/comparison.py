@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from joblib import Parallel, delayed
 
 from rom.campaign import Campaign, RecordSettings
+from rom.effects.law_change import LawChange
 from rom.laws import no_loosening
 from rom.model import Model
 from rom.processing import process
@@ -47,12 +48,13 @@ def judge(
 
 
 def without_loosening(model: Model) -> Model:
-    """Return the model with dT/dt = 0 in every bolted link: what any tension law must beat."""
+    """Return the model with dT/dt = 0 in every bolted link, and no change of that: what any law must beat."""
     laws = {
         name: replace(laws, tension_rate=no_loosening() if laws.tension_rate is not None else None)
         for name, laws in model.link_laws.items()
     }
-    return replace(model, link_laws=laws)
+    effects = tuple(effect for effect in model.effects if not isinstance(effect, LawChange))
+    return replace(model, link_laws=laws, effects=effects)
 
 
 def _judge_record(models: Sequence[Model], campaign: Campaign, settings: RecordSettings) -> Judged:

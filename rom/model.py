@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -11,7 +11,9 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from rom.effects.effect import Effect
+from rom.effects.effect import Added
+from rom.effects.law_change import LawChange, change_law
+from rom.effects.places import check_effects, places_of
 from rom.laws import Law, Parameter
 from rom.simulation import PLACES, TOLERANCE, Assembly, Response, assemble, simulate
 from rom.structure import Structure
@@ -50,8 +52,9 @@ class Model:
         Bodies and links.
     link_laws : mapping of str to LinkLaws
         Laws of every link, by link.
-    effects : tuple of Effect
-        Added effects, in order.
+    effects : tuple of Added
+        Added effects, in order: forces, changes of the tension law, readings of the tension, faults of
+        sensors. A simulation sees the first two; what compares it with records sees the others.
     filter_cutoff_hz : mapping of str to float
         High-pass cutoff of the filter chain by kind of test [Hz].
     calibration : tuple of float
@@ -66,12 +69,13 @@ class Model:
     Raises
     ------
     ValueError
-        If laws and links do not match, or an effect enters where there is nothing.
+        If laws and links do not match, an effect enters where there is nothing or where its kind cannot, or
+        two effects of one name enter at one place.
     """
 
     structure: Structure
     link_laws: Mapping[str, LinkLaws]
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[Added, ...] = ()
     filter_cutoff_hz: Mapping[str, float] = field(default_factory=dict)
     calibration: tuple[float, ...] = ()
     windows: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -92,19 +96,37 @@ class Model:
                 raise ValueError(
                     f"link {link.name!r} is {link.law}: only bolted links have a tension law, and all have"
                 )
-        places = {*names, *(f"body:{name}" for name in self.structure.body_names)}
-        if self.structure.bolted_links:
-            places.add("tension")
-        for effect in self.effects:
-            if effect.enters not in places:
-                raise ValueError(
-                    f"effect {effect.name!r} must enter at {sorted(places)}, got {effect.enters!r}"
-                )
+        check_effects(self.effects, self.structure)
+
+    def __getstate__(self) -> dict[str, object]:
+        kept = {f.name for f in fields(self)}
+        return {name: value for name, value in self.__dict__.items() if name in kept}  # no addresses of code
+
+    @cached_property
+    def acting_laws(self) -> Mapping[str, LinkLaws]:
+        """Laws of every link as a simulation sees them, every change of the tension law in them."""
+        return self._changed[0]
 
     @cached_property
     def assembly(self) -> Assembly:
         """Tables and coefficients for the kernels; made on first use."""
-        return assemble(self)
+        laws, paths = self._changed
+        made = assemble(replace(self, link_laws=laws))
+        of_changes = {path: made.places[inner] for path, inner in paths.items()}
+        return replace(made, places={**made.places, **of_changes})
+
+    @cached_property
+    def _changed(self) -> tuple[Mapping[str, LinkLaws], Mapping[str, str]]:
+        """Laws with all changes in them, and where those have the parameters of the changes."""
+        changes = [effect for effect in self.effects if isinstance(effect, LawChange)]
+        if not changes:
+            return self.link_laws, {}
+        link = self.structure.bolted_links[0]
+        laws = self.link_laws[link]
+        assert laws.tension_rate is not None
+        rate, names = change_law(laws.tension_rate, changes)
+        paths = {path: f"{link}.tension_rate.{name}" for path, name in names.items()}
+        return {**self.link_laws, link: replace(laws, tension_rate=rate)}, paths
 
     @property
     def parameters(self) -> Mapping[str, Parameter]:
@@ -115,7 +137,7 @@ class Model:
                 if law is not None:
                     found |= {f"{link}.{place}.{name}": value for name, value in law.parameters.items()}
         for effect in self.effects:
-            found |= {f"{effect.enters}.{effect.name}.{name}": p for name, p in effect.parameters.items()}
+            found |= {f"{effect.path}.{name}": p for name, p in effect.parameters.items()}
         return MappingProxyType(found)
 
     def parameter(self, path: str) -> Parameter:
@@ -157,26 +179,25 @@ class Model:
                 laws.damping.with_values(**below(f"{link}.damping.")),
                 rate and rate.with_values(**below(f"{link}.tension_rate.")),
             )
-        effects = tuple(e.with_values(**below(f"{e.enters}.{e.name}.")) for e in self.effects)
+        effects = tuple(e.with_values(**below(f"{e.path}.")) for e in self.effects)
         return replace(
             self, structure=replace(self.structure, bodies=bodies), link_laws=link_laws, effects=effects
         )
 
-    def with_effect(self, effect: Effect) -> Model:
-        """The same model with one more effect."""
+    def with_effect(self, effect: Added) -> Model:
+        """The same model with one more effect of any kind; see ``Model`` for what is refused."""
         return replace(self, effects=(*self.effects, effect))
 
     def without_bolt(self) -> Model:
         """The same structure with every bolted link, and every effect in one, taken out."""
         links = tuple(link for link in self.structure.links if link.law != "bolted")
-        names = {link.name for link in links}
-        bodies = {f"body:{name}" for name in self.structure.body_names}
-        return replace(
-            self,
-            structure=replace(self.structure, links=links),
-            link_laws={name: self.uncoupled_laws.get(name, self.link_laws[name]) for name in names},
-            effects=tuple(effect for effect in self.effects if effect.enters in names | bodies),
-        )
+        laws = {link.name: self.uncoupled_laws.get(link.name, self.link_laws[link.name]) for link in links}
+        return self.on(replace(self.structure, links=links), laws)
+
+    def on(self, structure: Structure, link_laws: Mapping[str, LinkLaws]) -> Model:
+        """The model of another structure, with those effects whose place is there too."""
+        effects = tuple(effect for effect in self.effects if effect.enters in places_of(effect, structure))
+        return replace(self, structure=structure, link_laws=link_laws, effects=effects)
 
     def link_force(
         self, link: str, displacement: npt.ArrayLike, rate_hz: float, tension: float = 0.0

@@ -158,7 +158,13 @@ def _effects_from_data(items: list[Mapping[str, Any]]) -> tuple[Any, ...]:
     from rom.effects import make
 
     return tuple(
-        make(item["name"], item["enters"], _parameters_from_data(item["parameters"])) for item in items
+        make(
+            item["name"],
+            item["enters"],
+            _parameters_from_data(item["parameters"]),
+            item.get("equation", ""),
+        )
+        for item in items
     )
 
 

@@ -103,15 +103,8 @@ def _moving(model: Model, bodies: Collection[str]) -> Model:
         if ends[link.first] != ends[link.second]
     )
     names = {link.name for link in links}
-    places = names | {f"body:{body}" for body in bodies}
-    if any(link.law == "bolted" for link in links):
-        places.add("tension")
-    return replace(
-        model,
-        structure=Structure(tuple(b for b in model.structure.bodies if b.name in bodies), links),
-        link_laws={name: model.link_laws[name] for name in names},
-        effects=tuple(effect for effect in model.effects if effect.enters in places),
-    )
+    bodies_left = tuple(body for body in model.structure.bodies if body.name in bodies)
+    return model.on(Structure(bodies_left, links), {name: model.link_laws[name] for name in names})
 
 
 def compare(model: Model, measurement: Measurement, windows: WindowSettings) -> Comparison:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
+from rom.effects.effect import Effect
 from rom.laws import constant_stiffness
 from rom.structure import Structure
 
@@ -92,7 +93,7 @@ def assemble(model: Model) -> Assembly:
     layout = _Layout()
     layout.add("body", (f"{name}.mass" for name in structure.body_names), structure.masses)
     zero = layout.add("", (), (0.0,))
-    driven = [(_link_index(model, effect.enters), effect) for effect in model.effects]
+    driven = [(_link_index(model, e.enters), e) for e in model.effects if isinstance(e, Effect)]
     laws = [_law_row(layout, name, model.link_laws[name]) for name in structure.link_names]
     nothing = constant_stiffness(0.0).address
     loaded = sorted({link for link, _ in driven if link >= len(laws)})  # bodies with effects of their own

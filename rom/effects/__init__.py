@@ -59,21 +59,19 @@ for _module in sorted(info.name for info in iter_modules(__path__) if not info.n
     register(*getattr(import_module(f"{__name__}.{_module}"), "MEMBERS", ()))
 
 
-def make(name: str, enters: str, parameters: Mapping[str, Parameter], equation: str = "") -> Effect:
+def make(name: str, enters: str, parameters: Mapping[str, Parameter], equation: str = "") -> Added:
     """The effect of a model from what its file says: of the catalogue, or free-form from its equation.
 
     Raises
     ------
     ValueError
-        If the catalogue has none of that name that a model holds as an effect.
+        If the catalogue has none of that name.
     """
     if name == FREE_FORM:
         return free_form(equation, enters, parameters)
-    effect = _members[name].at(enters, parameters) if name in _members else None
-    if not isinstance(effect, Effect):
-        known = [known for known, member in _members.items() if member.kind in ("force", "measured tension")]
-        raise ValueError(f"an effect of a model must be one of {', '.join(known)}, got {name!r}")
-    return effect
+    if name not in _members:
+        raise ValueError(f"an effect must be one of {', '.join((*_members, FREE_FORM))}, got {name!r}")
+    return _members[name].at(enters, parameters)
 
 
 def look_alikes(name: str) -> tuple[str, ...]:

@@ -70,6 +70,19 @@ class Added:
         kind = self.enters.partition(":")[0]
         return kind if kind in ("body", "tension", "sensor") else "link"
 
+    @property
+    def path(self) -> str:
+        """Where a model that holds the effect has its parameters: ``"<enters>.<name>"``."""
+        return f"{self.enters}.{self.name}"
+
+    def added_to(self, model: Model) -> Model:
+        """The model with this effect; its parameters are at ``paths``."""
+        return model.with_effect(self)
+
+    def paths(self, model: Model) -> Mapping[str, str]:  # noqa: ARG002 - one day by model
+        """Where a model that holds the effect has its parameters, by name."""
+        return {name: f"{self.path}.{name}" for name in self.parameters}
+
     def with_values(self, **values: float) -> Self:
         """The same effect with other parameter values; their old limits no longer hold and are dropped.
 
@@ -110,14 +123,6 @@ class Effect(Added):
     states: int = 0
     on_disk: bool = field(default=True, repr=False)
 
-    def added_to(self, model: Model) -> Model:
-        """The model with this effect; its parameters are at ``paths``."""
-        return model.with_effect(self)
-
-    def paths(self, model: Model) -> Mapping[str, str]:  # noqa: ARG002 - as of a change of law
-        """Where a model that holds the effect has its parameters, by name."""
-        return {name: f"{self.enters}.{self.name}.{name}" for name in self.parameters}
-
     @property
     def address(self) -> int:
         """Address of the compiled function; compiles on first use."""
@@ -151,15 +156,11 @@ class Motion:
     body_displacement: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
-def _no_force(t, x, v, T, k, c, s, p, ds, dT):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    return 0.0
-
-
 @dataclass(frozen=True)
-class Reading(Effect):
+class Reading(Added):
     """What a bolt's gauge shows beyond the tension of the model: ``T_measured = T + reading(motion)``.
 
-    A model may hold it as an effect on the tension, where it leaves the motion and the tension alone.
+    It leaves motion and tension alone: what a simulation is compared with a gauge by.
 
     Parameters
     ----------
@@ -167,8 +168,7 @@ class Reading(Effect):
         ``f(motion, p) -> [N]``, with the shape of the motion's time.
     """
 
-    function: Callable[..., float] = field(default=_no_force, repr=False)
-    reading: Callable[[Motion, Numbers], FloatArray] = field(kw_only=True, repr=False)
+    reading: Callable[[Motion, Numbers], FloatArray] = field(repr=False)
 
     def added(self, motion: Motion) -> FloatArray:
         """What the reading adds to the tension [N]."""

@@ -1,16 +1,18 @@
-"""A force found without the catalogue, from an arithmetic expression alone."""
+"""An effect found without the catalogue, from an arithmetic expression alone."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cache
 
-from rom.effects.effect import Effect
+from rom.effects.effect import Added, Effect
+from rom.effects.law_change import LawChange
 from rom.expressions import compile_expression
 from rom.laws import Parameter
 
 FREE_FORM = "free-form"
 _ARGUMENTS = ("t", "x", "v", "T", "k", "c")
+_OF_RATE = ("T", "x", "v", "F", "D", "rate", "follow")
 
 
 class FreeForm(Effect):
@@ -20,14 +22,27 @@ class FreeForm(Effect):
         return free_form, (self.equation, self.enters, dict(self.parameters))  # its function does not pickle
 
 
-def free_form(equation: str, enters: str, parameters: Mapping[str, Parameter]) -> Effect:
-    """A force [N] from an expression in ``t x v T k c`` of its link or body and the parameters.
+def free_form(equation: str, enters: str, parameters: Mapping[str, Parameter]) -> Added:
+    """A force [N], or where it enters the tension a changed rate [N/s], from an expression.
+
+    Parameters
+    ----------
+    equation : str
+        In ``t x v T k c`` of its link or body and the parameters; of a tension as for ``LawChange``, in
+        ``rate follow T x v F D``.
+    enters : str
+        A link, ``"body:<name>"`` or ``"tension"``.
+    parameters : mapping of str to Parameter
+        The parameters of the expression.
 
     Raises
     ------
     ValueError
         If the expression holds anything else.
     """
+    if enters == "tension":
+        compile_expression(equation, _OF_RATE, tuple(parameters))  # refuses what is not arithmetic
+        return LawChange(FREE_FORM, enters, equation, parameters)
     kernel = _kernel(equation, tuple(parameters))
     return FreeForm(FREE_FORM, enters, equation, parameters, kernel, on_disk=False)
 

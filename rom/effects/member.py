@@ -117,7 +117,7 @@ class Member:
             assert self.cure is not None
             return SensorFault(*head, self.function, self.cure, self.other)
         if self.kind == "measured tension":
-            return Reading(*head, reading=self.function)
+            return Reading(*head, self.function)
         return Effect(*head, self.function, len(self.state_units))
 
     def silent(self, enters: str, *, ground: bool = False) -> Added:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rom.effects import CATALOGUE, LawChange, Motion
+from rom.effects import CATALOGUE, LawChange, Motion, free_form
 from rom.effects.observation import tension_reading
 from rom.laws import Parameter, free_form_law, logistic_loosening, no_loosening, power_loosening
 from rom.parameters.he_2025 import nominal_impact, paper_model
@@ -75,10 +75,25 @@ def test_a_changed_model_loosens_otherwise_and_can_be_fitted_by_path():
     force = {"lo": nominal_impact(1608.7, 19200, 1.0)}
     loss = [100.0 - m.simulate(force, 19200, 100.0).tension[-1] for m in (model, tight)]
     assert loss[1] < 0.9 * loss[0]
-    off = tight.with_values({"joint.tension_rate.g_t": 0.0})
+    off = tight.with_values({"tension.tightening.g_t": 0.0})
     same = 100.0 - off.simulate(force, 19200, 100.0).tension[-1]
     assert same == pytest.approx(loss[0], rel=1e-5)
-    assert off.link_laws["joint"].tension_rate.name == "logistic loosening + tightening"
+    assert off.link_laws == model.link_laws
+    assert off.acting_laws["joint"].tension_rate.name == "logistic loosening + tightening"
+    forces, rates = np.stack([force["lo"]] * 2), {"tension.tightening.g_t": [0.0, 10.0]}
+    assert tight.final_tension(forces, 19200, [100.0, 100.0], rates) == pytest.approx(
+        [m.simulate(force, 19200, 100.0).tension[-1] for m in (model, tight)], rel=1e-6
+    )
+
+
+def test_a_rate_found_without_the_catalogue_changes_the_law():
+    model = paper_model()
+    twice = free_form("twice * rate", "tension", {"twice": Parameter(2.0, "1")}).added_to(model)
+    force = {"lo": nominal_impact(1608.7, 19200, 0.2)}
+    loss = [3000.0 - m.simulate(force, 19200, 3000.0).tension[-1] for m in (model, twice)]
+    assert loss[1] == pytest.approx(2 * loss[0], rel=1e-3)
+    with pytest.raises(ValueError, match="may use T, x, v, F, D, rate, follow, twice, got 'k'"):
+        free_form("k * rate", "tension", {"twice": Parameter(2.0, "1")})
 
 
 def test_a_law_that_does_nothing_at_the_reference_is_followed_nowhere():
@@ -93,9 +108,12 @@ def test_changes_add_up_but_not_with_themselves():
     model = CATALOGUE["tightening"].at("tension").added_to(paper_model())
     both = CATALOGUE["loosening-threshold"].at("tension").added_to(model)
     assert both.simulate({"lo": nominal_impact(1608.7, 19200, 0.7)}, 19200, 60.0).status == "ok"
-    with pytest.raises(ValueError, match="must not have the parameters of 'tightening'"):
+    with pytest.raises(ValueError, match="got two 'tightening' at 'tension'"):
         CATALOGUE["tightening"].at("tension").added_to(model)
-    with pytest.raises(ValueError, match="needs a bolted link"):
+    once = changed("tightening")
+    with pytest.raises(ValueError, match="must not have the parameters of 'tightening'"):
+        CATALOGUE["tightening"].at("tension").changed(once)
+    with pytest.raises(ValueError, match="must enter at a bolted link, which the model lacks"):
         CATALOGUE["tightening"].at("tension").added_to(paper_model().without_bolt())
 
 

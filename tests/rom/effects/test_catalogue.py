@@ -121,8 +121,6 @@ def test_look_alikes_share_a_class():
 def test_what_is_no_effect_of_a_model_is_refused():
     with pytest.raises(ValueError, match=r"must be one of .*coulomb-friction.*, got 'friction'"):
         make("friction", "joint", {})
-    with pytest.raises(ValueError, match=r"must be one of .*, got 'hum'"):
-        make("hum", "sensor:force_lo", CATALOGUE["hum"].parameters)
     with pytest.raises(ValueError, match="must have the parameters F_c, mu, v_s, got mu"):
         make("coulomb-friction", "joint", {"mu": Parameter(0.1, "1")})
     effect = CATALOGUE["cubic-stiffness"].at("joint")
@@ -148,6 +146,41 @@ def test_places_are_told_by_kind():
     assert effect.added_to(model).parameter(effect.paths(model)["mu"]).value == 1.2e-3
     change = CATALOGUE["tightening"].at("tension")
     assert change.added_to(model).parameter(change.paths(model)["g_t"]).unit == "1/s"
+
+
+@pytest.mark.parametrize(
+    ("name", "enters", "match"),
+    [
+        ("hum", "sensor:acceleration_x", r"must enter at sensor:force_lo, .*, got 'sensor:acceleration_x'"),
+        ("hum", "joint", "must enter at sensor:force_lo"),
+        ("hum", "sensor:strain", "sensor:tension, got 'sensor:strain'"),
+        ("coulomb-friction", "sensor:force_lo", "must enter at flexure_lo, flexure_so, joint, body:lo"),
+        ("tightening", "joint", "must enter at tension, got 'joint'"),
+        ("tension-drift", "body:lo", "must enter at tension, got 'body:lo'"),
+    ],
+)
+def test_an_effect_enters_where_its_kind_can(name, enters, match):
+    with pytest.raises(ValueError, match=match):
+        CATALOGUE[name].at(enters).added_to(paper_model())
+
+
+def test_what_needs_a_bolt_goes_with_it():
+    model = paper_model()
+    for name, enters in (("tightening", "tension"), ("hum", "sensor:tension"), ("lugre", "joint")):
+        model = CATALOGUE[name].at(enters).added_to(model)
+    kept = CATALOGUE["hum"].at("sensor:force_lo").added_to(model)
+    assert [effect.enters for effect in kept.without_bolt().effects] == ["sensor:force_lo"]
+    for name, enters in (("tightening", "tension"), ("hum", "sensor:tension")):
+        with pytest.raises(ValueError, match="must enter at"):
+            CATALOGUE[name].at(enters).added_to(model.without_bolt())
+
+
+def test_an_effect_is_held_once_at_a_place():
+    two = free_form("a * x", "flexure_lo", {"a": Parameter(1.0, "N/m")})
+    model = two.added_to(free_form("b * v", "joint", {"b": Parameter(1.0, "N s/m")}).added_to(paper_model()))
+    assert {"joint.free-form.b", "flexure_lo.free-form.a"} <= set(model.parameters)
+    with pytest.raises(ValueError, match="one effect of a name at a place, got two 'free-form' at 'joint'"):
+        model.with_effect(free_form("a * x", "joint", {"a": Parameter(1.0, "N/m")}))
 
 
 def test_a_free_form_force_is_its_equation():
