@@ -11,11 +11,12 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from rom.effects.effect import Added
+from rom.effects.effect import Added, Effect
 from rom.effects.law_change import LawChange, change_law
 from rom.effects.places import check_effects, places_of
 from rom.laws import Law, Parameter
-from rom.simulation import PLACES, TOLERANCE, Assembly, Response, assemble, simulate
+from rom.link_force import equilibrium, link_force
+from rom.simulation import PLACES, TOLERANCE, Assembly, Response, assemble, simulate, tensions_of
 from rom.structure import Structure
 from rom.sweep import final_tension, mean_tensions
 
@@ -200,23 +201,37 @@ class Model:
         return replace(self, structure=structure, link_laws=link_laws, effects=effects)
 
     def link_force(
-        self, link: str, displacement: npt.ArrayLike, rate_hz: float, tension: float = 0.0
+        self,
+        link: str,
+        displacement: npt.ArrayLike,
+        rate_hz: float,
+        tension: npt.ArrayLike = 0.0,
+        *,
+        settled: bool = False,
     ) -> FloatArray:
         """Force [N] of one link driven on its own through a relative displacement (samples,) [m].
 
-        ``F = k(T) x + c(T) dx/dt``, the velocity by central differences.
+        ``F = k(T) x + c(T) dx/dt + effects``, the velocity by central differences.
+
+        Parameters
+        ----------
+        link : str
+            The link.
+        displacement : array, shape (samples,)
+            Relative displacement, first body minus second [m].
+        rate_hz : float
+            Sampling rate [Hz].
+        tension : float or array, shape (samples,)
+            Tension or normal force that its laws and effects see [N].
+        settled : bool
+            Effects with memory start as the same motion backwards leaves them, not at zero.
 
         Raises
         ------
         ValueError
             If the link is unknown.
         """
-        if link not in self.link_laws:
-            raise ValueError(f"link must be one of {sorted(self.link_laws)}, got {link!r}")
-        x = np.asarray(displacement, dtype=np.float64)
-        laws = self.link_laws[link]
-        velocity = np.gradient(x, 1 / rate_hz)
-        return np.asarray(float(laws.stiffness(tension)) * x + float(laws.damping(tension)) * velocity)
+        return link_force(self, link, displacement, rate_hz, tension, settled=settled)
 
     def simulate(
         self,
@@ -238,7 +253,8 @@ class Model:
         initial_tension : float or mapping of str to float
             Tension at the first sample [N], by link where there are several bolted links.
         initial_displacement, initial_velocity : mapping of str to float
-            State at the first sample by body [m], [m/s]; zero where not given.
+            State at the first sample by body [m], [m/s]; zero where not given. With neither given the bodies
+            start at rest, where the constant forces of effects hold them.
         tolerance : float
             Local tolerance of the final tension relative to its change, and of velocities to their peak.
 
@@ -253,9 +269,22 @@ class Model:
         ValueError
             If a shape, a body or a value is not what is required.
         """
+        if initial_displacement is None and initial_velocity is None:
+            initial_displacement = self.equilibrium(initial_tension)
         return simulate(
             self, force, rate_hz, initial_tension, initial_displacement, initial_velocity, tolerance
         )
+
+    def equilibrium(
+        self, initial_tension: float | Mapping[str, float] | None = None
+    ) -> Mapping[str, float] | None:
+        """Where effects without motion hold the bodies [m], by body; None where nothing pushes them.
+
+        Forces that go with time count for nothing; nor is there a place of rest for a body that floats.
+        """
+        if not any(isinstance(effect, Effect) for effect in self.effects):
+            return None
+        return equilibrium(self, tensions_of(self.structure, initial_tension)) or None
 
     def final_tension(
         self,

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import fft, ndimage, signal
 
 from rom.calibration import Calibration
-from rom.campaign import CampaignSettings, Record
+from rom.campaign import CampaignSettings, Record, WindowSettings
 from rom.channels import BOLT_CHANNELS, Channel, FloatArray
 from rom.channels import Motion as MotionKind
 from rom.signals import FilterChain, decimate, find_impact, for_straight_lines, split_tension
@@ -61,6 +61,7 @@ class TensionRecord:
     final_error: float
     slope: float
     warnings: tuple[str, ...] = ()
+    windows: WindowSettings | None = None
 
     @property
     def loss(self) -> float:
@@ -264,18 +265,59 @@ def _tension(
         slope = float(calibration.sensitivity(np.median(channel.samples)))
         message = calibration.warning(channel.samples)
         warnings = (f"{record.file}: {message}",) if message else ()
-    non_oscillatory = tension
-    if record.test != "hold" and impact_s is not None and first_mode_hz:
-        non_oscillatory, _ = split_tension(tension, channel.rate_hz, 2 / first_mode_hz, impact_s, periods=2)
-    windows = settings.windows
-    before = windows.initial_s
-    if impact_s is not None and before[0] < impact_s - _FEWEST_BEFORE_HIT / channel.rate_hz:
-        before = (before[0], min(before[1], impact_s))  # a hit that comes early ends the initial window
-    initial, initial_error = _window_mean(tension, channel.rate_hz, before)
-    final, final_error = _window_mean(tension, channel.rate_hz, windows.final_s)
-    return TensionRecord(
-        tension, non_oscillatory, channel.rate_hz, initial, final, initial_error, final_error, slope, warnings
+    first_mode = first_mode_hz if record.test != "hold" else None
+    return tension_record(
+        tension,
+        channel.rate_hz,
+        settings.windows,
+        impact_s=impact_s,
+        first_mode_hz=first_mode,
+        slope=slope,
+        warnings=warnings,
     )
+
+
+def tension_record(
+    tension: FloatArray,
+    rate_hz: float,
+    windows: WindowSettings,
+    *,
+    impact_s: float | None,
+    first_mode_hz: float | None,
+    slope: float = 1.0,
+    warnings: tuple[str, ...] = (),
+) -> TensionRecord:
+    """Return a bolt's tension [N] with its non-oscillatory part, where there is a first mode to take out, and
+    its means over the windows.
+    """
+    before = windows.initial_s
+    if impact_s is not None and before[0] < impact_s - _FEWEST_BEFORE_HIT / rate_hz:
+        before = (before[0], min(before[1], impact_s))  # a hit that comes early ends the initial window
+    initial, initial_error = _window_mean(tension, rate_hz, before)
+    final, final_error = _window_mean(tension, rate_hz, windows.final_s)
+    return TensionRecord(
+        tension,
+        non_oscillatory(tension, rate_hz, impact_s, first_mode_hz),
+        rate_hz,
+        initial,
+        final,
+        initial_error,
+        final_error,
+        slope,
+        warnings,
+        windows,
+    )
+
+
+def non_oscillatory(
+    tension: FloatArray, rate_hz: float, impact_s: float | None, first_mode_hz: float | None
+) -> FloatArray:
+    """Return a tension [N] without what oscillates with the first mode after the impact; itself without
+    either.
+    """
+    if impact_s is None or not first_mode_hz:
+        return tension
+    return split_tension(tension, rate_hz, 2 / first_mode_hz, impact_s, periods=2)[0]
 
 
 def _window_mean(tension: FloatArray, rate_hz: float, window_s: tuple[float, float]) -> tuple[float, float]:

@@ -217,6 +217,11 @@ def _tensions(structure: Structure, initial: float | Mapping[str, float] | None)
     return [number(f"initial_tension of {bolt!r}", initial[bolt], 0.0) for bolt in bolts]
 
 
+def tensions_of(structure: Structure, initial: float | Mapping[str, float] | None) -> Mapping[str, float]:
+    """Initial tensions by bolted link, checked."""
+    return dict(zip(structure.bolted_links, _tensions(structure, initial), strict=True))
+
+
 def simulate(
     model: Model,
     force: Mapping[str, npt.ArrayLike],

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rom.effects.effect import FloatArray, Motion, Reading
+from rom.link_force import force_of_effects
 
 if TYPE_CHECKING:
     from rom.model import Model
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 def motion_of(model: Model, response: Response, impact_s: float = 0.0) -> Motion:
     """Motion of a model's bolted link, and of its bodies, at the samples of a response.
 
-    The link's force is ``k(T) x + c(T) v``, without effects.
+    The link's force is ``k(T) x + c(T) v`` and that of its effects.
 
     Raises
     ------
@@ -32,7 +33,11 @@ def motion_of(model: Model, response: Response, impact_s: float = 0.0) -> Motion
         of_body.get(link.first, still) - of_body.get(link.second, still)
         for of_body in (response.displacement, response.velocity)
     )
-    force = laws.stiffness(tension) * x + laws.damping(tension) * v
+    stiffness, damping = laws.stiffness(tension), laws.damping(tension)
+    force = stiffness * x + damping * v
+    if len(response.time) > 1:
+        along = np.stack([x, v, tension, stiffness, damping])
+        force = force + force_of_effects(model, link.name, along, float(response.time[1] - response.time[0]))
     return Motion(response.time, impact_s, x, np.asarray(force), response.displacement)
 
 
