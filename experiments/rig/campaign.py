@@ -28,7 +28,12 @@ class Laboratory:
     duration: float
 
     def measure(self, case: Case, seed: np.random.SeedSequence) -> tuple[dict[str, Channel], Truth]:
-        """Run one test; return its channels and what truly happened.
+        """Run one test; return its channels and what truly happened."""
+        plant, motion, channels = self.test(case, seed)
+        return channels, truth_of(case, motion, plant)
+
+    def test(self, case: Case, seed: np.random.SeedSequence) -> tuple[Plant, Motion, dict[str, Channel]]:
+        """Run one test; return the rig as it stood, its motion and its channels.
 
         Every disturbance draws from its own child of `seed`.
         """
@@ -49,7 +54,7 @@ class Laboratory:
         channels = self.motion_channels(case, motion, streams[1:4], plant.effects)
         if case.preload is not None:
             channels["strain"] = self.strain_channel(case, motion, streams[4:6], plant)
-        return channels, truth_of(case, motion, plant)
+        return plant, motion, channels
 
     def motion_channels(
         self,

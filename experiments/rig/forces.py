@@ -140,6 +140,7 @@ KINDS = (
         "tension-dependent-stiffness", ("ground",), "flexure_lo", "epsilon k (1 - exp(-T / T_g)) x",
         {"epsilon": Number(0.05, "1", -0.25, 0.25), "T_g": Number(450.0, "N", 100.0, 2000.0)},
         ("epsilon",), _stiffened, "force",
+        elsewhere={"flexure_lo": {"epsilon": Number(0.05, "1", -0.1, 0.1)}},
     ),
     Kind(
         "contact-stiffness", ("joint",), "joint", "-k x y / (1 + y), y = k compliance (100 / max(T, 1))^n",

@@ -124,5 +124,6 @@ KINDS = (
             "zeta3": Number(0.02, "1", 0.005, 0.05),
         },
         ("m3",), _extra_mode, "force", 2, passive=True,
+        elsewhere={"body:lo": {"m3": Number(0.3, "kg", 0.0, 0.5), "f3": Number(180.0, "Hz", 80.0, 400.0)}},
     ),
 )  # fmt: skip

@@ -65,7 +65,7 @@ class Kind:
     states : int
         Number of its own states.
     elsewhere : mapping of str to mapping
-        Numbers that differ at a family of places.
+        Numbers that differ at a family of places, or at one.
     by_record : {"", "phase", "size"}
         Whether every record has a phase of its own (the two strengths are turned), or a size.
     passive : bool
@@ -99,4 +99,4 @@ class Kind:
     def numbers_at(self, place: str) -> Mapping[str, Number]:
         """Parameters as they are at a place."""
         family = next(family for family in self.places if place in PLACES[family])
-        return {**self.numbers, **self.elsewhere.get(family, {})}
+        return {**self.numbers, **self.elsewhere.get(family, {}), **self.elsewhere.get(place, {})}

@@ -12,11 +12,22 @@ from experiments.rig.plant import Plant
 from experiments.rig.rivals import RIVALS
 from experiments.rig.schedule import plan
 from experiments.rig.sensors import Instruments
-from experiments.rig.undeclared import Undeclared, undeclared_from_text
+from experiments.rig.strength import Influence, draw, influence
+from experiments.rig.undeclared import KINDS, Undeclared, undeclared_from_text
 from rom.campaign import write_campaign
 from rom.records import Channel, replacing
 
-__all__ = ["Undeclared", "run", "strengths_from_text", "truth_path", "undeclared_from_text"]
+__all__ = [
+    "KINDS",
+    "Influence",
+    "Undeclared",
+    "draw",
+    "influence",
+    "run",
+    "strengths_from_text",
+    "truth_path",
+    "undeclared_from_text",
+]
 
 
 def run(
@@ -164,7 +175,10 @@ def write_truth(path: Path, options: Truth, laboratory: Laboratory, truths: list
         "format": "boltlaw-truth/1",
         **options,
         "duration_s": laboratory.duration,
-        "undeclared": [effect.truth() for effect in laboratory.plant.effects],
+        "undeclared": [
+            effect.truth() | {"influence_percent": asdict(influence(effect, laboratory.plant))}
+            for effect in laboratory.plant.effects
+        ],
         "plant": plant,
         "instruments": asdict(laboratory.instruments),
         "records": truths,
