@@ -27,6 +27,8 @@ _TALLEST_STEP = 1.0
 _STEP_U, _STEP = 1e-4, 1e-4
 _LEAST_SCATTER, _LARGEST_SCATTER = 0.01, 5.0
 _SLOPE_PRIOR = 1.0
+_SAME_SCATTER = 0.01  # of a and b: changes the deviance in second order
+_NO_GAIN = 1e-3  # of the deviance, foreseen: not worth a trial
 _TINY = 1e-300
 
 
@@ -196,6 +198,8 @@ class Problem:
         scatter = np.array(
             [np.clip(found.x[0], np.log(_LEAST_SCATTER), np.log(_LARGEST_SCATTER)), found.x[1]]
         )
+        if np.abs(scatter - state.scatter).max() < _SAME_SCATTER:
+            return state
         return self.solve(state.theta, scatter, state.u)
 
     def normal_equations(self, state: State) -> tuple[FloatArray, FloatArray]:
@@ -284,6 +288,8 @@ def step(problem: Problem, state: State, damping: float) -> tuple[State | None, 
     diagonal[diagonal <= 0] = max(float(diagonal.max()), 1.0) * 1e-12
     for _ in range(8):
         change = np.linalg.solve(matrix + np.diag(damping * diagonal + 1e-12 * diagonal.max()), right)
+        if 2 * change @ right - change @ matrix @ change < _NO_GAIN:
+            return None, damping
         trial = problem.solve(problem.clipped(state.theta + change), state.scatter, state.u)
         if np.isfinite(trial.deviance) and trial.deviance < state.deviance:
             return trial, max(damping / 5, 1e-9)
