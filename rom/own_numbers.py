@@ -91,10 +91,9 @@ def _of_reading(model: Model, measurement: Measurement, reading: Reading) -> Mod
     if tension is None or count < _FEWEST:
         return model
     rest = at_rest(count, tension.rate_hz, measurement)
-    columns = [unit.added(rest) - none.added(rest) for unit, none in _units(reading)]
-    return _with(
-        model, reading, _fit(tension.samples[None, :count], np.stack(columns)[:, None], _own(reading))
-    )
+    columns = np.stack([unit.added(rest) - none.added(rest) for unit, none in _units(reading)])
+    found = _fit(tension.samples[None, :count], _per_one(reading, columns), _own(reading))
+    return _with(model, reading, found)
 
 
 def _of_force(

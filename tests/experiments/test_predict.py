@@ -1,0 +1,66 @@
+"""A saved model with effects of every kind predicts records that show them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from experiments.studies.predict import run
+from rom import Model
+from rom.campaign import read_campaign, write_campaign
+from rom.comparison import judge
+from rom.effects import CATALOGUE, SensorFault, free_form
+from rom.laws import Parameter
+from rom.parameters.he_2025 import paper_model
+from rom.residuals import summarise
+from tests.rom.shown_records import SETTINGS, channels
+
+EFFECTS = (
+    ("coulomb-friction", "flexure_lo", {"F_c": 0.5}),
+    ("tightening", "tension", {"g_t": 5.0}),
+    ("relaxation-log", "tension", {"A": 0.5}),
+    ("tension-drift", "tension", {"d": 0.3}),
+    ("force-gain", "sensor:force_lo", {"g": 0.05}),
+    ("hum", "sensor:acceleration_so", {"A": 0.2, "B": 0.1}),
+    ("calibration-error", "sensor:tension", {"c_1": 0.1}),
+)
+
+
+@pytest.fixture
+def truth() -> Model:
+    """Return the paper's model with an effect of every kind."""
+    model = paper_model()
+    for name, enters, values in EFFECTS:
+        model = CATALOGUE[name].at(enters).with_values(**values).added_to(model)
+    return free_form("q * abs(x) * v", "flexure_so", {"q": Parameter(1e3, "N s/m2")}).added_to(model)
+
+
+@pytest.fixture
+def campaign(truth: Model, tmp_path: Path) -> Path:
+    """Return two records of it, as its faulty sensors show them."""
+    faults = [effect for effect in truth.effects if isinstance(effect, SensorFault)]
+    files = {"a.h5": 120.0, "b.h5": 400.0}
+    settings = SETTINGS.model_copy(
+        update={"record": tuple(SETTINGS.record[0].model_copy(update={"file": file}) for file in files)}
+    )
+    records = [(file, channels(truth, faults, tension_n=tension)) for file, tension in files.items()]
+    write_campaign(tmp_path / "campaign", settings, records)
+    return tmp_path / "campaign"
+
+
+def test_a_saved_model_knows_faults_readings_and_own_numbers(
+    truth: Model, campaign: Path, tmp_path: Path
+) -> None:
+    truth.save(tmp_path / "model.json")
+    errors = json.loads(run(tmp_path / "model.json", campaign, tmp_path, jobs=2).read_text())["errors"]
+    assert errors["records"] == 2
+    assert errors["motion_nrmse"] < 0.01
+    assert errors["tension_rmse_n"] < 0.1
+    judged = judge([truth, paper_model()], read_campaign(campaign))
+    same, before = (summarise(j.comparisons[place] for j in judged) for place in (0, 1))
+    assert errors["motion_nrmse"] == pytest.approx(same["motion_nrmse"], rel=1e-9)
+    assert errors["tension_rmse_n"] == pytest.approx(same["tension_rmse_n"], rel=1e-9)
+    assert before["motion_nrmse"] is not None
+    assert before["motion_nrmse"] > 0.05

@@ -1,0 +1,114 @@
+"""The force of one link alone, and where a model rests."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rom import Model
+from rom.effects import CATALOGUE, free_form
+from rom.laws import Parameter, constant_damping, constant_stiffness
+from rom.model import LinkLaws
+from rom.parameters.he_2025 import nominal_impact, paper_model
+from rom.structure import Body, Link, Structure
+
+RATE_HZ = 19200.0
+MODEL = paper_model()
+STIFFNESS = 1e5
+
+
+def with_effects(*effects: tuple[str, str, dict[str, float]]) -> Model:
+    model = MODEL
+    for name, enters, values in effects:
+        model = CATALOGUE[name].at(enters).with_values(**values).added_to(model)
+    return model
+
+
+def alone(name: str, **values: float) -> Model:
+    """Return one mass on one spring, with an effect in it."""
+    structure = Structure((Body("m", 1.0),), (Link("spring", "m", "ground"),))
+    laws = {"spring": LinkLaws(constant_stiffness(STIFFNESS), constant_damping(0.0))}
+    return CATALOGUE[name].at("spring").with_values(**values).added_to(Model(structure, laws))
+
+
+@pytest.mark.parametrize(
+    "name", ["jenkins-slip", "bouc-wen", "lugre", "iwan-slip", "coulomb-friction", "cubic-stiffness"]
+)
+def test_the_force_is_that_of_the_simulation(name: str) -> None:
+    model = with_effects((name, "joint", {}), ("maxwell-viscoelastic", "joint", {}))
+    response = model.simulate({"lo": nominal_impact(1600.0, RATE_HZ, 0.8)}, RATE_HZ, 100.0)
+    x, v, a = (of["so"] for of in (response.displacement, response.velocity, response.acceleration))
+    number = model.parameter
+    flexure = number("flexure_so.stiffness.k").value * x + number("flexure_so.damping.c").value * v
+    from_motion = number("body.so.mass").value * a + flexure  # nothing else acts on it
+    found = model.link_force("joint", response.displacement["lo"] - x, RATE_HZ, response.tension)
+    size = np.sqrt(np.mean(from_motion**2))
+    inside = slice(int(0.505 * RATE_HZ), None)  # central differences miss the onset of the hit
+    assert np.sqrt(np.mean((found - from_motion)[inside] ** 2)) < 1e-3 * size
+    bare = MODEL.link_force("joint", response.displacement["lo"] - x, RATE_HZ, response.tension)
+    assert np.sqrt(np.mean((bare - from_motion)[inside] ** 2)) > 0.02 * size
+
+
+def test_a_slider_follows_the_normal_force() -> None:
+    time = np.arange(4000) / 1000.0
+    x, normal = 5e-3 * np.sin(2 * np.pi * time), 40.0 + 10.0 * time
+    model = alone("jenkins-slip", kappa=0.5, F_s=0.0, mu=0.2)
+    friction = model.link_force("spring", x, 1000.0, normal) - 0.5 * STIFFNESS * x
+    slips = np.abs(np.cos(2 * np.pi * time)) > 0.7
+    slips[:200] = False
+    assert np.abs(friction[slips]) == pytest.approx(0.2 * normal[slips], rel=0.02)
+
+
+def test_a_settled_slider_goes_in_the_loop_that_it_repeats() -> None:
+    time = np.arange(2000) / 1000.0
+    x = 1e-3 * np.cos(2 * np.pi * time)
+    model = alone("jenkins-slip", kappa=0.5, F_s=5.0, mu=0.0)
+    fresh, settled = (model.link_force("spring", x, 1000.0, settled=s) for s in (False, True))
+    cycle = slice(0, 1000), slice(1000, 2000)
+    assert settled[cycle[0]] == pytest.approx(settled[cycle[1]], abs=0.02)
+    assert np.abs(fresh - settled)[:10].max() < 0.1  # both start at the end of the stroke
+    assert np.trapezoid(settled[cycle[1]], x[cycle[1]]) == pytest.approx(4 * 5.0 * (1e-3 - 1e-4), rel=0.02)
+
+
+def test_a_model_at_rest_is_at_rest() -> None:
+    model = with_effects(
+        ("constant-force", "body:lo", {"F_0": 5.0}),
+        ("one-sided-gap", "flexure_lo", {"k_g": 5e4, "delta": 2e-5}),
+        ("jenkins-slip", "joint", {}),
+        ("ground-motion", "body:so", {"F_a": 0.0, "F_b": 0.0}),
+    )
+    still = model.simulate({"lo": np.zeros(4000)}, RATE_HZ, 300.0)
+    assert still.displacement["lo"][0] > 1e-5
+    assert np.ptp(still.displacement["lo"]) < 1e-9 * still.displacement["lo"][0]
+    placed = model.simulate({"lo": np.zeros(4000)}, RATE_HZ, 300.0, initial_displacement={"lo": 0.0})
+    assert np.ptp(placed.displacement["lo"]) > 1e-5
+
+
+def test_rest_is_where_forces_balance_whatever_goes_with_time() -> None:
+    pushed = with_effects(
+        ("constant-force", "body:so", {"F_0": -3.0}), ("ground-motion", "body:lo", {"F_a": 1.0})
+    )
+    rest = pushed.equilibrium(300.0)
+    assert rest is not None
+    k = {n: MODEL.parameter(f"flexure_{n}.stiffness.k").value for n in ("lo", "so")}
+    assert sum(k[n] * rest[n] for n in k) == pytest.approx(-3.0, rel=1e-9)
+    in_time = free_form("w * cos_t", "body:lo", {"w": Parameter(1.0, "N"), "cos_t": Parameter(1.0, "1")})
+    assert in_time.added_to(MODEL).equilibrium(300.0) is not None
+    assert (
+        free_form("w * t", "body:lo", {"w": Parameter(1.0, "N/s")}).added_to(MODEL).equilibrium(1.0) is None
+    )
+
+
+def test_what_is_not_pushed_or_floats_starts_at_zero() -> None:
+    assert MODEL.equilibrium(300.0) is None
+    assert with_effects(("coulomb-friction", "joint", {})).equilibrium(300.0) is None
+    structure = Structure((Body("m", 1.0),), (Link("guide", "m", "ground", "dashpot"),))
+    laws = {"guide": LinkLaws(constant_stiffness(0.0), constant_damping(5.0))}
+    floating = CATALOGUE["constant-force"].at("body:m").added_to(Model(structure, laws))
+    assert floating.equilibrium() is None
+    assert floating.simulate({"m": np.zeros(100)}, 1000.0).displacement["m"][0] == 0.0
+
+
+def test_an_unknown_link_is_named() -> None:
+    with pytest.raises(ValueError, match=r"link must be one of .*, got 'bolt'"):
+        MODEL.link_force("bolt", np.zeros(10), 1000.0)
