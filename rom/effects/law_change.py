@@ -52,10 +52,11 @@ class LawChange(Added):
     The equation is an expression in what a tension law sees (``T x v F D``), the parameters, ``rate``, which
     is the rate of the law that is changed, and ``follow``, its relative rate at a given motion as a function
     of tension, 1 at 100 N: ``follow ** 0`` leaves a rate proportional to T, ``follow ** 1`` lets it depend on
-    tension as the law itself does. Of several changes each sees the law that those before it left.
+    tension as the law itself does. Of several changes each sees the rate that those before it left, and
+    follows the law that none has changed.
     """
 
-    def changed(self, law: Law, prefix: str = "") -> Law:
+    def changed(self, law: Law, prefix: str = "", first: Law | None = None) -> Law:
         """The changed law, an ordinary tension law that keeps the parameters of the first one.
 
         Parameters
@@ -64,6 +65,8 @@ class LawChange(Added):
             A tension law.
         prefix : str
             Put before the names of the change's own parameters.
+        first : Law
+            The law before all changes; ``law`` if not given.
 
         Raises
         ------
@@ -74,21 +77,24 @@ class LawChange(Added):
         clash = sorted(set(law.parameters) & set(own))
         if clash:
             raise ValueError(f"law {law.name!r} must not have the parameters of {self.name!r}, got {clash}")
-        equation = _changed(self.equation, law.equation, tuple(self.parameters), prefix)
+        equation = _changed(
+            self.equation, law.equation, (first or law).equation, tuple(self.parameters), prefix
+        )
         return free_form_law(f"{law.name} + {self.name}", equation, "tension rate", {**law.parameters, **own})
 
 
 @cache
-def _changed(change: str, law: str, parameters: tuple[str, ...], prefix: str) -> str:
+def _changed(change: str, law: str, first: str, parameters: tuple[str, ...], prefix: str) -> str:
     names: dict[str, ast.expr] = {name: ast.Name(prefix + name, ast.Load()) for name in parameters}
-    return ast.unparse(_replaced(change, {**names, "rate": _text(law), "follow": _follow(law)}))
+    return ast.unparse(_replaced(change, {**names, "rate": _text(law), "follow": _follow(first)}))
 
 
 def change_law(law: Law, changes: Iterable[LawChange]) -> tuple[Law, Mapping[str, str]]:
     """A tension law after all changes, and the names of their parameters in it by path in the model."""
     names: dict[str, str] = {}
+    first = law
     for change in changes:
         prefix = f"{change.name.replace('-', '_')}_"
-        law = change.changed(law, prefix)
+        law = change.changed(law, prefix, first)
         names |= {f"{change.path}.{name}": prefix + name for name in change.parameters}
     return law, names

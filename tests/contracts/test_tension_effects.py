@@ -104,6 +104,17 @@ def test_a_law_that_does_nothing_at_the_reference_is_followed_nowhere():
     assert law.rate(TENSIONS, 1e-4, [[0.1], [0.3]]) == pytest.approx(idle.rate(TENSIONS, 0.0, [[0.1], [0.3]]))
 
 
+def test_changes_add_up_and_each_follows_the_first_law():
+    model = paper_model()
+    for name in ("tightening", "loosening-displacement", "loosening-ratchet", "loosening-dissipation"):
+        model = CATALOGUE[name].at("tension").added_to(model)
+    first, law = (laws["joint"].tension_rate for laws in (model.link_laws, model.acting_laws))
+    assert len(law.equation) < 3000
+    alone = [effect.changed(first).rate(TENSIONS, 1e-4, 0.04, 30.0, 3.0) for effect in model.effects]
+    base = first.rate(TENSIONS, 1e-4, 0.04)
+    assert law.rate(TENSIONS, 1e-4, 0.04, 30.0, 3.0) == pytest.approx(base + sum(a - base for a in alone))
+
+
 def test_changes_add_up_but_not_with_themselves():
     model = CATALOGUE["tightening"].at("tension").added_to(paper_model())
     both = CATALOGUE["loosening-threshold"].at("tension").added_to(model)
