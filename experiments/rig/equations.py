@@ -4,7 +4,6 @@ from math import exp, log, pi, sin
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from experiments.rig.calling import call
@@ -34,12 +33,11 @@ class Floor(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Undeclared physics, a row an effect."""
+    """Undeclared physics, a row an effect; addresses fit into the 53 digits of a float."""
 
-    forces: npt.NDArray[np.int64]  # address, place, first state
-    force_numbers: FloatArray
-    rates: npt.NDArray[np.int64]  # address
-    rate_numbers: FloatArray
+    forces: FloatArray  # address, place, first state, numbers
+    rates: FloatArray  # address, numbers
+    reference: float  # relative rate of the law at 0.1 mm, 50 mm/s and 100 N [1/s]
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
@@ -59,7 +57,7 @@ def tension_rate(x: float, v: float, tension: float, terms: Any) -> float:
     return rate
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, forceinline=True)
 def floor_at(time: float, floor: Floor) -> tuple[float, float]:
     """Floor displacement [m] and velocity [m/s]: the cubic through values and slopes of two knots."""
     if floor.displacement.size == 0:
@@ -73,7 +71,7 @@ def floor_at(time: float, floor: Floor) -> tuple[float, float]:
     return first + s * (slope + s * (square + s * cube)), (slope + s * (2.0 * square + 3.0 * s * cube)) / h
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, forceinline=True)
 def pulse_at(time: float, pulse: Pulse) -> float:
     """Force of the half-sine pulse [N]."""
     if time <= pulse.start or time >= pulse.end:
@@ -81,7 +79,7 @@ def pulse_at(time: float, pulse: Pulse) -> float:
     return pulse.strength * sin(pi * (time - pulse.start) / (pulse.end - pulse.start))
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, forceinline=True)
 def motion_at(place: int, state: Any, ground: float, speed: float) -> tuple[float, float]:
     """Displacement [m] and velocity [m/s] that a force sees: of a link, or of a body."""
     if place == JOINT:
@@ -100,11 +98,15 @@ def added_forces(time: float, state: Any, inner: Any, slopes: Any, k: Any, groun
     if table is None:
         return on_lo, on_so, joint
     for row in range(table.forces.shape[0]):
-        address, place, first = table.forces[row, 0], table.forces[row, 1], table.forces[row, 2]
+        address, place, first = (
+            int(table.forces[row, 0]),
+            int(table.forces[row, 1]),
+            int(table.forces[row, 2]),
+        )
         x, v = motion_at(place, state, ground[0], ground[1])
         stiffness = k[place] if place < BODY_LO else 0.0
         motion = (time, x, v, state[4], stiffness)
-        force = call(address, (*motion, inner[first:], table.force_numbers[row], slopes[first:]))
+        force = call(address, (*motion, inner[first:], table.forces[row, 3:], slopes[first:]))
         if place == JOINT:
             joint += force
         elif place in (FLEXURE_LO, BODY_LO):
@@ -114,12 +116,10 @@ def added_forces(time: float, state: Any, inner: Any, slopes: Any, k: Any, groun
     return on_lo - joint, on_so + joint, joint
 
 
-@njit(nogil=True, cache=True, error_model="numpy")
-def following(tension: float, terms: Any) -> float:
-    """Relative rate of the law at 0.1 mm and 50 mm/s, over that at 100 N."""
-    here = tension_rate(1e-4, 0.05, tension, terms) / max(tension, 1e-9)
-    there = tension_rate(1e-4, 0.05, 100.0, terms) / 100.0
-    return abs(here / there) if there != 0.0 else 0.0
+@njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
+def relative_rate(tension: float, terms: Any) -> float:
+    """Size of the law's relative rate at 0.1 mm and 50 mm/s [1/s]: how it goes with tension."""
+    return abs(tension_rate(1e-4, 0.05, tension, terms) / max(tension, 1e-9))
 
 
 @njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
@@ -127,10 +127,10 @@ def changed_rate(rate: float, tension: float, motion: Any, terms: Any, table: Ta
     """Tension rate [N/s] as every undeclared effect in turn changes it."""
     if table is None:
         return rate
-    if table.rates.size > 0:
-        follow = following(tension, terms)
-        for row in range(table.rates.size):
-            rate = call(table.rates[row], (rate, tension, *motion, follow, table.rate_numbers[row]))
+    if table.rates.shape[0] > 0:
+        follow = relative_rate(tension, terms) / table.reference if table.reference > 0.0 else 0.0
+        for row in range(table.rates.shape[0]):
+            rate = call(int(table.rates[row, 0]), (rate, tension, *motion, follow, table.rates[row, 1:]))
     return rate
 
 
@@ -156,7 +156,7 @@ def derivative(time: float, state: Any, inner: Any, slopes: Any, system: Any) ->
     return v_lo, a_lo, v_so, a_so, changed_rate(rate, tension, motion, terms, table)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, forceinline=True)
 def advance(state: Any, step: float, slope: Any) -> Any:
     """Return state + step * slope, both tuples of five."""
     return (
@@ -168,7 +168,7 @@ def advance(state: Any, step: float, slope: Any) -> Any:
     )
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, forceinline=True)
 def advance_inner(inner: Any, step: float, slope: Any, out: Any) -> Any:
     """Fill and return out = inner + step * slope, arrays."""
     if inner is not None:
@@ -177,7 +177,7 @@ def advance_inner(inner: Any, step: float, slope: Any, out: Any) -> Any:
     return out
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, forceinline=True)
 def runge_kutta(time: float, state: Any, inner: Any, k1: Any, s: Any, h: float, system: Any) -> Any:
     """One step of length h from the slopes k1 and s[0] at its start.
 
@@ -196,7 +196,7 @@ def runge_kutta(time: float, state: Any, inner: Any, k1: Any, s: Any, h: float, 
     return advance(state, h / 6.0, total)
 
 
-@njit(nogil=True, cache=True)
+@njit(nogil=True, cache=True, forceinline=True)
 def scratch(inner: Any) -> Any:
     """Five arrays like `inner`, or as many times None."""
     if inner is None:

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.rig.calling import FORCE, RATE, address_of
-from experiments.rig.equations import Floor, Pulse, Table, derivative, integrate
+from experiments.rig.equations import Floor, Pulse, Table, derivative, integrate, relative_rate
 from experiments.rig.excitation import STEP_RATE_HZ, FloatArray, Hit, floor_motion
 from experiments.rig.plant import LooseningTerm, Plant
 from experiments.rig.undeclared import Undeclared
@@ -33,40 +33,31 @@ class Motion(NamedTuple):
     acceleration_so: FloatArray
 
 
-def table(effects: tuple[Undeclared, ...]) -> tuple[Table | None, int]:
+def table(effects: tuple[Undeclared, ...], terms: tuple[Any, ...]) -> tuple[Table | None, int]:
     """Return the forces and rates among effects as the integrator takes them, and their number of states.
 
-    None for none: then the integrator compiles to one without.
+    `terms` are the rows of the tension law. None for none: then the integrator compiles to one without.
     """
     forces = [effect for effect in effects if effect.kind.acts == "force"]
     rates = [effect for effect in effects if effect.kind.acts == "rate"]
     if not forces and not rates:
         return None, 0
     first = np.cumsum([0, *(effect.kind.states for effect in forces)])
-    rows = [
-        (address_of(effect.kind.function, FORCE), FORCED.index(effect.enters), state)
+    forcing = [
+        (address_of(effect.kind.function, FORCE), FORCED.index(effect.enters), state, *padded(effect))
         for effect, state in zip(forces, first, strict=False)
     ]
-
-    def numbers(some: list[Undeclared]) -> FloatArray:
-        padded = [effect.values + (NUMBERS - len(effect.values)) * (0.0,) for effect in some]
-        return np.array(padded, dtype=np.float64).reshape(len(some), NUMBERS)
-
+    changing = [(address_of(effect.kind.function, RATE), *padded(effect)) for effect in rates]
     return Table(
-        np.array(rows, dtype=np.int64).reshape(len(forces), 3),
-        numbers(forces),
-        np.array([address_of(effect.kind.function, RATE) for effect in rates], dtype=np.int64),
-        numbers(rates),
+        np.array(forcing, dtype=np.float64).reshape(len(forces), 3 + NUMBERS),
+        np.array(changing, dtype=np.float64).reshape(len(rates), 1 + NUMBERS),
+        relative_rate(100.0, terms),
     ), int(first[-1])
 
 
-def system(plant: Plant, hit: Hit, floor: Floor, gamma_factor: float, added: Table | None) -> tuple[Any, ...]:
-    """Collect what the compiled derivative needs besides time and state."""
-    # Compiled code cannot loop over nothing: a bolt that holds has one term without weight.
-    terms = tuple(term.row(gamma_factor) for term in plant.loosening) or (LooseningTerm().row(0.0),)
-    on_lo = float(hit.body == "lo")
-    pulse = Pulse(on_lo, 1.0 - on_lo, hit.strength, hit.start, hit.start + hit.duration)
-    return plant.constants(), terms, floor, pulse, added
+def padded(effect: Undeclared) -> tuple[float, ...]:
+    """Return the numbers of an effect, as many as any has."""
+    return effect.values + (NUMBERS - len(effect.values)) * (0.0,)
 
 
 def at_rest(system: Any, time: float, tension: float, states: int) -> tuple[FloatArray, float]:
@@ -135,22 +126,28 @@ def run(
     Motion
         ``round(duration * step_rate_hz) + 1`` instants.
     """
-    floor, early = Floor(0.0, np.empty(0), np.empty(0)), start - settling
+    # Compiled code cannot loop over nothing: a bolt that holds has one term without weight.
+    terms = tuple(term.row(gamma_factor) for term in plant.loosening) or (LooseningTerm().row(0.0),)
+    on_lo = float(hit.body == "lo")
+    pulse = Pulse(on_lo, 1.0 - on_lo, hit.strength, hit.start, hit.start + hit.duration)
+    constants, early, floor = plant.constants(), start - settling, Floor(0.0, np.empty(0), np.empty(0))
     state, inner, rate = (0.0, 0.0, 0.0, 0.0, float(tension)), None, SETTLING_RATE_HZ
-    added, states = table(plant.effects)
+    added, states = table(plant.effects, terms)
+    # Before the record the tension is not watched.
+    still = None if added is None else added._replace(rates=added.rates[:0])
     if added is not None:
-        rest, rate = at_rest(system(plant, hit, floor, gamma_factor, added), early, float(tension), states)
+        rest, rate = at_rest((constants, terms, floor, pulse, still), early, float(tension), states)
         state, inner = (*rest[:4].tolist(), float(tension)), rest[4:]
     if floor_rms > 0.0:
         if rng is None:
             raise ValueError("a moving floor needs a random generator, got none")
         floor = Floor(early, *floor_motion(floor_rms, early, start + duration, rng))
-    whole = system(plant, hit, floor, gamma_factor, added)
     if floor_rms > 0.0 or any(state[:4]):
-        settled = integrate(early, rate, state, inner, whole, np.empty((7, round(settling * rate))))
+        before = np.empty((7, round(settling * rate)))
+        settled = integrate(early, rate, state, inner, (constants, terms, floor, pulse, still), before)
         state = (*settled[:4], float(tension))
     out = np.empty((7, round(duration * step_rate_hz) + 1))
-    integrate(start, step_rate_hz, state, inner, whole, out)
+    integrate(start, step_rate_hz, state, inner, (constants, terms, floor, pulse, added), out)
     if not np.all(np.isfinite(out)):
         names = ", ".join(effect.name for effect in plant.effects) or "none"
         raise ValueError(f"undeclared: the rig's motion diverges with {names}; expected weaker ones")

@@ -14,6 +14,7 @@ from experiments.rig.simulation import SETTLING_RATE_HZ, run, table
 from experiments.rig.strength import drawn
 from experiments.rig.undeclared import KINDS, Undeclared, undeclared_from_text
 from rom.effects import CATALOGUE, Motion
+from rom.model import Model
 from rom.parameters.he_2025 import paper_model
 
 NOMINAL = Hit("lo", 1608.7, 0.0100003, contact_time(1608.7))
@@ -102,13 +103,40 @@ def test_rates_are_the_catalogues(name: str) -> None:
         F = 8e5 * x + D
         if name == "loosening-slip-gate" and 0.15 < abs(F) / (p["mu_t"] * T) < 8.0:
             continue
-        added, _ = table((Undeclared(name, parameters=p),))
         terms = (LooseningTerm().row(1.0),)
+        added, _ = table((Undeclared(name, parameters=p),), terms)
         base = float(law.rate(T, x, v, F, D))
         rate = changed_rate(base, T, (x, v, 0.0, F, D), terms, added)
         assert rate == pytest.approx(
             float(changed.rate(T, x, v, F, D)), rel=1e-6, abs=1e-6 * abs(base) + 1e-9
         )
+
+
+@pytest.mark.parametrize("name", acting("force", "rate"))
+def test_the_model_with_the_effect_moves_as_the_rig_with_it(name: str) -> None:
+    """Signs, places and states: two integrators that share nothing, at a low tension."""
+    tension, steps = 30.0, round(0.25 * STEP_RATE_HZ)
+    force = NOMINAL.force(np.arange(steps) / STEP_RATE_HZ)
+
+    def distance(effect: Undeclared, model: Model) -> tuple[float, float]:
+        motion = run(replace(Plant(), effects=(effect,)), NOMINAL, tension, 0.25)
+        response = model.simulate({"lo": force}, rate_hz=STEP_RATE_HZ, initial_tension=tension)
+        ours = (motion.displacement_lo - motion.displacement_so)[:steps]
+        theirs = response.displacement["lo"] - response.displacement["so"]
+        lost, share = tension - motion.tension[steps - 1], np.asarray(response.tension)
+        return float(np.std(ours - theirs) / np.std(theirs)), lost / float(share[0] - share[-1]) - 1.0
+
+    for place in KINDS[name].allowed:
+        if place.startswith("body") and name == "ground-motion":
+            continue  # the rig has moved with it for long, the model starts at rest
+        effect = Undeclared(name, place)
+        member = CATALOGUE[name].at(place, ground="flexure" in place).with_values(**effect.parameters)
+        motion, loss = distance(effect, member.added_to(paper_model()))
+        without = distance(effect, paper_model())
+        edge = 0.25 * without[0] if "gap" in name else 4e-3 if name == "jenkins-slip" else 0.0
+        assert motion < 5e-4 + edge
+        assert abs(loss) < 3e-3 + (0.01 if edge else 0.0)
+        assert without[0] > 2.0 * motion or abs(without[1]) > 3.0 * abs(loss) or without[0] < 1e-3
 
 
 @pytest.mark.parametrize("name", acting("reading"))
