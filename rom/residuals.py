@@ -36,6 +36,7 @@ __all__ = [
     "window_mean",
 ]
 
+_SIDE_BY_SIDE = 8  # models whose responses are in memory at once
 _MOTION_TESTS = ("uncoupled", "coupled", "loosening", "free", "driven")
 
 
@@ -103,6 +104,13 @@ def compare_all(
     nothing = Comparison(measurement.file, measurement.test, True, {})
     if measurement.test == "cycled":
         return tuple(_of_cycled(nothing, model, measurement) for model in models)
+    groups = [models[first : first + _SIDE_BY_SIDE] for first in range(0, len(models), _SIDE_BY_SIDE)]
+    return tuple(found for group in groups for found in _of_motion(nothing, group, measurement, windows))
+
+
+def _of_motion(
+    nothing: Comparison, models: Sequence[Model], measurement: Measurement, windows: WindowSettings
+) -> list[Comparison]:
     replays = {
         place: replay(model, measurement)
         for place, model in enumerate(models)
@@ -120,7 +128,7 @@ def compare_all(
                 _with_motion(nothing, model, run.measurement, next(motions)), run, windows
             )
         found.append(comparison)
-    return tuple(found)
+    return found
 
 
 def _with_motion(
