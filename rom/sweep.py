@@ -74,17 +74,46 @@ def _means(
     structure, assembly, cases = model.structure, model.assembly, len(force)
     tension = _starts(len(structure.bolted_links), cases, initial_tension)
     coefficients = np.tile(assembly.coefficients, (cases, 1))
-    for path, values in vary.items():
+    varied = {path: finite(path, np.broadcast_to(values, (cases,))) for path, values in vary.items()}
+    for path, values in varied.items():
         model.parameter(path)
-        coefficients[:, assembly.places[path]] = finite(path, np.broadcast_to(values, (cases,)))
+        if path not in assembly.places:
+            raise ValueError(f"vary must name what a simulation depends on, got {path!r}")
+        coefficients[:, assembly.places[path]] = values
     driven = forces_on(structure, {body or structure.body_names[0]: np.zeros(2)})[0]
-    rest = np.zeros(2 * len(structure.bodies))
+    still = np.zeros(2 * len(structure.bodies))
     records = fixed(force[:, None])
-    task = Task(rate, driven, assembly.active, records, rest, tension, edges, every, tolerance)
-    result = _cases(model, coefficients, task)
+    task = Task(rate, driven, assembly.active, records, still, tension, edges, every, tolerance)
+    rests = _rests(model, tension, varied)
+    if rests is None:
+        result = _cases(model, coefficients, task)
+    else:
+        result = np.concatenate(
+            [_cases(model, coefficients[i : i + 1], _one(task, i, rest)) for i, rest in enumerate(rests)]
+        )
     if np.isnan(result).any():  # looked for here alone, to read the records once
         finite("forces", force)
     return result
+
+
+def _rests(model: Model, tension: FloatArray, vary: Mapping[str, FloatArray]) -> FloatArray | None:
+    """Initial displacements and velocities, shape (cases, 2 bodies), where effects push; None: all zero."""
+    bolts, bodies = model.structure.bolted_links, model.structure.body_names
+    of_effects = [path for path in vary if any(path.startswith(f"{e.path}.") for e in model.effects)]
+    if not of_effects and model.equilibrium(dict(zip(bolts, tension[0], strict=True))) is None:
+        return None
+    rests = np.zeros((len(tension), 2 * len(bodies)))
+    for case, held in enumerate(tension):
+        own = model.with_values({path: float(vary[path][case]) for path in of_effects})
+        rest = own.equilibrium(dict(zip(bolts, held, strict=True))) or {}
+        rests[case, : len(bodies)] = [rest.get(body, 0.0) for body in bodies]
+    return rests if rests.any() else None
+
+
+def _one(task: Task, case: int, rest: FloatArray) -> Task:
+    """The task of one case, from where it rests."""
+    one = slice(case, case + 1)
+    return task._replace(y0=rest, force=task.force[one], tensions=task.tensions[one], edges=task.edges[one])
 
 
 def _cases(model: Model, coefficients: FloatArray, tasks: Task) -> FloatArray:

@@ -84,6 +84,29 @@ def test_a_model_at_rest_is_at_rest() -> None:
     assert np.ptp(placed.displacement["lo"]) > 1e-5
 
 
+@pytest.mark.parametrize("friction", [False, True])
+def test_the_fast_path_starts_at_rest_too(friction: bool) -> None:
+    model = with_effects(("constant-force", "body:lo", {"F_0": 0.0}), ("one-sided-gap", "flexure_lo", {}))
+    if friction:
+        model = CATALOGUE["jenkins-slip"].at("joint").added_to(model)
+    forces, tensions = np.tile(nominal_impact(1600.0, RATE_HZ, 0.7), (2, 1)), np.array([60.0, 300.0])
+    pushes = {"body:lo.constant-force.F_0": [20.0, -10.0]}
+    found = model.final_tension(forces, RATE_HZ, tensions, pushes)
+    for case, push in enumerate(pushes["body:lo.constant-force.F_0"]):
+        one = model.with_values({"body:lo.constant-force.F_0": push})
+        response = one.simulate({"lo": forces[case]}, RATE_HZ, tensions[case])
+        assert found[case] == pytest.approx(response.tension[-1], abs=2e-3)
+        assert (
+            found[case] == one.final_tension(forces[case : case + 1], RATE_HZ, tensions[case : case + 1])[0]
+        )
+
+
+def test_only_what_a_simulation_depends_on_is_varied() -> None:
+    model = with_effects(("force-gain", "sensor:force_lo", {}))
+    with pytest.raises(ValueError, match="vary must name what a simulation depends on"):
+        model.final_tension(np.zeros((1, 10)), RATE_HZ, 1.0, {"sensor:force_lo.force-gain.g": [0.1]})
+
+
 def test_rest_is_where_forces_balance_whatever_goes_with_time() -> None:
     pushed = with_effects(
         ("constant-force", "body:so", {"F_0": -3.0}), ("ground-motion", "body:lo", {"F_a": 1.0})
