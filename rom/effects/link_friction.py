@@ -114,7 +114,7 @@ MEMBERS = (
         {
             "kappa": parameter(0.6, "1", 0.0, 0.95),
             "F_s": parameter(0.0, "N", 0.0, 100.0),
-            "mu": parameter(0.12, "1", 0.0, 0.4),
+            "mu": parameter(0.12, "1", 0.0, 1.0),
         },
         {"kappa": 0.2},
         ("slip",),
@@ -127,7 +127,7 @@ MEMBERS = (
         ground={
             "kappa": parameter(0.1, "1", 0.0, 0.95),
             "F_s": parameter(0.1, "N", 0.0, 100.0),
-            "mu": parameter(0.0, "1", 0.0, 0.4),
+            "mu": parameter(0.0, "1", 0.0, 1.0),
         },
     ),
     Member(

@@ -74,7 +74,7 @@ MEMBERS = (
         {
             "kappa": parameter(0.6, "1", 0.0, 0.95),
             "F_s": parameter(0.0, "N", 0.0, 100.0),
-            "mu": parameter(0.15, "1", 0.0, 0.4),
+            "mu": parameter(0.15, "1", 0.0, 1.0),
             "chi": parameter(-0.5, "1", -0.9, 0.0),
             "beta": parameter(1.0, "1", 0.0, 5.0),
         },
@@ -90,7 +90,7 @@ MEMBERS = (
         ground={
             "kappa": parameter(0.1, "1", 0.0, 0.95),
             "F_s": parameter(0.3, "N", 0.0, 100.0),
-            "mu": parameter(0.0, "1", 0.0, 0.4),
+            "mu": parameter(0.0, "1", 0.0, 1.0),
         },
     ),
 )
