@@ -40,7 +40,9 @@ def row(kind: Kind) -> str:
         changed = kind.elsewhere.get(family, {})
         place = family.removeprefix("sensor:")
         lines += [f"{place}: {_number(kind, name, *number)}" for name, number in changed.items()]
-    cells = (f"`{kind.name}`", ", ".join(kind.allowed), f"`{kind.equation}`", "<br>".join(lines))
+    cells = [f"`{kind.name}`", ", ".join(kind.allowed), f"`{kind.equation}`", "<br>".join(lines)]
+    if kind.outside:
+        cells.append("<br>".join(f"{place}: {name}" for place, name in kind.nearest.items()))
     return f"| {' | '.join(cells)} |"
 
 
@@ -57,7 +59,10 @@ def page() -> str:
         for acts, title in _TITLES.items():
             rows = [row(kind) for kind in KINDS.values() if (kind.acts, kind.outside) == (acts, outside)]
             tail = ", outside the catalogue" if outside else ""
-            head = "| name | place, the usual one first | equation | numbers |\n|---|---|---|---|"
+            columns = ["name", "place, the usual one first", "equation", "numbers"] + outside * [
+                "nearly done by"
+            ]
+            head = f"| {' | '.join(columns)} |\n|{len(columns) * '---|'}"
             parts.append("\n".join([f"## {title}{tail}", head, *rows, ""]))
     return "\n".join(parts)
 

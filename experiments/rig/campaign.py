@@ -28,18 +28,20 @@ class Laboratory:
     duration: float
 
     def measure(self, case: Case, seed: np.random.SeedSequence) -> tuple[dict[str, Channel], Truth]:
-        """Run one test; return its channels and what truly happened."""
-        plant, motion, channels = self.test(case, seed)
-        return channels, truth_of(case, motion, plant)
-
-    def test(self, case: Case, seed: np.random.SeedSequence) -> tuple[Plant, Motion, dict[str, Channel]]:
-        """Run one test; return the rig as it stood, its motion and its channels.
+        """Run one test; return its channels and what truly happened.
 
         Every disturbance draws from its own child of `seed`.
         """
         streams = [np.random.default_rng(child) for child in seed.spawn(7)]
         plant = self.plant if case.preload is not None else self.plant.without_bolt()
         plant = replace(plant, effects=tuple(effect.in_record(streams[6]) for effect in plant.effects))
+        motion, channels = self.test(case, plant, streams[:6])
+        return channels, truth_of(case, motion, plant)
+
+    def test(
+        self, case: Case, plant: Plant, streams: list[np.random.Generator]
+    ) -> tuple[Motion, dict[str, Channel]]:
+        """Run one test on the rig as it then stands; return its motion and its channels."""
         start = -np.ceil(self.instruments.lead * STEP_RATE_HZ) / STEP_RATE_HZ
         motion = run(
             plant,
@@ -54,7 +56,7 @@ class Laboratory:
         channels = self.motion_channels(case, motion, streams[1:4], plant.effects)
         if case.preload is not None:
             channels["strain"] = self.strain_channel(case, motion, streams[4:6], plant)
-        return plant, motion, channels
+        return motion, channels
 
     def motion_channels(
         self,

@@ -70,6 +70,9 @@ class Kind:
         Whether every record has a phase of its own (the two strengths are turned), or a size.
     passive : bool
         Whether it only takes energy out of the motion.
+    nearest : mapping of str to str
+        By place: the effect of the catalogue that nearly does the same in a campaign like the paper's, once
+        the paper's model is refitted (squared cosine of their signatures above 0.88).
     """
 
     name: str
@@ -84,6 +87,7 @@ class Kind:
     elsewhere: Mapping[str, Mapping[str, Number]] = field(default_factory=dict)
     by_record: Literal["", "phase", "size"] = ""
     passive: bool = False
+    nearest: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def outside(self) -> bool:

@@ -1,7 +1,8 @@
 # ruff: noqa: ARG001 - every force has the arguments of its place
 """Undeclared forces that stand outside the catalogue of effects; arguments as in `forces`.
 
-None of them is a sum of the catalogue's members, so that no name of it is the right answer.
+None of them is a member of it, so that no name of it is the right answer; but some act so much like one
+that records hardly tell (`Kind.nearest`).
 """
 
 import math
@@ -11,6 +12,7 @@ from experiments.rig.kinds import Family, Kind, Number
 
 Array = MutableSequence[float]
 LINKS: tuple[Family, ...] = ("joint", "ground")
+EVERYWHERE = ("joint", "flexure_lo", "flexure_so")
 
 
 def _dead_zone(t: float, x: float, v: float, T: float, k: float, s: Array, p: Array, ds: Array) -> float:
@@ -27,6 +29,14 @@ def _cubic_damper(t: float, x: float, v: float, T: float, k: float, s: Array, p:
 
 def _one_sided(t: float, x: float, v: float, T: float, k: float, s: Array, p: Array, ds: Array) -> float:
     return p[0] * max(p[1] * x, 0.0) * v
+
+
+def _skew(t: float, x: float, v: float, T: float, k: float, s: Array, p: Array, ds: Array) -> float:
+    return p[0] * x * v
+
+
+def _even_drag(t: float, x: float, v: float, T: float, k: float, s: Array, p: Array, ds: Array) -> float:
+    return p[0] * v * v
 
 
 def _fast(t: float, x: float, v: float, T: float, k: float, s: Array, p: Array, ds: Array) -> float:
@@ -75,22 +85,37 @@ KINDS = (
         elsewhere={
             "ground": {"c_z": Number(5.0, "N s/m", 0.0, 60.0), "v_0": Number(0.03, "m/s", 0.01, 0.06)}
         },
+        nearest=dict.fromkeys(EVERYWHERE, "quadratic-damping"),
     ),
     Kind(
         "outside-fractional-drag", LINKS, "joint", "c_f abs(v)^0.5 v",
         {"c_f": Number(800.0, "N (s/m)^1.5", 0.0, 8000.0)}, ("c_f",), _fractional, "force", passive=True,
         elsewhere={"ground": {"c_f": Number(15.0, "N (s/m)^1.5", 0.0, 150.0)}},
+        nearest=dict.fromkeys(EVERYWHERE, "quadratic-damping"),
     ),
     Kind(
         "outside-cubic-damper", LINKS, "joint", "c_3 abs(x)^3 v",
         {"c_3": Number(3e14, "N s/m4", 0.0, 5e15)}, ("c_3",), _cubic_damper, "force", passive=True,
         elsewhere={"ground": {"c_3": Number(1e10, "N s/m4", 0.0, 3e11)}},
+        nearest=dict.fromkeys(EVERYWHERE, "displacement-damping"),
     ),
     Kind(
         "outside-one-sided-damper", LINKS, "joint", "c_1 max(side x, 0) v",
         {"c_1": Number(3e6, "N s/m2", 0.0, 4e7), "side": Number(1.0, "1", -1.0, 1.0)},
         ("c_1",), _one_sided, "force", passive=True,
         elsewhere={"ground": {"c_1": Number(1e4, "N s/m2", 0.0, 2e5)}},
+        nearest=dict.fromkeys(EVERYWHERE, "displacement-damping"),
+    ),
+    Kind(
+        "outside-skew-damper", LINKS, "joint", "c_k x v", {"c_k": Number(2e6, "N s/m2", -8e6, 8e6)},
+        ("c_k",), _skew, "force",
+        elsewhere={"ground": {"c_k": Number(1e4, "N s/m2", -1e5, 1e5)}},
+        nearest={"joint": "displacement-damping"},
+    ),
+    Kind(
+        "outside-even-drag", LINKS, "joint", "c_e v^2", {"c_e": Number(2e3, "N s2/m2", -2e4, 2e4)},
+        ("c_e",), _even_drag, "force",
+        elsewhere={"ground": {"c_e": Number(50.0, "N s2/m2", -400.0, 400.0)}},
     ),
     Kind(
         "outside-speed-softening", LINKS, "joint", "-alpha k x v^2 / (v^2 + v_r^2)",
@@ -99,6 +124,7 @@ KINDS = (
         elsewhere={
             "ground": {"alpha": Number(0.03, "1", 0.0, 0.2), "v_r": Number(0.05, "m/s", 0.02, 0.1)}
         },
+        nearest=dict.fromkeys(EVERYWHERE[1:], "microslip-softening"),
     ),
     Kind(
         "outside-parametric-stiffness", LINKS, "joint", "k x (a_c cos(2 pi f t) + a_s sin(2 pi f t))",
@@ -134,5 +160,6 @@ KINDS = (
             "f_r": Number(300.0, "Hz", 150.0, 500.0),
         },
         ("m_r",), _rattling, "force", 2, passive=True,
+        nearest={"body:lo": "jenkins-slip"},
     ),
 )  # fmt: skip

@@ -119,5 +119,6 @@ KINDS = (
         "outside-loosening-by-action", TENSION, "tension", "rate - g_s T follow (abs(x v) / 5 mm2/s)^n_s",
         {"g_s": Number(1.0, "1/s", 0.0, 100.0), "n_s": Number(1.5, "1", 1.0, 2.0)},
         ("g_s",), _action, "rate",
+        nearest={"tension": "loosening-dissipation"},
     ),
 )  # fmt: skip

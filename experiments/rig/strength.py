@@ -1,7 +1,7 @@
 """How much an undeclared effect changes, and effects of a strength drawn at random."""
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import lru_cache
 from math import exp, log
 
 import numpy as np
@@ -63,7 +63,8 @@ def trial(plant: Plant, preload: float, strength: float) -> Trial:
     kit = Instruments().scaled(0.0)
     hit = Hit("lo", strength, IMPACT, contact_time(strength))
     case = Case("", "loosening", hit, preload, preload)
-    _, motion, channels = Laboratory(plant, kit, DURATION).test(case, np.random.SeedSequence(0))
+    streams = [np.random.default_rng(0) for _ in range(6)]
+    motion, channels = Laboratory(plant, kit, DURATION).test(case, plant, streams)
     struck = np.searchsorted(motion.time, IMPACT)
     still = slice(np.searchsorted(motion.time, 0.0), struck)
 
@@ -82,7 +83,7 @@ def trial(plant: Plant, preload: float, strength: float) -> Trial:
     return Trial((lo, so, lo - so), seen, tension[early:], -float(np.mean(tension[-late:])), level)
 
 
-@cache
+@lru_cache(maxsize=4)
 def reference(plant: Plant) -> dict[tuple[float, float], Trial]:
     """Trial tests of the rig without what is added."""
     return {(preload, hit): trial(plant, preload, hit) for preload in PRELOADS for hit in HITS}

@@ -126,6 +126,7 @@ class Undeclared:
                 name: {"value": value, "unit": units[name]} for name, value in self.parameters.items()
             },
             "in_catalogue": not self.kind.outside,
+            "nearest": self.kind.nearest.get(self.enters),
             "by_record": self.kind.by_record,
         }
 
