@@ -97,7 +97,7 @@ def equilibrium(model: Model, tension: Mapping[str, float]) -> Mapping[str, floa
     x = np.zeros(len(bodies))
     force = _force_on_bodies(model, x, tension)
     largest = float(np.abs(force).max())
-    if largest == 0.0:
+    if largest == 0.0 or not np.isfinite(largest):
         return {}
     for _ in range(_ITERATIONS):
         steps = np.diag(np.maximum(1e-6 * np.abs(x), 1e-9))
@@ -106,6 +106,8 @@ def equilibrium(model: Model, tension: Mapping[str, float]) -> Mapping[str, floa
             / (2 * d.max())
             for d in steps
         ]
+        if not np.isfinite(columns).all():
+            return {}
         x = x - np.linalg.lstsq(np.stack(columns, axis=1), force, rcond=1e-10)[0]
         force = _force_on_bodies(model, x, tension)
         if float(np.abs(force).max()) <= 1e-10 * largest:

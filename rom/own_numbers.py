@@ -126,6 +126,8 @@ def _of_force(
     ]
     columns += [(shown(silent, rest, {body: size["velocity"]}) - still) / size["velocity"] for body in bodies]
     signals = np.stack([m.samples[:count] for m in measurement.motion.values()]) - still
+    if not np.isfinite(signals).all() or not np.isfinite(columns).all():  # the model diverges as it is
+        return model, None
     own = np.concatenate([_own(effect), np.zeros(2 * len(bodies))])
     found = _fit(signals, np.stack(columns), own, drawn=len(units))
     displacement, velocity = np.split(found[len(units) :], 2)

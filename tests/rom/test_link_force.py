@@ -132,6 +132,12 @@ def test_what_is_not_pushed_or_floats_starts_at_zero() -> None:
     assert floating.simulate({"m": np.zeros(100)}, 1000.0).displacement["m"][0] == 0.0
 
 
+def test_a_force_that_is_no_number_at_zero_leaves_the_start_at_zero() -> None:
+    broken = free_form("w / x", "flexure_lo", {"w": Parameter(1.0, "N m")}).added_to(MODEL)
+    assert broken.equilibrium(300.0) is None
+    assert broken.simulate({"lo": np.zeros(50)}, RATE_HZ, 300.0).status == "diverged"
+
+
 def test_an_unknown_link_is_named() -> None:
     with pytest.raises(ValueError, match=r"link must be one of .*, got 'bolt'"):
         MODEL.link_force("bolt", np.zeros(10), 1000.0)

@@ -67,6 +67,11 @@ def test_ground_motion_is_found_with_the_state_it_keeps_up() -> None:
     assert max(map(abs, quiet.displacement.values())) < 1e-5
 
 
+def test_a_model_that_diverges_has_a_result_still() -> None:
+    wild = held("ground-motion", "body:lo", f=11.0).with_values({"flexure_lo.stiffness.k": -1e12})
+    assert not compare(wild, record(MODEL), SETTINGS.windows).finished
+
+
 def test_nothing_before_the_impact_leaves_the_models_own() -> None:
     model = held("hum", "sensor:acceleration_so", A=0.03, B=0.04)
     shown = record(MODEL, [model.effects[0]], noise=1.0)  # type: ignore[list-item]
