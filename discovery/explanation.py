@@ -1,0 +1,61 @@
+"""What an effect explains: its cost on every record with it and without, fitted to training records alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rom.channels import FloatArray
+from rom.effects import Added
+
+Costs = Mapping[str, float]  # -2 log likelihood, or whitened squares, by record
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """An effect with the values that suit the training records best, everything else refitted beside it.
+
+    Attributes
+    ----------
+    effect : Added
+        With its fitted parameters and their 95 % limits.
+    before, after : mapping of str to float
+        Cost of every record, held out or not, without and with the effect: whitened squares or
+        -2 log likelihood, so that a difference of 1 is one unit of chance.
+    samples : mapping of str to int
+        Whitened numbers behind every record's cost.
+    hold_out : frozenset of str
+        Records that no number was fitted to.
+    free_numbers : int
+        Of the effect alone.
+    at_bound : tuple of str
+        Parameters that ended at an end of their range.
+    """
+
+    effect: Added
+    before: Costs
+    after: Costs
+    samples: Mapping[str, int]
+    hold_out: frozenset[str]
+    free_numbers: int
+    at_bound: tuple[str, ...] = ()
+
+    def gains(self, *, hold_out: bool) -> FloatArray:
+        """Cost taken away from each record of a kind, (records,)."""
+        files = self._files(hold_out)
+        return np.array([self.before[file] - self.after[file] for file in files])
+
+    def cost(self, *, hold_out: bool) -> float:
+        """Cost with the effect over all records of a kind."""
+        return float(sum(self.after[file] for file in self._files(hold_out)))
+
+    def share(self, *, hold_out: bool = False) -> float:
+        """Share of the cost that the effect takes away."""
+        files = self._files(hold_out)
+        whole = sum(self.before[file] for file in files)
+        return float(self.gains(hold_out=hold_out).sum() / whole) if whole > 0 else 0.0
+
+    def _files(self, hold_out: bool) -> Sequence[str]:
+        return [file for file in self.before if (file in self.hold_out) == hold_out]
