@@ -116,6 +116,7 @@ def _part(
         measurement.file, group, frequency, force_spectrum, motion_spectrum, orders, terms, local,
         *(((0.0, 0.0), (0.0, 0.0)) if not np.any(force[start:stop]) else
           (_force_errors(measurement), _sampling_errors(measurement))),
+        samples=(start, stop),
     )  # fmt: skip
 
 

@@ -67,11 +67,8 @@ def _whiteners(records: Sequence[SpectralRecord], parts: Sequence[Linearised]) -
         groups.setdefault((record.group, len(record.frequency)), []).append(i)
     out: list[ComplexArray] = [np.empty(0, dtype=np.complex128)] * len(records)
     for members in groups.values():
-        sensor = np.median(
-            np.abs(np.stack([parts[i].unweighted for i in members])) ** 2, axis=(0, 1)
-        ) / np.log(2)
-        sensor = np.maximum(sensor, 1e-12 * sensor.max() + np.finfo(float).tiny)
-        ambient = _ambient(records[members[0]].frequency, [parts[i] for i in members], sensor)
+        sensor = sensor_noise([parts[i] for i in members])
+        ambient = ambient_forces(records[members[0]].frequency, [parts[i] for i in members], sensor)
         for i in members:
             gain = parts[i].gain
             total = gain @ ambient @ gain.conj().swapaxes(1, 2) + np.diag(sensor)
@@ -79,7 +76,13 @@ def _whiteners(records: Sequence[SpectralRecord], parts: Sequence[Linearised]) -
     return out
 
 
-def _ambient(frequency: FloatArray, parts: Sequence[Linearised], sensor: FloatArray) -> ComplexArray:
+def sensor_noise(parts: Sequence[Linearised]) -> FloatArray:
+    """Return the power of the sensors' noise at a line, (channels,): the median over lines and records."""
+    power = np.median(np.abs(np.stack([part.unweighted for part in parts])) ** 2, axis=(0, 1)) / np.log(2)
+    return np.asarray(np.maximum(power, 1e-12 * power.max() + np.finfo(float).tiny))
+
+
+def ambient_forces(frequency: FloatArray, parts: Sequence[Linearised], sensor: FloatArray) -> ComplexArray:
     """Return the cross-spectrum Q(f) of the ambient forces: residuals brought to the joint of force, less
     their noise.
 

@@ -12,7 +12,7 @@ eliminated for each record, and carry a free decay's initial state.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -55,7 +55,8 @@ class SpectralRecord:
     `local` names the terms that belong to this record alone; the others have one value for all records.
     `force_errors` are the standard errors of the force's relative gain and of its delay [s] that the hammer's
     noise leaves, `sampling_errors` those that a pulse of few samples leaves, in the acceleration during the
-    contact as well; they are estimated beside the end states, within their own spread.
+    contact as well; they are estimated beside the end states, within their own spread. `samples` are the
+    first sample of the record that the spectra cover, and the one after the last.
     """
 
     file: str
@@ -68,6 +69,7 @@ class SpectralRecord:
     local: frozenset[str] = frozenset()
     force_errors: tuple[float, float] = (0.0, 0.0)
     sampling_errors: tuple[float, float] = (0.0, 0.0)
+    samples: tuple[int, int] = (0, 0)
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,15 @@ class Linearised:
     columns: tuple[str, ...]
     unweighted: ComplexArray
     gain: ComplexArray
+    ends: FloatArray = field(repr=False)
+    inverse: FloatArray = field(repr=False)
+    whitener: ComplexArray = field(repr=False)
+
+    def projected(self, change: ComplexArray) -> FloatArray:
+        """Return a change of the output (lines, channels) whitened, the end states projected out."""
+        white = _whitened(change, self.whitener)
+        rows = np.concatenate([white, np.zeros(len(self.ends) - len(white))])
+        return _projected_out(self.ends, self.inverse, rows)[1]
 
 
 def spectrum(
@@ -125,7 +136,15 @@ def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Com
         tuple(key(record, term) for term in free),
         residual,
         system.gain,
+        columns,
+        inverse,
+        whitener,
     )
+
+
+def transfer(record: SpectralRecord, values: Mapping[str, float]) -> ComplexArray:
+    """Return the matrices from forces on the bodies to the channels, (lines, channels, bodies)."""
+    return _system(record, values).gain
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,107 @@
+"""The noise of every kind of test as it is before the hit, where no model can be wrong.
+
+Noise of a channel has the spectrum S = G Q G^H + R per second of record: ambient forces Q(f) through the
+structure's transfer G, and sensor noise R. Both come from what precedes the hits (`rom.output_error`); where
+nothing does, from what a model leaves over, which then passes for noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rom.campaign import CampaignSettings
+from rom.output_error import ambient_forces, sensor_noise
+from rom.processing import Measurement
+from rom.spectra import ComplexArray, FloatArray, Linearised, SpectralRecord, linearise, spectrum, transfer
+
+Group = tuple[str, tuple[str, ...]]
+_MARGIN_S = 0.02
+_SHORTEST_S = 0.2
+_HIGHEST_HZ = 1000.0
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """Power densities of sensor noise R, (channels,), and of ambient forces Q, (lines, bodies, bodies)."""
+
+    bodies: tuple[str, ...]
+    sensor: FloatArray
+    frequency: FloatArray
+    ambient: ComplexArray
+
+    def whitener(self, record: SpectralRecord, values: Mapping[str, float], seconds: float) -> ComplexArray:
+        """Return S^-1/2 at the lines of a record's spectra over so many seconds."""
+        nearest = np.clip(np.searchsorted(self.frequency, record.frequency), 0, len(self.frequency) - 1)
+        gain = transfer(record, values)
+        ambient = gain @ self.ambient[nearest] @ gain.conj().swapaxes(1, 2)
+        return np.linalg.inv(np.linalg.cholesky((ambient + np.diag(self.sensor)) * seconds / 2))
+
+
+@dataclass(frozen=True)
+class Quiet:
+    """What a record shows where nothing but noise is expected: its motion less any part that is explained."""
+
+    group: Group
+    left_over: Linearised
+    frequency: FloatArray
+    seconds: float
+
+
+def before_hit(
+    measurement: Measurement,
+    settings: CampaignSettings,
+    like: SpectralRecord,
+    values: Mapping[str, float],
+    seconds: float,
+) -> Quiet:
+    """Return the motion of the first ``seconds`` of a record, its end states projected out."""
+    bodies = tuple(body for body in settings.body_names if body in measurement.motion)
+    stop = int(seconds * measurement.rate_hz)
+    motion = np.stack([measurement.motion[body].samples[:stop] for body in bodies], axis=1)
+    band = (measurement.chain.cutoff_hz, min(_HIGHEST_HZ, 0.4 * measurement.rate_hz))
+    frequency, lines = spectrum(motion - motion.mean(axis=0), measurement.rate_hz, band)
+    segment = SpectralRecord(
+        like.file, "before", frequency, np.zeros_like(lines), lines, like.orders, like.terms, like.local
+    )
+    return Quiet((measurement.test, bodies), linearise(segment, values, _plain(lines)), frequency, seconds)
+
+
+def quiet_seconds(measurements: Sequence[Measurement]) -> float:
+    """Return how long all records of a kind are quiet before the hit [s]; zero where that is too short."""
+    longest = min((m.impact_s or 0.0 for m in measurements), default=0.0) - _MARGIN_S
+    return longest if longest >= _SHORTEST_S else 0.0
+
+
+def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseFloor]:
+    """Return the floor of every group; ambient forces of a body come from the group of the quietest sensors."""
+    members: dict[Group, list[Quiet]] = {}
+    for one in quiet:
+        members.setdefault(one.group, []).append(one)
+    sensors = {
+        group: sensor_noise([one.left_over for one in ones]) / ones[0].seconds
+        for group, ones in members.items()
+    }
+    found = {}
+    for group in members:
+        place, source = _source(group, sensors)
+        ones = members[source]
+        ambient = ambient_forces(
+            ones[0].frequency, [one.left_over for one in ones], sensors[source] * ones[0].seconds
+        )
+        density = ambient[:, place][:, :, place] / ones[0].seconds
+        found[group] = NoiseFloor(group[1], sensors[group], ones[0].frequency, density)
+    return found
+
+
+def _source(group: Group, sensors: Mapping[Group, FloatArray]) -> tuple[list[int], Group]:
+    """Return the group whose ambient forces serve, and the places of the bodies in it."""
+    able = [other for other in sensors if set(group[1]) <= set(other[1])]
+    best = min(able, key=lambda other: (float(np.max(sensors[other])), other != group))
+    return [best[1].index(body) for body in group[1]], best
+
+
+def _plain(lines: ComplexArray) -> ComplexArray:
+    return np.tile(np.eye(lines.shape[1], dtype=np.complex128), (len(lines), 1, 1))
