@@ -1,10 +1,39 @@
-"""Decides between models: candidate tension laws, ranked by re-simulation.
+"""Decides between models: candidate tension laws ranked by re-simulation, and effects that a model lacks.
 
 ``discover(campaign)`` gives a `Ranking`: ``ranking.laws``, ``ranking.summary()``, ``ranking.plot()``,
-``ranking.to_frame()`` and, with the first law in it, ``ranking.model``.
+``ranking.to_frame()`` and, with the first law in it, ``ranking.model``. ``close_loop(campaign)`` gives a
+`Closure`: ``closure.verdict``, ``closure.effects``, ``closure.model``, ``closure.summary()``,
+``closure.plot()``.
 """
 
-from discovery.discover import discover
-from discovery.ranked import RankedLaw, Ranking
+from __future__ import annotations
 
-__all__ = ["RankedLaw", "Ranking", "discover"]
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from discovery.discover import discover
+
+if TYPE_CHECKING:
+    from discovery.closure import Closure
+    from discovery.ranked import RankedLaw, Ranking
+    from discovery.refinement import close_loop
+
+_HOME = {
+    "Closure": "discovery.closure",
+    "RankedLaw": "discovery.ranked",
+    "Ranking": "discovery.ranked",
+    "close_loop": "discovery.refinement",
+}
+__all__ = ["Closure", "RankedLaw", "Ranking", "close_loop", "discover"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'discovery' has no attribute {name!r}; it has {', '.join(__all__)}")
+    return getattr(importlib.import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    """Name the public interface."""
+    return list(__all__)

@@ -153,6 +153,24 @@ def discover(
     _say(f"wrote {path}, the first law's model.json and figures beside it", quiet)
 
 
+@app.command(epilog="Example: boltlaw close rig-campaign")
+def close(
+    campaign: CampaignPath,
+    out: Out = None,
+    seed: Seed = 0,
+    jobs: Jobs = _CORES,
+    cluster: Cluster = None,
+    quiet: Quiet = False,
+) -> None:
+    """Trace what the model leaves to a missing effect, add it, and report the errors before and after."""
+    from experiments.studies import close as study
+
+    with _progress(quiet) as report, execution(cluster):
+        path = study.run(campaign, results_folder(campaign, out), seed, jobs, report, _command())
+    _say(study.summary(path), quiet)
+    _say(f"wrote {path}, the refined model.json and figures beside it", quiet)
+
+
 @app.command(epilog="Example: boltlaw predict rig-campaign-results/model.json rig-campaign --out prediction")
 def predict(
     model: Annotated[Path, typer.Argument(help="A model.json.", callback=existing)],

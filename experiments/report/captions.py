@@ -1,6 +1,27 @@
 """Titles and captions of the figures by name, in the order of a report."""
 
 CAPTIONS: dict[str, tuple[str, str]] = {
+    "closure-errors": (
+        "Errors before and after",
+        "Errors of the declared model and after every effect that was added, each with all numbers of the "
+        "model fitted again to the training records.",
+    ),
+    "closure-residual": (
+        "Where the residual lived",
+        "Mean square of what the model leaves, over that of noise, along several views: hollow before, "
+        "filled after. At the dashed line only noise is left.",
+    ),
+    "closure-screened": (
+        "What could explain the residual",
+        "Share of the first residual that each effect alone could take away beyond what other numbers of the "
+        "declared model could. Blue: added to the model.",
+    ),
+    "closure-effects": (
+        "What was added",
+        "Force of each added effect along the motion of training records, in the first 0.2 s after the "
+        "impact; or, where it changes the law of loosening, the mean loss rate over a cycle of harmonic "
+        "motion. In the legend: tension before the impact.",
+    ),
     "law-leader-board": (
         "Leader board of tension laws",
         "Left, the difference of the Bayesian information criterion (BIC) to the first law, smaller is "

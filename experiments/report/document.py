@@ -12,7 +12,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from experiments.report import equations, rankings, verdicts
+from experiments.report import closures, equations, rankings, verdicts
 from experiments.report.captions import caption, order
 from experiments.report.results import Result, Results, read_results
 from experiments.report.scores import comparison_tables, identification_of, mappings
@@ -30,7 +30,7 @@ _SHOWN = {
     "reproduction": {"rows"},
     "ranking": {"laws", "cases", "considered", "indistinguishable", "proposals", "exponent_profile",
                 "motion_profile", "inclusion", "considered_laws"},
-    "closure": {"verdict"},
+    "closure": {"verdict", "summary", "effects", "steps", "residual", "screened"},
 }  # fmt: skip
 _PLACES = (("stiffness", "k"), ("damping", "c"), ("tension_rate", "T"))
 
@@ -47,10 +47,10 @@ class Picture:
 
 @dataclass(frozen=True)
 class Law:
-    """A law or an effect of the model: its name and its equation."""
+    """A law or an effect of the model: its name and its equations."""
 
     name: str
-    shown: Markup
+    shown: tuple[Markup, ...]
 
 
 def render(directory: Path) -> str:
@@ -74,6 +74,7 @@ def render(directory: Path) -> str:
     return environment.get_template("page.html.j2").render(
         title=_title(found.results),
         answers=[a for result in found.results if (a := verdicts.answer(result.kind, result.data))],
+        closure=[b for r in found.results if r.kind == "closure" for b in closures.blocks(r.data)],
         ranking=[t for r in found.results if r.kind == "ranking" for t in rankings.tables(r.data)],
         errors=comparison_tables(found.results),
         motion=_motion(found.results),
@@ -107,7 +108,7 @@ def _motion(results: Sequence[Result]) -> list[Markup]:
 
 def _laws(results: Sequence[Result]) -> list[Law]:
     """Return the laws that are more than a constant, and the effects, of the first model."""
-    model: Data = next((result.data for result in results if result.kind in ("model", "closure")), {})
+    model: Data = next((result.data for result in results if result.kind == "model"), {})
     laws = []
     for link in mappings(model.get("links")):
         for place, letter in _PLACES:
@@ -116,12 +117,13 @@ def _laws(results: Sequence[Result]) -> list[Law]:
                 "constant stiffness",
                 "constant damping",
             ):
-                laws.append(Law(f"{link.get('name')}: {law.get('name')}", _law_equation(letter, law, link)))
+                laws.append(
+                    Law(f"{link.get('name')}: {law.get('name')}", (_law_equation(letter, law, link),))
+                )
     for effect in mappings(model.get("effects")):
-        name, left = str(effect.get("name")), equations.symbol("f")
-        laws.append(
-            Law(f"{name}, at {effect.get('enters')}", equations.equation(left, str(effect.get("equation"))))
-        )
+        enters = str(effect.get("enters") or "")
+        shown = equations.effect_equations(str(effect.get("equation") or ""), enters)
+        laws.append(Law(f"{effect.get('name')}, {closures.place_words(enters)}", tuple(shown)))
     return laws
 
 
@@ -161,6 +163,7 @@ def _details(results: Sequence[Result]) -> list[Table]:
                 if key not in {*_HEADER, *_NOTES, "errors", "records"}:
                     tables += tables_of(value, label(key))
         known |= _SHOWN.get(result.kind, set())
+        tables += closures.details(result.data) if result.kind == "closure" else []
         for key, value in result.data.items():
             if key not in known:
                 tables += tables_of(value, f"{label(result.kind)}: {label(key).lower()}")

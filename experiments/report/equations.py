@@ -18,6 +18,19 @@ _OPERATORS: dict[type[ast.operator], str] = {ast.Add: "+", ast.Sub: "−", ast.M
 _ATOM = 9
 _MISSING_TIMES = re.compile(r"(?<=[\w)])\s+(?=[A-Za-z_(])")
 _DEEPEST = 40
+_PRIME = re.compile(r"\b([A-Za-z_]\w*)'")
+_RATE = re.compile(r"^d([A-Za-z_]\w*)/dt$")
+_STATE = re.compile(r"^([A-Za-z])(\d+)$")
+_DERIVATIVE = "derivative"  # name of a function that no equation has
+_COMPARED: dict[type[ast.cmpop], str] = {ast.Gt: ">", ast.GtE: "≥", ast.Lt: "<", ast.LtE: "≤"}
+_SIGNS = {  # of a function with so many arguments
+    ("sqrt", 1): "<msqrt>{}</msqrt>",
+    ("abs", 1): "<mo>|</mo>{}<mo>|</mo>",
+    ("where", 3): '<mo>{{</mo><mtable columnalign="left left"><mtr><mtd><mrow>{1}</mrow></mtd><mtd><mrow>'
+    "<mtext>where&nbsp;</mtext>{0}</mrow></mtd></mtr><mtr><mtd><mrow>{2}</mrow></mtd><mtd><mtext>else</mtext>"
+    "</mtd></mtr></mtable>",
+}
+_SPELT = frozenset({"tanh", "log", "sin", "cos", "max", "min", "sign", "step"})
 
 
 def math(*parts: str | Markup, block: bool = False) -> Markup:
@@ -29,7 +42,7 @@ def math(*parts: str | Markup, block: bool = False) -> Markup:
 
 def symbol(name: str, dots: int = 0) -> Markup:
     """Return a name as a symbol: Greek where it spells a letter, its tail as subscript, dots on top."""
-    head, _, tail = _SHORT.get(name, name).partition("_")
+    head, _, tail = _STATE.sub(r"\1_\2", _SHORT.get(name, name)).partition("_")
     base = Markup("<mi{}>{}</mi>").format(Markup("") if len(_letter(head)) == 1 else _UPRIGHT, _letter(head))
     if dots:
         base = Markup("<mover>{}<mo>{}</mo></mover>").format(base, _DOTS[dots])
@@ -61,10 +74,32 @@ def expression(text: str) -> Markup | None:
 
 def equation(left: Markup, text: str) -> Markup:
     """Return ``left = text`` as one displayed equation; text that is no expression is shown as it is."""
-    right = expression(text)
+    right = expression(_PRIME.sub(rf"{_DERIVATIVE}(\1)", text))
     if right is None:
         return Markup("<p>{} <code>{}</code></p>").format(math(left, Markup("<mo>=</mo>")), text)
     return math(left, Markup("<mo>=</mo>"), right, block=True)
+
+
+def effect_equations(text: str, enters: str) -> list[Markup]:
+    """Return the equations of an effect, one for each part that a semicolon ends.
+
+    A part without a left side is what the effect adds: a rate of the tension, a force, a reading.
+    """
+    lines = []
+    for part in text.split(";"):
+        left, equals, right = part.partition(" = ")
+        if not equals:
+            left, right = ("dT/dt" if enters == "tension" else "F"), part
+        lines.append(equation(_left(left.strip()), right.strip()))
+    return lines
+
+
+def _left(text: str) -> Markup:
+    """Return the left side of an equation: a symbol, the rate of one, or an expression."""
+    rate = _RATE.match(text)
+    if rate:
+        return symbol(rate[1], 1)
+    return expression(_PRIME.sub(rf"{_DERIVATIVE}(\1)", text)) or Markup("<mi>{}</mi>").format(text)
 
 
 def _shown(node: ast.expr, depth: int) -> tuple[Markup, int]:
@@ -80,6 +115,9 @@ def _shown(node: ast.expr, depth: int) -> tuple[Markup, int]:
             return _MINUS + _within(operand, 2, depth), 2
         case ast.BinOp():
             return _operation(node, depth)
+        case ast.Compare(left=left, ops=[sign], comparators=[right]) if type(sign) in _COMPARED:
+            text = _COMPARED[type(sign)]
+            return _within(left, 1, depth) + Markup("<mo>{}</mo>").format(text) + _within(right, 1, depth), 0
         case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
             return _call(name, arguments, depth)
     raise ValueError(f"{type(node).__name__} is not part of an expression")
@@ -119,12 +157,15 @@ def _call(name: str, arguments: Sequence[ast.expr], depth: int) -> tuple[Markup,
         return _shown(arguments[0], depth + 1)
     if name == "exp" and len(shown) == 1:
         return _power(Markup("<mi>e</mi>"), shown[0]), 4
-    if name == "sqrt" and len(shown) == 1:
-        return Markup("<msqrt>{}</msqrt>").format(shown[0]), _ATOM
-    if name == "abs" and len(shown) == 1:
-        return Markup("<mo>|</mo>{}<mo>|</mo>").format(shown[0]), _ATOM
+    if name == _DERIVATIVE and len(arguments) == 1 and isinstance(arguments[0], ast.Name):
+        return symbol(arguments[0].id, 1), _ATOM
+    if (name, len(shown)) in _SIGNS:
+        return Markup(_SIGNS[name, len(shown)]).format(*shown), _ATOM
+    spelt = Markup('<mi mathvariant="normal">{}</mi>').format("ln" if name == "log" else name)
     listed = Markup("<mo>,</mo>").join(shown)
-    return Markup('<mi mathvariant="normal">{}</mi><mo>(</mo>{}<mo>)</mo>').format(name, listed), _ATOM
+    return (spelt if name in _SPELT else symbol(name)) + Markup("<mo>(</mo>{}<mo>)</mo>").format(
+        listed
+    ), _ATOM
 
 
 def equations_of_motion(bodies: Sequence[str], links: Sequence[Mapping[str, Any]]) -> list[Markup]:

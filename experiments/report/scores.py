@@ -13,7 +13,6 @@ Data = Mapping[str, Any]
 
 _WORDS = {
     "model": "identified model",
-    "closure": "model before and after",
     "reproduction": "model",
 }
 _DIGITS = {"paper": 4, "ours": 4, "tolerance": 2}
@@ -27,7 +26,7 @@ def comparison_tables(results: Sequence[Result]) -> list[Table]:
         errors = result.data.get("errors") or identification_of(result.data).get("errors")
         if result.kind == "reproduction":
             tables.append(_reproduction(result.data))
-        if result.kind != "ranking":
+        if result.kind not in ("ranking", "closure"):
             tables.append(errors_table(errors, f"Errors of the {_WORDS.get(result.kind, result.kind)}"))
     return [table for table in tables if table is not None]
 

@@ -71,12 +71,16 @@ def errors_table(data: object, caption: str) -> Table | None:
     heads = tuple(
         ", ".join(_SETS.get(key, label(key)) for key in path) or "all records" for path, _ in columns
     )
-    rows = []
+    rows = tuple(error_rows([errors for _, errors in columns]))
+    return Table(caption, ("", *(head[:1].upper() + head[1:] for head in heads)), rows)
+
+
+def error_rows(columns: Sequence[Data]) -> Iterator[tuple[str | Markup, ...]]:
+    """Yield a row for every error measure that one of the columns has."""
     for key, (text, unit, factor) in MEASURES.items():
-        values = [errors.get(key) for _, errors in columns]
+        values = [errors.get(key) for errors in columns]
         if any(value is not None for value in values) and (key != "failed" or any(values)):
-            rows.append((f"{text} [{unit}]" if unit else text, *(_scaled(value, factor) for value in values)))
-    return Table(caption, ("", *(head[:1].upper() + head[1:] for head in heads)), tuple(rows))
+            yield f"{text} [{unit}]" if unit else text, *(_scaled(value, factor) for value in values)
 
 
 def _scaled(value: object, factor: float) -> str:

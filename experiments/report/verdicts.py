@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from experiments.report import rankings
+from experiments.report import closures, rankings
 from experiments.report.answers import Answer, Headline
 from experiments.report.wording import number
 
@@ -152,27 +152,6 @@ def _of_prediction(data: Data) -> Answer | None:
     )
 
 
-_CLOSURE = {
-    "closed": "The loop closes: the added effects bring the residual down to what repeat noise explains.",
-    "no-effect": "Nothing is missing that these records show: no effect beats chance on hold-out records.",
-    "unexplained": "Something is still missing: significant residual is left beside the effects that helped.",
-}
-
-
-def _of_closure(data: Data) -> Answer | None:
-    verdict = str(data.get("verdict"))
-    effects = [str(effect.get("name")) for effect in data.get("effects") or [] if isinstance(effect, Mapping)]
-    sentences = [f"Added: {', '.join(effects)}."] if effects else ["No effect was added."]
-    good = {"closed": True, "no-effect": True, "unexplained": False}.get(verdict)
-    return Answer(
-        "Is anything missing from the model, and what?",
-        _CLOSURE.get(verdict, f"Verdict: {verdict}."),
-        tuple(sentences),
-        (),
-        good,
-    )
-
-
 def _mapping(value: object) -> Data:
     return value if isinstance(value, Mapping) else {}
 
@@ -190,5 +169,5 @@ _ANSWERS: Mapping[str, Callable[[Data], Answer | None]] = {
     "reproduction": _of_reproduction,
     "prediction": _of_prediction,
     "ranking": rankings.answer,
-    "closure": _of_closure,
+    "closure": closures.answer,
 }

@@ -1,0 +1,241 @@
+"""A closed loop in plain words: what was missing, how one knows, what changed, what remains; and a figure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from discovery.closure import Closure, FoundEffect, Kind, LookAlike
+    from discovery.localisation import Localisation, Profile
+    from rom.laws import Parameter
+
+VIEWS = {
+    "by_channel": "channel",
+    "by_test": "kind of test",
+    "by_frequency": "frequency",
+    "by_time": "time since the impact",
+    "by_preload": "preload",
+    "by_amplitude": "amplitude",
+}
+_MEASURES = (
+    ("motion_nrmse", "the displacement", 100.0, " %"),
+    ("relative_motion_nrmse", "the relative displacement of the joint", 100.0, " %"),
+    ("tension_loss_error_percent_median", "the loss of tension (median)", 1.0, " %"),
+    ("tension_rmse_n", "the tension after the impact", 1.0, " N"),
+    ("link_force_nrmse", "the link force", 100.0, " %"),
+)
+_STANDS_OUT = 1.3  # times the smallest of its view
+_NAMED = 3
+_SURE = 0.01
+
+
+def paragraph(closure: Closure) -> str:
+    """Return the result for people: what was missing, how one knows, what changed, what remains."""
+    return "\n".join(text for text in sections(closure).values() if text)
+
+
+def sections(closure: Closure) -> Mapping[str, str]:
+    """Return what was ``missing``, the ``evidence``, what it ``changed`` and what ``remains``; empty where
+    there is nothing to say.
+    """
+    return {
+        "missing": " ".join(_missing(closure)),
+        "evidence": " ".join(_evidence(closure)),
+        "changed": " ".join(_changed(closure)),
+        "remains": " ".join(_remains(closure)),
+    }
+
+
+def place_words(enters: str) -> str:
+    """Return where an effect enters, in words: ``"the link joint"``, ``"the body so"``."""
+    kind, _, name = enters.partition(":")
+    if kind == "tension":
+        return "the tension of the bolt"
+    return f"the {kind} {name}" if name else f"the link {enters}"
+
+
+def _missing(closure: Closure) -> Iterator[str]:
+    if not closure.effects:
+        yield (
+            "Something is missing, and no effect of the catalogue explains it."
+            if closure.verdict == "unexplained"
+            else "Nothing is missing that these records show: no effect of the catalogue beats chance."
+        )
+        return
+    yield f"The declared model lacked {' and '.join(map(_named, closure.effects))}."
+    for found in closure.effects:
+        effect = found.effect
+        numbers = [_with_limits(name, p) for name, p in effect.parameters.items()]
+        yield f"{effect.name}: {effect.equation}{', with ' if numbers else ''}{', '.join(numbers)}."
+        if effect.place == "sensor":
+            yield "It is a fault of the measurement, not of the structure, and is taken out of the records."
+
+
+def _named(found: FoundEffect) -> str:
+    what = "a term outside the catalogue" if found.source == "free-form" else found.effect.name
+    return f"{what} in {place_words(found.effect.enters)}"
+
+
+def _with_limits(name: str, parameter: Parameter) -> str:
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    shown = f"{name} = {_number(parameter.value)}{unit}"
+    if parameter.low is None or parameter.high is None:
+        return shown
+    return f"{shown} (95 %: {_number(parameter.low)} to {_number(parameter.high)})"
+
+
+def _evidence(closure: Closure) -> Iterator[str]:
+    several = len(closure.effects) > 1
+    for found in closure.effects:
+        won, records = found.wins
+        what = found.effect.name if several else "It"
+        text = f"{what} takes away {_percent(found.share)} of the residual on training records"
+        if records:
+            text += f", and {won} of {records} held-out records are met better with it"
+        if _known(found.p_value):
+            text += (
+                "; the chance that the best of the whole catalogue does as well where nothing is missing "
+                f"is {_chance(found.p_value)}"
+            )
+        yield f"{text}."
+        yield from _on_look_alikes(found)
+    yield from _on_the_rest(closure)
+
+
+def _on_look_alikes(found: FoundEffect) -> Iterator[str]:
+    alike = found.look_alikes
+    if not alike:
+        return
+    named = [_look_alike(like) for like in alike[:_NAMED]]
+    more = f" and {len(alike) - _NAMED} more" if len(alike) > _NAMED else ""
+    yield f"These records do not tell {found.effect.name} for sure from {', '.join(named)}{more}."
+    tests = dict.fromkeys(like.test.rstrip(".") for like in alike if like.test)
+    if tests:
+        yield f"What would separate them: {'; '.join(list(tests)[:_NAMED])}."
+
+
+def _look_alike(like: LookAlike) -> str:
+    cost = f" ({_number(like.hold_out_cost)} times its held-out cost)" if _known(like.hold_out_cost) else ""
+    return f"{like.name} in {place_words(like.enters)}{cost}"
+
+
+def _on_the_rest(closure: Closure) -> Iterator[str]:
+    """Say what the best candidate was that is neither an effect found nor a look-alike of one."""
+    said = {(found.effect.name, found.effect.enters) for found in closure.effects}
+    said |= {(like.name, like.enters) for found in closure.effects for like in found.look_alikes}
+    rest = [item for item in closure.screened if (item.name, item.enters) not in said]
+    if rest:
+        best = max(rest, key=lambda item: item.share)
+        which = "Of the rest of the catalogue" if closure.effects else "Of the catalogue"
+        yield (
+            f"{which} {best.name} in {place_words(best.enters)} could explain most, "
+            f"{_percent(best.share)} of the residual of the declared model."
+        )
+
+
+def _changed(closure: Closure) -> Iterator[str]:
+    if not closure.effects:
+        return
+    unseen = bool(closure.after["hold_out"]["records"])
+    where = "records that no fit has seen" if unseen else "training records (none was held out)"
+    kind: Kind = "hold_out" if unseen else "training"
+    before, after = closure.before[kind], closure.after[kind]
+    told = [
+        f"{words} from {factor * float(str(old)):.3g} to {factor * float(str(new)):.3g}{unit}"
+        for key, words, factor, unit in _MEASURES
+        if _known(old := before.get(key)) and _known(new := after.get(key))
+    ]
+    if told:
+        yield f"Errors on {where}: {'; '.join(told)}."
+
+
+def _remains(closure: Closure) -> Iterator[str]:
+    before, after = closure.residual_before, closure.residual_after
+    start = f"was {_number(before.total)} and " if closure.effects else ""
+    yield f"The mean square of the residual {start}is {_number(after.total)} times that of noise."
+    if closure.verdict != "unexplained":
+        white = not after.whiteness_p < _SURE
+        yield (
+            f"What is left looks like noise (p = {_number(after.whiteness_p)})."
+            if white and _known(after.whiteness_p)
+            else "What is left is small, and more regular than noise alone."
+            if not white
+            else "What is left is small."
+        )
+        return
+    places = list(lives_in(after))
+    yield (
+        f"What is left is more than noise. It is largest at: {'; '.join(places)}."
+        if places
+        else "What is left is more than noise, and stands out in no view."
+    )
+    if _known(after.even_share):
+        yield f"{_percent(after.even_share)} of the residual joint force is even in the displacement."
+
+
+def lives_in(residual: Localisation) -> Iterator[str]:
+    """Yield where a residual stands out, a phrase for each view in which it does."""
+    for view, words in VIEWS.items():
+        known: list[tuple[str, float]] = [item for item in getattr(residual, view) if _known(item[1])]
+        if len(known) < 2:
+            continue
+        label, most = max(known, key=lambda item: item[1])
+        if most > 1.0 and most > _STANDS_OUT * min(value for _, value in known):
+            yield f"{words} {label} ({_number(most)} times noise)"
+
+
+def _known(value: object) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
+
+
+def _number(value: float) -> str:
+    """Four digits, without a power of ten where it can be helped."""
+    short = float(f"{value:.4g}")
+    return f"{short:.4g}" if not 1e-4 < abs(short) < 1e6 else f"{short:.10g}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %" if share >= 1e-3 else "less than 0.1 %"
+
+
+def _chance(p: float) -> str:
+    return f"{p:.2g}" if p >= 1e-4 else "below 0.0001"
+
+
+def figure(closure: Closure) -> Figure:
+    """Draw the mean square of the residual along every view, before and after, over that of noise."""
+    from matplotlib.figure import Figure
+
+    views = [view for view in VIEWS if getattr(closure.residual_before, view)]
+    rows = max(-(-len(views) // 2), 1)
+    made = Figure(figsize=(10, 2.6 * rows), layout="constrained")
+    axes = made.subplots(rows, 2, squeeze=False)
+    for ax, view in zip(axes.flat, views, strict=False):
+        _draw_view(ax, getattr(closure.residual_before, view), getattr(closure.residual_after, view))
+        ax.set_title(f"by {VIEWS[view]}", loc="left", fontsize="medium")
+    for ax in axes.flat[len(views) :]:
+        ax.remove()
+    if views:
+        axes[0, 0].legend(frameon=False)
+    made.supxlabel("mean square of the residual over that of noise [1]", fontsize="medium")
+    return made
+
+
+def _draw_view(ax: Axes, before: Profile, after: Profile) -> None:
+    labels = [label for label, _ in before]
+    later = dict(after)
+    series: tuple[tuple[str, Sequence[float], str], ...] = (
+        ("before", [value for _, value in before], "C1"),
+        ("after", [later.get(label, math.nan) for label in labels], "C0"),
+    )
+    for name, values, colour in series:
+        ax.plot(values, range(len(labels)), "o", color=colour, label=name)
+    ax.axvline(1.0, color="0.6", linestyle="--", linewidth=1)
+    ax.set_yticks(range(len(labels)), labels)
+    ax.set_ylim(len(labels) - 0.5, -0.5)
+    ax.set_xscale("log")

@@ -1,0 +1,260 @@
+"""Figures of a closed loop, each drawn from what closure.json holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+from experiments.report.closures import VIEWS, effects_of, place_words
+from experiments.report.style import (
+    BACKGROUND,
+    BLUE,
+    GREEN,
+    GREY,
+    SKY,
+    VERMILLION,
+    panels,
+    styled,
+)
+
+Data = Mapping[str, Any]
+
+_BEFORE, _AFTER = VERMILLION, BLUE
+_MEASURES = (
+    ("motion_nrmse", "Displacement [%]", 100.0),
+    ("relative_motion_nrmse", "Relative displacement [%]", 100.0),
+    ("tension_loss_error_percent_median", "Loss of tension [%]", 1.0),
+    ("tension_rmse_n", "Tension [N]", 1.0),
+    ("link_force_nrmse", "Link force [%]", 100.0),
+)
+_SETS = (("hold_out", "Hold-out", "-", BLUE), ("training", "Training", "--", SKY))
+_CURVES = (BLUE, GREEN, SKY)
+_BOARD_ROWS = 12
+
+
+def closure_figures(data: Data) -> dict[str, Figure]:
+    """Return the figures of a closure by name; what its data do not allow is left out."""
+    made: dict[str, tuple[object, Callable[[Data], Figure]]] = {
+        "closure-errors": (len(data.get("steps") or ()) > 1 and _measured(data), errors_by_step),
+        "closure-residual": (_views(data), residual_by_view),
+        "closure-screened": (_screened(data), leader_board),
+        "closure-effects": (_curves(data), effects),
+    }
+    return {name: draw(data) for name, (there, draw) in made.items() if there}
+
+
+def _views(data: Data) -> list[tuple[str, list[str], Data, Data]]:
+    """Return title, labels, and mean squares before and after, of every view that can be drawn."""
+    residual = data.get("residual") or {}
+    found = []
+    for view, title in VIEWS.items():
+        before, after = ((residual.get(when) or {}).get(view) or {} for when in ("before", "after"))
+        if not (isinstance(before, Mapping) and isinstance(after, Mapping)):
+            continue
+        labels = [
+            label for label in dict.fromkeys((*before, *after)) if before.get(label) or after.get(label)
+        ]
+        if labels:
+            found.append((title, labels, before, after))
+    return found
+
+
+@styled
+def residual_by_view(data: Data) -> Figure:
+    """Mean square of the residual over that of noise along every view, before and after, a row a label."""
+    views = _views(data)
+    counts = [len(labels) for _, labels, _, _ in views]
+    height = 14.0 + sum(6.0 + 3.6 * count for count in counts)
+    figure, axes = panels(len(views), 1, height, sharex=True, height_ratios=[n + 0.6 for n in counts])
+    values: list[float] = [1.0]
+    for ax, (title, labels, before, after) in zip(axes[:, 0], views, strict=True):
+        values += _view(ax, labels, before, after)
+        ax.set_title(title)
+    last = axes[-1, 0]
+    last.set_xscale("log")
+    last.set_xlim(min(values) / 1.4, max(values) * 1.4)
+    _plain_log(last)
+    last.set_xlabel("Residual, mean square over that of noise [1]")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def _view(ax: Axes, labels: Sequence[str], before: Data, after: Data) -> list[float]:
+    """Draw one view and return its values."""
+    rows = np.arange(len(labels))
+    old, new = (np.array([_positive(side.get(label)) for label in labels]) for side in (before, after))
+    ax.axvline(1.0, color=BACKGROUND, lw=0.6, ls="--", label="Noise alone")
+    ax.hlines(rows, np.fmin(old, new), np.fmax(old, new), color=GREY, lw=0.6)
+    ax.plot(old, rows, "o", color=_BEFORE, markerfacecolor="white", markeredgewidth=0.9, label="Before")
+    ax.plot(new, rows, "o", color=_AFTER, label="After")
+    ax.set_yticks(rows, [_spelt(label) for label in labels])
+    ax.tick_params(axis="y", length=0)
+    ax.spines["left"].set_visible(False)
+    ax.set_ylim(len(labels) - 0.4, -0.6)
+    both = np.concatenate([old, new])
+    return list(both[np.isfinite(both)])
+
+
+def _positive(value: object) -> float:
+    return float(value) if isinstance(value, int | float) and value > 0 else float("nan")
+
+
+def _spelt(label: str) -> str:
+    return str(label).replace("_", " ")
+
+
+def _plain_log(ax: Axes, which: str = "x") -> None:
+    """Label a logarithmic axis with plain numbers, the denser the fewer decades it spans."""
+    axis = ax.xaxis if which == "x" else ax.yaxis
+    low, high = axis.get_view_interval()
+    subs = (
+        (1.0,) if high > 100 * low else (1.0, 2.0, 5.0) if high > 4 * low else (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
+    )
+    axis.set_major_locator(LogLocator(subs=subs, numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _errors(step: Data, kind: str, key: str) -> float:
+    value = ((step.get("errors") or {}).get(kind) or {}).get(key)
+    return float("nan") if value is None else float(value)
+
+
+def _measured(data: Data) -> list[tuple[str, str, float]]:
+    """Return the error measures that at least two steps have."""
+    steps = data.get("steps") or []
+    return [
+        measure
+        for measure in _MEASURES
+        if any(sum(np.isfinite(_errors(s, kind, measure[0])) for s in steps) > 1 for kind, *_ in _SETS)
+    ]
+
+
+@styled
+def errors_by_step(data: Data) -> Figure:
+    """Errors of the declared model and after every added effect, on hold-out and on training records."""
+    measures, steps = _measured(data), data["steps"]
+    columns = min(len(measures), 2)
+    rows = -(-len(measures) // columns)
+    figure, axes = panels(rows, columns, 20.0 + 34.0 * rows)
+    for ax, (key, title, factor) in zip(axes.flat, measures, strict=False):
+        values = []
+        for kind, label, style, colour in _SETS:
+            errors = np.array([factor * _errors(step, kind, key) for step in steps])
+            if np.isfinite(errors).any():
+                ax.plot(range(len(steps)), errors, f"o{style}", color=colour, label=label)
+                values += list(errors[np.isfinite(errors)])
+        _error_axis(ax, values)
+        ax.set_title(title)
+        ax.set_xlim(-0.25, len(steps) - 0.75)
+        ax.set_xticks(range(len(steps)), ["none", *map(str, range(1, len(steps)))])
+    for ax in axes.flat[len(measures) :]:
+        ax.remove()
+    figure.supxlabel("Effects added [1]", fontsize=7.5)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    return figure
+
+
+def _error_axis(ax: Axes, values: Sequence[float]) -> None:
+    """Scale the axis of an error: by decades where it spans more than a factor of five, else from zero."""
+    if min(values) > 0 and max(values) > 5 * min(values):
+        ax.set_yscale("log")
+        ax.set_ylim(min(values) / 1.4, max(values) * 1.4)
+        _plain_log(ax, "y")
+    else:
+        ax.set_ylim(0, 1.15 * max([*values, 1e-9]))
+        ax.yaxis.set_major_locator(MaxNLocator(4))
+
+
+def _screened(data: Data) -> list[Data]:
+    rows = [row for row in data.get("screened") or [] if row.get("share") is not None]
+    return sorted(rows, key=lambda row: -float(row["share"]))[:_BOARD_ROWS]
+
+
+@styled
+def leader_board(data: Data) -> Figure:
+    """Share of the first residual that each effect of the catalogue could explain, the best first."""
+    rows = _screened(data)
+    found = {(effect.get("name"), effect.get("enters")) for effect in effects_of(data)}
+    figure, axes = panels(height_mm=12.0 + 6.5 * len(rows))
+    ax = axes[0, 0]
+    for place, row in enumerate(rows):
+        chosen = (row.get("name"), row.get("enters")) in found
+        ax.barh(place, 100 * float(row["share"]), 0.32, color=BLUE if chosen else GREY)
+        words = f"{row.get('name')}, {place_words(row.get('enters'))}"
+        ax.annotate(words + (" (added)" if chosen else ""), (0.0, place - 0.2),
+                    xycoords=("axes fraction", "data"), va="bottom")  # fmt: skip
+    ax.set_ylim(len(rows) - 0.6, -0.9)
+    ax.set_yticks([])
+    ax.spines["left"].set_visible(False)
+    ax.set_xlim(0, max(100 * float(rows[0]["share"]) * 1.05, 1.0))
+    ax.set_xlabel("Share of the residual that it could explain [%]")
+    return figure
+
+
+def _curves(data: Data) -> list[Data]:
+    return [effect for effect in effects_of(data) if (effect.get("curve") or {}).get("records")]
+
+
+@styled
+def effects(data: Data) -> Figure:
+    """Force of every added effect over displacement and velocity, or the rate of the tension, a row each."""
+    shown = _curves(data)
+    figure, axes = panels(len(shown), 2, 16.0 + 44.0 * len(shown))
+    for row, effect in zip(axes, shown, strict=True):
+        (_rates if effect["curve"].get("kind") == "tension rate" else _forces)(
+            row, effect["curve"]["records"]
+        )
+        name = row[0].set_title(f"{effect.get('name')}, {place_words(effect.get('enters'))}")
+        name.set_in_layout(False)  # it runs on over the panel beside
+    return figure
+
+
+def _forces(row: Sequence[Axes], records: Sequence[Data]) -> None:
+    for ax, key, factor, label in (
+        (row[0], "displacement_m", 1e6, "Displacement [µm]"),
+        (row[1], "velocity_m_per_s", 1e3, "Velocity [mm/s]"),
+    ):
+        for colour, record in zip(_CURVES, records, strict=False):
+            along = factor * np.asarray(record[key], dtype=float)
+            force = np.asarray(record["force_n"], dtype=float)
+            ax.plot(along, force, color=colour, lw=0.6, label=_preload(record))
+        ax.set_xlabel(label)
+        ax.set_ylabel("Force [N]")
+        ax.xaxis.set_major_locator(MaxNLocator(4))
+        ax.yaxis.set_major_locator(MaxNLocator(4))
+    row[1].legend(loc="best")
+
+
+def _rates(row: Sequence[Axes], records: Sequence[Data]) -> None:
+    for colour, record in zip(_CURVES, records, strict=False):
+        speed = 1e3 * np.asarray(record["peak_velocity_m_per_s"], dtype=float)
+        without, rate = (
+            np.asarray(record[key], dtype=float) for key in ("rate_without_n_per_s", "rate_n_per_s")
+        )
+        row[0].plot(speed, -rate, color=colour, label=_preload(record))
+        row[0].plot(speed, -without, color=colour, ls=":")
+        row[1].plot(speed, without - rate, color=colour)
+    row[0].set_ylabel("Loss rate [N/s]; dotted: without")
+    row[1].set_ylabel("What it adds [N/s]")
+    for ax in row:
+        ax.set_xlabel("Peak velocity [mm/s]")
+        ax.set_xscale("log")
+        ax.set_yscale("symlog", linthresh=_threshold(ax))
+        _plain_log(ax)
+    row[0].legend(loc="best")
+
+
+def _threshold(ax: Axes) -> float:
+    most = max((float(np.nanmax(np.abs(line.get_ydata()))) for line in ax.get_lines()), default=1.0)
+    return max(1e-4 * most, 1e-12)
+
+
+def _preload(record: Data) -> str:
+    tension = record.get("initial_tension_n")
+    return "" if tension is None else f"{tension:.3g} N"

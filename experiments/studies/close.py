@@ -1,0 +1,135 @@
+"""What a campaign's declared model lacks: the effect, the refined model, errors before and after."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from experiments.results import plain, results_folder, write_result
+from experiments.studies.effect_curves import effect_curves
+from experiments.studies.identify import Progress, save_figures
+from rom.campaign import read_campaign
+
+if TYPE_CHECKING:
+    from discovery.closure import Closure, FoundEffect, Kind
+    from rom.laws import Parameter
+
+_KINDS: tuple[Kind, ...] = ("training", "hold_out")
+
+
+def run(
+    campaign_path: Path,
+    out: Path | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Callable[[str], Progress | None] | None = None,
+    command: str = "",
+) -> Path:
+    """Write ``closure.json``, ``model.json`` with the refined model, and the figures; return the closure's
+    path.
+
+    Raises
+    ------
+    ValueError
+        If the campaign cannot be used.
+    """
+    import discovery
+    from experiments.report.closure import closure_figures
+
+    started = time.perf_counter()
+    report = progress or (lambda _: None)
+    campaign = read_campaign(campaign_path, jobs, report("checking records"))
+    closure = discovery.close_loop(campaign, jobs, report, seed)
+    curves = effect_curves(closure.model, [found.effect for found in closure.effects], campaign)
+    content = plain(closure_section(closure) | {"command": command, "campaign_digest": campaign.digest})
+    for row, curve in zip(content["effects"], curves, strict=True):
+        row["curve"] = plain(curve)
+    drawn = closure_figures(content)
+    folder = results_folder(campaign_path, out)
+    folder.mkdir(parents=True, exist_ok=True)
+    header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
+    elapsed = round(time.perf_counter() - started, 3)
+    closure.model.save(
+        folder / "model.json", **header, elapsed_s=elapsed, identification=model_section(content)
+    )
+    path = write_result(folder / "closure.json", "closure", content, **header, elapsed_s=elapsed)
+    save_figures(drawn, folder)
+    return path
+
+
+def closure_section(closure: Closure) -> dict[str, Any]:
+    """Return what closure.json says, but for its header."""
+    from discovery.closure_words import sections
+
+    return {
+        "verdict": closure.verdict,
+        "summary": dict(sections(closure)),
+        "effects": [_effect_row(found) for found in closure.effects],
+        "steps": [
+            {"added": step.added, "errors": {kind: dict(step.errors[kind]) for kind in _KINDS}}
+            for step in closure.steps
+        ],
+        "errors": {
+            kind: {"before": dict(closure.before[kind]), "after": dict(closure.after[kind])}
+            for kind in _KINDS
+        },
+        "residual": {
+            "before": dict(closure.residual_before.as_dict()),
+            "after": dict(closure.residual_after.as_dict()),
+        },
+        "screened": [
+            {"name": s.name, "enters": s.enters, "share": s.share, "wins": s.wins, "strength": s.strength}
+            for s in closure.screened
+        ],
+        "set_aside": list(closure.set_aside),
+        "warnings": list(closure.warnings),
+    }
+
+
+def _effect_row(found: FoundEffect) -> dict[str, Any]:
+    return {
+        "name": found.effect.name,
+        "enters": found.effect.enters,
+        "equation": found.effect.equation,
+        "parameters": {name: _parameter_row(p) for name, p in found.effect.parameters.items()},
+        "look_alikes": [
+            {"name": a.name, "enters": a.enters, "hold_out_cost": a.hold_out_cost, "test": a.test}
+            for a in found.look_alikes
+        ],
+        "source": found.source,
+        "share": found.share,
+        "p_value": found.p_value,
+        "wins": list(found.wins),
+    }
+
+
+def _parameter_row(parameter: Parameter) -> dict[str, Any]:
+    return {
+        "value": parameter.value, "low": parameter.low, "high": parameter.high, "unit": parameter.unit
+    }  # fmt: skip
+
+
+def model_section(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what model.json says of how the refined model was found: its errors."""
+    after = {kind: errors["after"] for kind, errors in content["errors"].items()}
+    return {
+        "campaign_digest": content["campaign_digest"],
+        "command": content["command"],
+        "records": after["training"]["records"],
+        "errors": after,
+        "set_aside": content["set_aside"],
+        "warnings": content["warnings"],
+    }
+
+
+def summary(path: Path) -> str:
+    """Return a few lines for people: the verdict, what was missing, how one knows, what remains."""
+    from experiments.report.verdicts import answer
+
+    data = json.loads(path.read_text(encoding="utf-8"))
+    found = answer("closure", data)
+    lines = [data["campaign"], *([found.verdict, *found.sentences] if found else [])]
+    return "\n".join(lines + [f"  note: {text}" for text in data["warnings"] + data["set_aside"]])

@@ -1,0 +1,123 @@
+"""Closed loops as `discovery.close_loop` returns them, made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from discovery.closure import Closure, FoundEffect, LookAlike, Screened, Step
+from discovery.localisation import Localisation, Profile
+from rom.effects import CATALOGUE, Added, free_form
+from rom.laws import Parameter
+from rom.parameters.he_2025 import paper_model
+from rom.residuals import Errors
+
+LADDER = "several force levels at one preload"
+
+
+def errors(scale: float, records: int) -> Errors:
+    there = bool(records)
+    return Errors(
+        motion_nrmse=0.0123 * scale if there else None,
+        relative_motion_nrmse=0.0821 * scale if there else None,
+        final_tension_error_percent_mean=0.4 * scale if there else None,
+        final_tension_error_percent_median=0.2 * scale if there else None,
+        final_tension_error_percent_max=2.0 * scale if there else None,
+        tension_loss_error_percent_median=5.25 * scale if there else None,
+        link_force_nrmse=None,
+        tension_rmse_n=0.31 * scale if there else None,
+        records=records,
+        failed=0,
+    )
+
+
+def localisation(scale: float, p: float) -> Localisation:
+    def profile(*labels: str) -> Profile:
+        share = np.linspace(0.4, 1.6, len(labels))
+        return tuple((label, float(1 + (scale - 1) * s)) for label, s in zip(labels, share, strict=True))
+
+    return Localisation(
+        by_channel=profile("tension", "acceleration_so", "acceleration_lo"),
+        by_test=profile("coupled", "loosening"),
+        by_frequency=profile("100-400 Hz", "40-100 Hz", "5-40 Hz"),
+        by_time=profile("0-30 ms", "30-300 ms", "0.3-3 s", "after 3 s"),
+        by_preload=profile("below 30 N", "30-300 N", "above 300 N"),
+        by_amplitude=profile("smallest third", "middle third", "largest third"),
+        even_share=0.04,
+        rate_free_share=float("nan"),
+        whiteness_p=p,
+        total=scale,
+    )
+
+
+def with_limits(effect: Added, width: float = 0.1) -> Added:
+    numbers = {
+        name: replace(p, low=p.value - width * abs(p.value), high=p.value + width * abs(p.value))
+        for name, p in effect.parameters.items()
+    }
+    return replace(effect, parameters=numbers)
+
+
+def friction() -> FoundEffect:
+    effect = CATALOGUE["coulomb-friction"].at("flexure_lo", ground=True)
+    alike = (
+        LookAlike("quadratic-damping", "flexure_lo", 1.07, LADDER),
+        LookAlike("coulomb-friction", "joint", 3.2),
+    )
+    return FoundEffect(with_limits(effect), alike, "catalogue", 0.84, 0.002, (9, 10))
+
+
+def threshold() -> FoundEffect:
+    effect = CATALOGUE["loosening-threshold"].at("tension")
+    alike = (
+        LookAlike("loosening-power", "tension", 1.02, LADDER),
+        LookAlike("loosening-slip-gate", "tension", 1.3),
+    )
+    return FoundEffect(with_limits(effect), alike, "catalogue", 0.31, 0.0, (4, 5))
+
+
+def unknown_force() -> FoundEffect:
+    numbers = {"a_1": Parameter(2.1e3, "N m^-1", 1.9e3, 2.3e3), "a_2": Parameter(-40.0, "N s m^-1")}
+    effect = free_form("a_1 * abs(x) + a_2 * abs(v)", "joint", numbers)
+    return FoundEffect(effect, (), "free-form", 0.6, float("nan"), (0, 0))
+
+
+def skew() -> FoundEffect:
+    effect = CATALOGUE["acceleration-skew"].at("sensor:acceleration_so")
+    return FoundEffect(with_limits(effect), (), "catalogue", 0.9, 0.01, (5, 5))
+
+
+SCREENED = (
+    Screened("coulomb-friction", "flexure_lo", 0.83, 0.95, 0.1),
+    Screened("quadratic-damping", "flexure_lo", 0.79, 0.95, 30.0),
+    Screened("loosening-threshold", "tension", 0.2, 0.7, 0.02),
+    Screened("acceleration-gain", "sensor:acceleration_lo", 0.02, 0.55, 0.01),
+    Screened("extra-mode", "body:so", 0.003, 0.5, 0.02),
+)
+
+
+def closure(*found: FoundEffect, verdict: str = "closed", hold_out: int = 10) -> Closure:
+    """A loop in which these effects were found, one after the other."""
+    model = paper_model()
+    steps = [Step("", {"training": errors(8.0, 32), "hold_out": errors(8.2, hold_out)})]
+    for place, effect in enumerate(found, 1):
+        model = model.with_effect(effect.effect)
+        scale = 8.0 / 3.0**place
+        steps.append(
+            Step(
+                effect.effect.name, {"training": errors(scale, 32), "hold_out": errors(1.1 * scale, hold_out)}
+            )
+        )
+    left = {"closed": (1.02, 0.31), "no-effect": (1.05, 0.4), "unexplained": (4.7, 1e-9)}[verdict]
+    return Closure(
+        verdict,  # type: ignore[arg-type]
+        found,
+        model,
+        tuple(steps),
+        localisation(38.0 if found else left[0], 1e-12),
+        localisation(*left),
+        SCREENED,
+        ("records/loosening_004.h5: force_lo is clipped",),
+        ("strain leaves the calibrated range in 2 records",),
+    )
