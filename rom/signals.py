@@ -258,3 +258,9 @@ def for_straight_lines(samples: FloatArray) -> FloatArray:
     """
     padded = np.concatenate((samples[:1], samples, samples[-1:]))
     return np.asarray(samples - np.diff(padded, 2) / 12)
+
+
+def ac_coupled(samples: FloatArray, rate_hz: float, corner: float) -> FloatArray:
+    """Return what a sensor with AC coupling ``s / (s + corner)`` shows of samples; ``corner`` in rad/s."""
+    numerator, denominator = signal.bilinear([1.0, 0.0], [1.0, corner], rate_hz)
+    return np.asarray(signal.lfilter(numerator, denominator, samples), dtype=np.float64)

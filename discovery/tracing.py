@@ -1,0 +1,380 @@
+"""The residual of a model on all records at once, whitened by the noise before the hits.
+
+The output error of the motion is taken in the frequency domain, where neither filters nor integration enter
+(`rom.spectra`): linear parts of the model stand in its transfer function, everything else (a tension that
+falls during the test, effects) is a force along the motion that was measured. So the residual is linear in
+the strength of a missing effect however large that is, and stays in phase.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from discovery.baseline import Baseline
+from rom.campaign import Campaign, RecordSettings
+from rom.channels import FloatArray
+from rom.effects import Effect
+from rom.identification import Identification
+from rom.kernels.prescribed import force_of_effects
+from rom.laws import power_loosening
+from rom.linear import spectral_records
+from rom.loosening import LooseningCase, identify_gamma
+from rom.model import Model
+from rom.noise_floor import Group, NoiseFloor, before_hit, noise_floors, quiet_seconds
+from rom.processing import Measurement, process
+from rom.replay import Replay, replay
+from rom.signals import ac_coupled
+from rom.spectra import CORNER, ComplexArray, Linearised, SpectralRecord, linearise, spectrum
+
+MOTION_TESTS = ("uncoupled", "coupled", "loosening")
+_LEAST_FINAL = 0.01
+_HALF_LINE = 1e-6
+_SUBSTEPS = 2
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One record: its spectra, and the motion that was measured, integrated with the model's help.
+
+    Attributes
+    ----------
+    displacement, velocity : mapping of str to ndarray
+        By body, shape (samples,) [m], [m/s].
+    tension : ndarray
+        Of the bolted link, shape (samples,) [N].
+    level : float
+        Tension at which the linear part of the model is taken [N]: the last one.
+    """
+
+    settings: RecordSettings
+    measurement: Measurement
+    parts: tuple[SpectralRecord, ...]
+    displacement: Mapping[str, FloatArray]
+    velocity: Mapping[str, FloatArray]
+    tension: FloatArray
+    level: float
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Moving bodies, in the order of the channels."""
+        return tuple(self.displacement)
+
+    @property
+    def group(self) -> Group:
+        """Kind of test and moving bodies."""
+        return self.measurement.test, self.bodies
+
+    def relative(self, ends: tuple[str, str]) -> tuple[FloatArray, FloatArray]:
+        """Relative displacement and velocity of two ends; a body that rests counts as ground."""
+        still = np.zeros(self.measurement.samples)
+        x, v = (
+            motion.get(ends[0], still) - motion.get(ends[1], still)
+            for motion in (self.displacement, self.velocity)
+        )
+        return x, v
+
+    def forces(self, force: FloatArray, ends: tuple[str, str], part: SpectralRecord) -> ComplexArray:
+        """Spectra of a link's force on the bodies, (lines, bodies): it pulls the first end back."""
+        lines = self.lines(force, part)
+        out = np.zeros((len(lines), len(self.bodies)), dtype=np.complex128)
+        for end, sign in zip(ends, (-1.0, 1.0), strict=True):
+            if end in self.bodies:
+                out[:, self.bodies.index(end)] += sign * lines
+        return out
+
+    def lines(self, samples: FloatArray, part: SpectralRecord) -> ComplexArray:
+        """Spectrum of samples at the lines of a part."""
+        first, last = part.samples
+        band = (part.frequency[0] - _HALF_LINE, part.frequency[-1] + _HALF_LINE)
+        return spectrum(samples[first:last], self.measurement.rate_hz, band)[1]
+
+
+def trace_records(
+    campaign: Campaign,
+    baseline: Baseline,
+    records: Sequence[RecordSettings],
+    progress: Progress | None = None,
+) -> tuple[Trace, ...]:
+    """Read records and run each again with the model, its tension falling as it was measured to fall."""
+    measurements = []
+    for done, settings in enumerate(records, 1):
+        measurements.append(process(campaign.load(settings), campaign.settings))
+        if progress is not None:
+            progress(done, 2 * len(records))
+    gammas = _own_gammas(baseline.model, measurements, campaign.settings.windows.final_s)
+    traces = []
+    for done, (settings, measurement) in enumerate(zip(records, measurements, strict=True), 1):
+        model = _with_gamma(baseline.model, gammas.get(settings.file))
+        run = replay(model, measurement)
+        if run.response.status == "ok":
+            traces.append(_traced(campaign, baseline, settings, run))
+        if progress is not None:
+            progress(len(records) + done, 2 * len(records))
+    return tuple(traces)
+
+
+def _traced(campaign: Campaign, baseline: Baseline, settings: RecordSettings, run: Replay) -> Trace:
+    seen, response = run.measurement, run.response
+    tension = np.asarray(response.tension) if isinstance(response.tension, np.ndarray) else np.zeros(0)
+    tension = tension if tension.size else np.zeros(seen.samples)
+    parts = spectral_records(seen, campaign.settings)
+    level = float(tension[-1])
+    values = baseline.values(parts[0], level)
+    corner = next((values[name] for name in values if name.startswith(CORNER)), 0.0)
+    bodies = [body for body in campaign.settings.body_names if body in seen.motion]
+    displacement, velocity = {}, {}
+    for body in bodies:
+        displacement[body], velocity[body] = _motion_of(seen, run, body, corner)
+    return Trace(settings, seen, parts, displacement, velocity, tension, level)
+
+
+def _motion_of(seen: Measurement, run: Replay, body: str, corner: float) -> tuple[FloatArray, FloatArray]:
+    """Displacement and velocity: the model's, and what the sensor shows beyond it, integrated."""
+    motion, response = seen.motion[body], run.response
+    simulated = getattr(response, motion.kind)[body]
+    if motion.kind == "acceleration":
+        simulated = ac_coupled(simulated, seen.rate_hz, corner)
+    beyond = motion.samples - simulated
+    quiet = beyond[: max(int((seen.impact_s or 0.0) * 0.8 * seen.rate_hz), 1)]
+    times = {"acceleration": 2, "velocity": 1, "displacement": 0}[motion.kind]
+    found = []
+    for quantity, integrations in (("displacement", times), ("velocity", times - 1)):
+        if integrations < 0:
+            extra = np.gradient(beyond, 1 / seen.rate_hz)
+        elif integrations == 0:
+            extra = beyond
+        else:
+            extra = seen.chain.integrated(beyond - quiet.mean(), seen.rate_hz, integrations)
+        found.append(getattr(response, quantity)[body] + extra)
+    return found[0], found[1]
+
+
+def _own_gammas(
+    model: Model, measurements: Sequence[Measurement], window_s: tuple[float, float]
+) -> dict[str, float]:
+    """Factor gamma of ``|v|^4 T`` of every loosening record, so that its tension falls as measured."""
+    if len(model.structure.bolted_links) != 1:
+        return {}
+    cases = []
+    for one in measurements:
+        tension = one.tension
+        if one.test != "loosening" or tension is None or not one.force:
+            continue
+        body = max(one.force, key=lambda name: float(np.abs(one.force[name]).max()))
+        final = max(tension.final, _LEAST_FINAL * tension.initial)
+        cases.append(
+            LooseningCase(one.file, body, one.applied_force[body], one.rate_hz, tension.initial, final,
+                          max(tension.final_error, 1e-3))
+        )  # fmt: skip
+    return {found.file: max(found.gamma, 0.0) for found in identify_gamma(model, cases, window_s)}
+
+
+def _with_gamma(model: Model, gamma: float | None) -> Model:
+    if gamma is None:
+        return model
+    link = model.structure.bolted_links[0]
+    laws = replace(model.link_laws[link], tension_rate=power_loosening(gamma))
+    effects = tuple(effect for effect in model.effects if isinstance(effect, Effect))
+    return replace(model, link_laws={**model.link_laws, link: laws}, effects=effects)
+
+
+Change = Callable[[Trace, SpectralRecord, Linearised], ComplexArray | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Whitened residual of a model on its records, and its slopes by the model's numbers.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (rows,)
+        Output error over the noise, 1 in the mean square where nothing is missing.
+    jacobian : ndarray, shape (rows, numbers)
+        Slopes of the output by the numbers named in `names`.
+    owner : ndarray of int, shape (rows,)
+        Place in `traces` of every row's record; `training` tells rows that may be fitted to.
+    """
+
+    traces: tuple[Trace, ...]
+    baseline: Baseline
+    floors: Mapping[Group, NoiseFloor]
+    parts: tuple[tuple[Trace, SpectralRecord, Linearised], ...]
+    residual: FloatArray
+    jacobian: FloatArray
+    names: tuple[str, ...]
+    owner: npt.NDArray[np.int64]
+
+    @cached_property
+    def training(self) -> npt.NDArray[np.bool_]:
+        """Rows of records that are not held out."""
+        return ~np.array([trace.settings.hold_out for trace in self.traces])[self.owner]
+
+    @cached_property
+    def _basis(self) -> FloatArray:
+        """Orthonormal basis of the slopes on training rows."""
+        left, size, _ = np.linalg.svd(self._scaled[self.training], full_matrices=False)
+        return np.asarray(left[:, size > 1e-9 * size[0]]) if size.size else left
+
+    @cached_property
+    def _scaled(self) -> FloatArray:
+        return np.asarray(self.jacobian / np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300))
+
+    def beyond(self, rows: FloatArray) -> FloatArray:
+        """What of rows, (rows,) or (rows, n), the model's numbers cannot explain; training rows."""
+        mine = rows[self.training]
+        return np.asarray(mine - self._basis @ (self._basis.T @ mine))
+
+    def steps(self, rows: FloatArray) -> dict[str, float]:
+        """Changes of the model's numbers that suit training rows best."""
+        size = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
+        found = np.linalg.lstsq(self._scaled[self.training], rows[self.training], rcond=1e-9)[0] / size
+        return dict(zip(self.names, found.tolist(), strict=True))
+
+    def left_over(self, rows: FloatArray) -> FloatArray:
+        """All rows, held-out ones too, less what the numbers that suit the training rows explain."""
+        steps = self.steps(rows)
+        return np.asarray(rows - self.jacobian @ np.array([steps[name] for name in self.names]))
+
+    def costs(self, rows: FloatArray) -> dict[str, float]:
+        """Squares of whitened rows by record."""
+        sums = np.bincount(self.owner, weights=rows**2, minlength=len(self.traces))
+        return {t.settings.file: float(value) for t, value in zip(self.traces, sums, strict=True)}
+
+    @cached_property
+    def samples(self) -> dict[str, int]:
+        """Whitened numbers by record."""
+        counts = np.bincount(self.owner, minlength=len(self.traces))
+        return {t.settings.file: int(n) for t, n in zip(self.traces, counts, strict=True)}
+
+    def output(self, change: Change) -> FloatArray:
+        """Whitened rows of a change of the output that is told for every part of every record."""
+        rows = []
+        for trace, part, linear in self.parts:
+            found = change(trace, part, linear)
+            rows.append(np.zeros(len(linear.residual)) if found is None else linear.projected(found))
+        return np.concatenate(rows)
+
+
+def gather(
+    campaign: Campaign,
+    found: Identification,
+    model: Model,
+    progress: Progress | None = None,
+) -> Evidence:
+    """Trace all records of moving bodies with the model and weigh what it leaves by the noise floor."""
+    corners = {}
+    if found.linear is not None:
+        corners = {n: found.linear.value(n) for n in found.linear.names if n.startswith(CORNER)}
+    aside = {doubt.file for doubt in found.set_aside}
+    records = [r for r in campaign.select(MOTION_TESTS) if r.file not in aside]
+    baseline = Baseline(replace(model, identification=None), corners)
+    traces = trace_records(campaign, baseline, records, progress)
+    floors = _floors(campaign, baseline, traces)
+    evidence = weigh(traces, baseline, floors)
+    for _ in range(2):
+        moved = evidence.baseline.moved(evidence.steps(evidence.residual))
+        evidence = weigh(traces, moved, floors)
+    return evidence
+
+
+def _floors(campaign: Campaign, baseline: Baseline, traces: Sequence[Trace]) -> Mapping[Group, NoiseFloor]:
+    seconds = quiet_seconds([trace.measurement for trace in traces])
+    return noise_floors(
+        [
+            before_hit(
+                t.measurement, campaign.settings, t.parts[0], baseline.values(t.parts[0], t.level), seconds
+            )
+            for t in traces
+        ]
+    )
+
+
+def weigh(traces: Sequence[Trace], baseline: Baseline, floors: Mapping[Group, NoiseFloor]) -> Evidence:
+    """Return the whitened residual and its slopes at a baseline."""
+    parts, columns = [], []
+    for trace in traces:
+        forces = _beyond_linear(trace, baseline.model)
+        for part in trace.parts:
+            values = baseline.values(part, trace.level)
+            driven = replace(part, force=part.force + sum(trace.forces(*one, part) for one in forces))
+            first, last = part.samples
+            seconds = (last - first) / trace.measurement.rate_hz
+            linear = linearise(driven, values, floors[trace.group].whitener(part, values, seconds))
+            parts.append((trace, driven, linear))
+            columns.append(_slopes(linear, baseline, trace.level))
+    names = tuple(dict.fromkeys(name for slopes in columns for name in slopes))
+    places = {id(trace): place for place, trace in enumerate(traces)}
+    return Evidence(
+        traces=tuple(traces),
+        baseline=baseline,
+        floors=floors,
+        parts=tuple(parts),
+        residual=np.concatenate([linear.residual for _, _, linear in parts]),
+        jacobian=np.concatenate(
+            [
+                np.stack([slopes.get(n, np.zeros(len(linear.residual))) for n in names], axis=1)
+                for (_, _, linear), slopes in zip(parts, columns, strict=True)
+            ]
+        ),
+        names=names,
+        owner=np.concatenate(
+            [np.full(len(linear.residual), places[id(trace)]) for trace, _, linear in parts]
+        ),
+    )
+
+
+def _slopes(linear: Linearised, baseline: Baseline, level: float) -> dict[str, FloatArray]:
+    found: dict[str, FloatArray] = {}
+    for column, name in enumerate(linear.columns):
+        for number, slope in baseline.slopes(name, level).items():
+            found[number] = found.get(number, 0.0) + slope * linear.jacobian[:, column]
+    return found
+
+
+def _beyond_linear(trace: Trace, model: Model) -> list[tuple[FloatArray, tuple[str, str]]]:
+    """Forces of the model that are not in its linear part, each with the ends of its link."""
+    found = []
+    for link in model.structure.links:
+        ends = (link.first, link.second)
+        if link.law == "bolted" and trace.measurement.test != "uncoupled" and np.ptp(trace.tension) > 0:
+            x, v = trace.relative(ends)
+            laws = model.link_laws[link.name]
+            stiffness = np.asarray(laws.stiffness(trace.tension)) - float(laws.stiffness(trace.level))
+            damping = np.asarray(laws.damping(trace.tension)) - float(laws.damping(trace.level))
+            found.append((stiffness * x + damping * v, ends))
+    for effect in model.effects:
+        if isinstance(effect, Effect):
+            force = effect_force(trace, effect, model)
+            if force is not None:
+                found.append(force)
+    return found
+
+
+def effect_force(trace: Trace, effect: Effect, model: Model) -> tuple[FloatArray, tuple[str, str]] | None:
+    """Force of an effect along a record's motion and the ends it acts between; None where it cannot act."""
+    link = next((one for one in model.structure.links if one.name == effect.enters), None)
+    ends = (link.first, link.second) if link is not None else (effect.enters.partition(":")[2], "ground")
+    if not set(ends) & set(trace.bodies):
+        return None
+    if link is not None and link.law == "bolted" and trace.measurement.test == "uncoupled":
+        return None
+    x, v = trace.relative(ends)
+    stiffness = damping = np.zeros_like(x)
+    if link is not None:
+        laws = model.link_laws[link.name]
+        stiffness, damping = (
+            np.array(np.broadcast_to(law(trace.tension), x.shape), dtype=np.float64)
+            for law in (laws.stiffness, laws.damping)
+        )
+    table, start = np.array([[effect.address, 0, 0]]), np.zeros(effect.states + 1)
+    motion = np.stack([x, v, trace.tension, stiffness, damping])
+    force = force_of_effects(
+        table, effect.values, motion, 1 / trace.measurement.rate_hz, _SUBSTEPS, start, 0.0
+    )
+    return np.asarray(force), ends
