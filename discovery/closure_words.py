@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from discovery.closure import Closure, FoundEffect, Kind, LookAlike
+    from discovery.closure import Closure, FoundEffect, Kind
     from discovery.localisation import Localisation, Profile
     from rom.laws import Parameter
 
@@ -36,19 +36,23 @@ _SURE = 0.01
 
 def paragraph(closure: Closure) -> str:
     """Return the result for people: what was missing, how one knows, what changed, what remains."""
-    return "\n".join(text for text in sections(closure).values() if text)
+    return "\n".join(sections(closure).values())
 
 
 def sections(closure: Closure) -> Mapping[str, str]:
-    """Return what was ``missing``, the ``evidence``, what it ``changed`` and what ``remains``; empty where
-    there is nothing to say.
+    """Return what was ``missing``, its ``numbers``, the ``evidence``, what ``changed`` and what ``remains``.
+
+    Of several effects each has a line in its section; one about which there is nothing to say is left out.
     """
-    return {
-        "missing": " ".join(_missing(closure)),
-        "evidence": " ".join(_evidence(closure)),
-        "changed": " ".join(_changed(closure)),
-        "remains": " ".join(_remains(closure)),
+    parts = {
+        "missing": ("What was missing: ", _missing),
+        "numbers": ("", _numbers),
+        "evidence": ("How one knows: ", _evidence),
+        "changed": ("What changed: ", _changed),
+        "remains": ("What remains: ", _remains),
     }
+    said = {key: (head, "\n".join(say(closure))) for key, (head, say) in parts.items()}
+    return {key: head + text for key, (head, text) in said.items() if text}
 
 
 def place_words(enters: str) -> str:
@@ -60,20 +64,21 @@ def place_words(enters: str) -> str:
 
 
 def _missing(closure: Closure) -> Iterator[str]:
-    if not closure.effects:
-        yield (
-            "Something is missing, and no effect of the catalogue explains it."
-            if closure.verdict == "unexplained"
-            else "Nothing is missing that these records show: no effect of the catalogue beats chance."
-        )
-        return
-    yield f"The declared model lacked {' and '.join(map(_named, closure.effects))}."
+    if closure.effects:
+        faults = any(found.effect.place == "sensor" for found in closure.effects)
+        more = " A sensor's fault is taken out of the records; it is no force." if faults else ""
+        yield f"{' and '.join(map(_named, closure.effects))}.{more}"
+    elif closure.verdict == "unexplained":
+        yield "something that no effect of the catalogue explains."
+    else:
+        yield "nothing that these records show; no effect of the catalogue beats chance."
+
+
+def _numbers(closure: Closure) -> Iterator[str]:
     for found in closure.effects:
         effect = found.effect
         numbers = [_with_limits(name, p) for name, p in effect.parameters.items()]
         yield f"{effect.name}: {effect.equation}{', with ' if numbers else ''}{', '.join(numbers)}."
-        if effect.place == "sensor":
-            yield "It is a fault of the measurement, not of the structure, and is taken out of the records."
 
 
 def _named(found: FoundEffect) -> str:
@@ -93,17 +98,16 @@ def _evidence(closure: Closure) -> Iterator[str]:
     several = len(closure.effects) > 1
     for found in closure.effects:
         won, records = found.wins
-        what = found.effect.name if several else "It"
+        what = found.effect.name if several else "it"
         text = f"{what} takes away {_percent(found.share)} of the residual on training records"
         if records:
             text += f", and {won} of {records} held-out records are met better with it"
         if _known(found.p_value):
             text += (
-                "; the chance that the best of the whole catalogue does as well where nothing is missing "
-                f"is {_chance(found.p_value)}"
+                "; the chance that the best of the whole catalogue does as well where nothing is missing: "
+                f"p {_chance(found.p_value)}"
             )
-        yield f"{text}."
-        yield from _on_look_alikes(found)
+        yield " ".join([f"{text}.", *_on_look_alikes(found)])
     yield from _on_the_rest(closure)
 
 
@@ -111,17 +115,12 @@ def _on_look_alikes(found: FoundEffect) -> Iterator[str]:
     alike = found.look_alikes
     if not alike:
         return
-    named = [_look_alike(like) for like in alike[:_NAMED]]
+    named = [f"{like.name} in {place_words(like.enters)}" for like in alike[:_NAMED]]
     more = f" and {len(alike) - _NAMED} more" if len(alike) > _NAMED else ""
     yield f"These records do not tell {found.effect.name} for sure from {', '.join(named)}{more}."
     tests = dict.fromkeys(like.test.rstrip(".") for like in alike if like.test)
     if tests:
         yield f"What would separate them: {'; '.join(list(tests)[:_NAMED])}."
-
-
-def _look_alike(like: LookAlike) -> str:
-    cost = f" ({_number(like.hold_out_cost)} times its held-out cost)" if _known(like.hold_out_cost) else ""
-    return f"{like.name} in {place_words(like.enters)}{cost}"
 
 
 def _on_the_rest(closure: Closure) -> Iterator[str]:
@@ -131,9 +130,9 @@ def _on_the_rest(closure: Closure) -> Iterator[str]:
     rest = [item for item in closure.screened if (item.name, item.enters) not in said]
     if rest:
         best = max(rest, key=lambda item: item.share)
-        which = "Of the rest of the catalogue" if closure.effects else "Of the catalogue"
+        which = "Of the other candidates" if closure.effects else "of all candidates"
         yield (
-            f"{which} {best.name} in {place_words(best.enters)} could explain most, "
+            f"{which} {best.name} in {place_words(best.enters)} alone could explain most, "
             f"{_percent(best.share)} of the residual of the declared model."
         )
 
@@ -146,34 +145,34 @@ def _changed(closure: Closure) -> Iterator[str]:
     kind: Kind = "hold_out" if unseen else "training"
     before, after = closure.before[kind], closure.after[kind]
     told = [
-        f"{words} from {factor * float(str(old)):.3g} to {factor * float(str(new)):.3g}{unit}"
+        f"{words} from {_number(factor * float(str(old)), 3)} to {_number(factor * float(str(new)), 3)}{unit}"
         for key, words, factor, unit in _MEASURES
         if _known(old := before.get(key)) and _known(new := after.get(key))
     ]
     if told:
-        yield f"Errors on {where}: {'; '.join(told)}."
+        yield f"on {where} the errors go: {'; '.join(told)}."
 
 
 def _remains(closure: Closure) -> Iterator[str]:
     before, after = closure.residual_before, closure.residual_after
     start = f"was {_number(before.total)} and " if closure.effects else ""
-    yield f"The mean square of the residual {start}is {_number(after.total)} times that of noise."
-    if closure.verdict != "unexplained":
-        white = not after.whiteness_p < _SURE
-        yield (
-            f"What is left looks like noise (p = {_number(after.whiteness_p)})."
-            if white and _known(after.whiteness_p)
-            else "What is left is small, and more regular than noise alone."
-            if not white
-            else "What is left is small."
-        )
+    size = f"the mean square of the residual {start}is {_number(after.total)} times that of noise."
+    yield " ".join([size, *(_left(after) if closure.verdict == "unexplained" else _like_noise(after))])
+
+
+def _like_noise(after: Localisation) -> Iterator[str]:
+    if not _known(after.whiteness_p):
         return
+    if after.whiteness_p >= _SURE:
+        yield f"What is left looks like noise (p = {_number(after.whiteness_p, 2)})."
+    else:
+        yield f"What is left is small, and more regular than noise (p {_chance(after.whiteness_p)})."
+
+
+def _left(after: Localisation) -> Iterator[str]:
     places = list(lives_in(after))
-    yield (
-        f"What is left is more than noise. It is largest at: {'; '.join(places)}."
-        if places
-        else "What is left is more than noise, and stands out in no view."
-    )
+    where = f"It is largest at: {'; '.join(places)}" if places else "It stands out in no view"
+    yield f"What is left is more than noise. {where}."
     if _known(after.even_share):
         yield f"{_percent(after.even_share)} of the residual joint force is even in the displacement."
 
@@ -193,10 +192,10 @@ def _known(value: object) -> bool:
     return isinstance(value, int | float) and math.isfinite(value)
 
 
-def _number(value: float) -> str:
-    """Four digits, without a power of ten where it can be helped."""
-    short = float(f"{value:.4g}")
-    return f"{short:.4g}" if not 1e-4 < abs(short) < 1e6 else f"{short:.10g}"
+def _number(value: float, digits: int = 4) -> str:
+    """Return a number of some digits, without a power of ten where it can be helped."""
+    short = float(f"{value:.{digits}g}")
+    return f"{short:.10g}" if 1e-4 < abs(short) < 1e6 else f"{short:.{digits}g}"
 
 
 def _percent(share: float) -> str:
@@ -204,7 +203,7 @@ def _percent(share: float) -> str:
 
 
 def _chance(p: float) -> str:
-    return f"{p:.2g}" if p >= 1e-4 else "below 0.0001"
+    return f"= {_number(p, 2)}" if p >= 1e-4 else "below 0.0001"
 
 
 def figure(closure: Closure) -> Figure:

@@ -3,8 +3,8 @@
 CAPTIONS: dict[str, tuple[str, str]] = {
     "closure-errors": (
         "Errors before and after",
-        "Errors of the declared model and after every effect that was added, each with all numbers of the "
-        "model fitted again to the training records.",
+        "Errors of the declared model, and after every effect that was added, on records that no fit has "
+        "seen and on those fitted to.",
     ),
     "closure-residual": (
         "Where the residual lived",
@@ -20,7 +20,7 @@ CAPTIONS: dict[str, tuple[str, str]] = {
         "What was added",
         "Force of each added effect along the motion of training records, in the first 0.2 s after the "
         "impact; or, where it changes the law of loosening, the mean loss rate over a cycle of harmonic "
-        "motion. In the legend: tension before the impact.",
+        "motion, dotted without it. In the legend: tension before the impact.",
     ),
     "law-leader-board": (
         "Leader board of tension laws",

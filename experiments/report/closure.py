@@ -21,6 +21,7 @@ from experiments.report.style import (
     panels,
     styled,
 )
+from experiments.report.wording import number, trimmed
 
 Data = Mapping[str, Any]
 
@@ -72,8 +73,9 @@ def residual_by_view(data: Data) -> Figure:
     height = 14.0 + sum(6.0 + 3.6 * count for count in counts)
     figure, axes = panels(len(views), 1, height, sharex=True, height_ratios=[n + 0.6 for n in counts])
     values: list[float] = [1.0]
+    changed = bool(effects_of(data))
     for ax, (title, labels, before, after) in zip(axes[:, 0], views, strict=True):
-        values += _view(ax, labels, before, after)
+        values += _view(ax, labels, before if changed else {}, after)
         ax.set_title(title)
     last = axes[-1, 0]
     last.set_xscale("log")
@@ -85,13 +87,14 @@ def residual_by_view(data: Data) -> Figure:
 
 
 def _view(ax: Axes, labels: Sequence[str], before: Data, after: Data) -> list[float]:
-    """Draw one view and return its values."""
+    """Draw one view and return its values; without what was before, there is one series."""
     rows = np.arange(len(labels))
     old, new = (np.array([_positive(side.get(label)) for label in labels]) for side in (before, after))
     ax.axvline(1.0, color=BACKGROUND, lw=0.6, ls="--", label="Noise alone")
-    ax.hlines(rows, np.fmin(old, new), np.fmax(old, new), color=GREY, lw=0.6)
-    ax.plot(old, rows, "o", color=_BEFORE, markerfacecolor="white", markeredgewidth=0.9, label="Before")
-    ax.plot(new, rows, "o", color=_AFTER, label="After")
+    if before:
+        ax.hlines(rows, np.fmin(old, new), np.fmax(old, new), color=GREY, lw=0.6)
+        ax.plot(old, rows, "o", color=_BEFORE, markerfacecolor="white", markeredgewidth=0.9, label="Before")
+    ax.plot(new, rows, "o", color=_AFTER, label="After" if before else "Residual")
     ax.set_yticks(rows, [_spelt(label) for label in labels])
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
@@ -207,11 +210,13 @@ def effects(data: Data) -> Figure:
     shown = _curves(data)
     figure, axes = panels(len(shown), 2, 16.0 + 44.0 * len(shown))
     for row, effect in zip(axes, shown, strict=True):
-        (_rates if effect["curve"].get("kind") == "tension rate" else _forces)(
-            row, effect["curve"]["records"]
-        )
+        draw = _rates if effect["curve"].get("kind") == "tension rate" else _forces
+        draw(row, effect["curve"]["records"])
         name = row[0].set_title(f"{effect.get('name')}, {place_words(effect.get('enters'))}")
         name.set_in_layout(False)  # it runs on over the panel beside
+    handles, labels = axes[0, 1].get_legend_handles_labels()
+    if any(labels):
+        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     return figure
 
 
@@ -225,36 +230,40 @@ def _forces(row: Sequence[Axes], records: Sequence[Data]) -> None:
             force = np.asarray(record["force_n"], dtype=float)
             ax.plot(along, force, color=colour, lw=0.6, label=_preload(record))
         ax.set_xlabel(label)
-        ax.set_ylabel("Force [N]")
         ax.xaxis.set_major_locator(MaxNLocator(4))
-        ax.yaxis.set_major_locator(MaxNLocator(4))
-    row[1].legend(loc="best")
+        ax.yaxis.set_major_locator(MaxNLocator(5))
+    row[0].set_ylabel("Force [N]")
 
 
 def _rates(row: Sequence[Axes], records: Sequence[Data]) -> None:
+    """Draw the loss rate with (solid) and without (dotted) the effect, and the difference."""
+    drawn: tuple[list[float], list[float]] = ([], [])
     for colour, record in zip(_CURVES, records, strict=False):
         speed = 1e3 * np.asarray(record["peak_velocity_m_per_s"], dtype=float)
-        without, rate = (
-            np.asarray(record[key], dtype=float) for key in ("rate_without_n_per_s", "rate_n_per_s")
+        without, loss = (
+            -np.asarray(record[key], dtype=float) for key in ("rate_without_n_per_s", "rate_n_per_s")
         )
-        row[0].plot(speed, -rate, color=colour, label=_preload(record))
-        row[0].plot(speed, -without, color=colour, ls=":")
-        row[1].plot(speed, without - rate, color=colour)
-    row[0].set_ylabel("Loss rate [N/s]; dotted: without")
-    row[1].set_ylabel("What it adds [N/s]")
-    for ax in row:
-        ax.set_xlabel("Peak velocity [mm/s]")
+        row[0].plot(speed, without, color=colour, ls=":")
+        row[0].plot(speed, loss, color=colour)
+        row[1].plot(speed, loss - without, color=colour, label=_preload(record))
+        drawn[0].extend([*loss, *without])
+        drawn[1].extend(loss - without)
+    for ax, values, label in zip(row, drawn, ("Loss rate [N/s]", "Added to it [N/s]"), strict=True):
         ax.set_xscale("log")
-        ax.set_yscale("symlog", linthresh=_threshold(ax))
+        ax.set_xlabel("Peak velocity [mm/s]")
+        ax.set_ylabel(label)
         _plain_log(ax)
-    row[0].legend(loc="best")
+        _rate_axis(ax, [value for value in values if np.isfinite(value)])
 
 
-def _threshold(ax: Axes) -> float:
-    most = max((float(np.nanmax(np.abs(line.get_ydata()))) for line in ax.get_lines()), default=1.0)
-    return max(1e-4 * most, 1e-12)
+def _rate_axis(ax: Axes, values: Sequence[float]) -> None:
+    """Scale an axis of rates that may have either sign: four decades, linear about zero."""
+    low, high = min([*values, 0.0]), max([*values, 0.0])
+    most = max(high, -low) or 1.0
+    ax.set_yscale("symlog", linthresh=10.0 ** np.floor(np.log10(most) - 3))
+    ax.set_ylim(1.5 * low, 1.5 * high if high > low else 1.0)
 
 
 def _preload(record: Data) -> str:
     tension = record.get("initial_tension_n")
-    return "" if tension is None else f"{tension:.3g} N"
+    return "" if tension is None else f"{trimmed(number(float(tension), 3))} N"

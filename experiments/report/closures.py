@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +28,14 @@ _QUESTION = "Is anything missing from the model, and what?"
 _GOOD = {"closed": True, "no-effect": True, "unexplained": False}
 _SETS = {"hold_out": "hold-out", "training": "training"}
 _HEADLINES = ("motion_nrmse", "relative_motion_nrmse", "tension_loss_error_percent_median")
+_HYPHEN = "\u2011"  # at which no line breaks
+_SHOWN_BELOW = ("numbers",)
+_LEGEND = {
+    "z1": "z: internal states, zero at the start",
+    "rate": "Ṫ₀: rate of the law of loosening before this change",
+    "follow": "follow: dependence of that law on tension, 1 at 100 N",
+    "y_true": "y: what the sensor shows",
+}
 _SINGLE = {
     "even_share": "Share of the residual joint force that is even in the displacement [%]",
     "rate_free_share": "Share of the residual joint force that is out of phase with the displacement [%]",
@@ -37,12 +46,13 @@ _SINGLE = {
 
 @dataclass(frozen=True)
 class Block:
-    """A part of the page on a closed loop: heading, typeset equations, tables."""
+    """A part of the page on a closed loop: heading, text, typeset equations and their legend, tables."""
 
     title: str
-    shown: tuple[Markup, ...] = ()
-    tables: tuple[Table, ...] = ()
     text: str = ""
+    shown: tuple[Markup, ...] = ()
+    legend: str = ""
+    tables: tuple[Table, ...] = ()
 
 
 def answer(data: Data) -> Answer:
@@ -65,11 +75,11 @@ def effects_of(data: Data) -> list[Data]:
 def _verdict(verdict: str, effects: Sequence[Data]) -> str:
     named = " and ".join(_placed(effect) for effect in effects)
     if verdict == "closed" and named:
-        return f"The loop closes. The model lacked {named}; with that, what is left looks like noise."
+        return f"The loop closes. The model lacked {named}; with that, no more is left than noise explains."
     if verdict == "unexplained" and named:
-        return f"Something is still missing. {named} helped, but significant residual is left."
+        return f"Something is still missing: {named} helped, but significant residual is left."
     known = {
-        "closed": "The loop closes: what is left looks like noise.",
+        "closed": "The loop closes: no more is left than noise explains.",
         "no-effect": "Nothing is missing that these records show: no effect beats chance.",
         "unexplained": "Something is missing that no effect explains.",
     }
@@ -94,7 +104,8 @@ def place_words(enters: object) -> str:
 def _sentences(data: Data) -> Iterator[str]:
     said = data.get("summary")
     if isinstance(said, Mapping):
-        yield from (str(text) for text in said.values() if text)
+        told = (str(text) for key, text in said.items() if text and key not in _SHOWN_BELOW)
+        yield from (line for text in told for line in text.splitlines())
         return
     names = ", ".join(str(effect.get("name")) for effect in effects_of(data))
     yield f"Added: {names}." if names else "No effect was added."
@@ -139,41 +150,36 @@ def _error_tables(data: Data) -> Iterator[Table]:
         )
         yield Table("", ("", *heads), rows, note=note)
     steps = _mappings(data.get("steps"))
-    if len(steps) > 1:
+    if len(steps) > 2:  # of one effect the table above says it all
         yield _steps(steps)
 
 
 def _steps(steps: Sequence[Data]) -> Table:
-    keys = [
-        (kind, key)
-        for kind in _SETS
-        for key in _HEADLINES
-        if any(_mapping(_mapping(step.get("errors")).get(kind)).get(key) is not None for step in steps)
-    ]
-    heads = tuple(f"{MEASURES[key][0]}, {_SETS[kind]} [{MEASURES[key][1]}]" for kind, key in keys)
+    of_step = [{kind: _mapping(_mapping(step.get("errors")).get(kind)) for kind in _SETS} for step in steps]
+    kind = next((kind for kind in _SETS if of_step[0][kind].get("records")), "training")
+    keys = [key for key in _HEADLINES if any(errors[kind].get(key) is not None for errors in of_step)]
     rows = tuple(
         (
-            f"+ {step['added']}" if step.get("added") else "the declared model",
-            *(
-                _scaled(_mapping(_mapping(step.get("errors")).get(kind)).get(key), MEASURES[key][2])
-                for kind, key in keys
-            ),
+            f"+\u00a0{str(step['added']).replace('-', _HYPHEN)}" if step.get("added") else "declared",
+            *(_scaled(errors[kind].get(key), MEASURES[key][2]) for key in keys),
         )
-        for step in steps
+        for step, errors in zip(steps, of_step, strict=True)
     )
-    return Table("Step by step", ("Model", *heads), rows)
+    heads = tuple(f"{MEASURES[key][0]} [{MEASURES[key][1]}]" for key in keys)
+    return Table(f"Step by step, {_SETS[kind]}", ("Model", *heads), rows)
 
 
 def _effect_block(effect: Data) -> Block:
     name, enters = str(effect.get("name")), str(effect.get("enters") or "")
     tables = [table for table in (_parameters(effect), _look_alikes(effect)) if table.rows]
-    text = " ".join(_evidence(effect))
-    shown = equations.effect_equations(str(effect.get("equation") or ""), enters)
+    equation = str(effect.get("equation") or "")
+    names = set(re.findall(r"[A-Za-z_]\w*", equation))
     return Block(
         f"{name}, {place_words(enters)}" if enters else name,
-        tuple(shown) if effect.get("equation") else (),
+        " ".join(_evidence(effect)),
+        tuple(equations.effect_equations(equation, enters)) if equation else (),
+        "; ".join(words for known, words in _LEGEND.items() if known in names),
         tuple(tables),
-        text,
     )
 
 
@@ -186,7 +192,8 @@ def _evidence(effect: Data) -> Iterator[str]:
     if isinstance(wins, Sequence) and len(wins) == 2 and wins[1]:
         yield f"Held-out records that it meets better: {wins[0]} of {wins[1]}."
     if isinstance(p, float):
-        yield f"Chance of that where nothing is missing: p = {trimmed(number(p, 2))}."
+        chance = f"= {trimmed(number(p, 2))}" if p >= 1e-4 else "below 10⁻⁴"
+        yield f"Chance of that where nothing is missing: p {chance}."
 
 
 def _parameters(effect: Data) -> Table:

@@ -62,6 +62,7 @@ def render(directory: Path) -> str:
         If the folder holds no result file.
     """
     found = read_results(directory)
+    judged = _judged(found.results)
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("experiments.report", "."),
         autoescape=True,
@@ -73,10 +74,10 @@ def render(directory: Path) -> str:
     environment.filters["tied"] = _tied
     return environment.get_template("page.html.j2").render(
         title=_title(found.results),
-        answers=[a for result in found.results if (a := verdicts.answer(result.kind, result.data))],
+        answers=[a for result in judged if (a := verdicts.answer(result.kind, result.data))],
         closure=[b for r in found.results if r.kind == "closure" for b in closures.blocks(r.data)],
         ranking=[t for r in found.results if r.kind == "ranking" for t in rankings.tables(r.data)],
-        errors=comparison_tables(found.results),
+        errors=comparison_tables(judged),
         motion=_motion(found.results),
         laws=_laws(found.results),
         parameters=_present(parameters_table(r.data) for r in found.results if r.kind == "model"),
@@ -86,6 +87,17 @@ def render(directory: Path) -> str:
         made=_made(found.results),
         version=_version(),
     )
+
+
+def _judged(results: Sequence[Result]) -> list[Result]:
+    """Return the results but for a model that a closure in the same folder has judged already."""
+    closures_made = {result.data.get("command") for result in results if result.kind == "closure"}
+    return [
+        result
+        for result in results
+        if result.kind != "model"
+        or identification_of(result.data).get("command") not in closures_made - {None}
+    ]
 
 
 def _title(results: Sequence[Result]) -> str:

@@ -21,14 +21,20 @@ _DEEPEST = 40
 _PRIME = re.compile(r"\b([A-Za-z_]\w*)'")
 _RATE = re.compile(r"^d([A-Za-z_]\w*)/dt$")
 _STATE = re.compile(r"^([A-Za-z])(\d+)$")
+_BEFORE = "rate"  # of the tension, by the law that an effect changes
 _DERIVATIVE = "derivative"  # name of a function that no equation has
 _COMPARED: dict[type[ast.cmpop], str] = {ast.Gt: ">", ast.GtE: "≥", ast.Lt: "<", ast.LtE: "≤"}
+_CASE = "<mtr><mtd><mrow>{}</mrow></mtd><mtd><mrow><mtext>{}</mtext>{}</mrow></mtd></mtr>"
+_CASES = (
+    '<mrow><mo>{{</mo><mtable columnalign="left left" displaystyle="true">'
+    + _CASE.format("{1}", "where&nbsp;", "{0}")
+    + _CASE.format("{2}", "else", "")
+    + "</mtable></mrow>"
+)
 _SIGNS = {  # of a function with so many arguments
     ("sqrt", 1): "<msqrt>{}</msqrt>",
     ("abs", 1): "<mo>|</mo>{}<mo>|</mo>",
-    ("where", 3): '<mo>{{</mo><mtable columnalign="left left"><mtr><mtd><mrow>{1}</mrow></mtd><mtd><mrow>'
-    "<mtext>where&nbsp;</mtext>{0}</mrow></mtd></mtr><mtr><mtd><mrow>{2}</mrow></mtd><mtd><mtext>else</mtext>"
-    "</mtd></mtr></mtable>",
+    ("where", 3): _CASES,
 }
 _SPELT = frozenset({"tanh", "log", "sin", "cos", "max", "min", "sign", "step"})
 
@@ -42,6 +48,8 @@ def math(*parts: str | Markup, block: bool = False) -> Markup:
 
 def symbol(name: str, dots: int = 0) -> Markup:
     """Return a name as a symbol: Greek where it spells a letter, its tail as subscript, dots on top."""
+    if name == _BEFORE:
+        return Markup("<msub>{}<mn>0</mn></msub>").format(symbol("T", 1))
     head, _, tail = _STATE.sub(r"\1_\2", _SHORT.get(name, name)).partition("_")
     base = Markup("<mi{}>{}</mi>").format(Markup("") if len(_letter(head)) == 1 else _UPRIGHT, _letter(head))
     if dots:
@@ -108,7 +116,7 @@ def _shown(node: ast.expr, depth: int) -> tuple[Markup, int]:
         raise ValueError("an expression to be shown must not be nested so deeply")
     match node:
         case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
-            return Markup("<mn>{}</mn>").format(f"{value:.6g}"), _ATOM
+            return _value(f"{value:.6g}")
         case ast.Name(id=name):
             return symbol(name), _ATOM
         case ast.UnaryOp(op=ast.USub(), operand=operand):
@@ -121,6 +129,15 @@ def _shown(node: ast.expr, depth: int) -> tuple[Markup, int]:
         case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
             return _call(name, arguments, depth)
     raise ValueError(f"{type(node).__name__} is not part of an expression")
+
+
+def _value(text: str) -> tuple[Markup, int]:
+    """Return a number, a power of ten written out."""
+    mantissa, _, power = text.partition("e")
+    if not power:
+        return Markup("<mn>{}</mn>").format(mantissa), _ATOM
+    ten = _power(Markup("<mn>10</mn>"), Markup("<mn>{}</mn>").format(str(int(power)).replace("-", "−")))
+    return (ten, 4) if mantissa == "1" else (Markup("<mn>{}</mn><mo>·</mo>").format(mantissa) + ten, 2)
 
 
 def _operation(node: ast.BinOp, depth: int) -> tuple[Markup, int]:
@@ -153,8 +170,8 @@ def _within(node: ast.expr, rank: int, depth: int, *, leading: bool = False) -> 
 
 def _call(name: str, arguments: Sequence[ast.expr], depth: int) -> tuple[Markup, int]:
     shown = [_shown(argument, depth + 1)[0] for argument in arguments]
-    if name == "max" and len(arguments) == 2 and ast.unparse(arguments[1]) in ("0", "0.0"):
-        return _shown(arguments[0], depth + 1)
+    if name == "max" and [ast.unparse(argument) for argument in arguments] in (["T", "0"], ["T", "0.0"]):
+        return shown[0], _ATOM
     if name == "exp" and len(shown) == 1:
         return _power(Markup("<mi>e</mi>"), shown[0]), 4
     if name == _DERIVATIVE and len(arguments) == 1 and isinstance(arguments[0], ast.Name):

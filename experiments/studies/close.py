@@ -131,5 +131,5 @@ def summary(path: Path) -> str:
 
     data = json.loads(path.read_text(encoding="utf-8"))
     found = answer("closure", data)
-    lines = [data["campaign"], *([found.verdict, *found.sentences] if found else [])]
+    lines = [data["campaign"], *([found.verdict] if found else []), *data["summary"].values()]
     return "\n".join(lines + [f"  note: {text}" for text in data["warnings"] + data["set_aside"]])

@@ -1,0 +1,167 @@
+"""A closed loop in plain words: what was missing, how one knows, what changed, what remains."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+import discovery
+from discovery.closure import Screened
+from discovery.closure_words import lives_in, paragraph, place_words, sections
+from tests.discovery.sound_closure import (
+    LADDER,
+    closure,
+    friction,
+    localisation,
+    skew,
+    threshold,
+    unknown_force,
+)
+
+
+def test_effects_are_named_with_place_equation_numbers_and_limits() -> None:
+    text = closure(friction(), threshold()).summary()
+    for part in (
+        "What was missing: coulomb-friction in the link flexure_lo and loosening-threshold in the tension",
+        "coulomb-friction: F = (F_c + mu * T) * tanh(v / v_s), with F_c = 0.1 N (95 %: 0.09 to 0.11)",
+        "v_th = 0.025 m/s (95 %: 0.0225 to 0.0275)",
+    ):
+        assert part in text, part
+
+
+def test_the_evidence_says_how_much_how_often_and_how_sure() -> None:
+    lines = sections(closure(friction(), threshold()))["evidence"].splitlines()
+    first, second, rest = lines
+    assert "takes away 84 % of the residual" in first
+    assert "9 of 10 held-out records" in first
+    assert "p = 0.002" in first
+    assert "p below 0.0001" in second  # a p of 0 is not claimed
+    assert "acceleration-gain in the sensor acceleration_lo alone could explain most, 2 %" in rest
+
+
+def test_look_alikes_come_with_the_test_that_separates_them() -> None:
+    evidence = sections(closure(friction()))["evidence"]
+    assert "do not tell coulomb-friction for sure from quadratic-damping in the link flexure_lo" in evidence
+    assert f"What would separate them: {LADDER}." in evidence
+    alone = replace(friction(), look_alikes=())
+    assert "for sure" not in paragraph(closure(alone))
+
+
+def test_errors_are_those_of_records_that_no_fit_has_seen() -> None:
+    found = closure(friction())
+    changed = sections(found)["changed"]
+    before, after = (100 * (e["hold_out"]["motion_nrmse"] or 0.0) for e in (found.before, found.after))
+    assert "no fit has seen" in changed
+    assert f"the displacement from {before:.3g} to {after:.3g} %" in changed
+    assert "none was held out" in sections(closure(friction(), hold_out=0))["changed"]
+
+
+def test_no_effect_says_so_and_names_no_effect_as_found() -> None:
+    found = closure(verdict="no-effect")
+    said = sections(found)
+    assert set(said) == {"missing", "evidence", "remains"}
+    assert said["missing"].startswith("What was missing: nothing that these records show")
+    assert "of all candidates coulomb-friction" in said["evidence"]
+    assert "p = 0.4" in said["remains"]
+
+
+@pytest.mark.parametrize(
+    ("effects", "what"), [((), "no effect of the catalogue"), ((unknown_force(),), "a term")]
+)
+def test_unexplained_says_where_the_rest_lives(
+    effects: tuple[discovery.closure.FoundEffect, ...], what: str
+) -> None:
+    said = sections(closure(*effects, verdict="unexplained"))
+    assert what in said["missing"]
+    assert "is more than noise" in said["remains"]
+    for place in ("channel acceleration_lo (6.92 times noise)", "frequency 5-40 Hz", "preload above 300 N"):
+        assert place in said["remains"]
+
+
+def test_regular_remains_are_not_called_noise() -> None:
+    found = replace(closure(friction()), residual_after=localisation(1.1, 1e-6))
+    assert "looks like noise" not in found.summary()
+    assert "more regular than noise (p below 0.0001)" in found.summary()
+
+
+def test_a_view_without_a_peak_is_not_named() -> None:
+    assert list(lives_in(localisation(1.0, 0.5))) == []
+    flat = replace(localisation(9.0, 0.0), by_test=(("coupled", 9.0), ("loosening", 9.1)))
+    assert not any("kind of test" in place for place in lives_in(flat))
+    assert len(list(lives_in(flat))) == 5
+
+
+def test_a_fault_of_a_sensor_is_no_force() -> None:
+    assert "fault is taken out of the records" in closure(skew()).summary()
+    assert "fault" not in closure(friction()).summary()
+
+
+def test_what_is_not_known_is_not_said() -> None:
+    found = replace(closure(unknown_force(), hold_out=0), screened=(Screened("x", "joint", 0.0, 0.0, 0.0),))
+    text = found.summary()
+    assert "nan" not in text
+    assert "None" not in text
+    assert "held-out records" not in text
+    assert "less than 0.1 %" in text
+    assert "a_2 = -40 N s m^-1." in text  # without limits
+
+
+@pytest.mark.parametrize(
+    ("enters", "words"),
+    [
+        ("joint", "the link joint"),
+        ("body:so", "the body so"),
+        ("tension", "the tension of the bolt"),
+        ("sensor:force_lo", "the sensor force_lo"),
+    ],
+)
+def test_places_in_words(enters: str, words: str) -> None:
+    assert place_words(enters) == words
+
+
+def test_the_figure_shows_every_view_before_and_after() -> None:
+    found = closure(friction())
+    axes = found.plot().axes
+    assert [ax.get_title(loc="left") for ax in axes][:2] == ["by channel", "by kind of test"]
+    assert len(axes) == 6
+    before, after = (list(line.get_xdata()) for line in axes[0].get_lines()[:2])
+    assert before == [value for _, value in found.residual_before.by_channel]
+    assert after == [value for _, value in found.residual_after.by_channel]
+
+
+def test_a_residual_without_views_still_has_a_figure() -> None:
+    empty = replace(
+        localisation(1.0, 0.5),
+        **dict.fromkeys(
+            ("by_channel", "by_test", "by_frequency", "by_time", "by_preload", "by_amplitude"), ()
+        ),
+    )
+    found = replace(closure(friction()), residual_before=empty, residual_after=empty)
+    assert found.plot().axes == []
+    assert "What remains" in found.summary()
+
+
+def test_errors_of_every_step_as_a_frame() -> None:
+    frame = closure(friction(), threshold()).to_frame()
+    assert list(frame["model"]) == [
+        name for name in ("declared", "coulomb-friction", "loosening-threshold") for _ in "ab"
+    ]
+    assert (
+        frame["motion_nrmse"].is_monotonic_decreasing
+        or frame["motion_nrmse"].iloc[-1] < frame["motion_nrmse"].iloc[0]
+    )
+
+
+def test_closed_loops_are_imported_when_they_are_used() -> None:
+    assert discovery.Closure is discovery.closure.Closure
+    assert {"close_loop", "discover", "Closure"} <= set(dir(discovery))
+    with pytest.raises(AttributeError, match="close_lop"):
+        discovery.close_lop  # noqa: B018 - the access is what is tested
+    code = (
+        "import sys, discovery; print([m for m in sys.modules if m in ('discovery.closure', 'matplotlib')])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
