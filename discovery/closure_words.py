@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -11,17 +11,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from discovery.closure import Closure, FoundEffect, Kind
-    from discovery.localisation import Localisation, Profile
+    from discovery.localisation import Localisation
     from rom.laws import Parameter
 
-VIEWS = {
-    "by_channel": "channel",
-    "by_test": "kind of test",
-    "by_frequency": "frequency",
-    "by_time": "time since the impact",
-    "by_preload": "preload",
-    "by_amplitude": "amplitude",
-}
+_VIEWS = {"by_test": "kind of test"}  # others are said as they are named
 _MEASURES = (
     ("motion_nrmse", "the displacement", 100.0, " %"),
     ("relative_motion_nrmse", "the relative displacement of the joint", 100.0, " %"),
@@ -173,19 +166,26 @@ def _left(after: Localisation) -> Iterator[str]:
     places = list(lives_in(after))
     where = f"It is largest at: {'; '.join(places)}" if places else "It stands out in no view"
     yield f"What is left is more than noise. {where}."
-    if _known(after.even_share):
-        yield f"{_percent(after.even_share)} of the residual joint force is even in the displacement."
+
+
+def _views(residual: Localisation) -> Mapping[str, Mapping[str, float]]:
+    """Mean squares by label, by view in words."""
+    return {
+        _VIEWS.get(view, view.removeprefix("by_").replace("_", " ")): profile
+        for view, profile in residual.as_dict().items()
+        if isinstance(profile, Mapping) and profile
+    }
 
 
 def lives_in(residual: Localisation) -> Iterator[str]:
     """Yield where a residual stands out, a phrase for each view in which it does."""
-    for view, words in VIEWS.items():
-        known: list[tuple[str, float]] = [item for item in getattr(residual, view) if _known(item[1])]
+    for words, profile in _views(residual).items():
+        known = {label: value for label, value in profile.items() if _known(value)}
         if len(known) < 2:
             continue
-        label, most = max(known, key=lambda item: item[1])
-        if most > 1.0 and most > _STANDS_OUT * min(value for _, value in known):
-            yield f"{words} {label} ({_number(most)} times noise)"
+        label = max(known, key=lambda name: known[name])
+        if known[label] > 1.0 and known[label] > _STANDS_OUT * min(known.values()):
+            yield f"{words} {label} ({_number(known[label])} times noise)"
 
 
 def _known(value: object) -> bool:
@@ -210,29 +210,25 @@ def figure(closure: Closure) -> Figure:
     """Draw the mean square of the residual along every view, before and after, over that of noise."""
     from matplotlib.figure import Figure
 
-    views = [view for view in VIEWS if getattr(closure.residual_before, view)]
-    rows = max(-(-len(views) // 2), 1)
+    before, after = _views(closure.residual_before), _views(closure.residual_after)
+    rows = max(-(-len(before) // 2), 1)
     made = Figure(figsize=(10, 2.6 * rows), layout="constrained")
     axes = made.subplots(rows, 2, squeeze=False)
-    for ax, view in zip(axes.flat, views, strict=False):
-        _draw_view(ax, getattr(closure.residual_before, view), getattr(closure.residual_after, view))
-        ax.set_title(f"by {VIEWS[view]}", loc="left", fontsize="medium")
-    for ax in axes.flat[len(views) :]:
+    for ax, (words, profile) in zip(axes.flat, before.items(), strict=False):
+        _draw_view(ax, profile, after.get(words, {}))
+        ax.set_title(f"by {words}", loc="left", fontsize="medium")
+    for ax in axes.flat[len(before) :]:
         ax.remove()
-    if views:
+    if before:
         axes[0, 0].legend(frameon=False)
     made.supxlabel("mean square of the residual over that of noise [1]", fontsize="medium")
     return made
 
 
-def _draw_view(ax: Axes, before: Profile, after: Profile) -> None:
-    labels = [label for label, _ in before]
-    later = dict(after)
-    series: tuple[tuple[str, Sequence[float], str], ...] = (
-        ("before", [value for _, value in before], "C1"),
-        ("after", [later.get(label, math.nan) for label in labels], "C0"),
-    )
-    for name, values, colour in series:
+def _draw_view(ax: Axes, before: Mapping[str, float], after: Mapping[str, float]) -> None:
+    labels = list(before)
+    for name, profile, colour in (("before", before, "C1"), ("after", after, "C0")):
+        values = [profile.get(label, math.nan) for label in labels]
         ax.plot(values, range(len(labels)), "o", color=colour, label=name)
     ax.axvline(1.0, color="0.6", linestyle="--", linewidth=1)
     ax.set_yticks(range(len(labels)), labels)

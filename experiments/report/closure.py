@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from experiments.report.closures import VIEWS, effects_of, place_words
+from experiments.report.closures import class_words, effects_of, place_words, view_words
 from experiments.report.style import (
     BACKGROUND,
     BLUE,
@@ -53,7 +53,7 @@ def _views(data: Data) -> list[tuple[str, list[str], Data, Data]]:
     """Return title, labels, and mean squares before and after, of every view that can be drawn."""
     residual = data.get("residual") or {}
     found = []
-    for view, title in VIEWS.items():
+    for view in residual.get("after") or {}:
         before, after = ((residual.get(when) or {}).get(view) or {} for when in ("before", "after"))
         if not (isinstance(before, Mapping) and isinstance(after, Mapping)):
             continue
@@ -61,7 +61,7 @@ def _views(data: Data) -> list[tuple[str, list[str], Data, Data]]:
             label for label in dict.fromkeys((*before, *after)) if before.get(label) or after.get(label)
         ]
         if labels:
-            found.append((title, labels, before, after))
+            found.append((view_words(view), labels, before, after))
     return found
 
 
@@ -95,7 +95,7 @@ def _view(ax: Axes, labels: Sequence[str], before: Data, after: Data) -> list[fl
         ax.hlines(rows, np.fmin(old, new), np.fmax(old, new), color=GREY, lw=0.6)
         ax.plot(old, rows, "o", color=_BEFORE, markerfacecolor="white", markeredgewidth=0.9, label="Before")
     ax.plot(new, rows, "o", color=_AFTER, label="After" if before else "Residual")
-    ax.set_yticks(rows, [_spelt(label) for label in labels])
+    ax.set_yticks(rows, [class_words(label) for label in labels])
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
     ax.set_ylim(len(labels) - 0.4, -0.6)
@@ -105,10 +105,6 @@ def _view(ax: Axes, labels: Sequence[str], before: Data, after: Data) -> list[fl
 
 def _positive(value: object) -> float:
     return float(value) if isinstance(value, int | float) and value > 0 else float("nan")
-
-
-def _spelt(label: str) -> str:
-    return str(label).replace("_", " ")
 
 
 def _plain_log(ax: Axes, which: str = "x") -> None:

@@ -16,14 +16,6 @@ from experiments.report.wording import NONE, label, number, trimmed
 
 Data = Mapping[str, Any]
 
-VIEWS = {
-    "by_channel": "Channel",
-    "by_test": "Kind of test",
-    "by_frequency": "Frequency",
-    "by_time": "Time since the impact",
-    "by_preload": "Preload",
-    "by_amplitude": "Amplitude",
-}
 _QUESTION = "Is anything missing from the model, and what?"
 _GOOD = {"closed": True, "no-effect": True, "unexplained": False}
 _SETS = {"hold_out": "hold-out", "training": "training"}
@@ -37,8 +29,6 @@ _LEGEND = {
     "y_true": "y: what the sensor shows",
 }
 _SINGLE = {
-    "even_share": "Share of the residual joint force that is even in the displacement [%]",
-    "rate_free_share": "Share of the residual joint force that is out of phase with the displacement [%]",
     "whiteness_p": "Chance of so much dependence if only noise were left [1]",
     "total": "All",
 }
@@ -99,6 +89,16 @@ def place_words(enters: object) -> str:
     if name:
         return f"{kind} {name}"
     return kind if kind in ("", "tension") else f"link {kind}"
+
+
+def view_words(view: str) -> str:
+    """Return what a view of the residual goes along: "by_preload" is "Preload"."""
+    return "Kind of test" if view == "by_test" else label(view.removeprefix("by_"))
+
+
+def class_words(text: object) -> str:
+    """Return the label of a class as people write it."""
+    return re.sub(r"\bum\b", "µm", str(text).replace("_", " "))
 
 
 def _sentences(data: Data) -> Iterator[str]:
@@ -228,13 +228,12 @@ def _residual(data: Data) -> Table:
     for view in dict.fromkeys((*before, *after)):
         old, new = before.get(view), after.get(view)
         if isinstance(old, Mapping) or isinstance(new, Mapping):
-            name = VIEWS.get(view, label(view))
+            name = view_words(view)
             parts = dict.fromkeys((*_mapping(old), *_mapping(new)))
-            rows += [(name, part, _cell(_mapping(old).get(part)), _cell(_mapping(new).get(part)))
+            rows += [(name, class_words(part), _cell(_mapping(old).get(part)), _cell(_mapping(new).get(part)))
                      for part in parts]  # fmt: skip
         else:
-            percent = 100.0 if view.endswith("_share") else 1.0
-            rows.append((_SINGLE.get(view, label(view)), "", _cell(old, percent), _cell(new, percent)))
+            rows.append((_SINGLE.get(view, label(view)), "", _cell(old), _cell(new)))
     note = "Mean square of the whitened residual; 1 is what noise alone leaves."
     return Table("Where the residual lives", ("View", "", "Before", "After"), tuple(rows), note=note)
 
@@ -255,8 +254,8 @@ def _screened(data: Data) -> Table:
     return Table("What was screened", heads, rows, note=note)
 
 
-def _cell(value: object, factor: float = 1.0) -> str:
-    return trimmed(_scaled(value, factor)) if isinstance(value, float) else label(str(value or NONE))
+def _cell(value: object) -> str:
+    return trimmed(number(value, 3)) if isinstance(value, float) else label(str(value or NONE))
 
 
 def _share(value: object) -> str:

@@ -41,11 +41,8 @@ def localisation(scale: float, p: float) -> Localisation:
         by_channel=profile("tension", "acceleration_so", "acceleration_lo"),
         by_test=profile("coupled", "loosening"),
         by_frequency=profile("100-400 Hz", "40-100 Hz", "5-40 Hz"),
-        by_time=profile("0-30 ms", "30-300 ms", "0.3-3 s", "after 3 s"),
         by_preload=profile("below 30 N", "30-300 N", "above 300 N"),
-        by_amplitude=profile("smallest third", "middle third", "largest third"),
-        even_share=0.04,
-        rate_free_share=float("nan"),
+        by_amplitude=profile("0 to 10 um", "10 to 50 um", "50 um and more"),
         whiteness_p=p,
         total=scale,
     )

@@ -91,7 +91,7 @@ def test_a_view_without_a_peak_is_not_named() -> None:
     assert list(lives_in(localisation(1.0, 0.5))) == []
     flat = replace(localisation(9.0, 0.0), by_test=(("coupled", 9.0), ("loosening", 9.1)))
     assert not any("kind of test" in place for place in lives_in(flat))
-    assert len(list(lives_in(flat))) == 5
+    assert len(list(lives_in(flat))) == 4
 
 
 def test_a_fault_of_a_sensor_is_no_force() -> None:
@@ -126,7 +126,7 @@ def test_the_figure_shows_every_view_before_and_after() -> None:
     found = closure(friction())
     axes = found.plot().axes
     assert [ax.get_title(loc="left") for ax in axes][:2] == ["by channel", "by kind of test"]
-    assert len(axes) == 6
+    assert len(axes) == 5
     before, after = (list(line.get_xdata()) for line in axes[0].get_lines()[:2])
     assert before == [value for _, value in found.residual_before.by_channel]
     assert after == [value for _, value in found.residual_after.by_channel]
@@ -135,9 +135,7 @@ def test_the_figure_shows_every_view_before_and_after() -> None:
 def test_a_residual_without_views_still_has_a_figure() -> None:
     empty = replace(
         localisation(1.0, 0.5),
-        **dict.fromkeys(
-            ("by_channel", "by_test", "by_frequency", "by_time", "by_preload", "by_amplitude"), ()
-        ),
+        **dict.fromkeys(("by_channel", "by_test", "by_frequency", "by_preload", "by_amplitude"), ()),
     )
     found = replace(closure(friction()), residual_before=empty, residual_after=empty)
     assert found.plot().axes == []

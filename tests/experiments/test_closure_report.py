@@ -1,0 +1,255 @@
+"""A closed loop as figures, tables and plain words: all that closure.json holds, and no more."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from discovery.closure import Closure
+from experiments.report import closures
+from experiments.report.closure import closure_figures
+from experiments.report.equations import effect_equations
+from experiments.report.style import COLUMN_MM, save
+from experiments.results import plain
+from experiments.studies import report
+from experiments.studies.close import closure_section, model_section
+from rom.effects import CATALOGUE
+from tests.discovery.sound_closure import LADDER, closure, friction, skew, threshold, unknown_force
+
+ALL = {"closure-errors", "closure-residual", "closure-screened", "closure-effects"}
+COMMAND = "boltlaw close campaign"
+
+
+def curves() -> list[dict[str, Any]]:
+    """Curves of a force and of a rate, as the study works them out."""
+    phase = np.linspace(0.0, 6.0, 50)
+    force = {"displacement_m": 1e-4 * np.sin(phase), "velocity_m_per_s": 0.03 * np.cos(phase),
+             "force_n": np.tanh(30 * np.cos(phase))}  # fmt: skip
+    speed = np.geomspace(1e-3, 0.1, 20)
+    rate = {"peak_velocity_m_per_s": speed, "rate_without_n_per_s": -1e6 * speed**4,
+            "rate_n_per_s": np.where(speed > 0.025, -1e5 * speed**4, 0.0)}  # fmt: skip
+    return [
+        {
+            "kind": kind,
+            "records": [{"file": "a.h5", "initial_tension_n": tension, **one} for tension in (6.0, 2995.4)],
+        }
+        for kind, one in (("force", force), ("tension rate", rate))
+    ]
+
+
+def content(found: Closure, *drawn: dict[str, Any] | None) -> dict[str, Any]:
+    data = closure_section(found) | {"command": COMMAND, "campaign_digest": "0123abcd"}
+    for row, curve in zip(data["effects"], drawn or [None] * len(data["effects"]), strict=True):
+        row["curve"] = curve
+    made: dict[str, Any] = json.loads(json.dumps(plain(data), allow_nan=False))
+    return made
+
+
+def two() -> dict[str, Any]:
+    return content(closure(friction(), threshold()), *curves())
+
+
+def test_a_closure_gives_every_figure_one_column_wide_with_units(tmp_path: Path) -> None:
+    made = closure_figures(two())
+    assert set(made) == ALL
+    for name, figure in made.items():
+        assert figure.get_figwidth() == pytest.approx(COLUMN_MM / 25.4)
+        path = save(figure, tmp_path / f"{name}.svg")
+        assert ElementTree.parse(path).getroot().tag.endswith("svg")
+        for axes in figure.axes:
+            labels = axes.get_xlabel() + axes.get_ylabel()
+            assert not labels or "[" in labels, f"{name}: an axis without unit: {labels}"
+
+
+@pytest.mark.parametrize(
+    ("lacking", "gone"),
+    [
+        ("steps", {"closure-errors"}),
+        ("residual", {"closure-residual"}),
+        ("screened", {"closure-screened"}),
+        ("effects", {"closure-effects"}),
+        ("summary", set()),
+    ],
+)
+def test_missing_data_is_a_missing_figure(lacking: str, gone: set[str]) -> None:
+    data = two()
+    del data[lacking]
+    assert set(closure_figures(data)) == ALL - gone
+
+
+def test_nothing_and_the_least_that_the_contract_asks_for_give_no_figures() -> None:
+    least = {"effects": [{"name": "x"}], "steps": [{"added": "x", "errors": {}}],
+             "residual": {"before": {"body": "lo"}, "after": {"whiteness_p": 0.3}}}  # fmt: skip
+    assert closure_figures({}) == closure_figures(least) == {}
+
+
+def test_gaps_are_left_out_of_the_figures() -> None:
+    data = two()
+    data["steps"][1]["errors"]["hold_out"]["motion_nrmse"] = None
+    data["residual"]["after"]["by_test"]["coupled"] = None
+    del data["residual"]["after"]["by_channel"]["tension"]
+    data["screened"][0]["share"] = None
+    data["effects"][0]["curve"]["records"][0]["initial_tension_n"] = None
+    for figure in closure_figures(data).values():
+        figure.draw_without_rendering()
+        for axes in figure.axes:
+            assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()
+
+
+def test_the_residual_is_drawn_before_and_after_and_once_where_nothing_changed() -> None:
+    data = two()
+    axes = closure_figures(data)["closure-residual"].axes
+    titles = [ax.get_title(loc="left") for ax in axes]
+    assert titles == ["Channel", "Kind of test", "Frequency", "Preload", "Amplitude"]
+    lines = {line.get_label(): list(line.get_xdata()) for line in axes[0].get_lines()}
+    for when in ("before", "after"):
+        assert lines[when.capitalize()] == list(data["residual"][when]["by_channel"].values())
+    same = closure_figures(content(closure(verdict="no-effect")))["closure-residual"].axes[0]
+    assert [line.get_label() for line in same.get_lines()] == ["Noise alone", "Residual"]
+
+
+def test_errors_are_drawn_step_by_step() -> None:
+    data = two()
+    axes = closure_figures(data)["closure-errors"].axes
+    assert [ax.get_title(loc="left") for ax in axes][2:] == ["Loss of tension [%]", "Tension [N]"]
+    held, _ = axes[0].get_lines()
+    expected = [100 * step["errors"]["hold_out"]["motion_nrmse"] for step in data["steps"]]
+    assert list(held.get_ydata()) == pytest.approx(expected)
+    assert [text.get_text() for text in axes[0].get_xticklabels()] == ["none", "1", "2"]
+
+
+def test_the_board_marks_what_was_added() -> None:
+    (axes,) = closure_figures(two())["closure-screened"].axes
+    named = [text.get_text() for text in axes.texts]
+    assert named[:2] == ["coulomb-friction, link flexure_lo (added)", "quadratic-damping, link flexure_lo"]
+    assert [bar.get_width() for bar in axes.patches][:2] == pytest.approx([83.0, 79.0])
+
+
+@pytest.mark.parametrize(
+    ("found", "part", "good"),
+    [
+        (closure(friction()), "The model lacked coulomb-friction (link flexure_lo)", True),
+        (closure(skew()), "acceleration-skew (sensor acceleration_so)", True),
+        (closure(verdict="no-effect"), "Nothing is missing that these records show", True),
+        (closure(verdict="unexplained"), "Something is missing that no effect explains", False),
+        (closure(unknown_force(), verdict="unexplained"), "a term outside the catalogue (link joint)", False),
+    ],
+    ids=["closed", "sensor", "no-effect", "unexplained", "free-form"],
+)
+def test_the_verdict_comes_first_in_plain_words(found: Closure, part: str, good: bool) -> None:
+    answer = closures.answer(content(found))
+    assert part in answer.verdict
+    assert answer.good is good
+    assert bool(answer.headlines) is bool(found.effects)
+
+
+def test_headlines_are_the_errors_on_records_that_no_fit_has_seen() -> None:
+    data = two()
+    first = closures.answer(data).headlines[0]
+    assert first.raw == data["errors"]["hold_out"]["after"]["motion_nrmse"]
+    assert first.shown == "10.1 → 1.20 %"
+    assert first.words == "displacement, NRMSE, hold-out"
+    unseen = closures.answer(content(closure(friction(), hold_out=0))).headlines[0]
+    assert unseen.words.endswith("training")
+
+
+def shown(data: dict[str, Any], folder: Path) -> str:
+    """Return the words of the page of a closure and its model."""
+    head = {
+        "format": "boltlaw-closure/1",
+        "campaign": "c",
+        "program_version": "0",
+        "seed": 0,
+        "elapsed_s": 1.0,
+    }
+    (folder / "closure.json").write_text(json.dumps(head | data), encoding="utf-8")
+    for name, figure in closure_figures(data).items():
+        save(figure, folder / f"{name}.svg")
+    text = re.sub(r"<style>.*?</style>", "", report.run(folder).read_text(encoding="utf-8"), flags=re.DOTALL)
+    bare = html.unescape(re.sub(r"<[^>]+>", " ", text)).replace("\u2062", " ")
+    return re.sub(r"\s+", " ", bare)
+
+
+def test_the_page_shows_errors_equations_numbers_look_alikes_and_figures(tmp_path: Path) -> None:
+    data = two()
+    found = closure(friction(), threshold())
+    found.model.save(tmp_path / "model.json", identification=model_section(data))
+    words = shown(data, tmp_path)
+    for part in (
+        "Is anything missing from the model, and what?",
+        "The model lacked coulomb-friction (link flexure_lo) and loosening-threshold (tension)",
+        "What remains: the mean square of the residual was 38 and is 1.02 times that of noise",
+        "Hold-out, before Hold-out, after Training, before",
+        "Displacement, NRMSE [%] 10.1 1.20 9.84",
+        "Step by step, hold-out",
+        "F c 0.100 0.0900 to 0.110 N",
+        f"quadratic-damping link flexure_lo 1.07 {LADDER}",
+        "Held-out records that it meets better: 9 of 10",
+        "p below 10⁻⁴",
+        "Ṫ₀: rate of the law of loosening before this change",
+        "Where the residual lives (16)",
+        "Amplitude 50 µm and more 60.2 1.03",
+        "acceleration-gain sensor acceleration_lo 2 % 55 % 0.01",
+        "Where the residual lived.",
+        "coulomb-friction, link flexure_lo F = ( F c + μ T ) tanh ( v v s )",
+    ):
+        assert part in words, part
+    assert "Which reduced-order model" not in words  # the closure has judged that model already
+    assert "Errors of the identified model" not in words
+    assert "Closure: " not in words
+
+
+def test_a_model_that_was_made_otherwise_is_judged_beside_the_closure(tmp_path: Path) -> None:
+    other = model_section(two()) | {"command": "boltlaw identify campaign"}
+    closure(friction()).model.save(tmp_path / "model.json", identification=other)
+    assert "Which reduced-order model" in shown(two(), tmp_path)
+
+
+def test_a_closure_that_others_wrote_is_shown_by_what_it_has(tmp_path: Path) -> None:
+    effect = {"name": "<b>odd</b>", "enters": "joint", "equation": "mu T tanh(v / v_s)",
+              "parameters": {"mu": {"value": 0.021, "low": 0.019, "high": 0.023, "unit": "1"}},
+              "look_alikes": [{"name": "other", "hold_out_cost": 1.07}]}  # fmt: skip
+    words = shown({"verdict": "closed", "effects": [effect]}, tmp_path)
+    for part in (
+        "<b>odd</b>",
+        "Added: <b>odd</b>.",
+        "F = μ T tanh",
+        "0.0210 0.0190 to 0.0230",
+        "other – 1.07 –",
+    ):
+        assert part in words, part
+
+
+@pytest.mark.parametrize("name", list(CATALOGUE))
+def test_every_equation_of_the_catalogue_is_typeset(name: str) -> None:
+    member = CATALOGUE[name]
+    lines = effect_equations(member.equation, member.places[0])
+    assert len(lines) == member.equation.count(";") + 1
+    for line in lines:
+        assert "<code>" not in line
+        ElementTree.fromstring(line.replace("&nbsp;", " "))
+
+
+@pytest.mark.parametrize(
+    ("text", "enters", "expected"),
+    [
+        ("rate * max(1 - v_th / abs(v), 0) ** 4", "tension", "T˙=T˙0max(1−vth|v|,0)4"),
+        ("dz1/dt = v - z1 / tau", "joint", "z˙1=v−z1τ"),
+        ("F = where(b > e, b, 2 * c) * x", "joint", "F={bwhere b>e2celsex"),
+        ("y' + r * y = y_true'", "sensor:acceleration_lo", "y˙+ry=y˙true"),
+        ("y(t) = y_true(t - tau)", "sensor:tension", "y(t)=ytrue(t−τ)"),
+        ("b = 1.5e-7 * x", "joint", "b=1.5·10−7x"),
+        ("a * abs(x)", "body:lo", "F=a|x|"),
+    ],
+)
+def test_equations_of_effects_keep_their_meaning(text: str, enters: str, expected: str) -> None:
+    (line,) = effect_equations(text, enters)
+    bare = html.unescape(re.sub(r"<[^>]+>", "", line)).replace("\u2062", "").replace("\u00a0", " ")
+    assert bare == expected
