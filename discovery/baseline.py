@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from rom.effects import Added
 from rom.laws import Law
 from rom.linear import UNCOUPLED
 from rom.model import LinkLaws, Model
@@ -18,6 +19,17 @@ _TINY = 1e-9
 _LARGEST_STEP = (0.3, 3.0)  # of a value at once
 _LEAST_CORNER = 1e-6
 Slopes = Mapping[str, float]
+_OF_EFFECT = "effect|"
+
+
+def effect_number(effect: Added, parameter: str) -> str:
+    """Name of a number of an effect; it is counted in shares of its size."""
+    return f"{_OF_EFFECT}{effect.enters}|{effect.name}|{parameter}"
+
+
+def size_of(value: float) -> float:
+    """What steps of a number are counted in."""
+    return max(abs(value), _TINY)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +63,7 @@ class Baseline:
         law = self._law(term)
         here, found = float(law(tension)), {}
         for parameter, value in law.parameters.items():
-            size = max(abs(value.value), _TINY)
+            size = size_of(value.value)
             moved = _within(law, parameter, value.value + _DIFFERENCE * size)
             step = moved.parameters[parameter].value - value.value
             if step == 0.0:
@@ -67,6 +79,8 @@ class Baseline:
             if name.startswith(CORNER):
                 old = corners.get(name, corners.get(CORNER, step_unit(CORNER, 0.0)))
                 corners[name] = max(old + step * step_unit(CORNER, old), _LEAST_CORNER)
+            elif name.startswith(_OF_EFFECT):
+                model = _with_effect_step(model, name, step)
             else:
                 model = _with_step(model, name, step)
         return Baseline(model, corners)
@@ -101,7 +115,7 @@ def _with_step(model: Model, name: str, step: float) -> Model:
     law = laws.stiffness if place == "stiffness" else laws.damping
     if parameter:
         old = law.parameters[parameter].value
-        law = _within(law, parameter, old + step * max(abs(old), _TINY))
+        law = _within(law, parameter, old + step * size_of(old))
     else:
         factor = float(np.clip(1 + step, *_LARGEST_STEP))
         for constant, value in law.parameters.items():
@@ -110,6 +124,13 @@ def _with_step(model: Model, name: str, step: float) -> Model:
     return replace(model, uncoupled_laws=changed) if apart else replace(model, link_laws=changed)
 
 
-def common(names: Sequence[str]) -> tuple[str, ...]:
-    """Names in order, each once."""
-    return tuple(dict.fromkeys(names))
+def _with_effect_step(model: Model, name: str, step: float) -> Model:
+    enters, effect_name, parameter = name.removeprefix(_OF_EFFECT).split("|")
+    effects = []
+    for effect in model.effects:
+        if (effect.enters, effect.name) == (enters, effect_name):
+            old = effect.parameters[parameter]
+            value = float(np.clip(old.value + step * size_of(old.value), *old.bounds))
+            effect = effect.with_values(**{parameter: value})
+        effects.append(effect)
+    return replace(model, effects=tuple(effects))

@@ -1,10 +1,27 @@
-"""Where a residual lives: in which body and channel, at which amplitude, time, frequency, tension and sign."""
+"""Where a residual lives: in which channel and test, at which frequency, tension and amplitude."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+import numpy as np
+from scipy import stats
+
+from rom.channels import FloatArray
+
+if TYPE_CHECKING:
+    from discovery.tracing import Evidence, Trace
+
+_BANDS = (
+    ("0 to 30 Hz", 0.0, 30.0),
+    ("30 to 100 Hz", 30.0, 100.0),
+    ("100 to 300 Hz", 100.0, 300.0),
+    ("300 Hz and more", 300.0, np.inf),
+)
+_PRELOADS = (30.0, 100.0, 300.0, 1000.0)  # [N]
+_AMPLITUDES = (10.0, 50.0, 100.0, 200.0)  # [um]
 Profile = tuple[tuple[str, float], ...]  # label and residual's mean square over that of the noise floor
 
 
@@ -14,10 +31,8 @@ class Localisation:
 
     Attributes
     ----------
-    by_channel, by_test, by_frequency, by_time, by_preload, by_amplitude : tuple of (str, float)
+    by_channel, by_test, by_frequency, by_preload, by_amplitude : tuple of (str, float)
         A label and the mean square there.
-    even_share, rate_free_share : float
-        Share of the residual joint force that is even in the displacement; that is out of phase with it.
     whiteness_p : float
         Chance of so much dependence between neighbouring lines where nothing is left but noise.
     total : float
@@ -27,16 +42,78 @@ class Localisation:
     by_channel: Profile
     by_test: Profile
     by_frequency: Profile
-    by_time: Profile
     by_preload: Profile
     by_amplitude: Profile
-    even_share: float
-    rate_free_share: float
     whiteness_p: float
     total: float
 
     def as_dict(self) -> Mapping[str, object]:
         """Return plain values for a result file."""
-        views = ("by_channel", "by_test", "by_frequency", "by_time", "by_preload", "by_amplitude")
-        plain = ("even_share", "rate_free_share", "whiteness_p", "total")
+        views = ("by_channel", "by_test", "by_frequency", "by_preload", "by_amplitude")
+        plain = ("whiteness_p", "total")
         return {view: dict(getattr(self, view)) for view in views} | {k: getattr(self, k) for k in plain}
+
+
+def localise(evidence: Evidence) -> Localisation:
+    """Return where the residual on training records lives, the model's numbers refitted."""
+    rows = evidence.left_over(evidence.residual)
+    squares, chance, first = [], [], 0
+    for trace, part, linear in evidence.parts:
+        count = 2 * part.motion.size
+        mine = rows[first : first + count].reshape(2, *part.motion.shape)
+        first += len(linear.residual)
+        if not trace.settings.hold_out:
+            squares.append((trace, part.frequency, mine))
+            chance.append(mine)
+    return Localisation(
+        by_channel=_mean_squares(
+            (body, m[:, :, k]) for t, _, m in squares for k, body in enumerate(t.bodies)
+        ),
+        by_test=_mean_squares((t.measurement.test, m) for t, _, m in squares),
+        by_frequency=_mean_squares(
+            (text, m[:, (f >= low) & (f < high)]) for _, f, m in squares for text, low, high in _BANDS
+        ),
+        by_preload=_mean_squares((_class(t.level, _PRELOADS, "N"), m) for t, _, m in squares),
+        by_amplitude=_mean_squares((_class(_peak(t), _AMPLITUDES, "um"), m) for t, _, m in squares),
+        whiteness_p=_whiteness(chance),
+        total=float(np.mean(np.concatenate([m.ravel() for _, _, m in squares]) ** 2)),
+    )
+
+
+def _mean_squares(parts: Iterable[tuple[str, FloatArray]]) -> Profile:
+    sums: dict[str, list[float]] = {}
+    for label, values in parts:
+        one = sums.setdefault(label, [0.0, 0.0])
+        one[0] += float(np.sum(values**2))
+        one[1] += values.size
+    return tuple((label, total / count) for label, (total, count) in sorted(sums.items(), key=_rank) if count)
+
+
+def _rank(item: tuple[str, list[float]]) -> tuple[int, str]:
+    """Classes by their numbers, names by the alphabet."""
+    digits = "".join(c if c.isdigit() else " " for c in item[0]).split()
+    return (int(digits[0]) if digits else 0), item[0]
+
+
+def _class(value: float, edges: Sequence[float], unit: str) -> str:
+    place = int(np.searchsorted(edges, value))
+    if place == 0:
+        return f"0 to {edges[0]:g} {unit}"
+    if place == len(edges):
+        return f"{edges[-1]:g} {unit} and more"
+    return f"{edges[place - 1]:g} to {edges[place]:g} {unit}"
+
+
+def _peak(trace: Trace) -> float:
+    """Largest relative displacement of the first two bodies, or displacement of the one that moves [um]."""
+    motions = list(trace.displacement.values())
+    return float(np.abs(motions[0] - motions[1] if len(motions) > 1 else motions[0]).max()) * 1e6
+
+
+def _whiteness(parts: Sequence[FloatArray]) -> float:
+    """Chance of the correlation between neighbouring lines, were they independent."""
+    products = [(m[:, 1:] * m[:, :-1]).ravel() for m in parts if m.shape[1] > 1]
+    if not products:
+        return float("nan")
+    every = np.concatenate(products)
+    return float(2 * stats.norm.sf(abs(every.sum()) / np.sqrt(np.sum(every**2))))

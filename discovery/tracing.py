@@ -8,7 +8,7 @@ the strength of a missing effect however large that is, and stays in phase.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,7 +18,7 @@ import numpy.typing as npt
 from discovery.baseline import Baseline
 from rom.campaign import Campaign, RecordSettings
 from rom.channels import FloatArray
-from rom.effects import Effect
+from rom.effects import Effect, SensorFault
 from rom.identification import Identification
 from rom.kernels.prescribed import force_of_effects
 from rom.laws import power_loosening
@@ -180,7 +180,7 @@ def _with_gamma(model: Model, gamma: float | None) -> Model:
         return model
     link = model.structure.bolted_links[0]
     laws = replace(model.link_laws[link], tension_rate=power_loosening(gamma))
-    effects = tuple(effect for effect in model.effects if isinstance(effect, Effect))
+    effects = tuple(effect for effect in model.effects if isinstance(effect, Effect | SensorFault))
     return replace(model, link_laws={**model.link_laws, link: laws}, effects=effects)
 
 
@@ -263,24 +263,36 @@ class Evidence:
 
 def gather(
     campaign: Campaign,
-    found: Identification,
-    model: Model,
+    baseline: Baseline,
+    set_aside: Collection[str] = (),
+    floors: Mapping[Group, NoiseFloor] | None = None,
     progress: Progress | None = None,
 ) -> Evidence:
-    """Trace all records of moving bodies with the model and weigh what it leaves by the noise floor."""
-    corners = {}
-    if found.linear is not None:
-        corners = {n: found.linear.value(n) for n in found.linear.names if n.startswith(CORNER)}
-    aside = {doubt.file for doubt in found.set_aside}
-    records = [r for r in campaign.select(MOTION_TESTS) if r.file not in aside]
-    baseline = Baseline(replace(model, identification=None), corners)
+    """Trace all records of moving bodies with a model and weigh what it leaves by the noise floor.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Its uncoupled, coupled and loosening records are read, held-out ones too.
+    baseline : Baseline
+        The model.
+    set_aside : collection of str
+        Files to leave out.
+    floors : mapping
+        Noise floors; None: taken from before the hits.
+    progress : callable
+        Called as ``progress(done, total)``.
+    """
+    records = [r for r in campaign.select(MOTION_TESTS) if r.file not in set_aside]
     traces = trace_records(campaign, baseline, records, progress)
-    floors = _floors(campaign, baseline, traces)
-    evidence = weigh(traces, baseline, floors)
-    for _ in range(2):
-        moved = evidence.baseline.moved(evidence.steps(evidence.residual))
-        evidence = weigh(traces, moved, floors)
-    return evidence
+    return weigh(traces, baseline, _floors(campaign, baseline, traces) if floors is None else floors)
+
+
+def starting(found: Identification, model: Model) -> Baseline:
+    """Return the baseline of a model with the sensors' corners that its identification found."""
+    linear = found.linear
+    corners = {n: linear.value(n) for n in linear.names if n.startswith(CORNER)} if linear is not None else {}
+    return Baseline(replace(model, identification=None), corners)
 
 
 def _floors(campaign: Campaign, baseline: Baseline, traces: Sequence[Trace]) -> Mapping[Group, NoiseFloor]:

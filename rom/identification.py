@@ -336,6 +336,22 @@ def _loss_noise(records: Sequence[ReducedRecord]) -> float:
     return float(np.median(batch)) if batch else 0.0
 
 
+def relearned(found: Identification, model: Model) -> Identification:
+    """Return an identification with another model of the motion, its gamma(T) fitted anew to the same cases.
+
+    What changes the tension law stays in the model: the law is fitted beside it.
+    """
+    moved = replace(found, model=model)
+    if len(model.structure.bolted_links) != 1 or not found.courses:
+        return moved
+    cases = [
+        LooseningCase(c.file, c.body, c.force, c.rate_hz, c.initial,
+                      max(c.final, c.final_error), c.final_error)
+        for c in found.courses if not c.hold_out
+    ]  # fmt: skip
+    return _with_loosening(moved, cases, found.courses[0].final_window)
+
+
 def _without_loosening(found: Identification) -> Identification:
     """Return the model of a bolt that no test loosened: dT/dt = 0, or one negative gamma near one tension."""
     told = [g.gamma for g in found.gamma if g.gamma < 0 and not g.at_bound and g.log_error < _UNDETERMINED]

@@ -1,0 +1,294 @@
+"""The closed loop: residual, missing effect, refined model, until the residual is noise or nothing helps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from discovery.attribution import Probe, explain, free_numbers, output_of, screen, slopes_of
+from discovery.baseline import effect_number, size_of
+from discovery.closure import Closure, ErrorsByKind, FoundEffect, LookAlike, Screened, Step, Verdict
+from discovery.explanation import Explanation
+from discovery.localisation import localise
+from discovery.tension_attribution import explain_tension
+from discovery.tracing import Evidence, gather, starting, weigh
+from rom.campaign import Campaign
+from rom.comparison import judge
+from rom.effects import CATALOGUE, Added, Effect, look_alikes
+from rom.identification import Identification, identify_campaign, relearned
+from rom.model import Model
+from rom.reduction import Progress
+from rom.residuals import summarise
+
+Stages = Callable[[str], Progress | None]
+MOST_EFFECTS = 3
+_FITTED = 4  # of the screened effects
+_SURE, _SURE_HELD_OUT = 40.0, 10.0  # gain in cost that chance does not make over a whole catalogue
+_MATERIAL = 0.01  # share of the cost: less changes nothing that matters
+_ALIKE = 12.0  # difference in cost within chance
+_NEAR = 0.05  # of the gain: what a slightly wrong form of the right effect may lose
+_QUIET = 1.2  # mean square of the residual that still counts as noise
+_REFITS = 3
+
+
+def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None, seed: int = 0) -> Closure:
+    """Find what a campaign's declared model lacks, add it, and tell the errors before and after.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        As read by `rom.read_campaign`; nothing is fitted to its held-out records.
+    jobs : int
+        Processes; the numbers do not depend on it.
+    progress : callable
+        Called with the name of a stage; returns what is then called with (done, in all), or None.
+    seed : int
+        Kept for resampling; nothing is drawn at random now.
+
+    Returns
+    -------
+    Closure
+        Verdict, effects, refined model, errors after every step.
+
+    Raises
+    ------
+    ValueError
+        If nothing can be identified from the campaign.
+    """
+    stage: Stages = progress or (lambda _: None)
+    found = identify_campaign(campaign, jobs, stage("identifying"))
+    loop = _Loop(campaign, found, jobs, stage)
+    state = loop.start()
+    first, steps = state, [Step("", state.errors)]
+    effects: list[_Chosen] = []
+    screened: tuple[Screened, ...] = ()
+    for _ in range(MOST_EFFECTS):
+        probes = screen(state.evidence, jobs, stage("screening effects"))
+        screened = screened or _screened(probes, state.evidence)
+        chosen = loop.choose(state, probes)
+        if chosen is None:
+            break
+        state = loop.adopt(state, chosen)
+        effects.append(chosen)
+        steps.append(Step(_label(chosen.best.effect), state.errors))
+    return Closure(
+        verdict=_verdict(effects, state),
+        effects=tuple(_found(one, state) for one in effects),
+        model=state.model,
+        steps=tuple(steps),
+        residual_before=localise(first.evidence),
+        residual_after=localise(state.evidence),
+        screened=screened,
+        set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in found.set_aside),
+        warnings=found.warnings,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """A model, what it leaves over, and its errors."""
+
+    model: Model
+    evidence: Evidence
+    errors: ErrorsByKind
+    found: Identification
+
+
+@dataclass(frozen=True, eq=False)
+class _Chosen:
+    """The effect that explains most, and the others that do nearly as well."""
+
+    best: Explanation
+    rivals: tuple[Explanation, ...]
+    spread: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Loop:
+    campaign: Campaign
+    found: Identification
+    jobs: int
+    stage: Stages
+
+    def start(self) -> _State:
+        """The declared model, its numbers refitted to all training records."""
+        baseline = starting(self.found, self.found.model)
+        return self._state(gather(self.campaign, baseline, self._aside, progress=self.stage("tracing")))
+
+    @property
+    def _aside(self) -> frozenset[str]:
+        return frozenset(doubt.file for doubt in self.found.set_aside)
+
+    def _state(self, evidence: Evidence) -> _State:
+        """Settle the numbers, learn the tension law anew, and tell the errors."""
+        evidence = refitted(evidence)
+        found = relearned(self.found, evidence.baseline.model)
+        model = replace(found.model, identification=None)
+        evidence = replace(evidence, baseline=replace(evidence.baseline, model=model))
+        return _State(model, evidence, self._errors(model), found)
+
+    def _errors(self, model: Model) -> ErrorsByKind:
+        records = [r for r in self.campaign.settings.record if r.file not in self._aside]
+        judged = judge([model], self.campaign, records, self.jobs, self.stage("errors"))
+        by_kind = {
+            kind: summarise(c for one in judged for c in one.comparisons if one.settings.hold_out is held)
+            for kind, held in (("training", False), ("hold_out", True))
+        }
+        return {"training": by_kind["training"], "hold_out": by_kind["hold_out"]}
+
+    def choose(self, state: _State, probes: Sequence[Sequence[Probe]]) -> _Chosen | None:
+        """The effect that explains most beyond chance, and what is like it; None where there is none."""
+        tell = self.stage("fitting effects")
+        tried = _worth_fitting(probes)
+        explanations: list[Explanation] = []
+        for done, one in enumerate(tried, 1):
+            explanations.append(explain(one, state.evidence))
+            if tell is not None:
+                tell(done, len(tried))
+        explanations += explain_tension(
+            self.campaign, state.found, state.model, self.jobs, self.stage("tension")
+        )
+        sure = [one for one in explanations if _is_sure(one)]
+        if not sure:
+            return None
+        best = max(sure, key=_merit)
+        rivals = [one for one in explanations if one is not best and _comparable(one, best)]
+        alike = sorted((one for one in rivals if _is_alike(one, best)), key=lambda one: -_merit(one))
+        return _Chosen(best, tuple(alike), _spread(best))
+
+    def adopt(self, state: _State, chosen: _Chosen) -> _State:
+        """Add an effect, trace all records anew and refit everything together."""
+        effect = chosen.best.effect
+        baseline = state.evidence.baseline
+        if isinstance(effect, Effect):
+            rows = state.evidence.residual - output_of(effect, state.evidence)
+            baseline = baseline.moved(state.evidence.steps(rows))
+        model = effect.added_to(baseline.model)
+        evidence = gather(
+            self.campaign, replace(baseline, model=model), self._aside, state.evidence.floors,
+            self.stage("tracing"),
+        )  # fmt: skip
+        return self._state(evidence)
+
+
+def refitted(evidence: Evidence) -> Evidence:
+    """Gauss-Newton steps in all numbers of a model, those of its effects among them, on training records."""
+    for _ in range(_REFITS):
+        beside = with_effects(evidence)
+        moved = evidence.baseline.moved(beside.steps(beside.residual))
+        evidence = weigh(evidence.traces, moved, evidence.floors)
+    return with_effects(evidence)
+
+
+def with_effects(evidence: Evidence) -> Evidence:
+    """The same with slopes by the numbers of the model's own forces."""
+    columns, names = [evidence.jacobian], list(evidence.names)
+    for effect in evidence.baseline.model.effects:
+        if isinstance(effect, Effect) and effect.name in CATALOGUE:
+            free = free_numbers(effect, CATALOGUE[effect.name])
+            sizes = np.array([size_of(effect.parameters[name].value) for name in free])
+            columns.append(slopes_of(effect, free, sizes, evidence))
+            names += [effect_number(effect, name) for name in free]
+    return replace(evidence, jacobian=np.concatenate(columns, axis=1), names=tuple(names))
+
+
+def _worth_fitting(probes: Sequence[Sequence[Probe]]) -> list[Sequence[Probe]]:
+    """The first effects of the screen, and what shares a class and place with the very first."""
+    tried = list(probes[:_FITTED])
+    if tried:
+        first = tried[0][0].effect
+        alike = look_alikes(first.name)
+        tried += [
+            p for p in probes[_FITTED:] if p[0].effect.name in alike and p[0].effect.enters == first.enters
+        ]
+    return tried
+
+
+def _spread(one: Explanation) -> float:
+    """Mean square of what an effect leaves over, one at least: misfit makes differences less telling."""
+    samples = sum(one.samples[file] for file in one.after if file not in one.hold_out)
+    return max(one.cost(hold_out=False) / max(samples, 1), 1.0)
+
+
+def _merit(one: Explanation) -> float:
+    gains = one.gains(hold_out=False).sum() + one.gains(hold_out=True).sum()
+    return float(gains / _spread(one)) - 2 * one.free_numbers
+
+
+def _is_sure(one: Explanation) -> bool:
+    spread, held_out = _spread(one), one.gains(hold_out=True)
+    told = float(one.gains(hold_out=False).sum()) / spread > _SURE and one.share() > _MATERIAL
+    if not told or not held_out.size:
+        return told
+    return float(held_out.sum()) / spread > _SURE_HELD_OUT and one.share(hold_out=True) > _MATERIAL
+
+
+def _comparable(one: Explanation, other: Explanation) -> bool:
+    """Whether costs are over the same residual: of the motion, or of the tension."""
+    return set(one.before) == set(other.before) and all(
+        np.isclose(one.before[file], other.before[file], rtol=1e-6) for file in one.before
+    )
+
+
+def _is_alike(one: Explanation, best: Explanation) -> bool:
+    """Whether an effect's cost is within chance of the best one's, or of a slightly wrong form of it."""
+    spread = _spread(best)
+    lag = [best.gains(hold_out=h).sum() - one.gains(hold_out=h).sum() for h in (False, True)]
+    gain = [best.gains(hold_out=h).sum() for h in (False, True)]
+    held = bool(best.hold_out & set(best.before))
+    place = 1 if held else 0
+    return bool(lag[place] / spread <= max(_ALIKE, _NEAR * gain[place] / spread))
+
+
+def _verdict(effects: Sequence[_Chosen], state: _State) -> Verdict:
+    left = state.evidence.left_over(state.evidence.residual)
+    quiet = float(np.mean(left[state.evidence.training] ** 2)) <= _QUIET
+    if not effects:
+        return "no-effect" if quiet else "unexplained"
+    return "closed" if quiet else "unexplained"
+
+
+def _found(chosen: _Chosen, state: _State) -> FoundEffect:
+    best = chosen.best
+    effect = next(
+        (e for e in state.model.effects if (e.name, e.enters) == (best.effect.name, best.effect.enters)),
+        best.effect,
+    )
+    limited = {
+        name: replace(p, low=_moved(old.low, p.value - old.value), high=_moved(old.high, p.value - old.value))
+        for (name, p), old in zip(effect.parameters.items(), best.effect.parameters.values(), strict=True)
+    }
+    gains = best.gains(hold_out=True)
+    costs = best.cost(hold_out=True)
+    return FoundEffect(
+        effect=replace(effect, parameters=limited),
+        look_alikes=tuple(
+            LookAlike(one.effect.name, one.effect.enters, one.cost(hold_out=True) / costs if costs else 1.0)
+            for one in chosen.rivals
+        ),
+        source="catalogue" if best.effect.name in CATALOGUE else "free-form",
+        share=best.share(),
+        p_value=float(np.exp(-0.5 * min(_merit(best), 1400.0))),
+        wins=(int((gains > 0).sum()), len(gains)),
+    )
+
+
+def _moved(limit: float | None, shift: float) -> float | None:
+    return None if limit is None else limit + shift
+
+
+def _label(effect: Added) -> str:
+    return f"{effect.name} ({effect.enters})"
+
+
+def _screened(probes: Iterable[Sequence[Probe]], evidence: Evidence) -> tuple[Screened, ...]:
+    left = evidence.beyond(evidence.residual)
+    cost = float(left @ left)
+    found = []
+    for best, *_ in probes:
+        strength = next(iter(best.member.strengths))
+        value = best.effect.parameters[strength].value * best.amplitude
+        found.append(Screened(best.effect.name, best.effect.enters, best.gain / cost, float("nan"), value))
+    return tuple(found)
