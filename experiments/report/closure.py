@@ -28,7 +28,7 @@ Data = Mapping[str, Any]
 _BEFORE, _AFTER = VERMILLION, BLUE
 _MEASURES = (
     ("motion_nrmse", "Displacement [%]", 100.0),
-    ("relative_motion_nrmse", "Relative displacement [%]", 100.0),
+    ("relative_motion_nrmse", "Relative motion [%]", 100.0),
     ("tension_loss_error_percent_median", "Loss of tension [%]", 1.0),
     ("tension_rmse_n", "Tension [N]", 1.0),
     ("link_force_nrmse", "Link force [%]", 100.0),
@@ -36,6 +36,7 @@ _MEASURES = (
 _SETS = (("hold_out", "Hold-out", "-", BLUE), ("training", "Training", "--", SKY))
 _CURVES = (BLUE, GREEN, SKY)
 _BOARD_ROWS = 12
+_DECADES = 1e3  # that an axis of errors spans at most; less is drawn at its edge
 
 
 def closure_figures(data: Data) -> dict[str, Figure]:
@@ -93,7 +94,8 @@ def _view(ax: Axes, labels: Sequence[str], before: Data, after: Data) -> list[fl
     ax.axvline(1.0, color=BACKGROUND, lw=0.6, ls="--", label="Noise alone")
     if before:
         ax.hlines(rows, np.fmin(old, new), np.fmax(old, new), color=GREY, lw=0.6)
-        ax.plot(old, rows, "o", color=_BEFORE, markerfacecolor="white", markeredgewidth=0.9, label="Before")
+        ax.plot(old, rows, "o", color=_BEFORE, markersize=5.0, markerfacecolor="white", markeredgewidth=0.9,
+                label="Before")  # fmt: skip
     ax.plot(new, rows, "o", color=_AFTER, label="After" if before else "Residual")
     ax.set_yticks(rows, [class_words(label) for label in labels])
     ax.tick_params(axis="y", length=0)
@@ -142,9 +144,13 @@ def errors_by_step(data: Data) -> Figure:
     rows = -(-len(measures) // columns)
     figure, axes = panels(rows, columns, 20.0 + 34.0 * rows)
     for ax, (key, title, factor) in zip(axes.flat, measures, strict=False):
+        drawn = {kind: np.array([factor * _errors(step, kind, key) for step in steps]) for kind, *_ in _SETS}
+        least = max(float(np.nanmax(errors, initial=0.0)) for errors in drawn.values()) / _DECADES
         values = []
         for kind, label, style, colour in _SETS:
-            errors = np.array([factor * _errors(step, kind, key) for step in steps])
+            errors = np.maximum(
+                drawn[kind], least
+            )  # what is fitted record by record has no error to speak of
             if np.isfinite(errors).any():
                 ax.plot(range(len(steps)), errors, f"o{style}", color=colour, label=label)
                 values += list(errors[np.isfinite(errors)])

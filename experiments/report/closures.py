@@ -178,9 +178,19 @@ def _effect_block(effect: Data) -> Block:
         f"{name}, {place_words(enters)}" if enters else name,
         " ".join(_evidence(effect)),
         tuple(equations.effect_equations(equation, enters)) if equation else (),
-        "; ".join(words for known, words in _LEGEND.items() if known in names),
+        "; ".join(
+            [*_of_force(equation, enters), *(text for known, text in _LEGEND.items() if known in names)]
+        ),
         tuple(tables),
     )
+
+
+def _of_force(equation: str, enters: str) -> Iterator[str]:
+    """Say what F is where it is the left side: in a changed law of loosening it is the force of the joint."""
+    if enters == "tension" and re.search(r"\bF = ", equation):
+        yield "F: what is added to the reading of the tension"
+    elif enters != "tension" and not enters.startswith("sensor:"):
+        yield "F: force that pulls the first body back"
 
 
 def _evidence(effect: Data) -> Iterator[str]:

@@ -125,6 +125,16 @@ def test_errors_are_drawn_step_by_step() -> None:
     assert [text.get_text() for text in axes[0].get_xticklabels()] == ["none", "1", "2"]
 
 
+def test_errors_of_almost_nothing_are_drawn_at_the_edge() -> None:
+    data = two()
+    for step in data["steps"]:
+        step["errors"]["training"]["motion_nrmse"] = 1e-12
+    axes = closure_figures(data)["closure-errors"].axes[0]
+    low, high = axes.get_ylim()
+    assert high / low < 3e3
+    assert all(low < value < high for line in axes.get_lines() for value in line.get_ydata())
+
+
 def test_the_board_marks_what_was_added() -> None:
     (axes,) = closure_figures(two())["closure-screened"].axes
     named = [text.get_text() for text in axes.texts]
@@ -193,6 +203,7 @@ def test_the_page_shows_errors_equations_numbers_look_alikes_and_figures(tmp_pat
         f"quadratic-damping link flexure_lo 1.07 {LADDER}",
         "Held-out records that it meets better: 9 of 10",
         "p below 10⁻⁴",
+        "F: force that pulls the first body back.",
         "Ṫ₀: rate of the law of loosening before this change",
         "Where the residual lives (16)",
         "Amplitude 50 µm and more 60.2 1.03",
