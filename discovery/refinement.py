@@ -11,6 +11,7 @@ from discovery.attribution import Probe, explain, free_numbers, output_of, scree
 from discovery.baseline import effect_number, size_of
 from discovery.closure import Closure, ErrorsByKind, FoundEffect, LookAlike, Screened, Step, Verdict
 from discovery.explanation import Explanation
+from discovery.free_form import free_forms
 from discovery.localisation import localise
 from discovery.tension_attribution import explain_tension
 from discovery.tracing import Evidence, gather, starting, weigh
@@ -31,6 +32,7 @@ _ALIKE = 12.0  # difference in cost within chance
 _NEAR = 0.05  # of the gain: what a slightly wrong form of the right effect may lose
 _QUIET = 1.2  # mean square of the residual that still counts as noise
 _REFITS = 3
+_FAR_LESS = 0.7
 
 
 def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None, seed: int = 0) -> Closure:
@@ -45,7 +47,7 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     progress : callable
         Called with the name of a stage; returns what is then called with (done, in all), or None.
     seed : int
-        Kept for resampling; nothing is drawn at random now.
+        Of the ensembles of the sparse fits.
 
     Returns
     -------
@@ -60,27 +62,21 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     stage: Stages = progress or (lambda _: None)
     found = identify_campaign(campaign, jobs, stage("identifying"))
     loop = _Loop(campaign, found, jobs, stage)
-    state = loop.start()
-    first, steps = state, [Step("", state.errors)]
-    effects: list[_Chosen] = []
-    screened: tuple[Screened, ...] = ()
-    for _ in range(MOST_EFFECTS):
-        probes = screen(state.evidence, jobs, stage("screening effects"))
-        screened = screened or _screened(probes, state.evidence)
-        chosen = loop.choose(state, probes)
-        if chosen is None:
-            break
-        state = loop.adopt(state, chosen)
-        effects.append(chosen)
-        steps.append(Step(_label(chosen.best.effect), state.errors))
+    first = loop.start()
+    path = loop.search(first)
+    if not _is_quiet(path.states[-1]):
+        formed = loop.formed(first, seed)
+        path = path if formed is None else _better(path, loop.search(first, formed))
+    last = path.states[-1]
+    labels = ["", *(_label(one.best.effect) for one in path.chosen)]
     return Closure(
-        verdict=_verdict(effects, state),
-        effects=tuple(_found(one, state) for one in effects),
-        model=state.model,
-        steps=tuple(steps),
+        verdict=_verdict(path),
+        effects=tuple(_found(one, last) for one in path.chosen),
+        model=last.model,
+        steps=tuple(Step(label, state.errors) for label, state in zip(labels, path.states, strict=True)),
         residual_before=localise(first.evidence),
-        residual_after=localise(state.evidence),
-        screened=screened,
+        residual_after=localise(last.evidence),
+        screened=path.screened,
         set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in found.set_aside),
         warnings=found.warnings,
     )
@@ -103,6 +99,15 @@ class _Chosen:
     best: Explanation
     rivals: tuple[Explanation, ...]
     spread: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """Models one after the other, the declared one first, and the effects that lead from each to the next."""
+
+    states: tuple[_State, ...]
+    chosen: tuple[_Chosen, ...]
+    screened: tuple[Screened, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +142,31 @@ class _Loop:
             for kind, held in (("training", False), ("hold_out", True))
         }
         return {"training": by_kind["training"], "hold_out": by_kind["hold_out"]}
+
+    def search(self, state: _State, given: _Chosen | None = None) -> _Path:
+        """Add effects, ``given`` the first, until nothing in the catalogue helps beyond chance."""
+        states: list[_State] = [state]
+        chosen: list[_Chosen] = []
+        screened: tuple[Screened, ...] = ()
+        while len(chosen) < MOST_EFFECTS:
+            one = given if given is not None and not chosen else None
+            if one is None:
+                probes = screen(states[-1].evidence, self.jobs, self.stage("screening effects"))
+                screened = screened or _screened(probes, states[-1].evidence)
+                one = self.choose(states[-1], probes)
+            if one is None:
+                break
+            states.append(self.adopt(states[-1], one))
+            chosen.append(one)
+        return _Path(tuple(states), tuple(chosen), screened)
+
+    def formed(self, state: _State, seed: int) -> _Chosen | None:
+        """The best term without the catalogue; None where even that does not predict held-out records."""
+        sure = [one for one in free_forms(state.evidence, seed) if _is_sure(one)]
+        if not sure:
+            return None
+        best = max(sure, key=_merit)
+        return _Chosen(best, (), _spread(best))
 
     def choose(self, state: _State, probes: Sequence[Sequence[Probe]]) -> _Chosen | None:
         """The effect that explains most beyond chance, and what is like it; None where there is none."""
@@ -186,8 +216,9 @@ def with_effects(evidence: Evidence) -> Evidence:
     """The same with slopes by the numbers of the model's own forces."""
     columns, names = [evidence.jacobian], list(evidence.names)
     for effect in evidence.baseline.model.effects:
-        if isinstance(effect, Effect) and effect.name in CATALOGUE:
-            free = free_numbers(effect, CATALOGUE[effect.name])
+        if isinstance(effect, Effect):
+            member = CATALOGUE.get(effect.name)
+            free = tuple(effect.parameters) if member is None else free_numbers(effect, member)
             sizes = np.array([size_of(effect.parameters[name].value) for name in free])
             columns.append(slopes_of(effect, free, sizes, evidence))
             names += [effect_number(effect, name) for name in free]
@@ -242,12 +273,27 @@ def _is_alike(one: Explanation, best: Explanation) -> bool:
     return bool(lag[place] / spread <= max(_ALIKE, _NEAR * gain[place] / spread))
 
 
-def _verdict(effects: Sequence[_Chosen], state: _State) -> Verdict:
+def _level(state: _State) -> float:
+    """Mean square of what a model leaves over on training records; 1 is noise."""
     left = state.evidence.left_over(state.evidence.residual)
-    quiet = float(np.mean(left[state.evidence.training] ** 2)) <= _QUIET
-    if not effects:
-        return "no-effect" if quiet else "unexplained"
-    return "closed" if quiet else "unexplained"
+    return float(np.mean(left[state.evidence.training] ** 2))
+
+
+def _is_quiet(state: _State) -> bool:
+    return _level(state) <= _QUIET
+
+
+def _better(path: _Path, other: _Path) -> _Path:
+    """The path that leaves noise alone; where neither does, the first unless the other leaves far less."""
+    if _is_quiet(other.states[-1]) or _level(other.states[-1]) < _FAR_LESS * _level(path.states[-1]):
+        return replace(other, screened=path.screened)
+    return path
+
+
+def _verdict(path: _Path) -> Verdict:
+    if not _is_quiet(path.states[-1]):
+        return "unexplained"
+    return "closed" if path.chosen else "no-effect"
 
 
 def _found(chosen: _Chosen, state: _State) -> FoundEffect:
