@@ -19,8 +19,9 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     "closure-effects": (
         "What was added",
         "Force of each added effect along the motion of training records, in the first 0.2 s after the "
-        "impact; or, where it changes the law of loosening, the mean loss rate over a cycle of harmonic "
-        "motion, dotted without it. In the legend: tension before the impact.",
+        "impact; what the bolt's gauge shows of it, over the whole records; or, where it changes the law of "
+        "loosening, the mean loss rate over a cycle of harmonic motion, dotted without it. In the legend: "
+        "tension before the impact.",
     ),
     "law-leader-board": (
         "Leader board of tension laws",

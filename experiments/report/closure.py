@@ -203,17 +203,17 @@ def leader_board(data: Data) -> Figure:
 
 
 def _curves(data: Data) -> list[Data]:
-    return [effect for effect in effects_of(data) if (effect.get("curve") or {}).get("records")]
+    drawn = [(effect, effect.get("curve") or {}) for effect in effects_of(data)]
+    return [effect for effect, curve in drawn if curve.get("records") and curve.get("kind") in _DRAWN]
 
 
 @styled
 def effects(data: Data) -> Figure:
-    """Force of every added effect over displacement and velocity, or the rate of the tension, a row each."""
+    """Force or reading of every added effect along motions, or the rate of the tension, a row each."""
     shown = _curves(data)
     figure, axes = panels(len(shown), 2, 16.0 + 44.0 * len(shown))
     for row, effect in zip(axes, shown, strict=True):
-        draw = _rates if effect["curve"].get("kind") == "tension rate" else _forces
-        draw(row, effect["curve"]["records"])
+        _DRAWN[str(effect["curve"]["kind"])](row, effect["curve"]["records"])
         name = row[0].set_title(f"{effect.get('name')}, {place_words(effect.get('enters'))}")
         name.set_in_layout(False)  # it runs on over the panel beside
     handles, labels = axes[0, 1].get_legend_handles_labels()
@@ -223,18 +223,25 @@ def effects(data: Data) -> Figure:
 
 
 def _forces(row: Sequence[Axes], records: Sequence[Data]) -> None:
-    for ax, key, factor, label in (
-        (row[0], "displacement_m", 1e6, "Displacement [µm]"),
-        (row[1], "velocity_m_per_s", 1e3, "Velocity [mm/s]"),
-    ):
-        for colour, record in zip(_CURVES, records, strict=False):
-            along = factor * np.asarray(record[key], dtype=float)
-            force = np.asarray(record["force_n"], dtype=float)
-            ax.plot(along, force, color=colour, lw=0.6, label=_preload(record))
-        ax.set_xlabel(label)
-        ax.xaxis.set_major_locator(MaxNLocator(4))
-        ax.yaxis.set_major_locator(MaxNLocator(5))
+    _along(row[0], records, ("displacement_m", 1e6, "Displacement [µm]"), "force_n")
+    _along(row[1], records, ("velocity_m_per_s", 1e3, "Velocity [mm/s]"), "force_n")
     row[0].set_ylabel("Force [N]")
+
+
+def _readings(row: Sequence[Axes], records: Sequence[Data]) -> None:
+    _along(row[0], records, ("displacement_m", 1e6, "Displacement [µm]"), "reading_n")
+    _along(row[1], records, ("time_s", 1.0, "Time after the hit [s]"), "reading_n")
+    row[0].set_ylabel("Added to the reading [N]")
+
+
+def _along(ax: Axes, records: Sequence[Data], over: tuple[str, float, str], key: str) -> None:
+    name, factor, label = over
+    for colour, record in zip(_CURVES, records, strict=False):
+        place, value = (np.asarray(record[item], dtype=float) for item in (name, key))
+        ax.plot(factor * place, value, color=colour, lw=0.6, label=_preload(record))
+    ax.set_xlabel(label)
+    ax.xaxis.set_major_locator(MaxNLocator(4))
+    ax.yaxis.set_major_locator(MaxNLocator(5))
 
 
 def _rates(row: Sequence[Axes], records: Sequence[Data]) -> None:
@@ -264,6 +271,13 @@ def _rate_axis(ax: Axes, values: Sequence[float]) -> None:
     most = max(high, -low) or 1.0
     ax.set_yscale("symlog", linthresh=10.0 ** np.floor(np.log10(most) - 3))
     ax.set_ylim(1.5 * low, 1.5 * high if high > low else 1.0)
+
+
+_DRAWN: Mapping[str, Callable[[Sequence[Axes], Sequence[Data]], None]] = {
+    "force": _forces,
+    "reading": _readings,
+    "tension rate": _rates,
+}
 
 
 def _preload(record: Data) -> str:

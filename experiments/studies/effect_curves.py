@@ -1,4 +1,4 @@
-"""What an added effect does along measured motions: its force over displacement and velocity, or its rate."""
+"""What an added effect does along measured motions: its force, its reading, or the rate that it changes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 
 from rom.campaign import Campaign, RecordSettings
 from rom.channels import FloatArray
-from rom.effects import Added, Effect, LawChange
+from rom.effects import Added, Effect, LawChange, Reading
+from rom.effects.observation import motion_of
 from rom.link_force import force_of_effects
 from rom.model import Model
 from rom.processing import process
@@ -26,13 +27,18 @@ _RECORDS = 3
 
 
 def effect_curves(model: Model, effects: Sequence[Added], campaign: Campaign) -> list[dict[str, Any] | None]:
-    """Return for each effect what there is to draw; None for one that is neither a link's force nor a rate.
+    """Return for each effect what there is to draw; None for effects on bodies and faults of sensors.
 
-    Forces run along the motion that the refined model has in up to three training records, from low to high
-    preload. Rates are means over a cycle of harmonic motion, at the tension and the frequency of these.
+    Forces and readings run along the motion that the refined model has in up to three training records, from
+    low to high preload. Rates are means over a cycle of harmonic motion, at the tension and the frequency of
+    these.
     """
+    one_bolt = len(model.structure.bolted_links) == 1
     drawn = [
-        isinstance(e, LawChange) or (isinstance(e, Effect) and e.enters in model.link_laws) for e in effects
+        e.enters in model.link_laws
+        if isinstance(e, Effect)
+        else one_bolt and isinstance(e, LawChange | Reading)
+        for e in effects
     ]
     if not any(drawn):
         return [None] * len(effects)
@@ -59,13 +65,15 @@ def _runs(model: Model, campaign: Campaign) -> Iterator[tuple[RecordSettings, Re
 
 
 def _curve(effect: Added, runs: Sequence[tuple[RecordSettings, Replay]]) -> dict[str, Any] | None:
-    rate = isinstance(effect, LawChange)
-    curves = [
-        _head(record, run) | (_rate(effect, run) if isinstance(effect, LawChange) else _force(effect, run))
-        for record, run in runs
-        if rate or effect.enters in run.model.link_laws
-    ]
-    return {"kind": "tension rate" if rate else "force", "records": curves} if curves else None
+    match effect:
+        case LawChange():
+            kind, curves = "tension rate", [_head(record, run) | _rate(effect, run) for record, run in runs]
+        case Reading():
+            kind, curves = "reading", [_head(record, run) | _reading(effect, run) for record, run in runs]
+        case _:
+            kind, there = "force", [(r, run) for r, run in runs if effect.enters in run.model.link_laws]
+            curves = [_head(record, run) | _force(effect, run) for record, run in there]
+    return {"kind": kind, "records": curves} if curves else None
 
 
 def _head(record: RecordSettings, run: Replay) -> dict[str, Any]:
@@ -86,6 +94,18 @@ def _force(effect: Added, run: Replay) -> dict[str, Any]:
     start = int(np.searchsorted(time, (run.measurement.impact_s or 0.0) - 0.005))
     shown = slice(start, end, max((end - start) // _POINTS, 1))
     return {"displacement_m": x[shown], "velocity_m_per_s": v[shown], "force_n": force[shown]}
+
+
+def _reading(effect: Reading, run: Replay) -> dict[str, Any]:
+    """What a gauge shows of an effect, over the whole record."""
+    impact = run.measurement.impact_s or 0.0
+    motion = motion_of(run.model, run.response, impact)
+    shown = slice(None, None, max(len(motion.time) // _POINTS, 1))
+    return {
+        "displacement_m": motion.displacement[shown],
+        "time_s": motion.time[shown] - impact,
+        "reading_n": effect.added(motion)[shown],
+    }
 
 
 def _rate(effect: LawChange, run: Replay) -> dict[str, Any]:

@@ -260,13 +260,28 @@ def test_a_changed_rate_is_zero_below_its_threshold(moving: Path) -> None:
     assert without[-1] == pytest.approx(mean, rel=1e-6)
 
 
-def test_readings_and_faults_have_no_curve_and_no_record_is_run(
+def test_what_a_gauge_shows_runs_over_the_whole_record(moving: Path) -> None:
+    creep = CATALOGUE["relaxation-log"].at("tension").with_values(A=0.2, t_0=0.1)
+    follows = CATALOGUE["tension-follows-displacement"].at("tension").with_values(a=1e4)
+    model = paper_model().with_effect(creep).with_effect(follows)
+    first, second = effect_curves(model, model.effects, read_campaign(moving))
+    assert first is not None
+    assert second is not None
+    assert first["kind"] == second["kind"] == "reading"
+    (creeping,), (following,) = first["records"], second["records"]
+    assert creeping["time_s"][[0, -1]] == pytest.approx([-0.5, 2.5], abs=0.01)
+    crept = -0.2 * np.log1p(np.maximum(creeping["time_s"], 0.0) / 0.1)
+    assert creeping["reading_n"] == pytest.approx(crept, abs=1e-3)
+    assert following["reading_n"] == pytest.approx(1e4 * following["displacement_m"])
+
+
+def test_forces_on_bodies_and_faults_have_no_curve_and_no_record_is_run(
     campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def never(*_: object) -> None:
         raise AssertionError("a record was run")
 
     monkeypatch.setattr("experiments.studies.effect_curves.replay", never)
-    drift = CATALOGUE["tension-drift"].at("tension")
-    model = paper_model().with_effect(skew().effect).with_effect(drift)
+    pushed = CATALOGUE["constant-force"].at("body:lo")
+    model = paper_model().with_effect(skew().effect).with_effect(pushed)
     assert effect_curves(model, model.effects, read_campaign(campaign)) == [None, None]

@@ -28,10 +28,11 @@ COMMAND = "boltlaw close campaign"
 
 
 def curves() -> list[dict[str, Any]]:
-    """Curves of a force and of a rate, as the study works them out."""
+    """Curves of a force, a rate and a reading, as the study works them out."""
     phase = np.linspace(0.0, 6.0, 50)
     force = {"displacement_m": 1e-4 * np.sin(phase), "velocity_m_per_s": 0.03 * np.cos(phase),
              "force_n": np.tanh(30 * np.cos(phase))}  # fmt: skip
+    reading = {"displacement_m": 1e-4 * np.sin(phase), "time_s": phase, "reading_n": -0.1 * phase}
     speed = np.geomspace(1e-3, 0.1, 20)
     rate = {"peak_velocity_m_per_s": speed, "rate_without_n_per_s": -1e6 * speed**4,
             "rate_n_per_s": np.where(speed > 0.025, -1e5 * speed**4, 0.0)}  # fmt: skip
@@ -40,7 +41,7 @@ def curves() -> list[dict[str, Any]]:
             "kind": kind,
             "records": [{"file": "a.h5", "initial_tension_n": tension, **one} for tension in (6.0, 2995.4)],
         }
-        for kind, one in (("force", force), ("tension rate", rate))
+        for kind, one in (("force", force), ("tension rate", rate), ("reading", reading))
     ]
 
 
@@ -53,7 +54,7 @@ def content(found: Closure, *drawn: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def two() -> dict[str, Any]:
-    return content(closure(friction(), threshold()), *curves())
+    return content(closure(friction(), threshold()), *curves()[:2])
 
 
 def test_a_closure_gives_every_figure_one_column_wide_with_units(tmp_path: Path) -> None:
@@ -158,6 +159,14 @@ def test_the_verdict_comes_first_in_plain_words(found: Closure, part: str, good:
     assert part in answer.verdict
     assert answer.good is good
     assert bool(answer.headlines) is bool(found.effects)
+
+
+def test_what_a_gauge_shows_is_drawn_over_displacement_and_time() -> None:
+    data = content(closure(friction(), threshold()), None, curves()[2])
+    axes = closure_figures(data)["closure-effects"].axes
+    assert [ax.get_xlabel() for ax in axes] == ["Displacement [µm]", "Time after the hit [s]"]
+    data["effects"][1]["curve"]["kind"] = "of another version"
+    assert "closure-effects" not in closure_figures(data)
 
 
 def test_headlines_are_the_errors_on_records_that_no_fit_has_seen() -> None:
