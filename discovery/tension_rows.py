@@ -1,0 +1,301 @@
+"""What is kept of every record's tension: its course after the hit, and few numbers of its fast part.
+
+The fast part is what the measured tension has beyond a course that was simulated with the record's own rate.
+It is projected on a few columns, each what one effect would add, after directions that a wrong course or slow
+noise could take are projected out; whitened by the gauge's noise before the hit, what is left are numbers of
+unit variance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from joblib import Parallel, delayed
+from scipy import linalg
+
+from discovery.motion import Frozen, freeze
+from rom.campaign import Campaign, RecordSettings
+from rom.channels import FloatArray
+from rom.correction import corrected
+from rom.courses import CourseNoise, TensionBins, TensionCourse, bins_after_hit, bins_before_hit, course_noise
+from rom.effects import Effect, Motion, Reading, SensorFault
+from rom.effects.law_change import LawChange
+from rom.model import Model
+from rom.own_numbers import own_names, own_numbers
+from rom.processing import Measurement, TensionRecord, process, tension_record
+from rom.quality import assess
+
+_WINDOW_S, _EARLY_S, _LEAD_S = 1.2, 0.06, 0.005
+_SLOWEST_HZ = 6.0  # below it a course that is wrong and slow noise are not told from an effect
+_LOSSES_S = (1e-3, 4e-3, 1.5e-2, 5e-2)
+_NOISE_BAND_HZ = (4.0, 300.0)
+_MEDIAN_OF_EXPONENTIAL = 0.6931
+_SAME = 1e-8
+_RANK = 5
+_ALLOWED = 0.3  # of the noise of a sample: so much of the peaks of any column is no finding
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A record's tension without the faults and readings that the model knows, and the motion beside it."""
+
+    settings: RecordSettings
+    course: TensionCourse
+    bins: TensionBins
+    before: TensionBins | None
+    tension: FloatArray
+    rate_hz: float
+    displacement: FloatArray
+    link_force: FloatArray
+    bodies: Mapping[str, FloatArray]
+    white: float  # variance of a sample [N^2]
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """Whitened numbers of one record: `seen`, and what an effect adds, a column for every trial.
+
+    `own` are the record's own coefficients of the columns from before the hit, where it has such.
+    """
+
+    seen: FloatArray
+    columns: FloatArray
+    own: FloatArray | None = None
+
+
+def read_tensions(campaign: Campaign, model: Model, jobs: int = 1) -> tuple[Seen, ...]:
+    """Return every coupled and loosening record, held out or not, that has a tension and a hit."""
+    records = [r for r in campaign.settings.record if r.test in ("coupled", "loosening")]
+    bare = replace(model, identification=None)
+    found = Parallel(n_jobs=jobs)(delayed(_seen)(campaign, record, bare) for record in records)
+    return tuple(seen for seen in found if seen is not None)
+
+
+def _seen(campaign: Campaign, record: RecordSettings, model: Model) -> Seen | None:
+    loaded = campaign.load(record)
+    if assess(loaded, campaign.settings):
+        return None
+    measurement = process(loaded, campaign.settings, model.filter_cutoff_hz)
+    if measurement.tension is None or measurement.impact_s is None or not measurement.force:
+        return None
+    measurement, motion = _without_known(measurement, model)
+    tension = measurement.tension
+    assert tension is not None
+    assert measurement.impact_s is not None
+    bins = bins_after_hit(measurement, campaign.settings)
+    if bins is None:
+        return None
+    struck = max(measurement.force, key=lambda body: float(np.abs(measurement.force[body]).max()))
+    stop = int(campaign.settings.windows.final_s[1] * measurement.rate_hz)
+    preload = tension.initial if record.preload_n is None else record.preload_n
+    held = record.test == "coupled"
+    course = TensionCourse(
+        record.file, record.hold_out, preload, struck, measurement.applied_force[struck][:stop].copy(),
+        measurement.rate_hz, measurement.impact_s, tension.initial, bins.edges_s, bins.change,
+        np.zeros((0, 0)), tension.rate_hz, campaign.settings.windows.final_s,
+        tension.initial if held else tension.final, tension.final_error,
+    )  # fmt: skip
+    return Seen(
+        record, course, bins, bins_before_hit(measurement), tension.samples, tension.rate_hz,
+        motion.displacement, motion.link_force, motion.body_displacement, _white(measurement, tension),
+    )  # fmt: skip
+
+
+def _without_known(measurement: Measurement, model: Model) -> tuple[Measurement, Motion]:
+    """The record as its gauge would show it without what the model knows, and the measured motion."""
+    gauge = replace(model, effects=tuple(e for e in model.effects if not isinstance(e, Effect)))
+    if any(own_names(effect) for effect in gauge.effects):
+        gauge, _ = own_numbers(gauge, measurement, None)
+    measurement = corrected(measurement, gauge)
+    tension = measurement.tension
+    assert tension is not None
+    assert tension.windows is not None
+    motion = _motion(measurement, tension, gauge)
+    readings = [effect for effect in gauge.effects if isinstance(effect, Reading)]
+    if not readings:
+        return measurement, motion
+    samples = tension.samples
+    for reading in readings:
+        samples = reading.remove(samples, motion)
+    cleaned = tension_record(
+        samples, tension.rate_hz, tension.windows, impact_s=measurement.impact_s,
+        first_mode_hz=measurement.strongest_hz, slope=tension.slope, warnings=tension.warnings,
+    )  # fmt: skip
+    return replace(measurement, tension=cleaned), motion
+
+
+def _motion(measurement: Measurement, tension: TensionRecord, model: Model) -> Motion:
+    """Measured motion at the samples of the tension; a body that is not measured rests."""
+    time = np.arange(len(tension.samples)) / tension.rate_hz
+    rate = measurement.rate_hz
+    bodies, speeds = {}, {}
+    for body in measurement.motion:
+        x = measurement.displacement(body)
+        at = np.arange(len(x)) / rate
+        bodies[body] = np.interp(time, at, x)
+        speeds[body] = np.interp(time, at, np.gradient(x, 1 / rate))
+    link = next(link for link in model.structure.links if link.law == "bolted")
+    still = np.zeros_like(time)
+    x, v = (of.get(link.first, still) - of.get(link.second, still) for of in (bodies, speeds))
+    laws, held = model.link_laws[link.name], np.maximum(tension.non_oscillatory, 0.0)
+    force = laws.stiffness(held) * x + laws.damping(held) * v
+    ordered = {body: bodies[body] for body in model.structure.body_names if body in bodies}
+    return Motion(time, measurement.impact_s or 0.0, x, np.asarray(force), ordered)
+
+
+def _white(measurement: Measurement, tension: TensionRecord) -> float:
+    """Variance of white noise with the density that the tension has before the hit, lines left out."""
+    quiet = tension.samples[: int(0.98 * (measurement.impact_s or 0.0) * tension.rate_hz)]
+    if len(quiet) < 256:
+        quiet = tension.samples[-(len(tension.samples) // 4) :]
+    window = np.hanning(len(quiet))
+    power = np.abs(np.fft.rfft((quiet - quiet.mean()) * window)) ** 2 / (window**2).sum()
+    lines = np.fft.rfftfreq(len(quiet), 1 / tension.rate_hz)
+    inside = (lines > _NOISE_BAND_HZ[0]) & (lines < _NOISE_BAND_HZ[1])
+    return max(float(np.median(power[inside])) / _MEDIAN_OF_EXPONENTIAL, 1e-18)
+
+
+def noises(seen: Sequence[Seen]) -> tuple[CourseNoise, CourseNoise]:
+    """Return the noise of courses without a drift, and with one.
+
+    From training tests that leave the tension alone. What all of those share is no noise: it is taken out.
+    """
+    quiet = [s for s in seen if s.settings.test == "coupled" and not s.settings.hold_out]
+    count = min((len(s.bins.change) for s in quiet), default=0)
+    if len(quiet) >= 6 and count:
+        shared = np.mean([s.bins.change[:count] for s in quiet], axis=0)
+        scale = np.sqrt(len(quiet) / (len(quiet) - 1))
+        bins = [_first(s.bins, count, scale * (s.bins.change[:count] - shared)) for s in quiet]
+    else:
+        bins = [s.before for s in seen if s.before is not None and not s.settings.hold_out]
+    whole = course_noise(bins, [])
+    if whole is None:
+        raise ValueError("found no time before a hit and no test that leaves the tension alone")
+    walks = np.geomspace(1e-4, 1e4, 81) * max(whole.drift * float(bins[0].lag_s[-1]), whole.walk, 1e-30)
+    trials = [whole, *(replace(whole, drift=0.0, walk=float(walk)) for walk in (0.0, *walks))]
+    costs = [sum(_deviance(noise, b) for b in bins) for noise in trials[1:]]
+    return trials[1 + int(np.argmin(costs))], whole
+
+
+def _first(bins: TensionBins, count: int, change: FloatArray) -> TensionBins:
+    edges = bins.edges_s[: count + 1]
+    return replace(bins, edges_s=edges, change=change, counts=bins.counts[:count], lag_s=bins.lag_s[:count])
+
+
+def _deviance(noise: CourseNoise, bins: TensionBins) -> float:
+    covariance = noise.covariance(bins)
+    return float(bins.change @ np.linalg.solve(covariance, bins.change) + np.linalg.slogdet(covariance)[1])
+
+
+def frozen_of(seen: Sequence[Seen], noise: CourseNoise, model: Model) -> Frozen:
+    """Motion of all records, frozen, thinned to what a law's course needs."""
+    courses = [replace(s.course, covariance=noise.covariance(s.bins)) for s in seen]
+    kept = tuple(e for e in model.effects if not isinstance(e, (LawChange, Reading, SensorFault)))
+    frozen = freeze(replace(model, effects=kept, identification=None), courses)
+    end_s = float(frozen.knots_s[-1])
+    parts = [_thinned(frozen.of_case(i), end_s, s.settings.test == "coupled") for i, s in enumerate(seen)]
+    starts = np.cumsum([0, *(part.shape[1] for part in parts)])
+    return replace(frozen, nodes=np.concatenate(parts, axis=1), starts=starts)
+
+
+def _thinned(nodes: FloatArray, end_s: float, small: bool) -> FloatArray:
+    """Fewer nodes, fewest for a small hit, which loosens nothing; the last one where the last bin ends."""
+    index, time = np.arange(nodes.shape[1]), nodes[0]
+    stride = np.where(time < 0.015, 2, np.where(time < _EARLY_S, 4, np.where(time < 0.5, 1, 2)))
+    kept = nodes[:, (index % (stride * (3 if small else 1)) == 0) & (time < end_s)]
+    return np.concatenate([kept, [[end_s + 1e-3], *kept[1:, -1:]]], axis=1)
+
+
+def with_noise(frozen: Frozen, seen: Sequence[Seen], old: CourseNoise, new: CourseNoise) -> Frozen:
+    """The same motion with another noise of the courses."""
+    bins = frozen.change.shape[1]
+    more = [(new.covariance(s.bins) - old.covariance(s.bins))[:bins, :bins] for s in seen]
+    return replace(frozen, covariance=frozen.covariance + np.stack(more))
+
+
+def rest_of(seen: Seen, nodes: FloatArray) -> FloatArray:
+    """Measured tension less the course simulated with the record's own rate [N], at all samples."""
+    time = np.arange(len(seen.tension)) / seen.rate_hz - seen.course.impact_s
+    change = np.interp(time, nodes[0], nodes[5]) - nodes[5, 0]
+    return np.asarray(seen.tension - seen.course.initial - change)
+
+
+def _window(seen: Seen, start_s: float, end_s: float) -> slice:
+    first = int((seen.course.impact_s + start_s) * seen.rate_hz)
+    return slice(max(first, 0), min(int((seen.course.impact_s + end_s) * seen.rate_hz), len(seen.tension)))
+
+
+def following(seen: Seen, nodes: FloatArray, columns: Sequence[FloatArray]) -> Projected:
+    """Project the fast part on readings of strength one that follow the motion, (samples,) each."""
+    found = _after_hit(seen, nodes, columns)
+    peaks = [np.abs(column[_window(seen, 0.0, _WINDOW_S)]).max() for column in columns]
+    share = _ALLOWED * np.sqrt(seen.white) / np.maximum(peaks, 1e-300)
+    return _allowing(found, found.columns * share)
+
+
+def _after_hit(seen: Seen, nodes: FloatArray, columns: Sequence[FloatArray]) -> Projected:
+    window = _window(seen, 0.0, _WINDOW_S)
+    time = (np.arange(window.start, window.stop) / seen.rate_hz) - seen.course.impact_s
+    length = float(time[-1])
+    order = np.arange(int(2 * _SLOWEST_HZ * length) + 1)
+    slow = np.cos(np.pi * np.outer(time / length, order))
+    losses = np.exp(-np.outer(time, 1 / np.array(_LOSSES_S)))
+    course = np.interp(time, nodes[0], nodes[5])[:, None]
+    target, rows = rest_of(seen, nodes)[window], np.stack([c[window] for c in columns], axis=1)
+    return _projected(target, rows, np.hstack([slow, losses, course]), seen.white)
+
+
+def _allowing(found: Projected, allowed: FloatArray) -> Projected:
+    """Whiten for what each record may have, columns of one standard deviation: no gauge is ideal."""
+    root = np.linalg.cholesky(np.eye(len(found.seen)) + allowed @ allowed.T)
+    return Projected(np.linalg.solve(root, found.seen), np.linalg.solve(root, found.columns))
+
+
+def altered(seen: Seen, nodes: FloatArray, faults: Sequence[SensorFault], least: int) -> Projected:
+    """Project the part about the hit on what faults would make of the course, a column for every fault.
+
+    One as small as the fault of the number ``least`` is no finding.
+    """
+    window = _window(seen, -_LEAD_S, _EARLY_S)
+    time = (np.arange(window.start, window.stop) / seen.rate_hz) - seen.course.impact_s
+    course = np.interp(time, nodes[0], nodes[5])
+    columns = np.stack([fault.apply(course, seen.rate_hz) - course for fault in faults], axis=1)
+    x = seen.displacement[window]
+    nuisance = np.stack([np.ones_like(time), course, x, x**2], axis=1)
+    found = _projected(rest_of(seen, nodes)[window], columns, nuisance, seen.white, _RANK)
+    return _allowing(found, found.columns[:, [least]])
+
+
+def disturbed(seen: Seen, nodes: FloatArray, groups: Sequence[Sequence[FloatArray]]) -> Projected:
+    """Project the part after the hit on groups of columns, with coefficients of each group from before it.
+
+    Drawn towards zero as far as noise alone could have moved them.
+    """
+    after = _after_hit(seen, nodes, [unit for group in groups for unit in group])
+    window = _window(seen, -10.0, -2e-3)
+    target = seen.tension[window] - seen.tension[window].mean()
+    own = []
+    for group in groups:
+        rows = np.stack([unit[window] for unit in group], axis=1)
+        rows = rows - rows.mean(axis=0)
+        found = np.linalg.lstsq(rows, target, rcond=None)[0]
+        chi_square = float(((rows @ found) ** 2).sum()) / seen.white
+        own.append(found * max(0.0, 1 - len(group) / max(chi_square, 1e-300)))
+    return replace(after, own=np.concatenate(own))
+
+
+def _projected(
+    target: FloatArray, columns: FloatArray, nuisance: FloatArray, white: float, rank: int | None = None
+) -> Projected:
+    scale = np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300)
+    basis = linalg.orth(nuisance / scale, rcond=1e-9)
+    left = columns - basis @ (basis.T @ columns)
+    sizes = np.maximum(np.linalg.norm(left, axis=0), 1e-300)
+    main, singular, _ = np.linalg.svd(left / sizes, full_matrices=False)
+    told = singular > _SAME * singular[0]
+    main = main[:, told][:, :rank]
+    rest = target - basis @ (basis.T @ target)
+    noise = np.sqrt(white)
+    return Projected(main.T @ rest / noise, main.T @ left / noise)
