@@ -21,7 +21,7 @@ from rom.spectra import ComplexArray, Linearised, SpectralRecord
 
 _ITERATIONS = 12
 _DIFFERENCE = 1e-3  # of a parameter's size
-_SETTLED = 0.05  # of the cost
+_SETTLED = 1e-4  # of the cost
 _STARTS = 2  # points of an effect's grid from which it is fitted
 _Z95 = 1.96
 _TINY = 1e-300
@@ -210,7 +210,7 @@ def _fitted(start: tuple[Member, Added], evidence: Evidence) -> tuple[Added, flo
             break
         gain = cost - float(after @ after)
         effect, left, cost, damping = trial, after, cost - gain, damping / 10
-        if gain < max(_SETTLED, 1e-6 * cost):
+        if gain < _SETTLED * cost:
             break
     return effect, cost
 

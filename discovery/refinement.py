@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from joblib import Parallel, delayed
 
 from discovery.attribution import Probe, explain, free_numbers, output_of, screen, slopes_of
 from discovery.baseline import effect_number, size_of
-from discovery.closure import Closure, ErrorsByKind, FoundEffect, LookAlike, Screened, Step, Verdict
+from discovery.closure import Closure, ErrorsByKind, FoundEffect, Kind, LookAlike, Screened, Step, Verdict
 from discovery.explanation import Explanation
 from discovery.free_form import free_forms
 from discovery.localisation import localise
@@ -21,11 +22,12 @@ from rom.effects import CATALOGUE, Added, Effect, look_alikes
 from rom.identification import Identification, identify_campaign, relearned
 from rom.model import Model
 from rom.reduction import Progress
-from rom.residuals import summarise
+from rom.residuals import Errors, summarise
 
 Stages = Callable[[str], Progress | None]
 MOST_EFFECTS = 3
-_FITTED = 4  # of the screened effects
+_FITTED = 5  # of the screened effects
+_PROMISING, _WORTH = 0.3, 0.4  # of what an effect must explain; of what the first one does
 _SURE, _SURE_HELD_OUT = 40.0, 10.0  # gain in cost that chance does not make over a whole catalogue
 _MATERIAL = 0.01  # share of the cost: less changes nothing that matters
 _ALIKE = 12.0  # difference in cost within chance
@@ -33,6 +35,8 @@ _NEAR = 0.05  # of the gain: what a slightly wrong form of the right effect may 
 _QUIET = 1.2  # mean square of the residual that still counts as noise
 _REFITS = 3
 _FAR_LESS = 0.7
+_LEFT = 0.03  # of what was beyond noise
+_MATTERS = 0.02  # of an error
 
 
 def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None, seed: int = 0) -> Closure:
@@ -64,7 +68,7 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     loop = _Loop(campaign, found, jobs, stage)
     first = loop.start()
     path = loop.search(first)
-    if not _is_quiet(path.states[-1]):
+    if not _is_quiet(path):
         formed = loop.formed(first, seed)
         path = path if formed is None else _better(path, loop.search(first, formed))
     last = path.states[-1]
@@ -156,7 +160,10 @@ class _Loop:
                 one = self.choose(states[-1], probes)
             if one is None:
                 break
-            states.append(self.adopt(states[-1], one))
+            after = self.adopt(states[-1], one)
+            if not _matters(one, states[-1].errors, after.errors):
+                break
+            states.append(after)
             chosen.append(one)
         return _Path(tuple(states), tuple(chosen), screened)
 
@@ -171,12 +178,13 @@ class _Loop:
     def choose(self, state: _State, probes: Sequence[Sequence[Probe]]) -> _Chosen | None:
         """The effect that explains most beyond chance, and what is like it; None where there is none."""
         tell = self.stage("fitting effects")
-        tried = _worth_fitting(probes)
+        tried = _worth_fitting(probes, state.evidence)
+        tasks = (delayed(explain)(one, state.evidence) for one in tried)
         explanations: list[Explanation] = []
-        for done, one in enumerate(tried, 1):
-            explanations.append(explain(one, state.evidence))
+        for one in Parallel(n_jobs=self.jobs, prefer="threads", return_as="generator")(tasks):
+            explanations.append(one)
             if tell is not None:
-                tell(done, len(tried))
+                tell(len(explanations), len(tried))
         explanations += explain_tension(
             self.campaign, state.found, state.model, self.jobs, self.stage("tension")
         )
@@ -225,16 +233,23 @@ def with_effects(evidence: Evidence) -> Evidence:
     return replace(evidence, jacobian=np.concatenate(columns, axis=1), names=tuple(names))
 
 
-def _worth_fitting(probes: Sequence[Sequence[Probe]]) -> list[Sequence[Probe]]:
-    """The first effects of the screen, and what shares a class and place with the very first."""
-    tried = list(probes[:_FITTED])
-    if tried:
-        first = tried[0][0].effect
-        alike = look_alikes(first.name)
-        tried += [
-            p for p in probes[_FITTED:] if p[0].effect.name in alike and p[0].effect.enters == first.enters
-        ]
-    return tried
+def _worth_fitting(probes: Sequence[Sequence[Probe]], evidence: Evidence) -> list[Sequence[Probe]]:
+    """The first effects of the screen, and what shares a class and place with the very first.
+
+    Not those that explain next to nothing of the residual, or far less than the first.
+    """
+    left = evidence.beyond(evidence.residual)
+    least = _PROMISING * _MATERIAL * float(left @ left)
+    first = probes[0][0] if probes else None
+    if first is None or first.gain < least:
+        return []
+    alike = look_alikes(first.effect.name)
+
+    def in_class(one: Sequence[Probe]) -> bool:
+        return one[0].effect.name in alike and one[0].effect.enters == first.effect.enters
+
+    near = [one for one in probes if one[0].gain >= max(_WORTH * first.gain, least)]
+    return [*near[:_FITTED], *(one for one in near[_FITTED:] if in_class(one))]
 
 
 def _spread(one: Explanation) -> float:
@@ -273,25 +288,45 @@ def _is_alike(one: Explanation, best: Explanation) -> bool:
     return bool(lag[place] / spread <= max(_ALIKE, _NEAR * gain[place] / spread))
 
 
+def _matters(chosen: _Chosen, before: ErrorsByKind, after: ErrorsByKind) -> bool:
+    """Whether an effect in the motion lowers an error there that people care for; others pass."""
+    if chosen.best.effect.enters in ("tension", "sensor:tension"):
+        return True
+    kind: Kind = "hold_out" if before["hold_out"]["motion_nrmse"] is not None else "training"
+    ratios = [
+        new / old
+        for name in ("motion_nrmse", "relative_motion_nrmse")
+        if (old := _error(before[kind], name)) and (new := _error(after[kind], name)) is not None
+    ]
+    return bool(ratios) and min(ratios) <= 1 - _MATTERS and max(ratios) <= 1 + _MATTERS
+
+
+def _error(errors: Errors, name: str) -> float | None:
+    value = errors[name]  # type: ignore[literal-required]
+    return None if value is None else float(value)
+
+
 def _level(state: _State) -> float:
     """Mean square of what a model leaves over on training records; 1 is noise."""
     left = state.evidence.left_over(state.evidence.residual)
     return float(np.mean(left[state.evidence.training] ** 2))
 
 
-def _is_quiet(state: _State) -> bool:
-    return _level(state) <= _QUIET
+def _is_quiet(path: _Path) -> bool:
+    """Whether noise alone is left, or next to nothing of what was beyond it."""
+    beyond = _level(path.states[-1]) - 1
+    return beyond <= max(_QUIET - 1, _LEFT * (_level(path.states[0]) - 1))
 
 
 def _better(path: _Path, other: _Path) -> _Path:
     """The path that leaves noise alone; where neither does, the first unless the other leaves far less."""
-    if _is_quiet(other.states[-1]) or _level(other.states[-1]) < _FAR_LESS * _level(path.states[-1]):
+    if _is_quiet(other) or _level(other.states[-1]) < _FAR_LESS * _level(path.states[-1]):
         return replace(other, screened=path.screened)
     return path
 
 
 def _verdict(path: _Path) -> Verdict:
-    if not _is_quiet(path.states[-1]):
+    if not _is_quiet(path):
         return "unexplained"
     return "closed" if path.chosen else "no-effect"
 
