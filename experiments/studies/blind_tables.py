@@ -1,0 +1,250 @@
+"""Tables of a blind test's results: what is asked beside what is reached, and a row for every effect."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from experiments.studies.blind_scores import (
+    MEASURES,
+    Found,
+    Result,
+    answer,
+    error,
+    how_many_found,
+    is_confident,
+    is_nearest,
+    moved,
+    ratio,
+    score,
+)
+
+_STRONG = 10.0  # influence on the motion [%] from which after / before is asked for
+
+
+def median(values: Iterable[float], form: str = ".2f") -> str:
+    """Return the median and, of several, the smallest and largest: "1.02 (0.98-1.10)"."""
+    known = [value for value in values if np.isfinite(value)]
+    if not known:
+        return "-"
+    middle = format(float(np.median(known)), form)
+    return middle if len(known) == 1 else f"{middle} ({min(known):{form}}-{max(known):{form}})"
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table in Markdown."""
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+
+
+def tables(results: Sequence[Result]) -> str:
+    """Return all tables of a blind test in Markdown, a set for each level of noise."""
+    levels = sorted({result["noise"] for result in results})
+    return "\n\n".join(
+        _of_level(noise, [one for one in results if one["noise"] == noise]) for noise in levels
+    )
+
+
+def _of_level(noise: float, results: Sequence[Result]) -> str:
+    faults = [one for one in results if "fault" in one]
+    sound = [one for one in results if "fault" not in one]
+    groups = {name: [one for one in sound if one["group"] == name] for name in _GROUPS}
+    parts = [f"## Noise x {noise:g}: {len(sound)} campaigns", summary(groups, len(faults))]
+    parts += [f"### {title}\n\n{make(groups[name])}" for name, title, make in _PARTS if groups[name]]
+    if faults:
+        parts.append("### Faults\n\n" + "\n".join(f"- {one['label']}: {one['fault']}" for one in faults))
+    return "\n\n".join(parts)
+
+
+def summary(groups: Mapping[str, Sequence[Result]], faults: int = 0) -> str:
+    """Return what is asked beside what is reached."""
+    clean, one, outside, two = (groups[name] for name in _GROUPS)
+    scores = [score(result) for result in one]
+    strong = [result for result in one if moved(result) > _STRONG]
+    formed = [r for r in outside if any(e["source"] == "free-form" for e in r["closure"]["effects"])]
+    alone = [result for result in outside if not result["truth"][0]["nearest"]]
+    honest, every = ("unexplained", "closed, free-form"), [*clean, *one, *outside, *two]
+    rows = [
+        ("no effect: verdict no-effect", ">= 95 %", _share(answer(r) == "no-effect" for r in clean)),
+        ("one effect: class named first", ">= 85 %", _share(s.class_ for s in scores)),
+        ("one effect: itself first or listed", ">= 95 %", _share(s.listed for s in scores)),
+        ("one effect: itself first", "", _share(s.name for s in scores)),
+        ("one effect: wrong name, truth not listed", "<= 3 %", _share(s.unwarned for s in scores)),
+        ("the same, with verdict closed", "",
+         _share(s.unwarned and is_confident(r) for s, r in zip(scores, one, strict=True))),
+        ("one effect: kind of place", ">= 95 %", _share(s.kind_of_place for s in scores)),
+        ("one effect: the very place", "", _share(s.place for s in scores)),
+        ("one effect: missed, verdict no-effect", "", _share(answer(r) == "no-effect" for r in one)),
+        ("one effect: after / oracle, held out", "<= 1.1", median(ratio(r, "oracle") for r in one)),
+        (f"motion changed by > {_STRONG:g} %: after / before, motion", "<= 0.25",
+         median(ratio(r, "before", "motion_nrmse") for r in strong)),
+        ("outside: free-form or unexplained", ">= 90 %", _share(answer(r) in honest for r in outside)),
+        ("the same where nothing in the catalogue comes near", "",
+         _share(answer(r) in honest for r in alone)),
+        ("outside: closed by the name that nearly does the same", "",
+         _share(is_confident(r) and is_nearest(r) for r in outside)),
+        ("outside: closed by another name", "",
+         _share(is_confident(r) and not is_nearest(r) for r in outside)),
+        ("outside: free-form within 2 x oracle", ">= 50 %",
+         _share(ratio(r, "oracle") <= 2.0 for r in formed)),
+        ("two effects: both found", ">= 60 %", _share(how_many_found(r) == 2 for r in two)),
+        ("two effects: one found", "", _share(how_many_found(r) == 1 for r in two)),
+        ("two effects: after / oracle, held out", "<= 1.3", median(ratio(r, "oracle") for r in two)),
+        ("time of a closure [s]", "240 (records of 8.5 s)", median((r["closing_s"] for r in every), ".0f")),
+        ("peak memory [MB]", "< 2000", median((r["peak_mb"] for r in every), ".0f")),
+        ("faults of the program", "0", faults),
+    ]  # fmt: skip
+    return table(("what", "asked", "reached"), rows)
+
+
+def _share(hits: Iterable[bool]) -> str:
+    every = list(hits)
+    return f"{100 * sum(every) / len(every):.0f} % ({sum(every)} of {len(every)})" if every else "-"
+
+
+def _count(hits: Iterable[bool]) -> str:
+    every = list(hits)
+    return f"{sum(every)} of {len(every)}"
+
+
+def _grouped(results: Iterable[Result], key: Callable[[Result], str]) -> dict[str, list[Result]]:
+    groups: dict[str, list[Result]] = {}
+    for result in results:
+        groups.setdefault(key(result), []).append(result)
+    return dict(sorted(groups.items()))
+
+
+def _percent(results: Iterable[Result]) -> str:
+    return median((r["truth"][0]["influence_percent"]["percent"] or np.nan for r in results), ".0f")
+
+
+def clean_table(results: Sequence[Result]) -> str:
+    """Return the verdicts without effect, and every effect that was named all the same."""
+    named = Counter(f"{e['name']}@{e['enters']}" for r in results for e in r["closure"]["effects"])
+    rows = [
+        *Counter(answer(r) for r in results).most_common(),
+        *((f"named: {n}", k) for n, k in named.items()),
+    ]
+    return table(("verdict", "campaigns"), rows)
+
+
+def effect_table(results: Sequence[Result]) -> str:
+    """Return a row for every core effect that was hidden alone."""
+    header = (
+        "effect", "seeds", "influence [%]", "name first", "class first", "listed", "wrong unwarned",
+        "kind of place", "place", "verdicts", "after/before", "after/oracle", "time [s]",
+        "else named first",
+    )  # fmt: skip
+    grouped = _grouped(results, lambda r: str(r["truth"][0]["name"]))
+    return table(header, (_effect_row(name, mine) for name, mine in grouped.items()))
+
+
+def _effect_row(name: str, mine: Sequence[Result]) -> tuple[object, ...]:
+    scores = [score(result) for result in mine]
+    others = Counter(e["name"] for r in mine for e in r["closure"]["effects"][:1] if e["name"] != name)
+    return (
+        name,
+        len(mine),
+        _percent(mine),
+        _count(s.name for s in scores),
+        _count(s.class_ for s in scores),
+        _count(s.listed for s in scores),
+        _count(s.unwarned for s in scores),
+        _count(s.kind_of_place for s in scores),
+        _count(s.place for s in scores),
+        _verdicts(mine),
+        median(ratio(r, "before") for r in mine),
+        median(ratio(r, "oracle") for r in mine),
+        median((r["closing_s"] for r in mine), ".0f"),
+        ", ".join(f"{other} {n}" for other, n in others.most_common()) or "-",
+    )
+
+
+def _verdicts(results: Iterable[Result]) -> str:
+    return ", ".join(f"{name} {n}" for name, n in Counter(answer(r) for r in results).most_common())
+
+
+def outside_table(results: Sequence[Result]) -> str:
+    """Return a row for every effect outside the catalogue."""
+    header = (
+        "effect", "seeds", "influence [%]", "verdicts", "closed by nearest", "closed by another",
+        "after/before", "after/oracle", "time [s]",
+    )  # fmt: skip
+    rows = [
+        (
+            name, len(mine), _percent(mine), _verdicts(mine),
+            _count(is_confident(r) and is_nearest(r) for r in mine),
+            _count(is_confident(r) and not is_nearest(r) for r in mine),
+            median(ratio(r, "before") for r in mine), median(ratio(r, "oracle") for r in mine),
+            median((r["closing_s"] for r in mine), ".0f"),
+        )
+        for name, mine in _grouped(results, lambda r: str(r["truth"][0]["name"])).items()
+    ]  # fmt: skip
+    return table(header, rows)
+
+
+def two_table(results: Sequence[Result]) -> str:
+    """Return a row for every campaign with two effects."""
+    header = ("hidden", "influence [%]", "found", "of them", "verdict", "after/before", "after/oracle")
+    rows = []
+    for one in results:
+        felt = ", ".join(f"{t['influence_percent']['percent'] or np.nan:.0f}" for t in one["truth"])
+        named = ", ".join(f"{e['name']}@{e['enters']}" for e in one["closure"]["effects"]) or "nothing"
+        rows.append(
+            (one["label"], felt, named, how_many_found(one), answer(one),
+             median([ratio(one, "before")]), median([ratio(one, "oracle")]))
+        )  # fmt: skip
+    return table(header, rows)
+
+
+def error_table(results: Sequence[Result]) -> str:
+    """Return held-out errors before, after and of the oracle, in every measure."""
+    header = ("measure", "before", "after", "oracle", "after/before", "after/oracle")
+    rows = [
+        (
+            measure, *(median((error(r, of, measure) for r in results), ".3g") for of in _STATES),
+            median(ratio(r, "before", measure) for r in results),
+            median(ratio(r, "oracle", measure) for r in results),
+        )
+        for measure in MEASURES
+    ]  # fmt: skip
+    return table(header, rows)
+
+
+def number_table(results: Sequence[Result]) -> str:
+    """Return, where the hidden effect was named at its place, its numbers over the true ones."""
+    numbers: dict[tuple[str, str], list[tuple[float, bool]]] = {}
+    for result in results:
+        truth = result["truth"][0]
+        for found in result["closure"]["effects"][:1]:
+            if (found["name"], found["enters"]) == (truth["name"], truth["enters"]):
+                for name, told in truth["parameters"].items():
+                    _set_beside(numbers.setdefault((truth["name"], name), []), found, name, told["value"])
+    rows = [
+        (effect, name, len(pairs), median((p for p, _ in pairs), ".3g"), _count(held for _, held in pairs))
+        for (effect, name), pairs in sorted(numbers.items())
+        if pairs
+    ]
+    return table(("effect", "number", "campaigns", "found / true", "95 % limits hold it"), rows)
+
+
+def _set_beside(pairs: list[tuple[float, bool]], found: Found, name: str, true: float) -> None:
+    """Add a found number over the true one; nothing where it was not fitted or the truth is zero."""
+    told = found["parameters"].get(name)
+    if told is None or told["low"] is None or told["high"] is None or not true:
+        return
+    pairs.append((told["value"] / true, told["low"] <= true <= told["high"]))
+
+
+_GROUPS = ("clean", "one", "outside", "two")
+_STATES = ("before", "after", "oracle")
+_PARTS: tuple[tuple[str, str, Callable[[Sequence[Result]], str]], ...] = (
+    ("clean", "No effect", clean_table),
+    ("one", "One effect of the catalogue", effect_table),
+    ("one", "One effect: held-out errors", error_table),
+    ("one", "One effect: its numbers", number_table),
+    ("outside", "One effect outside the catalogue", outside_table),
+    ("two", "Two effects", two_table),
+)

@@ -1,0 +1,297 @@
+"""The blind test: what it plans, how it scores closures made by hand, its tables, and how it goes on."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.studies import blind_test, rig
+from experiments.studies.blind_scores import (
+    answer,
+    how_many_found,
+    is_confident,
+    is_nearest,
+    kind_of_place,
+    ratio,
+    same_class,
+    score,
+)
+from experiments.studies.blind_tables import tables
+from experiments.studies.blind_test import Trial, missing, planned, read_results
+from rom.effects import CATALOGUE
+
+Row = dict[str, Any]
+
+
+def found(name: str, enters: str, *alike: str, source: str = "catalogue", **values: float) -> Row:
+    numbers = {key: {"value": v, "low": 0.9 * v, "high": 1.1 * v, "unit": "1"} for key, v in values.items()}
+    listed = [{"name": one, "enters": enters, "hold_out_cost": 1.02, "test": ""} for one in alike]
+    return {"name": name, "enters": enters, "parameters": numbers, "look_alikes": listed, "source": source}
+
+
+def hidden(name: str, enters: str, nearest: str | None = None, motion: float = 20.0, **values: float) -> Row:
+    return {
+        "name": name,
+        "enters": enters,
+        "nearest": nearest,
+        "parameters": {key: {"value": value, "unit": "1"} for key, value in values.items()},
+        "influence_percent": {"motion": motion, "loss": 1.0, "reading": 2.0, "percent": max(motion, 3.0)},
+    }
+
+
+def errors(motion: float, tension: float = 0.5) -> Row:
+    return {
+        "motion_nrmse": motion,
+        "relative_motion_nrmse": 2 * motion,
+        "tension_loss_error_percent_median": 10.0,
+        "tension_rmse_n": tension,
+    }
+
+
+def result(
+    group: str,
+    truth: list[Row],
+    effects: list[Row],
+    verdict: str = "closed",
+    after: Row | None = None,
+    noise: float = 1.0,
+) -> Row:
+    held_out = {"before": errors(0.4, 1.0), "after": after or errors(0.044)}
+    return {
+        "format": "boltlaw-blind-trial/1",
+        "group": group,
+        "label": " + ".join(f"{one['name']}@{one['enters']}" for one in truth) or "clean",
+        "noise": noise,
+        "seed": 0,
+        "truth": truth,
+        "closure": {"verdict": verdict, "effects": effects, "errors": {"hold_out": held_out}},
+        "oracle": {"hold_out": errors(0.04, 0.25)},
+        "closing_s": 60.0,
+        "peak_mb": 1300.0,
+    }
+
+
+CUBIC = hidden("cubic-stiffness", "joint", k3=2.0)
+
+
+def line(text: str, start: str) -> str:
+    return next(one for one in text.splitlines() if one.startswith(f"| {start}"))
+
+
+def cells(text: str, start: str) -> list[str]:
+    return [cell.strip() for cell in line(text, start).strip("|").split("|")]
+
+
+def test_name_class_listing_and_place_are_scored_apart() -> None:
+    right = score(result("one", [CUBIC], [found("cubic-stiffness", "joint")]))
+    assert (right.name, right.class_, right.listed, right.unwarned) == (True, True, True, False)
+    assert right.kind_of_place
+    assert right.place
+    alike = score(result("one", [CUBIC], [found("two-sided-gap", "flexure_lo", "cubic-stiffness")]))
+    assert (alike.name, alike.class_, alike.listed, alike.unwarned) == (False, True, True, False)
+    assert alike.kind_of_place
+    assert not alike.place
+
+
+def test_a_wrong_name_without_the_truth_beside_it_is_unwarned() -> None:
+    wrong = score(result("one", [CUBIC], [found("force-gain", "sensor:force_lo", "acceleration-gain")]))
+    assert wrong.unwarned
+    assert sum(vars(wrong).values()) == 1
+    form = score(result("one", [CUBIC], [found("free-form", "joint", source="free-form")]))
+    assert not form.unwarned
+    assert form.place
+    assert not form.class_
+
+
+def test_nothing_found_scores_nothing_and_names_nothing_wrong() -> None:
+    assert not any(vars(score(result("one", [CUBIC], [], "no-effect"))).values())
+
+
+def test_only_the_effect_named_first_counts() -> None:
+    effects = [found("force-gain", "sensor:force_lo"), found("cubic-stiffness", "joint")]
+    assert not score(result("one", [CUBIC], effects)).name
+
+
+@pytest.mark.parametrize(
+    ("enters", "kind"),
+    [
+        ("joint", "link"),
+        ("flexure_lo", "link"),
+        ("body:so", "body"),
+        ("tension", "tension"),
+        ("sensor:tension", "sensor"),
+    ],
+)
+def test_kinds_of_place(enters: str, kind: str) -> None:
+    assert kind_of_place(enters) == kind
+
+
+def test_classes_are_those_of_the_catalogue() -> None:
+    assert same_class("cubic-stiffness", "two-sided-gap")
+    assert not same_class("cubic-stiffness", "force-gain")
+    assert not same_class("cubic-stiffness", "free-form")
+    assert same_class("free-form", "free-form")
+
+
+def test_two_hidden_effects_must_be_found_by_two() -> None:
+    truth = [CUBIC, hidden("force-gain", "sensor:force_lo")]
+    both = [found("force-gain", "sensor:force_lo"), found("two-sided-gap", "joint", "cubic-stiffness")]
+    assert how_many_found(result("two", truth, both)) == 2
+    assert how_many_found(result("two", truth, both[:1])) == 1
+    one_for_two = [found("two-sided-gap", "joint", "cubic-stiffness", "force-gain")]
+    assert how_many_found(result("two", truth, one_for_two)) == 1
+    assert how_many_found(result("two", truth, [])) == 0
+
+
+def test_a_name_of_the_catalogue_is_confident_only_in_a_closed_verdict() -> None:
+    truth = [hidden("outside-fractional-drag", "joint", "quadratic-damping")]
+    named = [found("displacement-damping", "joint", "quadratic-damping")]
+    closed = result("outside", truth, named)
+    assert is_confident(closed)
+    assert is_nearest(closed)
+    assert answer(closed) == "closed, catalogue"
+    assert answer(result("outside", truth, named, "unexplained")) == "unexplained"
+    form = [found("free-form", "joint", source="free-form")]
+    assert answer(result("outside", truth, form)) == "closed, free-form"
+    assert not is_nearest(result("outside", [hidden("outside-even-drag", "joint")], named))
+
+
+def test_ratios_are_of_what_the_effect_acts_on() -> None:
+    motion = result("one", [CUBIC], [])
+    assert ratio(motion, "before") == pytest.approx(0.11)
+    assert ratio(motion, "oracle") == pytest.approx(1.1)
+    tension = result("one", [hidden("loosening-power", "tension")], [])
+    assert ratio(tension, "oracle") == pytest.approx(2.0)
+    both = result("two", [CUBIC, hidden("loosening-power", "tension")], [])
+    assert ratio(both, "before") == pytest.approx(0.5)
+    assert np.isnan(ratio(both | {"oracle": {"hold_out": None}}, "oracle"))
+
+
+def test_the_summary_sets_what_is_reached_beside_what_is_asked() -> None:
+    rows = [
+        result("clean", [], [], "no-effect"),
+        result("clean", [], [found("hum", "sensor:force_lo")]),
+        result("one", [CUBIC], [found("cubic-stiffness", "joint", k3=2.1)]),
+        result("one", [CUBIC], [found("force-gain", "sensor:force_lo")], after=errors(0.2)),
+        result("outside", [hidden("outside-even-drag", "joint")], [], "unexplained"),
+        result("outside", [hidden("outside-even-drag", "joint")], [found("hum", "sensor:force_lo")]),
+        result("two", [CUBIC, hidden("hum", "sensor:tension")], [found("hum", "sensor:tension")]),
+    ]
+    text = tables(rows)
+    assert cells(text, "no effect: verdict")[1:] == [">= 95 %", "50 % (1 of 2)"]
+    assert cells(text, "one effect: class")[1:] == [">= 85 %", "50 % (1 of 2)"]
+    assert cells(text, "one effect: wrong name")[2] == "50 % (1 of 2)"
+    assert cells(text, "motion changed")[1:] == ["<= 0.25", "0.30 (0.11-0.50)"]
+    assert cells(text, "outside: free-form or")[2] == "50 % (1 of 2)"
+    assert cells(text, "outside: closed by another")[2] == "50 % (1 of 2)"
+    assert cells(text, "two effects: one found")[2] == "100 % (1 of 1)"
+    assert cells(text, "named: hum@sensor:force_lo")[1] == "1"
+    assert "| k3 | 1 | 1.05 | 1 of 1 |" in text
+
+
+def test_a_row_tells_an_effect_and_what_was_named_in_its_place() -> None:
+    rows = [
+        result("one", [CUBIC], [found("cubic-stiffness", "joint")]),
+        result("one", [CUBIC], [found("bouc-wen", "joint")], "unexplained"),
+    ]
+    row = cells(tables(rows), "cubic-stiffness | 2")
+    assert row[1:9] == ["2", "20 (20-20)", *["1 of 2"] * 4, *["2 of 2"] * 2]
+    assert row[-1] == "bouc-wen 1"
+
+
+def test_levels_of_noise_and_faults_are_told_apart() -> None:
+    clean = result("clean", [], [], "no-effect")
+    broken = {"format": "x", "group": "one", "label": "hum@sensor:tension", "noise": 2.0, "fault": "no"}
+    text = tables([clean, clean | {"noise": 2.0}, broken])
+    assert "## Noise x 1: 1 campaigns" in text
+    assert "## Noise x 2: 1 campaigns" in text
+    assert "- hum@sensor:tension: no" in text
+
+
+def test_every_core_effect_is_planned_once_for_every_seed() -> None:
+    trials = planned(clean=3, each=2, outside=1, two=2, first=10)
+    core = sorted(name for name, member in CATALOGUE.items() if member.core)
+    for seed in (10, 11):
+        assert sorted(t.hidden[0][0] for t in trials if t.group == "one" and t.seed == seed) == core
+    assert [t.seed for t in trials if t.group == "clean"] == [10, 11, 12]
+    assert all(rig.KINDS[t.hidden[0][0]].outside for t in trials if t.group == "outside")
+    assert len({t.file for t in trials}) == len(trials)
+    assert [t.seed for t in trials] == sorted(t.seed for t in trials)
+
+
+def test_places_are_visited_in_turn_unless_one_is_named() -> None:
+    turns = planned(each=3, names=["cubic-stiffness"])
+    assert [t.hidden[0][1] for t in turns] == ["joint", "flexure_lo", "flexure_so"]
+    named = planned(each=2, names=["cubic-stiffness@flexure_so"])
+    assert [t.hidden[0][1] for t in named] == ["flexure_so"] * 2
+    with pytest.raises(ValueError, match="cubic-stiffness"):
+        planned(each=1, names=["cubic-stifness"])
+
+
+def test_pairs_share_no_class_and_go_with_the_seed() -> None:
+    for trial in planned(two=20):
+        (one, _), (other, _) = trial.hidden
+        assert not same_class(one, other)
+    assert planned(two=1, first=4)[0] == planned(two=5)[4]
+
+
+def test_a_trial_draws_the_same_again_and_others_something_else() -> None:
+    trial = Trial("one", 1, (("hum", "sensor:tension"),))
+    assert trial.generator().random() == trial.generator().random()
+    assert trial.generator().random() != Trial("one", 2, trial.hidden).generator().random()
+    assert trial.generator().random() != Trial("clean", 1).generator().random()
+    assert ":" not in trial.file
+    assert trial.file != Trial("one", 1, trial.hidden, noise=2.0).file
+
+
+def test_a_fault_is_a_result_and_a_finished_campaign_is_skipped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good, bad = Trial("clean", 0), Trial("clean", 1)
+
+    def examined(trial: Trial, scratch: Path) -> Row:
+        assert scratch.is_dir()
+        if trial is bad:
+            raise ZeroDivisionError("by nothing")
+        return result("clean", [], [], "no-effect")
+
+    monkeypatch.setattr(blind_test, "_examined", examined)
+    assert "no-effect, nothing" in blind_test.run_trial(good, tmp_path)
+    assert "ZeroDivisionError: by nothing" in blind_test.run_trial(bad, tmp_path)
+    assert missing([good, bad], tmp_path) == [bad]
+    (tmp_path / "other.json").write_text(json.dumps({"format": "boltlaw-closure/1"}))
+    results = read_results(tmp_path)
+    assert [one.get("fault") for one in results] == [None, "ZeroDivisionError: by nothing"]
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".campaign")]
+
+
+def test_the_tables_alone_need_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    row = result("one", [CUBIC], [found("cubic-stiffness", "joint")])
+    (tmp_path / "one.json").write_text(json.dumps(row))
+    blind_test.main(["--out", str(tmp_path), "--table-only"])
+    shown = capsys.readouterr().out
+    assert "100 % (1 of 1)" in line(shown, "one effect: itself first |")
+    assert (tmp_path / "tables.md").read_text() == shown
+
+
+def test_the_truth_stays_sealed_until_the_loop_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "campaign"
+    order: list[str] = []
+
+    def closed(given: Path) -> Row:
+        assert given == folder
+        order.append("closed")
+        rig.truth_path(folder).write_text(json.dumps({"undeclared": []}))
+        return {"verdict": "no-effect", "effects": [], "errors": {"hold_out": {"before": errors(0.1)}}}
+
+    monkeypatch.setattr(blind_test, "_measured", lambda *_: (folder, {}))
+    monkeypatch.setattr(blind_test, "_closed", closed)
+    found = blind_test._examined(Trial("clean", 0), tmp_path)
+    assert order == ["closed"]
+    assert found["oracle"]["hold_out"] == errors(0.1)
