@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Literal
@@ -139,7 +140,12 @@ def run_trial(trial: Trial, out: Path) -> str:
     A fault of the program is a result too: it is told, counted, and tried again by the next run.
     """
     started = time.perf_counter()
-    content: dict[str, Any] = {"group": trial.group, "label": trial.label, "noise": trial.noise}
+    content: dict[str, Any] = {
+        "group": trial.group,
+        "label": trial.label,
+        "noise": trial.noise,
+        "program": program_digest(),
+    }
     with tempfile.TemporaryDirectory(dir=out, prefix=".campaign-") as scratch:
         try:
             content |= _examined(trial, Path(scratch))
@@ -161,6 +167,18 @@ def _examined(trial: Trial, scratch: Path) -> dict[str, Any]:
     truth = json.loads(rig.truth_path(folder).read_text(encoding="utf-8"))["undeclared"]
     found = {"truth": truth, "closure": closure, "closing_s": seconds, "peak_mb": peak}
     return found | {"oracle": _oracle(trial, folder, truth, closure, options)}
+
+
+def program_digest() -> str:
+    """Return a digest of the sources of ``rom`` and ``discovery``: results of one table should share it."""
+    import discovery
+    import rom
+
+    found = sha256()
+    for package in (rom, discovery):
+        for path in sorted(Path(str(package.__file__)).parent.rglob("*.py")):
+            found.update(path.read_bytes())
+    return found.hexdigest()[:12]
 
 
 def _measured(trial: Trial, scratch: Path) -> tuple[Path, dict[str, Any]]:

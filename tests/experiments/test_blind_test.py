@@ -66,6 +66,7 @@ def result(
         "group": group,
         "label": " + ".join(f"{one['name']}@{one['enters']}" for one in truth) or "clean",
         "noise": noise,
+        "program": "a1",
         "seed": 0,
         "truth": truth,
         "closure": {"verdict": verdict, "effects": effects, "errors": {"hold_out": held_out}},
@@ -205,11 +206,12 @@ def test_a_row_tells_an_effect_and_what_was_named_in_its_place() -> None:
 
 def test_levels_of_noise_and_faults_are_told_apart() -> None:
     clean = result("clean", [], [], "no-effect")
-    broken = {"format": "x", "group": "one", "label": "hum@sensor:tension", "noise": 2.0, "fault": "no"}
+    broken = {"group": "one", "label": "hum@sensor:tension", "noise": 2.0, "fault": "no", "program": "b2"}
     text = tables([clean, clean | {"noise": 2.0}, broken])
     assert "## Noise x 1: 1 campaigns" in text
     assert "## Noise x 2: 1 campaigns" in text
     assert "- hum@sensor:tension: no" in text
+    assert text.count("states of the program") == 1
 
 
 def test_every_core_effect_is_planned_once_for_every_seed() -> None:
