@@ -194,8 +194,13 @@ def frozen_of(seen: Sequence[Seen], noise: CourseNoise, model: Model) -> Frozen:
     courses = [replace(s.course, covariance=noise.covariance(s.bins)) for s in seen]
     kept = tuple(e for e in model.effects if not isinstance(e, (LawChange, Reading, SensorFault)))
     frozen = freeze(replace(model, effects=kept, identification=None), courses)
-    end_s = float(frozen.knots_s[-1])
-    parts = [_thinned(frozen.of_case(i), end_s, s.settings.test == "coupled") for i, s in enumerate(seen)]
+    return thinned(frozen, [s.settings.test == "coupled" for s in seen])
+
+
+def thinned(frozen: Frozen, small: Sequence[bool]) -> Frozen:
+    """Frozen motion with fewer nodes, fewest for small hits, up to the end of the last bin."""
+    end_s = float(frozen.courses[0].edges_s[-1] - frozen.courses[0].impact_s)
+    parts = [_thinned(frozen.of_case(i), end_s, few) for i, few in enumerate(small)]
     starts = np.cumsum([0, *(part.shape[1] for part in parts)])
     return replace(frozen, nodes=np.concatenate(parts, axis=1), starts=starts)
 

@@ -1,0 +1,197 @@
+"""Laws of the tension and slow readings fitted to the courses of all tests: what each takes from their cost.
+
+Every effect is fitted beside the law's own numbers from several starts along frozen motion, corrected as the
+baseline is; the best few are corrected by full re-simulation of their own (`discovery.law_likelihood`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from discovery.law_likelihood import LawCandidate, LawProblem, course, law_candidate, names_of, resimulated
+from discovery.likelihood import State
+from discovery.motion import Frozen
+from discovery.tension_data import Data, Gained, Pair, at_bounds, limited
+from rom.channels import FloatArray
+from rom.effects import CATALOGUE, Added, Member
+from rom.own_numbers import own_names
+
+_REFINED = 5
+_STRENGTHS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times a default
+_TRIED = 2  # best starts that are fitted
+_ROUNDS = 2  # of correction by re-simulation
+_U_STARTS = (0.0, -1.0, 1.0, -3.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Slow:
+    """A law fitted to the training courses, and its costs on all records."""
+
+    candidate: LawCandidate
+    state: State
+    problem: LawProblem
+    costs: FloatArray  # all records
+
+    @property
+    def training(self) -> float:
+        """Cost of the training records."""
+        return self.state.deviance
+
+
+@dataclass(eq=False)
+class LawSearch:
+    """Fits to the courses of one campaign; `free` are the numbers of the model's own law that may move."""
+
+    data: Data
+    free: tuple[str, ...]
+    drifting: Frozen
+    drift: float  # its typical size [N/s]
+
+    def baseline(self) -> Slow:
+        """Fit the law as it is."""
+        return self._refined(self._fitted(law_candidate(self.data.model, None, self.free), None))
+
+    def explained(self, effects: Sequence[Pair], base: Slow, report: Callable[[], None]) -> list[Gained]:
+        """Fit every effect, and the best of them by re-simulation."""
+        gained, screened = [], []
+        for member, effect in effects:
+            if own_names(effect):
+                gained.append(self._drift(effect, base))
+            else:
+                screened.append((effect, self._screened(member, effect, base)))
+            report()
+        screened.sort(key=lambda pair: pair[1].training)
+        for rank, (effect, slow) in enumerate(screened):
+            final = self._refined(slow) if rank < _REFINED else self._with_costs(slow, self.data.frozen)
+            gained.append(self._gained(effect, final, base))
+        return gained
+
+    def _fitted(self, candidate: LawCandidate, start: Slow | None, offsets: FloatArray | None = None) -> Slow:
+        """Fit to training courses from a start with another fit's scatter, deviations and corrections."""
+        train = self.data.part(hold_out=False)
+        if offsets is None:
+            offsets = start.problem.offsets if start is not None else np.zeros_like(train.change)
+        problem = LawProblem(candidate, train, offsets)
+        first = (
+            problem.first(None)
+            if start is None
+            else problem.solve(problem.theta0, start.state.scatter, start.state.u, steps=6)
+        )
+        state = problem.fitted(first)
+        found = problem.at(state.theta)
+        assert isinstance(found, LawCandidate)
+        return Slow(found, state, problem, np.zeros(0))
+
+    def _refined(self, slow: Slow) -> Slow:
+        """Correct by full re-simulation, fit again, and take the held-out records' costs."""
+        for _ in range(_ROUNDS):
+            offsets = self._offsets(slow.candidate, slow.problem.frozen, slow.state.u, 0)
+            if not np.isfinite(offsets).all():
+                break
+            slow = self._fitted(slow.candidate, slow, offsets)
+        return self._with_costs(slow, self.data.frozen)
+
+    def _offsets(self, candidate: LawCandidate, part: Frozen, u: FloatArray, first: int) -> FloatArray:
+        """Full re-simulation less frozen course [N]; small hits leave the tension alone and are not run."""
+        struck = np.flatnonzero(self.data.struck[first : first + len(part)])
+        out = np.zeros_like(part.change)
+        if len(struck):
+            some = part.subset(struck)
+            out[struck] = resimulated(candidate, some, u[struck], self.data.model)
+            out[struck] -= course(candidate, some, u[struck])
+        return out
+
+    def _with_costs(self, slow: Slow, frozen: Frozen) -> Slow:
+        """Add costs of all records, held-out ones by corrections of their own."""
+        costs = slow.state.by_case + self._log_volume(slow.problem)
+        if self.data.training == len(self.data.seen):
+            return replace(slow, costs=costs)
+        unseen = self.data.part(hold_out=True, of=frozen)
+        at = _predictive(LawProblem(slow.candidate, unseen, np.zeros_like(unseen.change)), slow.state)
+        offsets = np.nan_to_num(self._offsets(slow.candidate, unseen, at.u, self.data.training))
+        problem = LawProblem(slow.candidate, unseen, offsets)
+        hidden = _predictive(problem, slow.state).by_case
+        hidden = hidden + self._log_volume(problem, hold_out=True)
+        return replace(slow, costs=np.concatenate([costs, hidden]))
+
+    def _log_volume(self, problem: LawProblem, *, hold_out: bool = False) -> FloatArray:
+        """What another noise than the usual one adds to costs."""
+        usual = np.linalg.slogdet(self.data.part(hold_out=hold_out).covariance)[1]
+        return np.asarray(problem.log_determinant - usual)
+
+    def _screened(self, member: Member, effect: Added, base: Slow) -> Slow:
+        """Fit with an effect from the best of several starts, corrected as the baseline is."""
+        candidate = law_candidate(self.data.model, effect, self.free)
+        values = {name: p.value for name, p in base.candidate.parameters.items()}
+        candidate = candidate.with_values(
+            {n: v for n, v in values.items() if n in candidate.parameters and n in base.candidate.free}
+        )
+        names = names_of(effect)
+        train, offsets = self.data.part(hold_out=False), base.problem.offsets
+        starts: list[tuple[float, int, LawCandidate]] = []
+        for point in _starts(member, effect):
+            trial = candidate.with_values({names[n]: v for n, v in point.items()})
+            problem = LawProblem(trial, train, offsets)
+            state = problem.solve(problem.theta0, base.state.scatter, base.state.u, steps=3)
+            starts.append((state.deviance, len(starts), trial))
+        fits = [self._fitted(trial, base) for _, _, trial in sorted(starts)[:_TRIED]]
+        return min(fits, key=lambda fit: fit.training)
+
+    def _gained(self, effect: Added, slow: Slow, base: Slow) -> Gained:
+        if slow.training > base.training:  # as the full simulation has it, the law alone does better
+            return _silent(effect), np.zeros_like(base.costs), ()
+        names, numbers = names_of(effect), slow.candidate.parameters
+        error = np.sqrt(np.maximum(np.diag(slow.problem.covariance(slow.state)), 0.0))
+        errors = dict(zip(slow.candidate.free, error, strict=True))
+        found = effect.with_values(**{name: numbers[path].value for name, path in names.items()})
+        told = limited(found, {name: float(errors[path]) for name, path in names.items()})
+        return told, base.costs - slow.costs, at_bounds(told)
+
+    def _drift(self, effect: Added, base: Slow) -> Gained:
+        """A reading of its own size in every record: a part of the courses' noise, its size unknown."""
+        train = self.data.part(hold_out=False, of=self.drifting)
+        problem = LawProblem(base.candidate, train, base.problem.offsets)
+        state = problem.fitted(problem.solve(problem.theta0, base.state.scatter, base.state.u, steps=6))
+        found = problem.at(state.theta)
+        assert isinstance(found, LawCandidate)
+        slow = self._with_costs(Slow(found, state, problem, np.zeros(0)), self.drifting)
+        (name,) = own_names(effect)
+        low, high = effect.parameters[name].bounds
+        typical = effect.with_values(**{name: float(np.clip(self.drift, low, high))})
+        return typical, base.costs - slow.costs, ()
+
+
+def _starts(member: Member, effect: Added) -> list[dict[str, float]]:
+    """Values to start from: default strengths times powers of ten, over the grid of the others."""
+    points = []
+    for inner in product(*member.inner.values()):
+        for factor, sign in product(_STRENGTHS, (1.0, -1.0)):
+            values = dict(zip(member.inner, inner, strict=True))
+            for name, least in member.strengths.items():
+                number = effect.parameters[name]
+                low, high = number.bounds
+                if sign < 0 <= low:
+                    break
+                values[name] = float(np.clip(sign * factor * (number.value or least), low, high))
+            else:
+                if values not in points:
+                    points.append(values)
+    return points
+
+
+def _silent(effect: Added) -> Added:
+    return effect.with_values(**dict.fromkeys(CATALOGUE[effect.name].strengths, 0.0))
+
+
+def _predictive(problem: LawProblem, at: State) -> State:
+    """Unseen records at fitted numbers, the deviations integrated out about the best mode."""
+    lowest, place = np.full(len(problem.frozen), np.inf), np.zeros(len(problem.frozen))
+    for start in _U_STARTS:
+        state = problem.solve(problem.theta0, at.scatter, np.full(len(place), start), steps=12)
+        place = np.where(state.by_case < lowest, state.u, place)
+        lowest = np.fmin(lowest, state.by_case)
+    return problem.solve(problem.theta0, at.scatter, place, steps=0)

@@ -1,0 +1,69 @@
+"""The records that tell something of the tension, together, and what an effect takes from their cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from discovery.motion import Frozen
+from discovery.tension_rows import Seen
+from rom.channels import FloatArray
+from rom.effects import Added, Member
+from rom.model import Model
+
+Pair = tuple[Member, Added]
+Gained = tuple[Added, FloatArray, tuple[str, ...]]  # effect, cost taken from each record, numbers at a bound
+_Z95 = 1.959964
+_AT_BOUND = 1e-6  # of a range
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """All records of a campaign that tell something of the tension, training ones first."""
+
+    model: Model
+    seen: tuple[Seen, ...]
+    frozen: Frozen
+    training: int
+    struck: FloatArray  # whether a record is a loosening one: coupled ones are not run again
+
+    def nodes(self, case: int) -> FloatArray:
+        """Frozen motion of one record, (t x v F D T, nodes)."""
+        return self.frozen.of_case(case)
+
+    @property
+    def files(self) -> list[str]:
+        """Files in order."""
+        return [seen.settings.file for seen in self.seen]
+
+    def part(self, *, hold_out: bool, of: Frozen | None = None) -> Frozen:
+        """Training or held-out records."""
+        whole = of or self.frozen
+        ends = (self.training, len(self.seen)) if hold_out else (0, self.training)
+        return whole.subset(range(*ends))
+
+
+def limited(effect: Added, errors: Mapping[str, float]) -> Added:
+    """The effect with 95 % limits, within the ranges."""
+    parameters = {}
+    for name, number in effect.parameters.items():
+        low, high = number.bounds
+        half = _Z95 * errors.get(name, 0.0)
+        if half > 0 and np.isfinite(half):
+            ends = (max(number.value - half, low), min(number.value + half, high))
+            number = replace(number, low=ends[0], high=ends[1])
+        parameters[name] = number
+    return replace(effect, parameters=parameters)
+
+
+def at_bounds(effect: Added) -> tuple[str, ...]:
+    """Parameters at an end of their range."""
+    found = []
+    for name, number in effect.parameters.items():
+        low, high = number.bounds
+        near = _AT_BOUND * (high - low)
+        if number.value >= high - near or number.value <= low + near:
+            found.append(name)
+    return tuple(found)

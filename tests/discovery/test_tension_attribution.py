@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rom
+from discovery.gauge_attribution import explained_by_gauge
+from discovery.law_attribution import LawSearch
+from discovery.law_likelihood import course, law_candidate, resimulated, slow_reading
+from discovery.motion import Frozen, freeze
+from discovery.prediction import predict
+from discovery.tension_attribution import explain_tension
+from discovery.tension_data import Data, at_bounds, limited
+from discovery.tension_rows import Seen, thinned
+from discovery.terms import baseline
+from rom.campaign import RecordSettings
+from rom.channels import FloatArray
+from rom.courses import TensionBins
+from rom.effects import CATALOGUE, Reading, SensorFault
+from rom.identification import identify_campaign
+from tests.discovery.synthetic import frozen, measured
+
+_NUMBERS = ("gamma_d", "gamma_i", "rho")
+_STRONG = CATALOGUE["loosening-displacement"].at("tension").with_values(g_x=0.5, h_x=0.0)
+_WHITE = 0.6
+
+
+def whole(held: Frozen) -> Frozen:
+    return thinned(held, [False] * len(held))
+
+
+@cache
+def data(name: str = "") -> Data:
+    """Loosening tests of the paper's model, with a strong effect more by name."""
+    effect = _STRONG if name else None
+    true = law_candidate(rom.paper_model(), effect, _NUMBERS)
+    preloads = (8.0, 20.0, 150.0, 700.0, 1500.0, 3000.0, 60.0, 300.0)  # the last two are held out
+    held = whole(freeze(rom.paper_model(), measured(true, preloads=preloads)))
+    seen = tuple(seen_of(held, case) for case in range(len(held)))
+    return Data(held.model, seen, held, len(seen) - 4, np.ones(len(seen)))
+
+
+def seen_of(held: Frozen, case: int) -> Seen:
+    """The samples of a gauge along the frozen tension, with noise."""
+    found, nodes, rate = held.courses[case], held.of_case(case), 4800.0
+    time = np.arange(round((nodes[0, -1] + found.impact_s) * rate)) / rate
+    shown = np.interp(time - found.impact_s, nodes[0], nodes[5])
+    noise = np.sqrt(_WHITE) * np.random.default_rng(case).standard_normal(len(time))
+    x, force = (np.interp(time - found.impact_s, nodes[0], nodes[row], left=0.0) for row in (1, 3))
+    bins = TensionBins(found.edges_s, found.change, np.ones(9), 400, np.ones(9), 1.0, rate)
+    settings = RecordSettings(
+        file=f"{case}.h5", test="loosening", bodies=("lo", "so"), preload_n=None, hold_out=False
+    )
+    return Seen(settings, found, bins, None, shown + noise, rate, x, force, {"lo": x}, _WHITE)
+
+
+def with_samples(of: Data, samples: list[FloatArray]) -> Data:
+    return replace(of, seen=tuple(replace(s, tension=new) for s, new in zip(of.seen, samples, strict=True)))
+
+
+def test_a_general_law_is_followed_as_its_exposures_are() -> None:
+    held = whole(frozen())
+    candidate = law_candidate(rom.paper_model(), None, _NUMBERS)
+    law = rom.paper_model().link_laws["joint"].tension_rate
+    assert law is not None
+    values = {name: law.parameters[name].value for name in ("gamma_i", "rho")}
+    known = baseline().with_values({**values, "gamma": 10 ** law.parameters["gamma_d"].value})
+    u = np.linspace(-0.5, 0.5, len(held))
+    ours, theirs = course(candidate, held, u), predict(known, held, deviations=u)
+    assert ours == pytest.approx(theirs, rel=0.02, abs=2e-3)
+    assert np.abs(theirs).max() > 5
+
+
+def test_frozen_courses_are_near_those_of_full_simulation() -> None:
+    held = data(_STRONG.name).frozen
+    candidate = law_candidate(rom.paper_model(), _STRONG, _NUMBERS)
+    u = np.zeros(len(held))
+    full = resimulated(candidate, held, u, held.model)
+    noise = np.sqrt(np.diagonal(held.covariance, axis1=1, axis2=2))
+    assert np.abs(full - held.change).max() < 5 * np.sqrt(2) * noise.max()
+    assert course(candidate, held, u) == pytest.approx(full, rel=0.1, abs=0.05)
+
+
+def test_what_changes_the_law_is_found_beside_the_refitted_law() -> None:
+    of = data(_STRONG.name)
+    search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
+    base = search.baseline()
+    members = [CATALOGUE[name] for name in ("loosening-displacement", "loosening-threshold")]
+    pairs = [(member, member.at("tension")) for member in members]
+    found = {effect.name: (effect, gains) for effect, gains, _ in search.explained(pairs, base, lambda: None)}
+    effect, gains = found["loosening-displacement"]
+    assert gains[: of.training].sum() > 100
+    assert gains[of.training :].sum() > 10
+    assert all(gains.sum() > 2 * other.sum() for name, (_, other) in found.items() if name != effect.name)
+    assert effect.parameters["p_x"].value == pytest.approx(2.0, abs=0.3)
+    assert effect.parameters["g_x"].value == pytest.approx(0.5, rel=0.5)
+
+
+def test_nothing_explains_courses_of_the_law_itself() -> None:
+    of = data()
+    search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
+    member = CATALOGUE["loosening-displacement"]
+    (_, gains, _), *_rest = search.explained(
+        [(member, member.at("tension"))], search.baseline(), lambda: None
+    )
+    assert -1 <= gains[: of.training].sum() < 12
+
+
+def test_what_follows_the_motion_is_found_and_its_size() -> None:
+    of = data()
+    names = ("tension-follows-displacement", "tension-follows-displacement-squared")
+    pairs = [(CATALOGUE[name], CATALOGUE[name].at("tension")) for name in names]
+    true = [seen.tension + 2e4 * seen.displacement for seen in of.seen]
+    (effect, gains, _), (_, others, _) = explained_by_gauge(with_samples(of, true), pairs)[0]
+    number = effect.parameters["a"]
+    assert number.low is not None
+    assert number.high is not None
+    assert number.low < 2e4 < number.high
+    assert number.value == pytest.approx(2e4, rel=0.05)
+    assert gains.sum() > 10 * max(others.sum(), 1)
+    nothing = explained_by_gauge(of, pairs)[0]
+    assert all(g.sum() < 10 for _, g, _ in nothing)
+
+
+@pytest.mark.parametrize("tau", [5e-4, -1e-3])
+def test_a_late_gauge_is_found_from_the_step_of_the_loss(tau: float) -> None:
+    of, member = data(), CATALOGUE["tension-skew"]
+    fault = member.at("sensor:tension")
+    assert isinstance(fault, SensorFault)
+    late = fault.with_values(tau=tau)
+    shown = [late.apply(seen.tension, seen.rate_hz) for seen in of.seen]
+    (effect, gains, _), *_ = explained_by_gauge(with_samples(of, shown), [(member, fault)])[0]
+    assert effect.parameters["tau"].value == pytest.approx(tau, rel=0.15)
+    assert gains[of.training :].sum() > 20
+
+
+def test_hum_is_taken_out_by_what_is_told_before_the_hit() -> None:
+    of, member = data(), CATALOGUE["hum"]
+    fault = member.at("sensor:tension")
+    time = np.arange(max(len(seen.tension) for seen in of.seen)) / 4800.0
+    line = 2.0 * np.sin(2 * np.pi * 60.05 * time)
+    shown = [seen.tension + line[: len(seen.tension)] for seen in of.seen]
+    (found,), cost = explained_by_gauge(with_samples(of, shown), [(member, fault)])
+    assert found[0].parameters["f"].value == pytest.approx(60.05, abs=0.06)
+    assert found[1].sum() > 0.9 * cost.sum()
+
+
+def test_a_reading_at_rest_is_averaged_over_bins() -> None:
+    reading = CATALOGUE["relaxation-log"].at("tension").with_values(A=1.0, t_0=0.1)
+    assert isinstance(reading, Reading)
+    edges = np.array([0.0, 0.1, 1.0])
+    whole = -0.1 * ((1 + edges / 0.1) * np.log1p(edges / 0.1) - edges / 0.1)
+    assert slow_reading(reading, edges) == pytest.approx(np.diff(whole) / np.diff(edges), rel=2e-3)
+
+
+def test_limits_stay_within_the_range_and_ends_are_told() -> None:
+    effect = CATALOGUE["relaxation-log"].at("tension").with_values(A=5.0)
+    told = limited(effect, {"A": 1.0})
+    assert told.parameters["A"].high == 5.0
+    assert told.parameters["A"].low == pytest.approx(3.04, abs=0.01)
+    assert at_bounds(told) == ("A",)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "place"), [("relaxation-log", "tension"), ("tension-skew", "sensor:tension")]
+)
+def test_an_effect_of_the_rig_comes_first(tmp_path: Path, name: str, place: str) -> None:
+    from experiments.studies.rig import Undeclared, run
+
+    run(tmp_path / "c", 12, 1.0, 3, 1, duration_s=2.5, undeclared=(Undeclared(name, place, {}),))
+    campaign = rom.read_campaign(tmp_path / "c")
+    found = identify_campaign(campaign)
+    first, second, *_ = explain_tension(campaign, found, found.model)
+    assert first.effect.name == name
+    assert first.gains(hold_out=False).sum() > second.gains(hold_out=False).sum() + 20
+    assert first.gains(hold_out=True).sum() > 0
