@@ -206,8 +206,10 @@ def contenders(names: Sequence[str] = FORMS) -> list[Candidate]:
     return [Candidate(name, forms[name], (1.0,) * len(forms[name]), "contender") for name in names]
 
 
-def race_of_forms(found: Specimen, seed: int, names: Sequence[str] = FORMS) -> Ranking:
-    """Rank the contenders, with the profile of the exponent in the first one."""
+def race_of_forms(
+    found: Specimen, seed: int, names: Sequence[str] = FORMS, *, profiled: bool = True
+) -> Ranking:
+    """Rank the contenders, with the profile of the exponent in the first one where that is asked for."""
     laws = race(contenders(names), found.training, seed=seed)
     compared = laws[:6]
     fits = [replace(law.fit, candidate=law.candidate) for law in compared]
@@ -217,7 +219,7 @@ def race_of_forms(found: Specimen, seed: int, names: Sequence[str] = FORMS) -> R
         considered=len(laws),
         identified=found.training.model,
         inclusion={},
-        profile=exponent_profile(found.training, laws[0].candidate),
+        profile=exponent_profile(found.training, laws[0].candidate) if profiled else None,
         indistinguishable=not_told_apart(pairs, laws[0].name),
         courses=(*found.training.courses, *found.hold_out.courses),
     )
