@@ -141,3 +141,8 @@ def at_stake(result: Result) -> tuple[str, ...]:
 def moved(result: Result) -> float:
     """Return by how much the first hidden effect changes the motion [%]."""
     return float(result["truth"][0]["influence_percent"]["motion"])
+
+
+def felt(result: Result) -> float:
+    """Return the influence of the first hidden effect on what it acts on, motion, loss or reading [%]."""
+    return float(result["truth"][0]["influence_percent"]["percent"])

@@ -13,6 +13,7 @@ from experiments.studies.blind_scores import (
     Result,
     answer,
     error,
+    felt,
     how_many_found,
     is_confident,
     is_nearest,
@@ -21,6 +22,7 @@ from experiments.studies.blind_scores import (
     score,
 )
 
+_FELT = 3.0  # influence [%] that strengths are drawn to have at least, where the plausible range allows it
 _STRONG = 10.0  # influence on the motion [%] from which after / before is asked for
 
 
@@ -81,6 +83,7 @@ def summary(groups: Mapping[str, Sequence[Result]], faults: int = 0) -> str:
         ("one effect: kind of place", ">= 95 %", _share(s.kind_of_place for s in scores)),
         ("one effect: the very place", "", _share(s.place for s in scores)),
         ("one effect: missed, verdict no-effect", "", _share(answer(r) == "no-effect" for r in one)),
+        (f"one effect: felt by less than {_FELT:g} %", "", _share(felt(r) < _FELT for r in one)),
         ("one effect: after / oracle, held out", "<= 1.1", median(ratio(r, "oracle") for r in one)),
         (f"motion changed by > {_STRONG:g} %: after / before, motion", "<= 0.25",
          median(ratio(r, "before", "motion_nrmse") for r in strong)),
@@ -121,7 +124,7 @@ def _grouped(results: Iterable[Result], key: Callable[[Result], str]) -> dict[st
 
 
 def _percent(results: Iterable[Result]) -> str:
-    return median((r["truth"][0]["influence_percent"]["percent"] or np.nan for r in results), ".0f")
+    return median((felt(r) for r in results), ".0f")
 
 
 def clean_table(results: Sequence[Result]) -> str:
@@ -194,10 +197,10 @@ def two_table(results: Sequence[Result]) -> str:
     header = ("hidden", "influence [%]", "found", "of them", "verdict", "after/before", "after/oracle")
     rows = []
     for one in results:
-        felt = ", ".join(f"{t['influence_percent']['percent'] or np.nan:.0f}" for t in one["truth"])
+        influence = ", ".join(f"{t['influence_percent']['percent']:.0f}" for t in one["truth"])
         named = ", ".join(f"{e['name']}@{e['enters']}" for e in one["closure"]["effects"]) or "nothing"
         rows.append(
-            (one["label"], felt, named, how_many_found(one), answer(one),
+            (one["label"], influence, named, how_many_found(one), answer(one),
              median([ratio(one, "before")]), median([ratio(one, "oracle")]))
         )  # fmt: skip
     return table(header, rows)

@@ -187,10 +187,17 @@ def test_the_summary_sets_what_is_reached_beside_what_is_asked() -> None:
     assert cells(text, "one effect: class")[1:] == [">= 85 %", "50 % (1 of 2)"]
     assert cells(text, "one effect: wrong name")[2] == "50 % (1 of 2)"
     assert cells(text, "motion changed")[1:] == ["<= 0.25", "0.30 (0.11-0.50)"]
+    assert cells(text, "one effect: felt by less")[2] == "0 % (0 of 2)"
     assert cells(text, "outside: free-form or")[2] == "50 % (1 of 2)"
     assert cells(text, "outside: closed by another")[2] == "50 % (1 of 2)"
     assert cells(text, "two effects: one found")[2] == "100 % (1 of 1)"
     assert cells(text, "named: hum@sensor:force_lo")[1] == "1"
+    assert cells(text, "cubic-stiffness@joint + ")[1:5] == [
+        "20, 20",
+        "hum@sensor:tension",
+        "1",
+        "closed, catalogue",
+    ]
     assert "| k3 | 1 | 1.05 | 1 of 1 |" in text
 
 
