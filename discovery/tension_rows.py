@@ -34,6 +34,7 @@ _NOISE_BAND_HZ = (4.0, 300.0)
 _MEDIAN_OF_EXPONENTIAL = 0.6931
 _SAME = 1e-8
 _RANK = 5
+_FEWEST_QUIET = 6
 _ALLOWED = 0.3  # of the noise of a sample: so much of the peaks of any column is no finding
 
 
@@ -85,7 +86,7 @@ def _seen(campaign: Campaign, record: RecordSettings, model: Model) -> Seen | No
     assert tension is not None
     assert measurement.impact_s is not None
     bins = bins_after_hit(measurement, campaign.settings)
-    if bins is None:
+    if bins is None or tension.initial <= 0:
         return None
     struck = max(measurement.force, key=lambda body: float(np.abs(measurement.force[body]).max()))
     stop = int(campaign.settings.windows.final_s[1] * measurement.rate_hz)
@@ -157,14 +158,22 @@ def _white(measurement: Measurement, tension: TensionRecord) -> float:
     return max(float(np.median(power[inside])) / _MEDIAN_OF_EXPONENTIAL, 1e-18)
 
 
-def noises(seen: Sequence[Seen]) -> tuple[CourseNoise, CourseNoise]:
-    """Return the noise of courses without a drift, and with one.
+def noises(seen: Sequence[Seen], allowed: float) -> tuple[CourseNoise, CourseNoise] | None:
+    """Return the noise of courses with a drift that no gauge is free of, and with the one that it has.
 
     From training tests that leave the tension alone. What all of those share is no noise: it is taken out.
+    None where there are none, and no time before a hit either.
+
+    Parameters
+    ----------
+    seen : sequence of Seen
+        All records.
+    allowed : float
+        Drift [N/s] that is no finding, one standard deviation.
     """
     quiet = [s for s in seen if s.settings.test == "coupled" and not s.settings.hold_out]
     count = min((len(s.bins.change) for s in quiet), default=0)
-    if len(quiet) >= 6 and count:
+    if len(quiet) >= _FEWEST_QUIET and count:
         shared = np.mean([s.bins.change[:count] for s in quiet], axis=0)
         scale = np.sqrt(len(quiet) / (len(quiet) - 1))
         bins = [_first(s.bins, count, scale * (s.bins.change[:count] - shared)) for s in quiet]
@@ -172,21 +181,15 @@ def noises(seen: Sequence[Seen]) -> tuple[CourseNoise, CourseNoise]:
         bins = [s.before for s in seen if s.before is not None and not s.settings.hold_out]
     whole = course_noise(bins, [])
     if whole is None:
-        raise ValueError("found no time before a hit and no test that leaves the tension alone")
-    walks = np.geomspace(1e-4, 1e4, 81) * max(whole.drift * float(bins[0].lag_s[-1]), whole.walk, 1e-30)
-    trials = [whole, *(replace(whole, drift=0.0, walk=float(walk)) for walk in (0.0, *walks))]
-    costs = [sum(_deviance(noise, b) for b in bins) for noise in trials[1:]]
-    return trials[1 + int(np.argmin(costs))], whole
+        return None
+    slope = 1.0 if whole.of_tension else float(np.median([s.bins.slope for s in seen]))
+    least = (allowed / slope) ** 2
+    return replace(whole, drift=least), replace(whole, drift=max(whole.drift, least))
 
 
 def _first(bins: TensionBins, count: int, change: FloatArray) -> TensionBins:
     edges = bins.edges_s[: count + 1]
     return replace(bins, edges_s=edges, change=change, counts=bins.counts[:count], lag_s=bins.lag_s[:count])
-
-
-def _deviance(noise: CourseNoise, bins: TensionBins) -> float:
-    covariance = noise.covariance(bins)
-    return float(bins.change @ np.linalg.solve(covariance, bins.change) + np.linalg.slogdet(covariance)[1])
 
 
 def frozen_of(seen: Sequence[Seen], noise: CourseNoise, model: Model) -> Frozen:
