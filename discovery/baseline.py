@@ -62,6 +62,8 @@ class Baseline:
         term = name.partition("@")[0]
         law = self._law(term)
         here, found = float(law(tension)), {}
+        if here == 0.0:  # a share of nothing is nothing
+            return {}
         for parameter, value in law.parameters.items():
             size = size_of(value.value)
             moved = _within(law, parameter, value.value + _DIFFERENCE * size)
