@@ -212,22 +212,22 @@ def _oracle(
     """Errors of a model that lacks nothing.
 
     Without effect that is the declared one; effects of the catalogue are put in and refitted; for others it
-    is the declared model on a campaign of the same seed that was measured without them.
+    is the declared model on a twin, a campaign of the same seed that was measured without them.
     """
     from experiments.studies.blind_oracle import declared_errors, oracle_errors
 
     started = time.perf_counter()
     try:
         if trial.group == "clean":
-            kind, held_out = "declared", closure["errors"]["hold_out"]["before"]
-        elif trial.group == "outside":
-            twin = rig.run(folder.with_name("twin"), **options)
-            kind, held_out = "twin", declared_errors(read_campaign(twin))["hold_out"]
+            return {"kind": "declared", "hold_out": closure["errors"]["hold_out"]["before"], "seconds": 0.0}
+        twin = read_campaign(rig.run(folder.with_name("twin"), **options))
+        if trial.group == "outside":
+            kind, errors = "twin", declared_errors(twin)
         else:
-            kind, held_out = "refitted", oracle_errors(read_campaign(folder), truth)["hold_out"]
+            kind, errors = "refitted", oracle_errors(read_campaign(folder), twin, truth)
     except Exception as fault:  # the closure stands without its measure
         return {"fault": f"{type(fault).__name__}: {fault}", "hold_out": None}
-    return {"kind": kind, "hold_out": dict(held_out), "seconds": time.perf_counter() - started}
+    return {"kind": kind, "hold_out": dict(errors["hold_out"]), "seconds": time.perf_counter() - started}
 
 
 def _line(trial: Trial, content: dict[str, Any]) -> str:
