@@ -35,6 +35,7 @@ MOTION_TESTS = ("uncoupled", "coupled", "loosening")
 _LEAST_FINAL = 0.01
 _HALF_LINE = 1e-6
 _SUBSTEPS = 2
+_MEDIAN_SQUARE = 0.4549  # of a normal number
 Progress = Callable[[int, int], None]
 
 
@@ -296,15 +297,28 @@ def starting(found: Identification, model: Model) -> Baseline:
 
 
 def _floors(campaign: Campaign, baseline: Baseline, traces: Sequence[Trace]) -> Mapping[Group, NoiseFloor]:
+    """Floors from before the hits; a body struck alone gets what its own residual asks for, if more.
+
+    There a hit accelerates the sensor's body at once, faster than samples follow, and no joint is seen.
+    """
     seconds = quiet_seconds([trace.measurement for trace in traces])
-    return noise_floors(
-        [
-            before_hit(
-                t.measurement, campaign.settings, t.parts[0], baseline.values(t.parts[0], t.level), seconds
-            )
-            for t in traces
-        ]
-    )
+    quiet = [
+        before_hit(
+            t.measurement, campaign.settings, t.parts[0], baseline.values(t.parts[0], t.level), seconds
+        )
+        for t in traces
+    ]
+    floors = noise_floors(quiet)
+    alone = [trace for trace in traces if trace.measurement.test == "uncoupled"]
+    if not alone:
+        return floors
+    evidence = weigh(alone, baseline, floors)
+    left = evidence.left_over(evidence.residual)
+    lift: dict[Group, float] = {}
+    for place, trace in enumerate(alone):
+        level = float(np.median(left[evidence.owner == place] ** 2)) / _MEDIAN_SQUARE
+        lift[trace.group] = max(level, 1.0, lift.get(trace.group, 1.0))
+    return {group: floor.raised(lift.get(group, 1.0)) for group, floor in floors.items()}
 
 
 def weigh(traces: Sequence[Trace], baseline: Baseline, floors: Mapping[Group, NoiseFloor]) -> Evidence:

@@ -8,7 +8,7 @@ nothing does, from what a model leaves over, which then passes for noise.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ Group = tuple[str, tuple[str, ...]]
 _MARGIN_S = 0.02
 _SHORTEST_S = 0.2
 _HIGHEST_HZ = 1000.0
+_NEARLY = 4.0  # in power
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,10 @@ class NoiseFloor:
     sensor: FloatArray
     frequency: FloatArray
     ambient: ComplexArray
+
+    def raised(self, factor: float) -> NoiseFloor:
+        """Return the same with all powers so many times as large."""
+        return replace(self, sensor=self.sensor * factor, ambient=self.ambient * factor)
 
     def whitener(self, record: SpectralRecord, values: Mapping[str, float], seconds: float) -> ComplexArray:
         """Return S^-1/2 at the lines of a record's spectra over so many seconds."""
@@ -76,7 +81,7 @@ def quiet_seconds(measurements: Sequence[Measurement]) -> float:
 
 
 def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseFloor]:
-    """Return the floor of every group; ambient forces of a body come from the group of the quietest sensors."""
+    """Return the floor of every group; ambient forces of a body come from a group of quiet sensors."""
     members: dict[Group, list[Quiet]] = {}
     for one in quiet:
         members.setdefault(one.group, []).append(one)
@@ -86,7 +91,7 @@ def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseFloor]:
     }
     found = {}
     for group in members:
-        place, source = _source(group, sensors)
+        place, source = _source(group, sensors, {other: len(ones) for other, ones in members.items()})
         ones = members[source]
         ambient = ambient_forces(
             ones[0].frequency, [one.left_over for one in ones], sensors[source] * ones[0].seconds
@@ -96,10 +101,16 @@ def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseFloor]:
     return found
 
 
-def _source(group: Group, sensors: Mapping[Group, FloatArray]) -> tuple[list[int], Group]:
-    """Return the group whose ambient forces serve, and the places of the bodies in it."""
-    able = [other for other in sensors if set(group[1]) <= set(other[1])]
-    best = min(able, key=lambda other: (float(np.max(sensors[other])), other != group))
+def _source(
+    group: Group, sensors: Mapping[Group, FloatArray], counts: Mapping[Group, int]
+) -> tuple[list[int], Group]:
+    """Return the group whose ambient forces serve, and the places of the bodies in it.
+
+    Of those with nearly the quietest sensors the one of most records: a spectrum wants many means.
+    """
+    able = {other: float(np.max(sensors[other])) for other in sensors if set(group[1]) <= set(other[1])}
+    quiet = [other for other, noise in able.items() if noise <= _NEARLY * min(able.values())]
+    best = max(quiet, key=lambda other: (counts[other], other == group))
     return [best[1].index(body) for body in group[1]], best
 
 

@@ -1,0 +1,103 @@
+"""The closed loop on small campaigns of the virtual rig whose truth it is not told."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+
+import rom
+from discovery.attribution import explain, output_of, screen
+from discovery.closure import Closure
+from discovery.localisation import localise
+from discovery.refinement import close_loop, refitted
+from discovery.tracing import Evidence, gather, starting
+from experiments.studies import rig
+from experiments.studies.rig import Undeclared
+from rom.effects import CATALOGUE
+from rom.identification import identify_campaign
+
+CUBIC = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
+
+
+def measured(folder: Path, undeclared: tuple[Undeclared, ...] = (), seed: int = 1) -> rom.Campaign:
+    """A campaign of six preloads, one of them held out, without the rig's oscillating tension."""
+    rig.run(folder, 6, 1.0, seed, 1, duration_s=2.5, hold_out_every=3, undeclared=undeclared)
+    return rom.read_campaign(folder)
+
+
+@cache
+def evidence(*undeclared: Undeclared) -> Evidence:
+    """What the declared model leaves over."""
+    with TemporaryDirectory() as scratch:
+        campaign = measured(Path(scratch) / "campaign", undeclared)
+        found = identify_campaign(campaign)
+        return refitted(gather(campaign, starting(found, found.model)))
+
+
+@cache
+def closed(*undeclared: Undeclared) -> Closure:
+    with TemporaryDirectory() as scratch:
+        return close_loop(measured(Path(scratch) / "campaign", undeclared))
+
+
+def test_nothing_but_noise_is_left_where_nothing_is_missing() -> None:
+    found = evidence()
+    left = found.left_over(found.residual)
+    assert np.mean(left[found.training] ** 2) == pytest.approx(1.0, abs=0.2)
+    assert np.mean(left[~found.training] ** 2) == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_missing_effect_stands_out_where_it_acts() -> None:
+    before, after = localise(evidence()), localise(evidence(CUBIC))
+    assert dict(after.by_frequency)["0 to 30 Hz"] > 3 * dict(before.by_frequency)["0 to 30 Hz"]
+    assert dict(after.by_test)["loosening"] > 1.5
+    assert dict(after.by_test)["coupled"] < 1.2
+    assert after.whiteness_p < 1e-6
+
+
+def test_the_true_effect_explains_the_residual_and_its_strength_comes_out() -> None:
+    found = evidence(CUBIC)
+    first, second = screen(found)[:2]
+    assert (first[0].effect.name, first[0].effect.enters) == ("cubic-stiffness", "flexure_lo")
+    assert first[0].gain > second[0].gain
+    fitted = explain(first, found)
+    strength = fitted.effect.parameters["k3"]
+    assert strength.low is not None
+    assert strength.high is not None
+    assert strength.value == pytest.approx(1e9, rel=0.05)
+    assert strength.high - strength.low < 0.1 * strength.value
+    assert fitted.share(hold_out=True) > 0.2
+    assert fitted.cost(hold_out=False) < sum(
+        cost for file, cost in fitted.before.items() if file not in fitted.hold_out
+    )
+
+
+def test_an_effect_of_zero_strength_changes_nothing() -> None:
+    found = evidence()
+    silent = CATALOGUE["cubic-stiffness"].silent("flexure_lo", ground=True)
+    assert not output_of(silent, found).any()
+
+
+def test_what_the_model_s_numbers_imitate_is_no_evidence() -> None:
+    found = evidence()
+    stiffer = found.jacobian[:, found.names.index("flexure_lo.stiffness")]
+    assert np.linalg.norm(found.beyond(stiffer)) < 1e-6 * np.linalg.norm(stiffer)
+    assert found.steps(0.01 * stiffer)["flexure_lo.stiffness"] == pytest.approx(0.01, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_loop_closes_on_a_cubic_flexure() -> None:
+    closure = closed(CUBIC)
+    assert closure.verdict == "closed"
+    (found,) = closure.effects
+    assert (found.effect.name, found.effect.enters) == ("cubic-stiffness", "flexure_lo")
+    assert found.effect.parameters["k3"].value == pytest.approx(1e9, rel=0.05)
+    before, after = closure.before["hold_out"], closure.after["hold_out"]
+    assert before["motion_nrmse"] is not None
+    assert after["motion_nrmse"] is not None
+    assert after["motion_nrmse"] < 0.7 * before["motion_nrmse"]
+    assert closure.residual_after.total < 1.2 < closure.residual_before.total
