@@ -14,7 +14,8 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from discovery.explanation import Explanation
-from discovery.tracing import Evidence, Progress, Trace, effect_force
+from discovery.traces import Progress, Trace
+from discovery.tracing import Evidence, effect_force
 from rom.channels import FloatArray
 from rom.effects import Added, Effect, Member, SensorFault, candidates
 from rom.spectra import ComplexArray, Linearised, SpectralRecord

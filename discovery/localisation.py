@@ -12,7 +12,8 @@ from scipy import stats
 from rom.channels import FloatArray
 
 if TYPE_CHECKING:
-    from discovery.tracing import Evidence, Trace
+    from discovery.traces import Trace
+    from discovery.tracing import Evidence
     from rom.spectra import SpectralRecord
 
 _BANDS = (

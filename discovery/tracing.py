@@ -16,173 +16,19 @@ import numpy as np
 import numpy.typing as npt
 
 from discovery.baseline import Baseline
-from rom.campaign import Campaign, RecordSettings
+from discovery.traces import Progress, Trace, trace_records
+from rom.campaign import Campaign
 from rom.channels import FloatArray
-from rom.effects import Effect, SensorFault
+from rom.effects import Effect
 from rom.identification import Identification
 from rom.kernels.prescribed import force_of_effects
-from rom.laws import power_loosening
-from rom.linear import spectral_records
-from rom.loosening import LooseningCase, identify_gamma
 from rom.model import Model
 from rom.noise_floor import Group, NoiseFloor, before_hit, noise_floors, quiet_seconds
-from rom.processing import Measurement, process
-from rom.replay import Replay, replay
-from rom.signals import ac_coupled
-from rom.spectra import CORNER, ComplexArray, Linearised, SpectralRecord, linearise, spectrum
+from rom.spectra import CORNER, ComplexArray, Linearised, SpectralRecord, linearise
 
 MOTION_TESTS = ("uncoupled", "coupled", "loosening")
-_LEAST_FINAL = 0.01
-_HALF_LINE = 1e-6
 _SUBSTEPS = 2
 _MEDIAN_SQUARE = 0.4549  # of a normal number
-Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """One record: its spectra, and the motion that was measured, integrated with the model's help.
-
-    Attributes
-    ----------
-    displacement, velocity : mapping of str to ndarray
-        By body, shape (samples,) [m], [m/s].
-    tension : ndarray
-        Of the bolted link, shape (samples,) [N].
-    level : float
-        Tension at which the linear part of the model is taken [N]: the last one.
-    """
-
-    settings: RecordSettings
-    measurement: Measurement
-    parts: tuple[SpectralRecord, ...]
-    displacement: Mapping[str, FloatArray]
-    velocity: Mapping[str, FloatArray]
-    tension: FloatArray
-    level: float
-
-    @property
-    def bodies(self) -> tuple[str, ...]:
-        """Moving bodies, in the order of the channels."""
-        return tuple(self.displacement)
-
-    @property
-    def group(self) -> Group:
-        """Kind of test and moving bodies."""
-        return self.measurement.test, self.bodies
-
-    def relative(self, ends: tuple[str, str]) -> tuple[FloatArray, FloatArray]:
-        """Relative displacement and velocity of two ends; a body that rests counts as ground."""
-        still = np.zeros(self.measurement.samples)
-        x, v = (
-            motion.get(ends[0], still) - motion.get(ends[1], still)
-            for motion in (self.displacement, self.velocity)
-        )
-        return x, v
-
-    def forces(self, force: FloatArray, ends: tuple[str, str], part: SpectralRecord) -> ComplexArray:
-        """Spectra of a link's force on the bodies, (lines, bodies): it pulls the first end back."""
-        lines = self.lines(force, part)
-        out = np.zeros((len(lines), len(self.bodies)), dtype=np.complex128)
-        for end, sign in zip(ends, (-1.0, 1.0), strict=True):
-            if end in self.bodies:
-                out[:, self.bodies.index(end)] += sign * lines
-        return out
-
-    def lines(self, samples: FloatArray, part: SpectralRecord) -> ComplexArray:
-        """Spectrum of samples at the lines of a part."""
-        first, last = part.samples
-        band = (part.frequency[0] - _HALF_LINE, part.frequency[-1] + _HALF_LINE)
-        return spectrum(samples[first:last], self.measurement.rate_hz, band)[1]
-
-
-def trace_records(
-    campaign: Campaign,
-    baseline: Baseline,
-    records: Sequence[RecordSettings],
-    progress: Progress | None = None,
-) -> tuple[Trace, ...]:
-    """Read records and run each again with the model, its tension falling as it was measured to fall."""
-    measurements = []
-    for done, settings in enumerate(records, 1):
-        measurements.append(process(campaign.load(settings), campaign.settings))
-        if progress is not None:
-            progress(done, 2 * len(records))
-    gammas = _own_gammas(baseline.model, measurements, campaign.settings.windows.final_s)
-    traces = []
-    for done, (settings, measurement) in enumerate(zip(records, measurements, strict=True), 1):
-        model = _with_gamma(baseline.model, gammas.get(settings.file))
-        run = replay(model, measurement)
-        if run.response.status == "ok":
-            traces.append(_traced(campaign, baseline, settings, run))
-        if progress is not None:
-            progress(len(records) + done, 2 * len(records))
-    return tuple(traces)
-
-
-def _traced(campaign: Campaign, baseline: Baseline, settings: RecordSettings, run: Replay) -> Trace:
-    seen, response = run.measurement, run.response
-    tension = np.asarray(response.tension) if isinstance(response.tension, np.ndarray) else np.zeros(0)
-    tension = tension if tension.size else np.zeros(seen.samples)
-    parts = spectral_records(seen, campaign.settings)
-    level = float(tension[-1])
-    values = baseline.values(parts[0], level)
-    corner = next((values[name] for name in values if name.startswith(CORNER)), 0.0)
-    bodies = [body for body in campaign.settings.body_names if body in seen.motion]
-    displacement, velocity = {}, {}
-    for body in bodies:
-        displacement[body], velocity[body] = _motion_of(seen, run, body, corner)
-    return Trace(settings, seen, parts, displacement, velocity, tension, level)
-
-
-def _motion_of(seen: Measurement, run: Replay, body: str, corner: float) -> tuple[FloatArray, FloatArray]:
-    """Displacement and velocity: the model's, and what the sensor shows beyond it, integrated."""
-    motion, response = seen.motion[body], run.response
-    simulated = getattr(response, motion.kind)[body]
-    if motion.kind == "acceleration":
-        simulated = ac_coupled(simulated, seen.rate_hz, corner)
-    beyond = motion.samples - simulated
-    quiet = beyond[: max(int((seen.impact_s or 0.0) * 0.8 * seen.rate_hz), 1)]
-    times = {"acceleration": 2, "velocity": 1, "displacement": 0}[motion.kind]
-    found = []
-    for quantity, integrations in (("displacement", times), ("velocity", times - 1)):
-        if integrations < 0:
-            extra = np.gradient(beyond, 1 / seen.rate_hz)
-        elif integrations == 0:
-            extra = beyond
-        else:
-            extra = seen.chain.integrated(beyond - quiet.mean(), seen.rate_hz, integrations)
-        found.append(getattr(response, quantity)[body] + extra)
-    return found[0], found[1]
-
-
-def _own_gammas(
-    model: Model, measurements: Sequence[Measurement], window_s: tuple[float, float]
-) -> dict[str, float]:
-    """Factor gamma of ``|v|^4 T`` of every loosening record, so that its tension falls as measured."""
-    if len(model.structure.bolted_links) != 1:
-        return {}
-    cases = []
-    for one in measurements:
-        tension = one.tension
-        if one.test != "loosening" or tension is None or not one.force:
-            continue
-        body = max(one.force, key=lambda name: float(np.abs(one.force[name]).max()))
-        final = max(tension.final, _LEAST_FINAL * tension.initial)
-        cases.append(
-            LooseningCase(one.file, body, one.applied_force[body], one.rate_hz, tension.initial, final,
-                          max(tension.final_error, 1e-3))
-        )  # fmt: skip
-    return {found.file: max(found.gamma, 0.0) for found in identify_gamma(model, cases, window_s)}
-
-
-def _with_gamma(model: Model, gamma: float | None) -> Model:
-    if gamma is None:
-        return model
-    link = model.structure.bolted_links[0]
-    laws = replace(model.link_laws[link], tension_rate=power_loosening(gamma))
-    effects = tuple(effect for effect in model.effects if isinstance(effect, Effect | SensorFault))
-    return replace(model, link_laws={**model.link_laws, link: laws}, effects=effects)
 
 
 Change = Callable[[Trace, SpectralRecord, Linearised], ComplexArray | None]
