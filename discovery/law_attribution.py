@@ -12,7 +12,14 @@ from itertools import product
 
 import numpy as np
 
-from discovery.law_likelihood import LawCandidate, LawProblem, course, law_candidate, names_of, resimulated
+from discovery.law_likelihood import (
+    LawCandidate,
+    LawProblem,
+    course,
+    law_candidate,
+    names_of,
+    resimulated,
+)
 from discovery.likelihood import State
 from discovery.motion import Frozen
 from discovery.tension_data import Data, Gained, Pair, at_bounds, limited
@@ -23,6 +30,7 @@ from rom.own_numbers import own_names
 _REFINED = 5
 _STRENGTHS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times a default
 _TRIED = 2  # best starts that are fitted
+_ROUGHLY = (0.5, 8)  # gain of a step and number of steps: enough to screen by
 _ROUNDS = 2  # of correction by re-simulation
 _U_STARTS = (0.0, -1.0, 1.0, -3.0)
 
@@ -70,7 +78,14 @@ class LawSearch:
             gained.append(self._gained(effect, final, base))
         return gained
 
-    def _fitted(self, candidate: LawCandidate, start: Slow | None, offsets: FloatArray | None = None) -> Slow:
+    def _fitted(
+        self,
+        candidate: LawCandidate,
+        start: Slow | None,
+        offsets: FloatArray | None = None,
+        *,
+        roughly: bool = False,
+    ) -> Slow:
         """Fit to training courses from a start with another fit's scatter, deviations and corrections."""
         train = self.data.part(hold_out=False)
         if offsets is None:
@@ -81,7 +96,7 @@ class LawSearch:
             if start is None
             else problem.solve(problem.theta0, start.state.scatter, start.state.u, steps=6)
         )
-        state = problem.fitted(first)
+        state = problem.fitted(first, *_ROUGHLY) if roughly else problem.fitted(first)
         found = problem.at(state.theta)
         assert isinstance(found, LawCandidate)
         return Slow(found, state, problem, np.zeros(0))
@@ -111,12 +126,13 @@ class LawSearch:
         if self.data.training == len(self.data.seen):
             return replace(slow, costs=costs)
         unseen = self.data.part(hold_out=True, of=frozen)
-        at = _predictive(LawProblem(slow.candidate, unseen, np.zeros_like(unseen.change)), slow.state)
+        plain = LawProblem(slow.candidate, unseen, np.zeros_like(unseen.change))
+        at = _predictive(plain, slow.state)
         offsets = np.nan_to_num(self._offsets(slow.candidate, unseen, at.u, self.data.training))
         problem = LawProblem(slow.candidate, unseen, offsets)
-        hidden = _predictive(problem, slow.state).by_case
-        hidden = hidden + self._log_volume(problem, hold_out=True)
-        return replace(slow, costs=np.concatenate([costs, hidden]))
+        # at a rate far from all others the correction at the first mode holds nowhere near
+        hidden = np.fmin(_predictive(problem, slow.state).by_case, at.by_case)
+        return replace(slow, costs=np.concatenate([costs, hidden + self._log_volume(problem, hold_out=True)]))
 
     def _log_volume(self, problem: LawProblem, *, hold_out: bool = False) -> FloatArray:
         """What another noise than the usual one adds to costs."""
@@ -138,7 +154,7 @@ class LawSearch:
             problem = LawProblem(trial, train, offsets)
             state = problem.solve(problem.theta0, base.state.scatter, base.state.u, steps=3)
             starts.append((state.deviance, len(starts), trial))
-        fits = [self._fitted(trial, base) for _, _, trial in sorted(starts)[:_TRIED]]
+        fits = [self._fitted(trial, base, roughly=True) for _, _, trial in sorted(starts)[:_TRIED]]
         return min(fits, key=lambda fit: fit.training)
 
     def _gained(self, effect: Added, slow: Slow, base: Slow) -> Gained:

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 _OWN = "own_rate"
 _HIGHEST = 10.0
-_ITERATIONS, _SETTLED = 20, 0.05  # of the deviance
+SETTLED = 0.05  # of the deviance
+ITERATIONS = 20
 _NEVER = 1e6  # stands for a course that is lost, in newton
 _PER_BIN = 24
 
@@ -137,16 +138,16 @@ class LawProblem(Problem):
             return self.solve(self.theta0, np.array(start.scatter), start.deviations, steps=6)
         return self.solve(self.theta0, np.array([np.log(0.5), 0.0]), np.zeros(len(self.frozen)), steps=12)
 
-    def fitted(self, state: State) -> State:
-        """The best place that steps from a state lead to."""
+    def fitted(self, state: State, settled: float = SETTLED, most: int = ITERATIONS) -> State:
+        """The best place that steps from a state lead to, each lowering the deviance by more than asked."""
         damping = 1e-3
-        for _ in range(_ITERATIONS):
+        for _ in range(most):
             state = self.scattered(state)
             trial, damping = step(self, state, damping)
             if trial is None:
                 return state
             gain, state = state.deviance - trial.deviance, trial
-            if gain < _SETTLED:
+            if gain < settled:
                 break
         return self.scattered(state)
 
