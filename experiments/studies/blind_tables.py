@@ -77,6 +77,7 @@ def summary(groups: Mapping[str, Sequence[Result]], faults: int = 0) -> str:
         ("one effect: class named first", ">= 85 %", _share(s.class_ for s in scores)),
         ("one effect: itself first or listed", ">= 95 %", _share(s.listed for s in scores)),
         ("one effect: itself first", "", _share(s.name for s in scores)),
+        ("one effect: named or listed, first or later", "", _share(how_many_found(r) == 1 for r in one)),
         ("one effect: wrong name, truth not listed", "<= 3 %", _share(s.unwarned for s in scores)),
         ("the same, with verdict closed", "",
          _share(s.unwarned and is_confident(r) for s, r in zip(scores, one, strict=True))),

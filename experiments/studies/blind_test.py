@@ -275,8 +275,12 @@ def run(
     due = missing(trials, out)
     with ProcessPoolExecutor(jobs, get_context("spawn"), max_tasks_per_child=1) as pool:
         pending = [pool.submit(run_trial, trial, out) for trial in due]
-        for number, one in enumerate(as_completed(pending), 1):
-            tell(f"{number} of {len(due)}: {one.result()}")
+        try:
+            for number, one in enumerate(as_completed(pending), 1):
+                tell(f"{number} of {len(due)}: {one.result()}")
+        except BaseException:  # stopped, or a process died: what has not begun is left to the next run
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

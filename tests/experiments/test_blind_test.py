@@ -187,6 +187,7 @@ def test_the_summary_sets_what_is_reached_beside_what_is_asked() -> None:
     assert cells(text, "one effect: class")[1:] == [">= 85 %", "50 % (1 of 2)"]
     assert cells(text, "one effect: wrong name")[2] == "50 % (1 of 2)"
     assert cells(text, "motion changed")[1:] == ["<= 0.25", "0.30 (0.11-0.50)"]
+    assert cells(text, "one effect: named or listed")[2] == "50 % (1 of 2)"
     assert cells(text, "one effect: felt by less")[2] == "0 % (0 of 2)"
     assert cells(text, "outside: free-form or")[2] == "50 % (1 of 2)"
     assert cells(text, "outside: closed by another")[2] == "50 % (1 of 2)"
