@@ -29,7 +29,7 @@ from rom.own_numbers import own_names
 
 _REFINED = 5
 _STRENGTHS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times a default
-_TRIED = 2  # best starts that are fitted
+_FRESH = np.array([np.log(0.5), 0.0])  # scatter to start from
 _ROUGHLY = (0.5, 8)  # gain of a step and number of steps: enough to screen by
 _ROUNDS = 2  # of correction by re-simulation
 _U_STARTS = (0.0, -1.0, 1.0, -3.0)
@@ -141,20 +141,22 @@ class LawSearch:
 
     def _screened(self, member: Member, effect: Added, base: Slow) -> Slow:
         """Fit with an effect from the best of several starts, corrected as the baseline is."""
-        candidate = law_candidate(self.data.model, effect, self.free)
-        values = {name: p.value for name, p in base.candidate.parameters.items()}
-        candidate = candidate.with_values(
-            {n: v for n, v in values.items() if n in candidate.parameters and n in base.candidate.free}
-        )
-        names = names_of(effect)
-        train, offsets = self.data.part(hold_out=False), base.problem.offsets
-        starts: list[tuple[float, int, LawCandidate]] = []
-        for point in _starts(member, effect):
-            trial = candidate.with_values({names[n]: v for n, v in point.items()})
-            problem = LawProblem(trial, train, offsets)
-            state = problem.solve(problem.theta0, base.state.scatter, base.state.u, steps=3)
-            starts.append((state.deviance, len(starts), trial))
-        fits = [self._fitted(trial, base, roughly=True) for _, _, trial in sorted(starts)[:_TRIED]]
+        identified = law_candidate(self.data.model, effect, self.free)
+        own = {name: p.value for name, p in base.candidate.parameters.items() if name in base.candidate.free}
+        refitted = identified.with_values({n: v for n, v in own.items() if n in identified.parameters})
+        names, offsets = names_of(effect), base.problem.offsets
+        train = self.data.part(hold_out=False)
+        fresh = replace(base, state=replace(base.state, u=np.zeros(len(train)), scatter=_FRESH))
+        fits = []
+        # a baseline that lacks an effect can be far astray: what was identified case by case is a start too
+        for candidate, start in ((refitted, base), (identified, fresh)):
+            trials: list[tuple[float, int, LawCandidate]] = []
+            for point in _starts(member, effect):
+                trial = candidate.with_values({names[n]: v for n, v in point.items()})
+                problem = LawProblem(trial, train, offsets)
+                state = problem.solve(problem.theta0, start.state.scatter, start.state.u, steps=3)
+                trials.append((state.deviance, len(trials), trial))
+            fits.append(self._fitted(min(trials)[2], start, roughly=True))
         return min(fits, key=lambda fit: fit.training)
 
     def _gained(self, effect: Added, slow: Slow, base: Slow) -> Gained:
