@@ -57,8 +57,8 @@ class Localisation:
 
 
 def localise(evidence: Evidence) -> Localisation:
-    """Return where the residual on training records lives, the model's numbers refitted."""
-    rows = evidence.left_over(evidence.residual)
+    """Return where the residual on training records lives."""
+    rows = evidence.residual
     squares, pairs, first = [], [], 0
     for trace, part, linear in evidence.parts:
         count = 2 * part.motion.size

@@ -314,9 +314,11 @@ def _error(errors: Errors, name: str) -> float | None:
 
 
 def _level(state: _State) -> float:
-    """Mean square of what a model leaves over on training records; 1 is noise."""
-    left = state.evidence.left_over(state.evidence.residual)
-    return float(np.mean(left[state.evidence.training] ** 2))
+    """Mean square of what a model leaves over on training records; 1 is noise.
+
+    At the numbers that it has: those that would suit better are no excuse.
+    """
+    return float(np.mean(state.evidence.residual[state.evidence.training] ** 2))
 
 
 def _is_quiet(path: _Path) -> bool:

@@ -337,16 +337,12 @@ def _loss_noise(records: Sequence[ReducedRecord]) -> float:
 
 
 def relearned(found: Identification, model: Model) -> Identification:
-    """Return an identification with another model of the motion, its gamma(T) fitted anew to the same cases.
-
-    What changes the tension law stays in the model: the law is fitted beside it.
-    """
+    """Return an identification with another model, gamma(T) fitted anew beside what changes it there."""
     moved = replace(found, model=model)
     if len(model.structure.bolted_links) != 1 or not found.courses:
         return moved
     cases = [
-        LooseningCase(c.file, c.body, c.force, c.rate_hz, c.initial,
-                      max(c.final, c.final_error), c.final_error)
+        LooseningCase(c.file, c.body, c.force, c.rate_hz, c.initial, max(c.final, c.final_error), c.final_error)
         for c in found.courses if not c.hold_out
     ]  # fmt: skip
     return _with_loosening(moved, cases, found.courses[0].final_window)

