@@ -342,8 +342,8 @@ def relearned(found: Identification, model: Model) -> Identification:
     if len(model.structure.bolted_links) != 1 or not found.courses:
         return moved
     cases = [
-        LooseningCase(c.file, c.body, c.force, c.rate_hz, c.initial, max(c.final, c.final_error), c.final_error)
-        for c in found.courses if not c.hold_out
+        LooseningCase(c.file, c.body, c.force, c.rate_hz, c.initial, max(c.final, c.final_error),
+                      c.final_error) for c in found.courses if not c.hold_out
     ]  # fmt: skip
     return _with_loosening(moved, cases, found.courses[0].final_window)
 
