@@ -25,7 +25,6 @@ _DIFFERENCE = 1e-3  # of a parameter's size
 _SETTLED = 1e-4  # of the cost
 _STARTS = 2  # points of an effect's grid from which it is fitted
 _Z95 = 1.96
-_TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,7 +55,8 @@ class FoundEffect:
     share : float
         Share of the residual's whitened square that it took away on training records.
     p_value : float
-        Chance that the best of the whole catalogue would look as good on records that lack nothing.
+        Chance of its gain on training records were all noise normal, by the likelihood ratio, times the
+        number of effects that were tried; no bank of clean campaigns stands behind it.
     wins : tuple of int
         Held-out records that it explains better than the model without it, and how many there are.
     """
@@ -83,7 +84,6 @@ class Screened:
     name: str
     enters: str
     share: float
-    wins: float
     strength: float
 
 

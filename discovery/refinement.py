@@ -7,8 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from joblib import Parallel, delayed
+from scipy import stats
 
-from discovery.attribution import Probe, explain, free_numbers, output_of, screen, slopes_of
+from discovery.attribution import (
+    Probe,
+    explain,
+    free_numbers,
+    motion_channels,
+    output_of,
+    screen,
+    slopes_of,
+)
 from discovery.baseline import effect_number, size_of
 from discovery.closure import Closure, ErrorsByKind, FoundEffect, Kind, LookAlike, Screened, Step, Verdict
 from discovery.explanation import Explanation
@@ -18,7 +27,7 @@ from discovery.tension_attribution import explain_tension
 from discovery.tracing import Evidence, gather, starting, weigh
 from rom.campaign import Campaign
 from rom.comparison import judge
-from rom.effects import CATALOGUE, Added, Effect, look_alikes
+from rom.effects import CATALOGUE, Added, Effect, candidates, look_alikes
 from rom.identification import Identification, identify_campaign, relearned
 from rom.model import Model
 from rom.reduction import Progress
@@ -104,7 +113,6 @@ class _Chosen:
 
     best: Explanation
     rivals: tuple[Explanation, ...]
-    spread: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +183,7 @@ class _Loop:
         if not sure:
             return None
         best = max(sure, key=_merit)
-        return _Chosen(best, (), _spread(best))
+        return _Chosen(best, ())
 
     def choose(self, state: _State, probes: Sequence[Sequence[Probe]]) -> _Chosen | None:
         """The effect that explains most beyond chance, and what is like it; None where there is none."""
@@ -196,7 +204,7 @@ class _Loop:
         best = max(sure, key=_merit)
         rivals = [one for one in explanations if one is not best and _comparable(one, best)]
         alike = sorted((one for one in rivals if _is_alike(one, best)), key=lambda one: -_merit(one))
-        return _Chosen(best, tuple(alike), _spread(best))
+        return _Chosen(best, tuple(alike))
 
     def adopt(self, state: _State, chosen: _Chosen) -> _State:
         """Add an effect, trace all records anew and refit everything together."""
@@ -342,6 +350,8 @@ def _verdict(path: _Path) -> Verdict:
 
 def _found(chosen: _Chosen, state: _State) -> FoundEffect:
     best = chosen.best
+    gained = float(best.gains(hold_out=False).sum())
+    tried = len(candidates(state.model, (*motion_channels(state.evidence), "tension")))
     effect = next(
         (e for e in state.model.effects if (e.name, e.enters) == (best.effect.name, best.effect.enters)),
         best.effect,
@@ -360,7 +370,7 @@ def _found(chosen: _Chosen, state: _State) -> FoundEffect:
         ),
         source="catalogue" if best.effect.name in CATALOGUE else "free-form",
         share=best.share(),
-        p_value=float(np.exp(-0.5 * min(_merit(best), 1400.0))),
+        p_value=min(1.0, tried * float(stats.chi2.sf(gained / _spread(best), max(best.free_numbers, 1)))),
         wins=(int((gains > 0).sum()), len(gains)),
     )
 
@@ -380,5 +390,5 @@ def _screened(probes: Iterable[Sequence[Probe]], evidence: Evidence) -> tuple[Sc
     for best, *_ in probes:
         strength = next(iter(best.member.strengths))
         value = best.effect.parameters[strength].value * best.amplitude
-        found.append(Screened(best.effect.name, best.effect.enters, best.gain / cost, float("nan"), value))
+        found.append(Screened(best.effect.name, best.effect.enters, best.gain / cost, value))
     return tuple(found)

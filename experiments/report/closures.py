@@ -254,13 +254,12 @@ def _screened(data: Data) -> Table:
             str(row.get("name")),
             place_words(row.get("enters")),
             _share(row.get("share")),
-            _share(row.get("wins")),
             trimmed(number(row.get("strength"), 3)),
         )
         for row in _mappings(data.get("screened"))
     )
     note = "What each effect alone could explain of the first residual beyond the declared model."
-    heads = ("Effect", "Where", "Share of the residual", "Share of records", "Strength")
+    heads = ("Effect", "Where", "Share of the residual", "Strength")
     return Table("What was screened", heads, rows, note=note)
 
 

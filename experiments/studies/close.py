@@ -81,7 +81,7 @@ def closure_section(closure: Closure) -> dict[str, Any]:
             "after": dict(closure.residual_after.as_dict()),
         },
         "screened": [
-            {"name": s.name, "enters": s.enters, "share": s.share, "wins": s.wins, "strength": s.strength}
+            {"name": s.name, "enters": s.enters, "share": s.share, "strength": s.strength}
             for s in closure.screened
         ],
         "set_aside": list(closure.set_aside),

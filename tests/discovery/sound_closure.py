@@ -86,11 +86,11 @@ def skew() -> FoundEffect:
 
 
 SCREENED = (
-    Screened("coulomb-friction", "flexure_lo", 0.83, 0.95, 0.1),
-    Screened("quadratic-damping", "flexure_lo", 0.79, 0.95, 30.0),
-    Screened("loosening-threshold", "tension", 0.2, 0.7, 0.02),
-    Screened("acceleration-gain", "sensor:acceleration_lo", 0.02, 0.55, 0.01),
-    Screened("extra-mode", "body:so", 0.003, 0.5, 0.02),
+    Screened("coulomb-friction", "flexure_lo", 0.83, 0.1),
+    Screened("quadratic-damping", "flexure_lo", 0.79, 30.0),
+    Screened("loosening-threshold", "tension", 0.2, 0.02),
+    Screened("acceleration-gain", "sensor:acceleration_lo", 0.02, 0.01),
+    Screened("extra-mode", "body:so", 0.003, 0.02),
 )
 
 

@@ -100,7 +100,7 @@ def test_a_fault_of_a_sensor_is_no_force() -> None:
 
 
 def test_what_is_not_known_is_not_said() -> None:
-    found = replace(closure(unknown_force(), hold_out=0), screened=(Screened("x", "joint", 0.0, 0.0, 0.0),))
+    found = replace(closure(unknown_force(), hold_out=0), screened=(Screened("x", "joint", 0.0, 0.0),))
     text = found.summary()
     assert "nan" not in text
     assert "None" not in text

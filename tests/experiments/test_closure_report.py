@@ -216,7 +216,7 @@ def test_the_page_shows_errors_equations_numbers_look_alikes_and_figures(tmp_pat
         "Ṫ₀: rate of the law of loosening before this change",
         "Where the residual lives (16)",
         "Amplitude 50 µm and more 60.2 1.03",
-        "acceleration-gain sensor acceleration_lo 2 % 55 % 0.01",
+        "acceleration-gain sensor acceleration_lo 2 % 0.01",
         "Where the residual lived.",
         "coulomb-friction, link flexure_lo F = ( F c + μ T ) tanh ( v v s )",
     ):
