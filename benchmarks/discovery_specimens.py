@@ -21,7 +21,7 @@ from rom.checks import moving_bodies
 from rom.courses import TensionCourse
 from rom.identification import Identification, identify_campaign
 from rom.model import Model
-from rom.reduction import reduce_records, tension_courses
+from rom.reduction import reduce_records, reduce_sound, tension_courses
 
 PRELOADS = 20
 HOLD_OUT_EVERY = 5
@@ -83,9 +83,16 @@ def bench(law: str, seed: int, setting: Setting) -> Bench:
 def loosening_courses(
     campaign: Campaign, found: Identification, hold_out: bool | None = None
 ) -> tuple[TensionCourse, ...]:
-    """Reduce the loosening records that are held out, the others, or all (None) to tension courses."""
-    records = reduce_records(campaign, campaign.select("loosening", hold_out))
-    return tension_courses([r for r in records if not r.doubts], found.course_noise, campaign.settings)
+    """Reduce the loosening records that are held out, the others, or all (None) to tension courses.
+
+    Records of a bench have no fault to look for.
+    """
+    chosen = campaign.select("loosening", hold_out)
+    if isinstance(campaign, Bench):
+        records = [reduce_sound(campaign.load(record), campaign) for record in chosen]
+    else:
+        records = [record for record in reduce_records(campaign, chosen) if not record.doubts]
+    return tension_courses(records, found.course_noise, campaign.settings)
 
 
 def frozen_courses(model: Model, courses: Sequence[TensionCourse]) -> tuple[Frozen, Frozen]:
