@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import fcntl
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar, cast
@@ -30,12 +31,24 @@ class Shared:
 
     def once(self, name: str, work: Callable[[], Found]) -> Found:
         """What ``work()`` returns: of the process that comes first; the others wait for it and read."""
-        result = self.folder / f"{name}.pickle"
-        with (self.folder / f"{name}.lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)  # let go when the file is closed, or its process ends
-            if not result.exists():
-                found = work()
-                temporary = result.with_suffix(".part")
-                temporary.write_bytes(pickle.dumps(found))
-                temporary.replace(result)
-            return cast(Found, pickle.loads(result.read_bytes()))
+        self._worked(name, work, fcntl.LOCK_EX)
+        return cast(Found, pickle.loads(self._result(name).read_bytes()))
+
+    def all(self, works: Mapping[str, Callable[[], Found]]) -> list[Found]:
+        """The results of all, in order: first whatever nobody is at, so that processes share the work."""
+        for name, work in works.items():
+            with suppress(BlockingIOError):
+                self._worked(name, work, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return [self.once(name, work) for name, work in works.items()]
+
+    def _result(self, name: str) -> Path:
+        return self.folder / f"{name}.pickle"
+
+    def _worked(self, name: str, work: Callable[[], object], lock_as: int) -> None:
+        """See to it that the result is there; a lock is let go when its file is closed or its process ends."""
+        with self._result(name).with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, lock_as)
+            if not self._result(name).exists():
+                part = self._result(name).with_suffix(".part")
+                part.write_bytes(pickle.dumps(work()))
+                part.replace(self._result(name))
