@@ -24,6 +24,7 @@ from rom.reduction import Progress, reduce_records, tension_courses
 Stages = Callable[[str], Progress | None]
 LEAST_CASES = 4
 _TIGHTENED = 3.0  # standard errors
+_NAMED = 5  # of columns left out
 _COMPARED, _NEAR = 6, 10.0  # first laws, and those of nearly the same BIC
 
 
@@ -83,7 +84,11 @@ def discover(
         courses=(*frozen.courses, *(hold_out.courses if hold_out else ())),
         scatter=laws[0].fit.scatter,
         set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in found.set_aside),
-        warnings=(*found.warnings, *(f"{file}: its tension rose; not fitted" for file in rose)),
+        warnings=(
+            *found.warnings,
+            *(f"{file}: its tension rose; not fitted" for file in rose),
+            *_left_out(proposals.dropped),
+        ),
     )
     return _with_what_is_open(ranking, frozen, jobs, stage)
 
@@ -108,6 +113,15 @@ def _loosened(
         if not tightening and course.change[-1] > _TIGHTENED * np.sqrt(course.covariance[-1, -1])
     }
     return tuple(c for c in courses if c.file not in rose), tuple(sorted(rose))
+
+
+def _left_out(columns: Sequence[str]) -> tuple[str, ...]:
+    """Say which columns the sparse fits could not take."""
+    if not columns:
+        return ()
+    more = f" and {len(columns) - _NAMED} more" if len(columns) > _NAMED else ""
+    named = "; ".join(columns[:_NAMED])
+    return (f"sparse fits: left out columns that are zero or multiples of others: {named}{more}",)
 
 
 def _with_what_is_open(ranking: Ranking, frozen: Frozen, jobs: int, stage: Stages) -> Ranking:
