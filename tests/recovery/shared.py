@@ -45,7 +45,7 @@ class Shared:
         return self.folder / f"{name}.pickle"
 
     def _worked(self, name: str, work: Callable[[], object], lock_as: int) -> None:
-        """See to it that the result is there; a lock is let go when its file is closed or its process ends."""
+        """See to it that the result is there. A lock is let go when its file closes or its process ends."""
         with self._result(name).with_suffix(".lock").open("w") as lock:
             fcntl.flock(lock, lock_as)
             if not self._result(name).exists():
