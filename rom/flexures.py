@@ -17,8 +17,10 @@ from rom.spectra import CORNER, SpectralRecord, key
 from rom.structure import GROUND
 from rom.ties import Tie, pull
 
-_LEAST_ERROR = (0.02, 0.1)  # of ln k and ln c: a peak's amplitude may differ from that of a coupled test
+_LEAST_ERROR = (0.02, 0.3)  # of ln k and ln c: a peak's amplitude may differ from that of a coupled test
 _STRAINED, _FAR = 1.0, 3.0  # standard errors off: a tie is called upon; numbers are unlikely
+_USEFUL = 0.5  # largest standard error of a logarithm that a mode may have
+_MUCH_MISFIT = 0.3  # systematic share of what coupled tests leave over
 _ALIKE = 0.15  # by how much the stiffening by the bolt may differ from link to link
 
 
@@ -35,7 +37,7 @@ def flexure_ties(records: Sequence[ReducedRecord], settings: CampaignSettings) -
         for record in records
         if record.uncoupled is not None and (link := _only_link(record.uncoupled.body, settings)) is not None
     }
-    ties = [tie for link, test in tests.items() for tie in _of_mode(link, test)]
+    ties = [tie for link, test in tests.items() for tie in _of_mode(link, test) if tie.error < _USEFUL]
     return (*ties, *_stiffened_alike(tuple(tests)))
 
 
@@ -79,16 +81,19 @@ def _stiffened_alike(links: Sequence[str]) -> Iterator[Tie]:
 
 
 def fit_near(records: Sequence[SpectralRecord], ties: Sequence[Tie]) -> OutputErrorFit:
-    """Return the fit of `fit_output_error`, with the ties where it breaks one and leaves more than noise.
+    """Return the fit of `fit_output_error`, with the ties where it breaks one of a stiffness and leaves more
+    than noise.
 
     Records that the model fits know better than any tie; to them it does not count.
     """
     free = fit_output_error(records)
     values = values_of(records, free)
+    ties = tuple(tie for tie in ties if tie.factors.keys() <= values.keys())
     pulled = zip(ties, pull(ties, records, free.misfits), strict=True)
-    if any(weight > 0 and abs(tie.offset(values)) > _STRAINED for tie, weight in pulled):
+    stiff = of_stiffness(ties)
+    if any(weight > 0 and tie in stiff and abs(tie.offset(values)) > _STRAINED for tie, weight in pulled):
         return fit_output_error(_restarted(records, values, ties), ties=ties)
-    return replace(free, ties=tuple(ties))
+    return replace(free, ties=ties)
 
 
 def _restarted(
@@ -132,10 +137,10 @@ def constants(model: Model) -> Mapping[str, float]:
 
 
 def unlikely(model: Model, ties: Sequence[Tie]) -> tuple[str, ...]:
-    """Return a line for every tie that a model's numbers break by far.
+    """Return a line for every tie that a model's numbers break by far; none for a model near its plant.
 
-    A stiffness may be off either way. A damping counts only where it is too large: friction, say, passes for
-    damping in an uncoupled test and is none.
+    A stiffness may be off either way, a damping only be too large: friction, say, passes for damping in an
+    uncoupled test and is none.
     """
     values, stiff = constants(model), of_stiffness(ties)
     lines = []
@@ -143,5 +148,24 @@ def unlikely(model: Model, ties: Sequence[Tie]) -> tuple[str, ...]:
         if tie.factors.keys() <= values.keys():
             offset = tie.offset(values)
             if offset < -_FAR or (offset > _FAR and tie in stiff):
-                lines.append(f"{tie.statement}: {abs(offset):.0f} standard errors apart")
+                factor = float(np.exp(-offset * tie.error))
+                far = f"a factor of {factor:.3g}, {abs(offset):.0f} standard errors"
+                lines.append(f"{tie.statement} do not agree: {far}")
     return tuple(lines)
+
+
+def unsettled(model: Model, fit: OutputErrorFit) -> tuple[str, ...]:
+    """Return reasons to doubt that an identified model is near its plant: unlikely numbers, or much misfit in
+    the coupled tests without an uncoupled test that would hold the links.
+    """
+    share = max(
+        (m.share for m in fit.misfits if m.systematic and not m.group.startswith(UNCOUPLED)), default=0
+    )
+    lines = unlikely(model, fit.ties)
+    if share > _MUCH_MISFIT and not of_stiffness(fit.ties):
+        text = (
+            f"{100 * share:.0f} % of what the linear model leaves over is no noise, and no uncoupled test "
+            "tells the links by themselves: their numbers may be far from the structure's"
+        )
+        lines = (*lines, text)
+    return lines

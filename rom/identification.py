@@ -15,7 +15,7 @@ import numpy as np
 
 from rom.campaign import Campaign, CampaignSettings
 from rom.courses import CourseNoise, TensionCourse, course_noise
-from rom.flexures import fit_near, flexure_ties, unlikely
+from rom.flexures import fit_near, flexure_ties, unsettled
 from rom.joint import (
     LEAST_FOR_A_CURVE,
     JointEstimate,
@@ -45,8 +45,9 @@ class Identification:
     """All that an identification found; `model` is what it was for.
 
     `unsettled` are reasons to doubt that its numbers are near those of the structure, none for a sound one:
-    a fit without an end, or numbers that the uncoupled tests contradict. What the model leaves over is none
-    of them (`linear.misfits` tells it): a good start may lack an effect.
+    numbers that the uncoupled tests contradict, or much misfit without such tests. Misfit alone is none
+    (`linear.misfits` tells it): a good start may lack an effect. `rom.flexures.unlikely` asks the same of a
+    later model.
     """
 
     model: Model
@@ -115,7 +116,7 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
     if linear is not None and stiffness_fit is not None and damping_fit is not None:
         linear = given_curves(parts, linear, joint, (stiffness_fit, damping_fit))
     model, missing = _model(campaign, records, linear, (stiffness_fit, damping_fit))
-    unsettled = _unsettled(linear, model)
+    far_off = unsettled(model, linear) if linear is not None else ()
     noise = course_noise(
         [r.bins for r in records if r.bins and r.settings.test == "coupled"],
         [r.bins_before for r in records if r.bins_before],
@@ -130,8 +131,8 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
         courses=tension_courses(records, noise, settings),
         course_noise=noise,
         set_aside=set_aside,
-        warnings=(*warnings, *missing, *doubtful, *unsettled, *_untensioned(records, settings)),
-        unsettled=unsettled,
+        warnings=(*warnings, *missing, *doubtful, *far_off, *_untensioned(records, settings)),
+        unsettled=far_off,
         records=tuple(record.settings.file for record in records),
     )
     cases = _loosening_cases(records)
@@ -193,7 +194,7 @@ def _model(
 
 
 def _doubtful(linear: OutputErrorFit | None) -> tuple[str, ...]:
-    """Return a line for every shared value that the records leave open."""
+    """Return a line for every shared value that the records leave open, and for a fit that did not end."""
     if linear is None:
         return ()
     shared = [name for name in linear.names if "@" not in name and not name.startswith(CORNER)]
@@ -202,14 +203,9 @@ def _doubtful(linear: OutputErrorFit | None) -> tuple[str, ...]:
         for name in shared
         if linear.relative_error(name) > UNDETERMINED
     ]
+    if not linear.converged:
+        lines.append("the fit of the linear links had not settled when it ended")
     return tuple(lines)
-
-
-def _unsettled(linear: OutputErrorFit | None, model: Model) -> tuple[str, ...]:
-    if linear is None:
-        return ()
-    restless = () if linear.converged else ("the fit of the linear links had not settled when it ended",)
-    return (*restless, *unlikely(model, linear.ties))
 
 
 def _untensioned(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[str, ...]:
