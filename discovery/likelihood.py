@@ -60,6 +60,7 @@ class Problem:
     whitener: FloatArray = field(init=False)
     log_determinant: FloatArray = field(init=False)
     theta0: FloatArray = field(init=False)
+    _last: dict[bytes, Candidate] = field(init=False, default_factory=dict)
     _known_scales: dict[object, dict[str, tuple[float, bool]]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -100,7 +101,13 @@ class Problem:
         return found
 
     def at(self, theta: FloatArray) -> Candidate:
-        """The candidate with the numbers of a vector."""
+        """The candidate with the numbers of a vector; the last one asked for is kept."""
+        key = theta.tobytes()
+        if key not in self._last:
+            self._last = {key: self._with_numbers(theta)}
+        return self._last[key]
+
+    def _with_numbers(self, theta: FloatArray) -> Candidate:
         values = dict(zip(self.candidate.free, theta, strict=True))
         moved = self.candidate.with_values({n: v for n, v in values.items() if not self._is_coefficient(n)})
         return moved.with_values(
