@@ -14,7 +14,7 @@ from discovery.closure import Closure, FoundEffect, LookAlike, Screened, Step, V
 from discovery.explanation import Explanation
 from discovery.free_form import free_forms
 from discovery.localisation import localise
-from discovery.state import Stages, State, refitted, set_aside, settled, silent, with_effects
+from discovery.state import Stages, State, level, refitted, set_aside, settled, silent, with_effects
 from discovery.tension_attribution import explain_tension
 from discovery.tracing import Evidence, gather, starting, weigh
 from rom.campaign import Campaign
@@ -106,11 +106,13 @@ class _Loop:
     stage: Stages
 
     def start(self) -> State:
-        """The declared model as it was identified: to fit more would make its numbers serve what it lacks."""
+        """The declared model as it was identified, polished where little but noise is left.
+
+        Where more is left its numbers would be made to serve what it lacks.
+        """
         baseline = starting(self.found, self.found.model)
-        return self._settled(
-            gather(self.campaign, baseline, set_aside(self.found), progress=self.stage("tracing"))
-        )
+        evidence = gather(self.campaign, baseline, set_aside(self.found), progress=self.stage("tracing"))
+        return self._settled(refitted(evidence) if level(evidence) < _QUIET else evidence)
 
     def _settled(self, evidence: Evidence) -> State:
         return settled(self.campaign, self.found, evidence, self.jobs, self.stage)

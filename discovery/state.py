@@ -38,7 +38,7 @@ class State:
 
         At the numbers that it has: those that would suit better are no excuse.
         """
-        return cost(self.evidence) / float(self.evidence.training.sum())
+        return level(self.evidence)
 
 
 def silent(_stage: str) -> None:
@@ -120,3 +120,8 @@ def with_effects(evidence: Evidence) -> Evidence:
             columns.append(slopes_of(effect, free, sizes, evidence))
             names += [effect_number(effect, name) for name in free]
     return replace(evidence, jacobian=np.concatenate(columns, axis=1), names=tuple(names))
+
+
+def level(evidence: Evidence) -> float:
+    """Mean square of the residual on training records."""
+    return cost(evidence) / float(evidence.training.sum())
