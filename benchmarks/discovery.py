@@ -21,6 +21,13 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from benchmarks.discovery_peers import SYMBOLIC, laws_of_peers, missing
+from benchmarks.discovery_specimens import (
+    Setting,
+    Specimen,
+    frozen_courses,
+    measure,
+    specimen_of,
+)
 from benchmarks.discovery_truth import (
     LAWS,
     Truth,
@@ -42,74 +49,16 @@ from discovery.factors import (
 )
 from discovery.fitting import refine
 from discovery.identifiability import exponent_profile
-from discovery.motion import Frozen, freeze
+from discovery.motion import Frozen
 from discovery.pairs import compare_laws, not_told_apart
 from discovery.ranked import Ranking
 from discovery.ranking import race
 from discovery.terms import BASELINE, Candidate, Term
-from experiments.rig.plant import Plant
 from experiments.studies import rig
-from rom.campaign import Campaign, read_campaign
-from rom.identification import Identification, identify_campaign
-from rom.reduction import reduce_records, tension_courses
+from rom.campaign import Campaign
+from rom.identification import Identification
 
-PRELOADS = 20
-STRENGTHS = (1.0, 0.8, 0.6)
 SURE = 0.01
-
-
-@dataclass(frozen=True)
-class Setting:
-    """What is varied: noise, scatter of gamma from test to test, length of a record [s], hits per preload."""
-
-    noise: float = 1.0
-    scatter: float = 1.0
-    duration_s: float = 8.5
-    strengths: tuple[float, ...] = STRENGTHS
-
-
-def measure(folder: Path, law: str, seed: int, setting: Setting, jobs: int = 1) -> Campaign:
-    """Make a campaign of the virtual rig whose bolt follows a law; one preload in five is held out."""
-    rig.run(
-        folder, PRELOADS, setting.noise, seed, jobs, duration_s=setting.duration_s, scatter=setting.scatter,
-        strengths=setting.strengths, plant=Plant(loosening=LAWS[law]),
-    )  # fmt: skip
-    return read_campaign(folder, jobs)
-
-
-def frozen_courses(campaign: Campaign, found: Identification, jobs: int = 1) -> tuple[Frozen, Frozen]:
-    """Motion and courses of the training records and of those held out.
-
-    ``found`` may come from another campaign of the same seed, whose tests without the bolt and of soft hits
-    are the same ones but for what a soft hit loosens.
-    """
-    records = [r for r in reduce_records(campaign, campaign.select("loosening"), jobs) if not r.doubts]
-    courses = tension_courses(records, found.course_noise, campaign.settings)
-    model = replace(found.model, identification=None)
-    training, unseen = ([c for c in courses if c.hold_out is held] for held in (False, True))
-    return freeze(model, training), freeze(model, unseen)
-
-
-@dataclass(frozen=True, eq=False)
-class Specimen:
-    """Motion and courses of a campaign's loosening records, the truth, and the identification behind them."""
-
-    training: Frozen
-    hold_out: Frozen
-    truth: Truth
-    identified: Identification
-
-
-def specimen(law: str, seed: int, setting: Setting, known: Identification | None = None) -> Specimen:
-    """Make a campaign, identify it unless its plant is known already, and freeze its loosening records."""
-    with tempfile.TemporaryDirectory() as scratch:
-        return specimen_of(measure(Path(scratch) / "campaign", law, seed, setting), known)
-
-
-def specimen_of(campaign: Campaign, known: Identification | None = None) -> Specimen:
-    """Read a campaign as `specimen` does, and the truth beside it."""
-    found = known or replace(identify_campaign(campaign), courses=())
-    return Specimen(*frozen_courses(campaign, found), read_truth(rig.truth_path(campaign.path)), found)
 
 
 @dataclass(frozen=True)
@@ -143,14 +92,20 @@ class Trial:
 
 def frozen_of(ranking: Ranking) -> tuple[Frozen, Frozen]:
     """Motion and courses of a ranking's training records and of those held out."""
-    model = replace(ranking.identified, identification=None)
-    training, unseen = ([c for c in ranking.courses if c.hold_out is held] for held in (False, True))
-    return freeze(model, training), freeze(model, unseen)
+    return frozen_courses(ranking.identified, ranking.courses)
 
 
-def score(ranking: Ranking, truth: Truth, seconds: float = float("nan")) -> Trial:
-    """Score a ranking against the truth: the true law is refitted to the same records for comparison."""
-    training, hold_out = frozen_of(ranking)
+def score(
+    ranking: Ranking,
+    truth: Truth,
+    seconds: float = float("nan"),
+    frozen: tuple[Frozen, Frozen] | None = None,
+) -> Trial:
+    """Score a ranking against the truth: the true law is refitted to the same records for comparison.
+
+    ``frozen`` is what `frozen_of` returns for the ranking, where it is at hand.
+    """
+    training, hold_out = frozen or frozen_of(ranking)
     first, fitted = ranking.laws[0], refine(truth.candidate, training)
     power, profile = truth.velocity_power, ranking.profile
     told = power is not None and profile is not None

@@ -80,7 +80,11 @@ def true_candidate(terms: Sequence[LooseningTerm]) -> Candidate:
 def read_truth(path: Path) -> Truth:
     """Read the truth file of a campaign."""
     plant = json.loads(path.read_text(encoding="utf-8"))["plant"]
-    terms = tuple(LooseningTerm(**term) for term in plant["loosening"])
+    return truth_of(tuple(LooseningTerm(**term) for term in plant["loosening"]))
+
+
+def truth_of(terms: tuple[LooseningTerm, ...]) -> Truth:
+    """Return the truth of a plant whose bolt follows the sum of these terms."""
     return Truth(true_candidate(terms), terms)
 
 

@@ -13,6 +13,7 @@ from rom.laws import Law
 from rom.linear import UNCOUPLED
 from rom.model import LinkLaws, Model
 from rom.spectra import CORNER, SpectralRecord, key, step_unit
+from rom.ties import Tie
 
 _DIFFERENCE = 1e-4
 _TINY = 1e-9
@@ -37,11 +38,13 @@ class Baseline:
     """A model, and the corners of the sensors' AC coupling, as free numbers.
 
     A constant of a link or a mass is one number, counted in shares of its value; a law that sees the tension
-    has its parameters, counted in shares of their sizes, behind the coefficient of every record.
+    has its parameters, counted in shares of their sizes, behind the coefficient of every record. `ties` hold
+    numbers that records hardly tell apart while the model lacks something.
     """
 
     model: Model
     corners: Mapping[str, float]
+    ties: tuple[Tie, ...] = ()
 
     def values(self, record: SpectralRecord, tension: float) -> dict[str, float]:
         """Values of all terms of a record [SI], at a tension [N]."""
@@ -85,7 +88,7 @@ class Baseline:
                 model = _with_effect_step(model, name, step)
             else:
                 model = _with_step(model, name, step)
-        return Baseline(model, corners)
+        return replace(self, model=model, corners=corners)
 
     @cached_property
     def _masses(self) -> dict[str, float]:

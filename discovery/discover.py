@@ -19,11 +19,13 @@ from discovery.terms import baseline
 from rom.campaign import Campaign
 from rom.courses import TensionCourse
 from rom.identification import Identification, identify_campaign
+from rom.quality import Doubt
 from rom.reduction import Progress, reduce_records, tension_courses
 
 Stages = Callable[[str], Progress | None]
 LEAST_CASES = 4
 _TIGHTENED = 3.0  # standard errors
+_NAMED = 5  # of columns left out
 _COMPARED, _NEAR = 6, 10.0  # first laws, and those of nearly the same BIC
 
 
@@ -62,7 +64,7 @@ def discover(
     """
     stage: Stages = progress or (lambda _: None)
     found = identify_campaign(campaign, jobs, stage("identifying"))
-    unseen = _held_out(campaign, found, jobs, stage)
+    unseen, doubts = _held_out(campaign, found, jobs, stage)
     kept, rose = _loosened(found.courses, tightening)
     if len(kept) < LEAST_CASES:
         raise ValueError(
@@ -82,20 +84,27 @@ def discover(
         inclusion=proposals.inclusion,
         courses=(*frozen.courses, *(hold_out.courses if hold_out else ())),
         scatter=laws[0].fit.scatter,
-        set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in found.set_aside),
-        warnings=(*found.warnings, *(f"{file}: its tension rose; not fitted" for file in rose)),
+        set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in (*found.set_aside, *doubts)),
+        warnings=(
+            *found.warnings,
+            *(f"{file}: its tension rose; not fitted" for file in rose),
+            *_left_out(proposals.dropped),
+        ),
     )
     return _with_what_is_open(ranking, frozen, jobs, stage)
 
 
 def _held_out(
     campaign: Campaign, found: Identification, jobs: int, stage: Stages
-) -> tuple[TensionCourse, ...]:
+) -> tuple[tuple[TensionCourse, ...], tuple[Doubt, ...]]:
+    """Return the courses of the held-out loosening records, and why others of them are set aside."""
     records = campaign.select("loosening", hold_out=True)
     if not records:
-        return ()
-    reduced = reduce_records(campaign, records, jobs, stage("reading held-out records"))
-    return tension_courses([r for r in reduced if not r.doubts], found.course_noise, campaign.settings)
+        return (), ()
+    reduced = list(reduce_records(campaign, records, jobs, stage("reading held-out records")))
+    sound = [record for record in reduced if not record.doubts]
+    doubts = tuple(doubt for record in reduced for doubt in record.doubts)
+    return tension_courses(sound, found.course_noise, campaign.settings), doubts
 
 
 def _loosened(
@@ -108,6 +117,15 @@ def _loosened(
         if not tightening and course.change[-1] > _TIGHTENED * np.sqrt(course.covariance[-1, -1])
     }
     return tuple(c for c in courses if c.file not in rose), tuple(sorted(rose))
+
+
+def _left_out(columns: Sequence[str]) -> tuple[str, ...]:
+    """Say which columns the sparse fits could not take."""
+    if not columns:
+        return ()
+    more = f" and {len(columns) - _NAMED} more" if len(columns) > _NAMED else ""
+    named = "; ".join(columns[:_NAMED])
+    return (f"sparse fits: left out columns that are zero or multiples of others: {named}{more}",)
 
 
 def _with_what_is_open(ranking: Ranking, frozen: Frozen, jobs: int, stage: Stages) -> Ranking:

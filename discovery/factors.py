@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -115,11 +116,17 @@ class Factor:
     @property
     def address(self) -> int:
         """Address of a tension factor's compiled function ``f(T, p)``."""
-        return free_form_law("factor", self.text, "stiffness", self.parameters).address
+        return _address(self.text, tuple(self.inner))
 
     def of_tension(self, tension: FloatArray) -> FloatArray:
         """Evaluate a tension factor at tensions [N]."""
         return free_form_law("factor", self.text, "stiffness", self.parameters)(tension)
+
+
+@cache
+def _address(text: str, names: tuple[str, ...]) -> int:
+    any_value = {name: Parameter(1.0, "1") for name in names}
+    return free_form_law("factor", text, "stiffness", any_value).address
 
 
 def _power(name: str, value: float, grid: tuple[float, ...], *, high: float = 8.0) -> dict[str, Inner]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import groupby, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -147,9 +147,12 @@ class TermLibrary:
             columns = [_motion_column(factor, self.scales) for factor in custom]
             parts.append(CustomLibrary(columns, [_named(factor) for factor in custom]))
             places.append([0, 1, 2, 3])
-        columns = [_tension_column(factor, self.scales) for factor in self.tensions]
-        tension = CustomLibrary(columns, [_named(factor) for factor in self.tensions])
-        return GeneralizedLibrary(parts, inputs_per_library=places), ConcatLibrary([tension])
+        families = [list(family) for _, family in groupby(self.tensions, key=lambda factor: factor.text)]
+        tension = [
+            CustomLibrary([_tension_column(f, self.scales) for f in family], [_named(f) for f in family])
+            for family in families
+        ]
+        return GeneralizedLibrary(parts, inputs_per_library=places), ConcatLibrary(tension)
 
 
 def _transformed(library: Any, rows: FloatArray) -> FloatArray:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _TALLEST_STEP = 1.0
 _STEP_U, _STEP = 1e-4, 1e-4
 _LEAST_SCATTER, _LARGEST_SCATTER = 0.01, 5.0
+_LOWEST_LOG, _HIGHEST_LOG = float(np.log(_LEAST_SCATTER)), float(np.log(_LARGEST_SCATTER))
 _SLOPE_PRIOR = 1.0
 _SAME_SCATTER = 0.01  # of a and b: changes the deviance in second order
 _NO_GAIN = 1e-3  # of the deviance, foreseen: not worth a trial
@@ -59,6 +60,7 @@ class Problem:
     whitener: FloatArray = field(init=False)
     log_determinant: FloatArray = field(init=False)
     theta0: FloatArray = field(init=False)
+    _known_scales: dict[object, dict[str, tuple[float, bool]]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         roots = np.linalg.cholesky(self.frozen.covariance)
@@ -82,6 +84,12 @@ class Problem:
 
     def _scales(self, candidate: Candidate) -> dict[str, tuple[float, bool]]:
         """Typical exposure over tension of every term, by its coefficient's name, and if it is signed."""
+        key = tuple((term.motion.key, term.tension.key) for term in candidate.terms)
+        if key not in self._known_scales:
+            self._known_scales[key] = self._found_scales(candidate)
+        return self._known_scales[key]
+
+    def _found_scales(self, candidate: Candidate) -> dict[str, tuple[float, bool]]:
         initial = np.maximum(self.frozen.initial, 1e-9)
         found = {}
         for j, term in enumerate(candidate.terms):
@@ -182,10 +190,12 @@ class Problem:
         information = (state.slope**2).sum(axis=1)
         seen = (state.slope * state.residual).sum(axis=1) + information * state.u
 
+        logs, square = _log_tension(self.frozen.initial), seen**2
+
         def deviance(scatter: FloatArray) -> float:
-            tau2 = tau(scatter, self.frozen.initial) ** 2
-            share = tau2 / (1 + tau2 * information)
-            return float((np.log1p(tau2 * information) - share * seen**2).sum()) + float(
+            tau2 = _tau(scatter, logs) ** 2
+            spread = tau2 * information
+            return float((np.log1p(spread) - tau2 / (1 + spread) * square).sum()) + float(
                 (scatter[1] / _SLOPE_PRIOR) ** 2
             )
 
@@ -299,5 +309,13 @@ def step(problem: Problem, state: State, damping: float) -> tuple[State | None, 
 
 def tau(scatter: FloatArray, initial: FloatArray) -> FloatArray:
     """Scatter of the log rate at tensions [N], from a and b of its law."""
-    logs = scatter[0] + scatter[1] * np.log(np.maximum(initial, 1e-3) / 100.0)
-    return np.asarray(np.exp(np.clip(logs, np.log(_LEAST_SCATTER), np.log(_LARGEST_SCATTER))))
+    return _tau(scatter, _log_tension(initial))
+
+
+def _log_tension(initial: FloatArray) -> FloatArray:
+    return np.asarray(np.log(np.maximum(initial, 1e-3) / 100.0))
+
+
+def _tau(scatter: FloatArray, log_tension: FloatArray) -> FloatArray:
+    logs = scatter[0] + scatter[1] * log_tension
+    return np.asarray(np.exp(np.minimum(np.maximum(logs, _LOWEST_LOG), _HIGHEST_LOG)))

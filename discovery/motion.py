@@ -76,7 +76,7 @@ class Frozen:
     def __len__(self) -> int:
         return len(self.courses)
 
-    @property
+    @cached_property
     def initial(self) -> FloatArray:
         """Tension before the hit [N], (cases,)."""
         return np.array([course.initial for course in self.courses])

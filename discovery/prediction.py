@@ -33,7 +33,8 @@ def predict(
     for row, factor in enumerate(tension):
         parameters[row, : len(factor.inner)] = [inner.value for inner in factor.inner.values()]
     addresses = np.array([factor.address for factor in tension], dtype=np.int64)
-    exposures = np.stack([frozen.exposure(term.motion) for term in candidate.terms])
+    parts = [frozen.exposure(term.motion) for term in candidate.terms]
+    exposures = np.stack(parts) if len(parts) > 1 else parts[0][None]
     signs = [term.sign or 1 for term in candidate.terms]
     weights = np.array(candidate.coefficients) * signs
     rates = frozen.factors(deviations)

@@ -8,7 +8,8 @@ rate adds u. If law a is true, a number of hits adds up to the expected log like
 with d the difference of both courses (law b simulated at the level of law a, that shift added back), W the
 covariance of noise, scatter of the rate and error of the model, and J the change of the course by one
 standard error of each principal direction of what was fitted to law b: what scatter or other numbers of the
-law could absorb does not count.
+law could absorb does not count. The change J is linear: where half of the tension is lost a refit absorbs far
+more than that, and such hits are not proposed.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ _BEYOND = 1.5  # the range of preloads
 _LEAD_S, _LENGTH_S = 0.002, 1.0  # later bins tell little more
 _SHAPE_ERROR = 0.01  # of ln rate; of the identified model, from bin to bin
 _LEAST_LOSS = 1e-12  # of the tension
+_LEAST_LEFT = 0.5  # of the tension, after a proposed hit under either law
 _STEP = 1e-3
 _MOST_HITS = 60
 _WORTH_IT = float(np.log(10.0))  # pairs that so many hits of one kind bring no further are left out
@@ -51,7 +53,8 @@ class Proposal:
     laws : tuple of str
         The two laws that it separates best.
     expected_gain : float
-        2 ln of their likelihood ratio that one such hit is expected to add.
+        2 ln of their likelihood ratio that one such hit is expected to add to the tests before it in the
+        list, in the mean of its hits.
     odds : float
         To one, expected after this test and those before it in the list, between the two laws that are
         hardest to separate, of those that can be separated.
@@ -109,7 +112,8 @@ def propose_tests(
         The first two or three laws, fitted to ``frozen``; a law without terms is left out.
     frozen : Frozen
         Measured courses: their forces, pulses, preloads and noise are the guide. No proposed force is beyond
-        1.5 times the strongest measured, no preload beyond 1.5 times the range.
+        1.5 times the strongest measured, no pulse beyond twice the length, no preload beyond 1.5 times the
+        range, and no hit is one that takes half of the tension.
     most_tests : int
         Different tests at most.
     odds : float
@@ -261,6 +265,8 @@ def _way(true: _Response, rival: _Response, frozen: Frozen, grid: _Grid) -> _Way
     covariance = covariance + spread[:, :, None] * spread[:, None, :] + _SHAPE_ERROR**2 * np.eye(bins)
     size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))  # of very different orders
     columns = np.concatenate([difference[..., None], rival.by_number], axis=-1) / size[..., None]
+    left = np.minimum(true.tension, moved)[:, -1] / grid.preload
+    columns[~(left > _LEAST_LEFT)] = 0.0  # also where a simulation diverged
     solved = np.linalg.solve(covariance / (size[:, :, None] * size[:, None, :]), columns)
     sums = np.einsum("hbi,hbj->hij", columns, solved)
     return _Way(sums[:, 0, 0], sums[:, 1:, 0], sums[:, 1:, 1:])
@@ -296,22 +302,23 @@ def _greedy(ways: Sequence[_Way], names: Names, most_tests: int, aim: float) -> 
 
 def _proposals(ways: Sequence[_Way], names: Names, chosen: list[int], grid: _Grid) -> tuple[Proposal, ...]:
     found, counts = [], np.zeros(len(grid.preload))
+    before = _by_pair(names, [way.of(counts) for way in ways])
     for hit in dict.fromkeys(chosen):
-        single = np.zeros_like(counts)
-        single[hit] = 1
-        gains = _by_pair(names, [way.of(single) for way in ways])
-        pair = max(gains, key=lambda key: float(gains[key]))
-        counts[hit] = chosen.count(hit)
-        worst = min(float(ratio) for ratio in _by_pair(names, [way.of(counts) for way in ways]).values())
+        hits = chosen.count(hit)
+        counts[hit] = hits
+        after = _by_pair(names, [way.of(counts) for way in ways])
+        gains = {key: float(ratio - before[key]) / hits for key, ratio in after.items()}
+        pair = max(gains, key=lambda key: gains[key])
+        before, worst = after, min(float(ratio) for ratio in after.values())
         found.append(
             Proposal(
                 body=grid.body,
                 peak_force=float(grid.peak_force[hit]),
                 pulse_length=float(grid.pulse_length[hit]),
                 preload=float(grid.preload[hit]),
-                hits=chosen.count(hit),
+                hits=hits,
                 laws=next(name for name in names if frozenset(name) == pair),
-                expected_gain=2 * float(gains[pair]),
+                expected_gain=2 * gains[pair],
                 odds=float(np.exp(min(worst, 700.0))),
             )
         )

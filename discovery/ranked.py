@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 SURE = 0.01  # chance below which a law is called better
 _DIGITS = 3
 _DRAWN = 15
+_OFTEN = 0.05  # of resamples
 _LOGISTIC = tension_logistic().text
 
 
@@ -52,7 +53,8 @@ class RankedLaw:
     chosen : float
         Share of resamples of the preloads in which this law comes first.
     look_alikes : tuple of str
-        Equations of other candidates that became the same law.
+        Equations of other candidates that became the same law, or that ended with a number at its bound and
+        fit no better, be it far worse.
     """
 
     rank: int
@@ -87,7 +89,7 @@ class Ranking:
     identified : Model
         The identified model; `model` is the same with the first law.
     inclusion : mapping of str to float
-        How often a term is part of the first law, over resamples of the preloads.
+        How often the sparse fits take a motion factor among their first two, over resamples of the records.
     profile, motion_profile : object
         Deviance over the exponent of the velocity; over how much of the motion's part is displacement.
     indistinguishable : tuple of str
@@ -143,7 +145,10 @@ class Ranking:
         lines.append(_verdict(first))
         for name in (BASELINE, NO_LOOSENING):
             lines += [_against(first, law) for law in self.laws[1:] if law.name == name]
-        share = "; ".join(f"{law.name} {100 * law.chosen:.0f} %" for law in self.laws if law.chosen >= 0.05)
+        named = [(law.name, law.chosen) for law in self.laws if law.chosen >= _OFTEN]
+        rest = 1.0 - sum(share for _, share in named)
+        shares = [*named, *([("others", rest)] if rest >= _OFTEN else [])]
+        share = "; ".join(f"{name} {100 * share:.0f} %" for name, share in shares)
         lines.append(f"Comes first when preloads are drawn again: {share}.")
         if self.indistinguishable:
             lines.append(f"These records cannot tell it from: {'; '.join(self.indistinguishable)}.")
@@ -160,7 +165,8 @@ class Ranking:
                 "rank": law.rank,
                 "name": law.name,
                 "loss_error_percent": law.cross_validated_loss_error_percent_median,
-                "hold_out_loss_error_percent": _hold_out(law),
+                "hold_out_loss_error_percent": _error(law, "hold_out", "tension_loss_error_percent_median"),
+                "final_tension_error_percent": _error(law, "training", "final_tension_error_percent_mean"),
                 "score": law.cross_validated_score,
                 "delta_bic": law.delta_bic,
                 "wins": law.wins_against_baseline[0],
@@ -267,6 +273,6 @@ def _against(first: RankedLaw, law: RankedLaw) -> str:
     )
 
 
-def _hold_out(law: RankedLaw) -> float | None:
-    held = law.errors.get("hold_out")
-    return None if held is None else held["tension_loss_error_percent_median"]
+def _error(law: RankedLaw, records: str, key: str) -> float | None:
+    found: Mapping[str, Any] = law.errors.get(records) or {}
+    return found.get(key)

@@ -20,14 +20,17 @@ from discovery.traces import Progress, Trace, trace_records
 from rom.campaign import Campaign
 from rom.channels import FloatArray
 from rom.effects import Effect
+from rom.flexures import constants, of_stiffness
 from rom.identification import Identification
 from rom.kernels.prescribed import force_of_effects
 from rom.model import Model
 from rom.noise_floor import Group, NoiseFloor, before_hit, noise_floors, quiet_seconds
 from rom.spectra import CORNER, ComplexArray, Linearised, SpectralRecord, linearise
+from rom.ties import ALIGNED
 
 MOTION_TESTS = ("uncoupled", "coupled", "loosening")
 _SUBSTEPS = 2
+_QUIET = 1.2  # mean square of a residual that counts as noise
 _MEDIAN_SQUARE = 0.4549  # of a normal number
 
 
@@ -78,23 +81,51 @@ class Evidence:
 
     @cached_property
     def _basis(self) -> FloatArray:
-        """Orthonormal basis of the slopes on training rows."""
-        left, size, _ = np.linalg.svd(self._scaled[self.training], full_matrices=False)
-        return np.asarray(left[:, size > 1e-9 * size[0]]) if size.size else left
+        """Orthonormal basis of the slopes on training rows, and on those of the ties."""
+        return _orthonormal(np.concatenate([self._scaled[self.training], self._tied[0]]))
+
+    @cached_property
+    def _size(self) -> FloatArray:
+        return np.asarray(np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300))
 
     @cached_property
     def _scaled(self) -> FloatArray:
-        return np.asarray(self.jacobian / np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300))
+        return np.asarray(self.jacobian / self._size)
+
+    @cached_property
+    def _tied(self) -> tuple[FloatArray, FloatArray]:
+        """Slopes of the ties by the scaled numbers, and what is missing to them; none at the noise floor.
+
+        Misfit does not average out as noise does: a tie weighs as much as the share of it that may look like
+        a change of the model's numbers.
+        """
+        values = constants(self.baseline.model)
+        ties = [tie for tie in self.baseline.ties if tie.factors.keys() <= values.keys()]
+        mine = self.residual[self.training]
+        if ties:
+            basis = _orthonormal(self._scaled[self.training])
+            beyond = float(np.sum((mine - basis @ (basis.T @ mine)) ** 2)) - _QUIET * len(mine)
+        if not ties or beyond <= 0:
+            return np.zeros((0, len(self.names))), np.zeros(0)
+        rows = np.array([[tie.factors.get(name, 0.0) / tie.error for name in self.names] for tie in ties])
+        weight = np.sqrt(ALIGNED * beyond)
+        return weight * rows / self._size, weight * np.array([tie.offset(values) for tie in ties])
 
     def beyond(self, rows: FloatArray) -> FloatArray:
-        """What of rows, (rows,) or (rows, n), the model's numbers cannot explain; training rows."""
+        """What of rows, (rows,) or (rows, n), the model's numbers cannot explain; training rows.
+
+        Where the model lacks much, rows of its ties follow: what it would cost to leave them.
+        """
         mine = rows[self.training]
+        mine = np.concatenate([mine, np.zeros((len(self._tied[0]), *mine.shape[1:]))])
         return np.asarray(mine - self._basis @ (self._basis.T @ mine))
 
     def steps(self, rows: FloatArray) -> dict[str, float]:
-        """Changes of the model's numbers that suit training rows best."""
-        size = np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300)
-        found = np.linalg.lstsq(self._scaled[self.training], rows[self.training], rcond=1e-9)[0] / size
+        """Changes of the model's numbers that suit training rows best, and their ties."""
+        slopes, missing = self._tied
+        matrix = np.concatenate([self._scaled[self.training], slopes])
+        right = np.concatenate([rows[self.training], missing])
+        found = np.linalg.lstsq(matrix, right, rcond=1e-9)[0] / self._size
         return dict(zip(self.names, found.tolist(), strict=True))
 
     def left_over(self, rows: FloatArray) -> FloatArray:
@@ -153,7 +184,8 @@ def starting(found: Identification, model: Model) -> Baseline:
     """Return the baseline of a model with the sensors' corners that its identification found."""
     linear = found.linear
     corners = {n: linear.value(n) for n in linear.names if n.startswith(CORNER)} if linear is not None else {}
-    return Baseline(replace(model, identification=None), corners)
+    ties = of_stiffness(linear.ties) if linear is not None else ()
+    return Baseline(replace(model, identification=None), corners, ties)
 
 
 def _floors(campaign: Campaign, baseline: Baseline, traces: Sequence[Trace]) -> Mapping[Group, NoiseFloor]:
@@ -213,6 +245,11 @@ def weigh(traces: Sequence[Trace], baseline: Baseline, floors: Mapping[Group, No
             [np.full(len(linear.residual), places[id(trace)]) for trace, _, linear in parts]
         ),
     )
+
+
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    left, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left[:, size > 1e-9 * size[0]]) if size.size else left
 
 
 def _slopes(linear: Linearised, baseline: Baseline, level: float) -> dict[str, FloatArray]:

@@ -8,13 +8,14 @@ mode shapes do not.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from rom.campaign import Campaign, CampaignSettings, LinkSettings
+from rom.campaign import Campaign, CampaignSettings
 from rom.courses import CourseNoise, TensionCourse, course_noise
+from rom.flexures import fit_near, flexure_ties, unsettled
 from rom.joint import (
     LEAST_FOR_A_CURVE,
     JointEstimate,
@@ -24,32 +25,30 @@ from rom.joint import (
     tension_levels,
 )
 from rom.law_fits import LawFit, fit_law, gamma_curve
-from rom.laws import (
-    Law,
-    constant_damping,
-    constant_stiffness,
-    logistic_loosening,
-    no_loosening,
-    power_loosening,
-)
+from rom.laws import constant_damping, constant_stiffness, logistic_loosening, no_loosening, power_loosening
 from rom.linear import UNCOUPLED, LinearNames, with_starts
+from rom.linear_laws import UNDETERMINED, bolted_laws, linear_laws, mean_laws
 from rom.loosening import GammaEstimate, LooseningCase, identify_gamma, refine_gamma_law
 from rom.model import LinkLaws, Model
-from rom.output_error import OutputErrorFit, fit_output_error
+from rom.output_error import OutputErrorFit
 from rom.quality import Doubt
 from rom.reduction import Progress, ReducedRecord, UncoupledTest, reduce_records, tension_courses
 from rom.spectra import CORNER, SpectralRecord
 from rom.structure import Body, Link, Structure
 
-_Z95 = 1.959964
 _LEAST_FOR_NOISE = 6
 _LOST = 3.0
-_UNDETERMINED = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """All that an identification found; `model` is what it was for."""
+    """All that an identification found; `model` is what it was for.
+
+    `unsettled` are reasons to doubt that its numbers are near those of the structure, none for a sound one:
+    numbers that the uncoupled tests contradict, or much misfit without such tests. Misfit alone is none
+    (`linear.misfits` tells it): a good start may lack an effect. `rom.flexures.unlikely` asks the same of a
+    later model.
+    """
 
     model: Model
     linear: OutputErrorFit | None
@@ -64,7 +63,13 @@ class Identification:
     course_noise: CourseNoise | None = None
     set_aside: tuple[Doubt, ...] = ()
     warnings: tuple[str, ...] = ()
+    unsettled: tuple[str, ...] = ()
     records: tuple[str, ...] = field(default=(), repr=False)
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing speaks against the numbers as a start."""
+        return not self.unsettled
 
 
 def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None) -> Model:
@@ -100,7 +105,7 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
     warnings = tuple(dict.fromkeys(text for record in records for text in record.warnings))
     records = [record for record in records if not record.doubts]
     parts = _started(records, settings)
-    linear = fit_output_error(parts) if parts else None
+    linear = fit_near(parts, flexure_ties(records, settings)) if parts else None
     if linear is None and not any(record.link for record in records):
         raise ValueError(
             f"{campaign.path}: found no training record of a moving body or a cycled link, expected one"
@@ -111,6 +116,7 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
     if linear is not None and stiffness_fit is not None and damping_fit is not None:
         linear = given_curves(parts, linear, joint, (stiffness_fit, damping_fit))
     model, missing = _model(campaign, records, linear, (stiffness_fit, damping_fit))
+    far_off = unsettled(model, linear) if linear is not None else ()
     noise = course_noise(
         [r.bins for r in records if r.bins and r.settings.test == "coupled"],
         [r.bins_before for r in records if r.bins_before],
@@ -125,7 +131,8 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
         courses=tension_courses(records, noise, settings),
         course_noise=noise,
         set_aside=set_aside,
-        warnings=(*warnings, *missing, *doubtful, *_untensioned(records, settings)),
+        warnings=(*warnings, *missing, *doubtful, *far_off, *_untensioned(records, settings)),
+        unsettled=far_off,
         records=tuple(record.settings.file for record in records),
     )
     cases = _loosening_cases(records)
@@ -156,15 +163,15 @@ def _model(
     uncoupled: dict[str, LinkLaws] = {}
     for link in settings.link:
         if link.law == "bolted" and settings.bolt is not None and link.name != settings.bolt.link:
-            found, without = _mean_laws(link.name, linear), None
+            found, without = mean_laws(link.name, linear), None
             missing.append(
                 f"link {link.name}: its tension is not measured; stiffness and damping are constants"
             )
         elif link.law == "bolted":
-            found, without = _bolted_laws(link, joint, cycled), None
+            found, without = bolted_laws(link, joint, cycled), None
         else:
-            without = _linear_laws(link, linear, cycled, bolted_in=False)
-            found = _linear_laws(link, linear, cycled, bolted_in=True) or without
+            without = linear_laws(link, linear, cycled, bolted_in=False)
+            found = linear_laws(link, linear, cycled, bolted_in=True) or without
         if without is not None:
             uncoupled[link.name] = without
         if found is None:
@@ -194,7 +201,7 @@ def _doubtful(linear: OutputErrorFit | None) -> tuple[str, ...]:
     lines = [
         f"{name}: the records do not tell it from what lies beside it; its value has no limits"
         for name in shared
-        if linear.relative_error(name) > _UNDETERMINED
+        if linear.relative_error(name) > UNDETERMINED
     ]
     if not linear.converged:
         lines.append("the fit of the linear links had not settled when it ended")
@@ -238,78 +245,6 @@ def _bodies(
     return tuple(bodies), tuple(unknown)
 
 
-def _bolted_laws(
-    link: LinkSettings, joint: tuple[LawFit | None, LawFit | None], cycled: Sequence[tuple[str, float, float]]
-) -> LinkLaws | None:
-    stiffness, damping = joint
-    if stiffness is None or damping is None:
-        own = [(k, c) for name, k, c in cycled if name == link.name]
-        if own:
-            k_mean, c_mean = np.mean(own, axis=0)
-            return LinkLaws(
-                constant_stiffness(float(k_mean)), constant_damping(float(c_mean)), no_loosening()
-            )
-        if link.stiffness_n_per_m is None and link.damping_ns_per_m is None:
-            return None
-        k, c = (
-            constant_stiffness(link.stiffness_n_per_m or 0.0),
-            constant_damping(link.damping_ns_per_m or 0.0),
-        )
-        return LinkLaws(k, c, no_loosening())
-    return LinkLaws(stiffness.law, damping.law, no_loosening())
-
-
-def _mean_laws(link: str, linear: OutputErrorFit | None) -> LinkLaws | None:
-    """Return constants, the geometric means over the records; None where no record tells them."""
-    values = []
-    for name in (LinearNames.stiffness(link), LinearNames.damping(link)):
-        own = [linear.value(x) for x in linear.names if x.startswith(f"{name}@")] if linear else []
-        values.append(float(np.exp(np.mean(np.log(own)))) if own else 0.0)
-    if not any(values):
-        return None
-    return LinkLaws(constant_stiffness(values[0]), constant_damping(values[1]), no_loosening())
-
-
-def _linear_laws(
-    settings: LinkSettings,
-    linear: OutputErrorFit | None,
-    cycled: Sequence[tuple[str, float, float]],
-    *,
-    bolted_in: bool,
-) -> LinkLaws | None:
-    """Return constant laws, None where no record tells them; the dynamic fit goes before cycled records."""
-    link, dashpot = settings.name, settings.law == "dashpot"
-    stiffness, damping = LinearNames.stiffness(link, bolted_in=bolted_in), LinearNames.damping(link)
-    told = (
-        stiffness in linear.names or (dashpot and bolted_in and damping in linear.names) if linear else False
-    )
-    if linear is not None and told:
-        k = _constant(constant_stiffness, "k", linear, stiffness)
-        return LinkLaws(k, _constant(constant_damping, "c", linear, damping))
-    own = [(k, c) for name, k, c in cycled if name == link]
-    if not (own and bolted_in):
-        return None
-    k_mean, c_mean = np.mean(own, axis=0)
-    return LinkLaws(constant_stiffness(float(k_mean)), constant_damping(float(c_mean)))
-
-
-def _constant(law: Callable[[float], Law], parameter: str, linear: OutputErrorFit, name: str) -> Law:
-    """Return a constant law with the fit's value and limits; zero where the structure has no such term."""
-    if name not in linear.names:
-        return law(0.0)
-    value, error = linear.value(name), linear.relative_error(name)
-    made = law(value)
-    if error > _UNDETERMINED:
-        return made
-    limited = replace(
-        made.parameters[parameter],
-        low=value * np.exp(-_Z95 * error),
-        high=value * np.exp(_Z95 * error),
-        source="identified",
-    )
-    return replace(made, parameters={parameter: limited})
-
-
 def _loosening_cases(records: Sequence[ReducedRecord]) -> tuple[LooseningCase, ...]:
     """Return the cases for gamma with the standard error of their losses."""
     with_tension = [r for r in records if r.tensions is not None and r.settings.test != "hold"]
@@ -350,7 +285,7 @@ def relearned(found: Identification, model: Model) -> Identification:
 
 def _without_loosening(found: Identification) -> Identification:
     """Return the model of a bolt that no test loosened: dT/dt = 0, or one negative gamma near one tension."""
-    told = [g.gamma for g in found.gamma if g.gamma < 0 and not g.at_bound and g.log_error < _UNDETERMINED]
+    told = [g.gamma for g in found.gamma if g.gamma < 0 and not g.at_bound and g.log_error < UNDETERMINED]
     if not told or tension_levels(np.array([g.initial for g in found.gamma])):
         text = "no case loosened: the tension law stays dT/dt = 0"
         return replace(found, warnings=(*found.warnings, text))

@@ -9,11 +9,12 @@ import numpy as np
 
 from rom.campaign import CampaignSettings
 from rom.channels import FloatArray
+from rom.flexures import fit_near
 from rom.law_fits import LawFit, fit_law
 from rom.laws import constant_damping, constant_stiffness, logistic_damping, logistic_stiffness
 from rom.linear import LinearNames
 from rom.modal import joint_damping, joint_stiffness
-from rom.output_error import OutputErrorFit, fit_output_error
+from rom.output_error import OutputErrorFit
 from rom.reduction import FirstMode, ReducedRecord
 from rom.spectra import CORNER, SpectralRecord
 
@@ -231,6 +232,6 @@ def given_curves(
             else:
                 terms.append(replace(term, value=linear.value(term.name)) if term.free else term)
         fixed.append(replace(part, terms=tuple(terms)))
-    found = fit_output_error(fixed)
+    found = fit_near(fixed, linear.ties)
     before = np.diag([linear.relative_error(name) ** 2 for name in found.names])
     return replace(found, covariance=np.maximum(found.covariance, before))

@@ -12,13 +12,14 @@ model leaves over.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from rom.spectra import ComplexArray, FloatArray, Linearised, SpectralRecord, key, linearise, step_unit
+from rom.ties import Misfit, Tie, misfits, pull
 
 _STEP = (-0.6, 1.0)  # shares of a value that it may lose or gain at once
 _OUTER_ITERATIONS = 12
@@ -36,7 +37,8 @@ class OutputErrorFit:
     """Estimates, natural-log covariance and residual of a joint fit.
 
     `values` maps "name" (shared) or "name@file" (local) to the estimate; `covariance` is that of the natural
-    logarithms in the order of `names`.
+    logarithms in the order of `names`. `misfits` tell how much of the residual is no noise, `ties` what the
+    coefficients lean on there.
     """
 
     names: tuple[str, ...]
@@ -44,6 +46,8 @@ class OutputErrorFit:
     covariance: FloatArray
     reduced_chi_square: float
     converged: bool
+    misfits: tuple[Misfit, ...] = ()
+    ties: tuple[Tie, ...] = field(default=(), repr=False)
 
     def value(self, name: str) -> float:
         """Return the estimate of one coefficient."""
@@ -129,6 +133,7 @@ def _evaluate(
     values: dict[str, float],
     whiteners: Sequence[ComplexArray],
     names: Sequence[str],
+    tied: Sequence[tuple[Tie, float]],
 ) -> _State:
     position = {name: i for i, name in enumerate(names)}
     parts = [linearise(r, values, w) for r, w in zip(records, whiteners, strict=True)]
@@ -138,7 +143,33 @@ def _evaluate(
         hessian[np.ix_(index, index)] += part.jacobian.T @ part.jacobian
         gradient[index] += part.jacobian.T @ part.residual
         cost += float(part.residual @ part.residual)
-    return _State(values, parts, hessian, gradient, cost)
+    return _tied(_State(values, parts, hessian, gradient, cost), names, tied)
+
+
+def _tied(state: _State, names: Sequence[str], tied: Sequence[tuple[Tie, float]]) -> _State:
+    """Return the state with ties in its cost."""
+    hessian, gradient, cost = state.hessian, state.gradient, state.cost
+    for tie, weight in tied:
+        offset = tie.offset(state.values)
+        row = np.array([tie.factors.get(name, 0.0) for name in names]) / tie.error
+        hessian = hessian + weight * np.outer(row, row)
+        gradient = gradient + weight * offset * row
+        cost += weight * offset**2
+    return replace(state, hessian=hessian, gradient=gradient, cost=cost)
+
+
+def _weighed(
+    records: Sequence[SpectralRecord],
+    values: dict[str, float],
+    whiteners: Sequence[ComplexArray],
+    names: Sequence[str],
+    ties: Sequence[Tie],
+) -> tuple[_State, tuple[tuple[Tie, float], ...]]:
+    """Return the state at new weights of the lines, and the ties with the weights that its misfit gives."""
+    state = _evaluate(records, values, whiteners, names, ())
+    weights = pull(ties, records, misfits(records, state.parts)) if ties else ()
+    tied = tuple((tie, weight) for tie, weight in zip(ties, weights, strict=True) if weight > 0)
+    return (_tied(state, names, tied) if tied else state), tied
 
 
 def _levenberg_marquardt(
@@ -146,6 +177,7 @@ def _levenberg_marquardt(
     state: _State,
     whiteners: Sequence[ComplexArray],
     names: Sequence[str],
+    tied: Sequence[tuple[Tie, float]],
     tolerance: float,
     iterations: int,
 ) -> tuple[_State, bool]:
@@ -163,7 +195,7 @@ def _levenberg_marquardt(
             n: state.values[n] + float(d) * step_unit(n, state.values[n])
             for n, d in zip(names, step, strict=True)
         }
-        trial = _evaluate(records, values, whiteners, names)
+        trial = _evaluate(records, values, whiteners, names, tied)
         if trial.cost <= state.cost * (1 + 1e-12):
             state, damping = trial, max(damping / 10, 1e-9)
             if settled:
@@ -178,6 +210,7 @@ def _levenberg_marquardt(
 def fit_output_error(
     records: Sequence[SpectralRecord],
     *,
+    ties: Sequence[Tie] = (),
     tolerance: float = 1e-4,
     progress: Callable[[int, int], None] | None = None,
 ) -> OutputErrorFit:
@@ -185,7 +218,8 @@ def fit_output_error(
 
     Steps are shares of the coefficients, none below -60 %: all but a sensor's corner stay positive, and
     stiffnesses of which only the sum is well told can trade along a straight line. The weights start equal
-    over the lines and are re-estimated from the residual after every minimisation until both settle.
+    over the lines and are re-estimated from the residual after every minimisation until both settle. `ties`
+    count as much as the misfit asks for (`rom.ties`).
 
     Raises
     ------
@@ -196,14 +230,15 @@ def fit_output_error(
         raise ValueError("an output-error fit needs at least one record, instead got none")
     names = tuple(dict.fromkeys(key(r, t) for r in records for t in r.terms if t.free))
     whiteners = [_equal_weights(record) for record in records]
-    state = _evaluate(records, {key(r, t): t.value for r in records for t in r.terms}, whiteners, names)
+    values = {key(r, t): t.value for r in records for t in r.terms}
+    state, tied = _weighed(records, values, whiteners, names, ties)
     converged = False
     for iteration in range(_OUTER_ITERATIONS):
         if progress is not None:
             progress(iteration + 1, _OUTER_ITERATIONS)
         before = np.array([state.values[name] for name in names])
         steps = _INNER_ITERATIONS if iteration else _FIRST_ITERATIONS
-        state, inner = _levenberg_marquardt(records, state, whiteners, names, tolerance, steps)
+        state, inner = _levenberg_marquardt(records, state, whiteners, names, tied, tolerance, steps)
         change = np.array([state.values[name] for name in names]) - before
         change /= [step_unit(name, value) for name, value in zip(names, before, strict=True)]
         settled = (
@@ -213,17 +248,25 @@ def fit_output_error(
             converged = True
             break
         whiteners = _whiteners(records, state.parts)
-        state = _evaluate(records, state.values, whiteners, names)
+        state, tied = _weighed(records, state.values, whiteners, names, ties)
     rows = sum(len(part.residual) for part in state.parts) - len(names)
-    values = np.array([max(state.values[name], _TINY) for name in names])
-    share = np.array([step_unit(name, value) / value for name, value in zip(names, values, strict=True)])
+    cost = sum(float(part.residual @ part.residual) for part in state.parts)
+    found = np.array([max(state.values[name], _TINY) for name in names])
+    share = np.array([step_unit(name, value) / value for name, value in zip(names, found, strict=True)])
     return OutputErrorFit(
         names,
-        np.log(values),
+        np.log(found),
         _covariance(state.hessian) * np.outer(share, share),
-        state.cost / max(rows, 1),
+        cost / max(rows, 1),
         converged,
+        misfits(records, state.parts),
+        tuple(ties),
     )
+
+
+def values_of(records: Sequence[SpectralRecord], fit: OutputErrorFit) -> dict[str, float]:
+    """Return all coefficients of records, those that are given too."""
+    return {key(r, t): t.value for r in records for t in r.terms} | {n: fit.value(n) for n in fit.names}
 
 
 def _covariance(hessian: FloatArray) -> FloatArray:

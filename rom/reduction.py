@@ -100,10 +100,13 @@ def reduce_records(
 def reduce_record(campaign: Campaign, record_settings: RecordSettings) -> ReducedRecord:
     """Load, check and process one record and keep what an identification needs."""
     record = campaign.load(record_settings)
+    doubts = tuple(assess(record, campaign.settings))
+    return ReducedRecord(record_settings, doubts) if doubts else reduce_sound(record, campaign)
+
+
+def reduce_sound(record: Record, campaign: Campaign) -> ReducedRecord:
+    """Process one record without a doubt and keep what an identification needs."""
     settings = campaign.settings
-    doubts = tuple(assess(record, settings))
-    if doubts:
-        return ReducedRecord(record_settings, doubts)
     measurement = process(record, settings)
     tension = measurement.tension
     struck = max(measurement.force, key=lambda body: float(np.abs(measurement.force[body]).max()), default="")
@@ -111,7 +114,7 @@ def reduce_record(campaign: Campaign, record_settings: RecordSettings) -> Reduce
         measurement.test == "loosening" and not _has_linear(campaign)
     )
     return ReducedRecord(
-        record_settings,
+        record.settings,
         warnings=() if tension is None else tension.warnings,
         cutoff_hz=measurement.chain.cutoff_hz if measurement.motion else None,
         spectra=_spectra(measurement, settings) if linear and measurement.motion else (),

@@ -54,7 +54,8 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     ),
     "term-inclusion": (
         "Which terms are chosen",
-        "Share of the sparse fits on resampled records that chose each term.",
+        "Share of the sparse fits on resampled records that took each motion factor, a point of the grid, "
+        "among their first two; near-equal factors share what one of them alone would have.",
     ),
     "final-tension-error": (
         "Error against preload",

@@ -149,11 +149,18 @@ def sample(analog: FloatArray, start: float, rate_hz: float, duration: float) ->
     return filtered[2 * delay // ratio :][: round(duration * rate_hz)]
 
 
+@cache
+def ac_coupling(time_constant: float) -> tuple[FloatArray, FloatArray]:
+    """Return numerator and denominator of ``s tau / (1 + s tau)`` on the integrator's grid."""
+    numerator, denominator = signal.bilinear([time_constant, 0.0], [time_constant, 1.0], STEP_RATE_HZ)
+    return numerator, denominator
+
+
 def couple(acceleration: FloatArray, time_constant: float | None) -> FloatArray:
     """Pass a signal on the integrator's grid through first-order AC coupling, ``s tau / (1 + s tau)``."""
     if time_constant is None:
         return acceleration
-    numerator, denominator = signal.bilinear([time_constant, 0.0], [time_constant, 1.0], STEP_RATE_HZ)
+    numerator, denominator = ac_coupling(time_constant)
     coupled, _ = signal.lfilter(
         numerator, denominator, acceleration, zi=[acceleration[0] * (1.0 - numerator[0])]
     )

@@ -60,6 +60,13 @@ def test_the_product_of_the_two_libraries_is_the_tensored_one(library: TermLibra
     np.testing.assert_allclose(library.transform(nodes), product, rtol=1e-12)
 
 
+def test_every_family_of_tension_factors_is_a_library_of_its_own(library: TermLibrary) -> None:
+    _, tension = library._libraries()
+    counts = [len(part.functions) for part in tension.libraries]
+    assert len(counts) == len({factor.text for factor in library.tensions}) == 4
+    assert sum(counts) == len(library.tensions)
+
+
 def test_columns_are_one_at_the_scales(library: TermLibrary, scales: Scales) -> None:
     there = np.array(
         [[0.0], [scales.displacement], [scales.velocity], [scales.force], [scales.damping], [scales.tension]]

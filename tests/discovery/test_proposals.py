@@ -1,14 +1,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import rom
 from discovery.factors import tension_power, velocity_power
 from discovery.fitting import fit, log_predictive, refine
 from discovery.motion import freeze
-from discovery.proposals import propose_tests
+from discovery.proposals import Proposal, propose_tests
 from discovery.terms import Candidate, Term, baseline, constant_power, no_loosening
-from tests.discovery.synthetic import free_power, measured, small
+from tests.discovery.synthetic import RATE_HZ, free_power, measured, model_with, small
 
 
 def held(n: float) -> Candidate:
@@ -55,6 +56,32 @@ def test_the_proposed_test_separates_as_much_as_expected() -> None:
         gained.append(float((log_predictive(fits[0], whole) - log_predictive(fits[1], whole)).mean()))
     assert gained[0] > 10 * abs(gained[1])
     assert gained[0] > 0.5
+
+
+def test_what_hits_are_expected_to_add_makes_up_the_odds() -> None:
+    whole = small()
+    found = propose_tests([fit(law, whole) for law in (baseline(), held(3.0))], whole, odds=1e4)
+    gained = sum(test.hits * test.expected_gain for test in found)
+    assert gained == pytest.approx(2 * np.log(found[-1].odds))
+
+
+def test_no_hit_is_proposed_that_takes_half_of_the_tension() -> None:
+    """Where most is lost the rival's refit absorbs nearly all that its linear change could not."""
+    whole = small(noise=20.0)
+    fits = [fit(law, whole) for law in (held(4.0), held(4.4))]
+    found = propose_tests(fits, whole)
+    assert found
+    for test in found:
+        for one in fits:
+            model = model_with(one.candidate)
+            assert tension_left(model, test) > 0.45 * test.preload  # not simulated at the same rate
+
+
+def tension_left(model: rom.Model, test: Proposal) -> float:
+    time = np.arange(round(0.6 * RATE_HZ)) / RATE_HZ
+    pulse = np.where(time < test.pulse_length, np.sin(np.pi * time / test.pulse_length), 0.0)
+    response = model.simulate({"lo": test.peak_force * pulse}, RATE_HZ, test.preload)
+    return float(np.asarray(response.tension)[-1])
 
 
 def test_more_noise_promises_less() -> None:

@@ -127,6 +127,9 @@ def test_ranking_in_words_tables_and_as_a_model(laws: tuple[RankedLaw, ...], fro
     assert laws[0].name in text
     assert "321 candidate laws" in text
     assert f"cannot tell it from: {laws[1].name}" in text
+    assert "others" not in text
+    rare = replace(ranking, laws=tuple(replace(law, chosen=0.6 * (law.rank == 1)) for law in laws))
+    assert f"drawn again: {laws[0].name} 60 %; others 40 %." in rare.summary()
     frame = ranking.to_frame()
     assert list(frame["name"]) == [law.name for law in laws]
     assert len(ranking.plot().axes[0].get_yticklabels()) == len(laws)

@@ -114,6 +114,24 @@ def folder(made: Ranking, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place / "campaign-results"
 
 
+@pytest.mark.parametrize("options", [[], ["--tightening"]])
+def test_laws_that_tighten_are_there_on_request(made: Ranking, tmp_path: Path, options: list[str]) -> None:
+    from experiments.cli import run
+
+    asked: list[bool] = []
+
+    def found(*arguments: Any) -> Ranking:
+        asked.append(arguments[4])
+        return made
+
+    write_sound_campaign(tmp_path / "campaign")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("discovery.discover", found)
+        patch.setattr(discover, "enough", lambda *_: None)
+        assert run(["discover", str(tmp_path / "campaign"), *options, "--jobs", "1", "--quiet"]) == 0
+    assert asked == [bool(options)]
+
+
 def load(folder: Path) -> dict[str, Any]:
     text = (folder / "ranking.json").read_text(encoding="utf-8")
     assert not re.search(r"\b(NaN|Infinity|-Infinity)\b", text)

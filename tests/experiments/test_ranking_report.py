@@ -110,6 +110,28 @@ def test_an_open_set_is_called_open(reach: str, words: str) -> None:
     assert set_words({"low": 3.8, "high": 4.25, "reach": reach}) == words
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"reach": "identified"}, "loosening goes with exponent 4.02 (95 % set: 3.8 to 4.25)."),
+        (
+            {"reach": "not identifiable"},
+            "these records do not tell the exponent of loosening (95 % set: open",
+        ),
+        ({"explains_the_courses": False}, "but none explains the courses to within noise and scatter."),
+    ],
+)
+def test_an_exponent_is_said_with_what_it_is_worth(changes: dict[str, Any], words: str) -> None:
+    profile = {"best": 4.02, "low": 3.8, "high": 4.25} | changes
+    found = rankings.answer(
+        ranking() | {"exponent_profile": profile, "motion_profile": {"driver": "neither"}}
+    )
+    assert found is not None
+    text = " ".join(found.sentences)
+    assert words in text
+    assert "No product of powers of velocity and displacement" in text
+
+
 def verdict(**changes: Any) -> tuple[str, bool | None]:
     found = rankings.answer(ranking() | changes)
     assert found is not None

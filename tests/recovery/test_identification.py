@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +12,15 @@ import pytest
 sys.path.append(str(Path(__file__).parents[2]))
 
 from benchmarks.identification import COVERAGE_TARGET, TARGETS, Trial, run_trial
+from tests.recovery.shared import Shared
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def trials() -> list[Trial]:
+def trials(shared: Shared) -> list[Trial]:
     """Twenty preloads, nominal noise, three seeds."""
-    return [run_trial(seed, cases=20, noise=1.0) for seed in range(3)]
+    return shared.all({f"trial, {seed}": partial(run_trial, seed, 20, 1.0, jobs=1) for seed in range(3)})
 
 
 @pytest.mark.parametrize("name", TARGETS)

@@ -1,0 +1,29 @@
+from __future__ import annotations
+
+import sys
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from discovery.discover import _held_out, _left_out
+from rom.quality import Doubt
+from rom.reduction import ReducedRecord
+
+
+def test_columns_that_no_sparse_fit_could_take_are_named() -> None:
+    assert _left_out(()) == ()
+    (few,) = _left_out(("abs(D v) T", "abs(D v)^2 T"))
+    assert few.endswith("multiples of others: abs(D v) T; abs(D v)^2 T")
+    (many,) = _left_out([f"abs(x)^{q} T" for q in range(9)])
+    assert many.endswith("abs(x)^4 T and 4 more")
+
+
+def test_a_held_out_record_of_doubtful_quality_is_told_not_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    doubt = Doubt("records/loosening_005.h5", "force_lo", "clipped", "force_lo is clipped")
+    settings: Any = SimpleNamespace(file=doubt.file)
+    reduced = [ReducedRecord(settings, (doubt,))]
+    monkeypatch.setattr(sys.modules["discovery.discover"], "reduce_records", lambda *_: iter(reduced))
+    campaign: Any = SimpleNamespace(select=lambda *_, **__: [settings], settings=None)
+    found: Any = SimpleNamespace(course_noise=None)
+    assert _held_out(campaign, found, 1, lambda _: None) == ((), (doubt,))

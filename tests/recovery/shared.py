@@ -1,0 +1,54 @@
+"""What costs much and serves several tests, computed once for all processes of a test run."""
+
+from __future__ import annotations
+
+import fcntl
+import pickle
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar, cast
+
+import pytest
+
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True)
+class Shared:
+    """Results by name in a folder that every process of the run sees."""
+
+    folder: Path
+
+    @classmethod
+    def of_run(cls, factory: pytest.TempPathFactory, worker: str) -> Shared:
+        """The folder of this run: workers of pytest-xdist have their own one level below it."""
+        base = factory.getbasetemp()
+        folder = (base if worker == "master" else base.parent) / "shared"
+        folder.mkdir(exist_ok=True)
+        return cls(folder)
+
+    def once(self, name: str, work: Callable[[], Found]) -> Found:
+        """What ``work()`` returns: of the process that comes first; the others wait for it and read."""
+        self._worked(name, work, fcntl.LOCK_EX)
+        return cast(Found, pickle.loads(self._result(name).read_bytes()))
+
+    def all(self, works: Mapping[str, Callable[[], Found]]) -> list[Found]:
+        """The results of all, in order: first whatever nobody is at, so that processes share the work."""
+        for name, work in works.items():
+            with suppress(BlockingIOError):
+                self._worked(name, work, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return [self.once(name, work) for name, work in works.items()]
+
+    def _result(self, name: str) -> Path:
+        return self.folder / f"{name}.pickle"
+
+    def _worked(self, name: str, work: Callable[[], object], lock_as: int) -> None:
+        """See to it that the result is there. A lock is let go when its file closes or its process ends."""
+        with self._result(name).with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, lock_as)
+            if not self._result(name).exists():
+                part = self._result(name).with_suffix(".part")
+                part.write_bytes(pickle.dumps(work()))
+                part.replace(self._result(name))
