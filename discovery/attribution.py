@@ -106,6 +106,7 @@ def screen(
 
     Effects are ordered by what their best probe explains.
     """
+    evidence = evidence.of_training()
     left = evidence.beyond(evidence.residual)
     model = evidence.baseline.model
     known = {(effect.name, effect.enters) for effect in model.effects}
@@ -133,14 +134,24 @@ def _probed(member: Member, effect: Added, evidence: Evidence, left: FloatArray)
         whole, size = float(np.sum(output[evidence.training] ** 2)), float(beyond @ beyond)
         if size <= 1e-18 * whole or whole == 0.0 or not np.isfinite(size):
             continue
-        amplitude = float(beyond @ left) / size
-        found.append(Probe(member, probe, amplitude**2 * size, amplitude, float(np.sqrt(size / whole))))
+        along = float(beyond @ left)
+        amplitude = float(np.clip(along / size, *_reach(member, probe)))
+        gain = amplitude * (2 * along - amplitude * size)
+        found.append(Probe(member, probe, gain, amplitude, float(np.sqrt(size / whole))))
     return tuple(sorted(found, key=lambda probe: -probe.gain))
+
+
+def _reach(member: Member, probe: Added) -> tuple[float, float]:
+    """Multiples of a probe's strength that its range allows."""
+    numbers = [probe.parameters[name] for name in member.strengths if probe.parameters[name].value]
+    ends = [sorted(bound / number.value for bound in number.bounds) for number in numbers]
+    return max(low for low, _ in ends), min(high for _, high in ends)
 
 
 def explain(probes: Sequence[Probe], evidence: Evidence) -> Explanation:
     """Fit an effect and the model's numbers together, from its best probes."""
-    fits = [_fitted(start, evidence) for start in _starts(probes)]
+    training = evidence.of_training()
+    fits = [_fitted(start, training) for start in _starts(probes)]
     effect = min(fits, key=lambda fit: fit[1])[0]
     return explanation(effect, probes[0].member, evidence)
 

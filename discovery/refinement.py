@@ -2,52 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
 from joblib import Parallel, delayed
 from scipy import stats
 
-from discovery.attribution import (
-    Probe,
-    explain,
-    free_numbers,
-    motion_channels,
-    output_of,
-    screen,
-    slopes_of,
-)
-from discovery.baseline import effect_number, size_of
-from discovery.closure import Closure, ErrorsByKind, FoundEffect, Kind, LookAlike, Screened, Step, Verdict
+from discovery.acceptance import MATERIAL, is_alike, is_sure, matters, merit, spread_of
+from discovery.attribution import Probe, explain, explanation, motion_channels, output_of, screen
+from discovery.closure import Closure, FoundEffect, LookAlike, Screened, Step, Verdict
 from discovery.explanation import Explanation
 from discovery.free_form import free_forms
 from discovery.localisation import localise
+from discovery.state import Stages, State, level, refitted, set_aside, settled, silent, with_effects
 from discovery.tension_attribution import explain_tension
 from discovery.tracing import Evidence, gather, starting, weigh
 from rom.campaign import Campaign
-from rom.comparison import judge
 from rom.effects import CATALOGUE, Added, Effect, candidates, look_alikes
-from rom.identification import Identification, identify_campaign, relearned
-from rom.model import Model
-from rom.reduction import Progress
-from rom.residuals import Errors, summarise
+from rom.identification import Identification, identify_campaign
 
-Stages = Callable[[str], Progress | None]
 MOST_EFFECTS = 3
 _FITTED = 5  # of the screened effects
 _PROMISING, _WORTH = 0.3, 0.4  # of what an effect must explain; of what the first one does
-# Gains in cost on training and on held-out records that chance does not make over a whole catalogue; on clean
-# campaigns the largest are 110 of 10^5 rows and 15 in the motion, 13 and 5 in the tension.
-_OF_MOTION, _OF_TENSION = (150.0, 20.0), (20.0, 0.0)
-_MATERIAL = 0.01  # share of the cost: less changes nothing that matters
-_ALIKE = 12.0  # difference in cost within chance
-_NEAR = 0.05  # of the gain: what a slightly wrong form of the right effect may lose
 _QUIET = 1.2  # mean square of the residual that still counts as noise
-_REFITS = 3
-_FAR_LESS = 0.7
 _LEFT = 0.03  # of what was beyond noise
-_MATTERS = 0.02  # of an error
+_FAR_LESS = 0.7
 
 
 def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None, seed: int = 0) -> Closure:
@@ -74,14 +53,15 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     ValueError
         If nothing can be identified from the campaign.
     """
-    stage: Stages = progress or (lambda _: None)
+    stage = progress or silent
     found = identify_campaign(campaign, jobs, stage("identifying"))
     loop = _Loop(campaign, found, jobs, stage)
     first = loop.start()
-    path = loop.search(first)
+    path = loop.in_motion(first)
     if not _is_quiet(path):
         formed = loop.formed(first, seed)
-        path = path if formed is None else _better(path, loop.search(first, formed))
+        path = path if formed is None else _better(path, loop.in_motion(first, formed))
+    path = loop.in_tension(path)
     last = path.states[-1]
     labels = ["", *(_label(one.best.effect) for one in path.chosen)]
     return Closure(
@@ -98,16 +78,6 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class _State:
-    """A model, what it leaves over, and its errors."""
-
-    model: Model
-    evidence: Evidence
-    errors: ErrorsByKind
-    found: Identification
-
-
-@dataclass(frozen=True, eq=False)
 class _Chosen:
     """The effect that explains most, and the others that do nearly as well."""
 
@@ -119,9 +89,13 @@ class _Chosen:
 class _Path:
     """Models one after the other, the declared one first, and the effects that lead from each to the next."""
 
-    states: tuple[_State, ...]
+    states: tuple[State, ...]
     chosen: tuple[_Chosen, ...]
     screened: tuple[Screened, ...]
+
+    def longer(self, one: _Chosen, state: State) -> _Path:
+        """The path with one more effect."""
+        return replace(self, states=(*self.states, state), chosen=(*self.chosen, one))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,82 +105,87 @@ class _Loop:
     jobs: int
     stage: Stages
 
-    def start(self) -> _State:
-        """The declared model, its numbers refitted to all training records."""
+    def start(self) -> State:
+        """The declared model as it was identified, polished where little but noise is left.
+
+        Where more is left its numbers would be made to serve what it lacks.
+        """
         baseline = starting(self.found, self.found.model)
-        return self._state(gather(self.campaign, baseline, self._aside, progress=self.stage("tracing")))
+        evidence = gather(self.campaign, baseline, set_aside(self.found), progress=self.stage("tracing"))
+        return self._settled(refitted(evidence) if level(evidence) < _QUIET else evidence)
 
-    @property
-    def _aside(self) -> frozenset[str]:
-        return frozenset(doubt.file for doubt in self.found.set_aside)
+    def _settled(self, evidence: Evidence) -> State:
+        return settled(self.campaign, self.found, evidence, self.jobs, self.stage)
 
-    def _state(self, evidence: Evidence) -> _State:
-        """Settle the numbers, learn the tension law anew, and tell the errors."""
-        evidence = refitted(evidence)
-        found = relearned(self.found, evidence.baseline.model)
-        model = replace(found.model, identification=None)
-        evidence = replace(evidence, baseline=replace(evidence.baseline, model=model))
-        return _State(model, evidence, self._errors(model), found)
-
-    def _errors(self, model: Model) -> ErrorsByKind:
-        records = [r for r in self.campaign.settings.record if r.file not in self._aside]
-        judged = judge([model], self.campaign, records, self.jobs, self.stage("errors"))
-        by_kind = {
-            kind: summarise(c for one in judged for c in one.comparisons if one.settings.hold_out is held)
-            for kind, held in (("training", False), ("hold_out", True))
-        }
-        return {"training": by_kind["training"], "hold_out": by_kind["hold_out"]}
-
-    def search(self, state: _State, given: _Chosen | None = None) -> _Path:
-        """Add effects, ``given`` the first, until nothing in the catalogue helps beyond chance."""
-        states: list[_State] = [state]
-        chosen: list[_Chosen] = []
-        screened: tuple[Screened, ...] = ()
-        while len(chosen) < MOST_EFFECTS:
-            one = given if given is not None and not chosen else None
+    def in_motion(self, state: State, given: _Chosen | None = None) -> _Path:
+        """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
+        path = _Path((state,), (), ())
+        while len(path.chosen) < MOST_EFFECTS:
+            one = given if not path.chosen else None
             if one is None:
-                probes = screen(states[-1].evidence, self.jobs, self.stage("screening effects"))
-                screened = screened or _screened(probes, states[-1].evidence)
-                one = self.choose(states[-1], probes)
+                evidence = path.states[-1].evidence
+                probes = screen(evidence, self.jobs, self.stage("screening effects"))
+                path = replace(path, screened=path.screened or _screened(probes, evidence))
+                one = _chosen(self._explained(probes, evidence))
+            after = None if one is None else self.adopt(path.states[-1], one)
+            if one is None or after is None or not matters(path.states[-1].errors, after.errors):
+                break
+            path = self._without_needless(path.longer(one, after))
+        return path
+
+    def in_tension(self, path: _Path) -> _Path:
+        """Add effects in the tension and its gauge, which hardly show in the motion, until none helps."""
+        while len(path.chosen) < MOST_EFFECTS:
+            last = path.states[-1]
+            tell = self.stage("tension")
+            one = _chosen(explain_tension(self.campaign, last.found, last.model, self.jobs, tell))
             if one is None:
                 break
-            after = self.adopt(states[-1], one)
-            if not _matters(one, states[-1].errors, after.errors):
-                break
-            states.append(after)
-            chosen.append(one)
-        return _Path(tuple(states), tuple(chosen), screened)
+            path = path.longer(one, self.adopt(last, one))
+        return path
 
-    def formed(self, state: _State, seed: int) -> _Chosen | None:
+    def _without_needless(self, path: _Path) -> _Path:
+        """Drop an earlier effect that explains nothing beside the last one."""
+        last = path.states[-1]
+        for place, one in enumerate(path.chosen[:-1]):
+            effect, baseline = one.best.effect, last.evidence.baseline
+            if not isinstance(effect, Effect) or effect.name not in CATALOGUE:
+                continue
+            kept = tuple(e for e in last.model.effects if e.path != effect.path)
+            lacking = replace(baseline, model=replace(last.model, effects=kept))
+            rest = with_effects(weigh(last.evidence.traces, lacking, last.evidence.floors))
+            own = next(e for e in last.model.effects if e.path == effect.path)
+            if is_sure(explanation(own, CATALOGUE[effect.name], rest)):
+                continue
+            after = self._settled(refitted(rest))
+            return replace(
+                path,
+                states=(*path.states[:place], *path.states[place + 1 : -1], after),
+                chosen=(*path.chosen[:place], *path.chosen[place + 1 :]),
+            )
+        return path
+
+    def formed(self, state: State, seed: int) -> _Chosen | None:
         """The best term without the catalogue; None where even that does not predict held-out records."""
-        sure = [one for one in free_forms(state.evidence, seed) if _is_sure(one)]
+        sure = [one for one in free_forms(state.evidence, seed) if is_sure(one)]
         if not sure:
             return None
-        best = max(sure, key=_merit)
+        best = max(sure, key=merit)
         return _Chosen(best, ())
 
-    def choose(self, state: _State, probes: Sequence[Sequence[Probe]]) -> _Chosen | None:
-        """The effect that explains most beyond chance, and what is like it; None where there is none."""
+    def _explained(self, probes: Sequence[Sequence[Probe]], evidence: Evidence) -> list[Explanation]:
+        """Fit what the screen promises."""
         tell = self.stage("fitting effects")
-        tried = _worth_fitting(probes, state.evidence)
-        tasks = (delayed(explain)(one, state.evidence) for one in tried)
+        tried = _worth_fitting(probes, evidence)
+        tasks = (delayed(explain)(one, evidence) for one in tried)
         explanations: list[Explanation] = []
         for one in Parallel(n_jobs=self.jobs, prefer="threads", return_as="generator")(tasks):
             explanations.append(one)
             if tell is not None:
                 tell(len(explanations), len(tried))
-        explanations += explain_tension(
-            self.campaign, state.found, state.model, self.jobs, self.stage("tension")
-        )
-        sure = [one for one in explanations if _is_sure(one)]
-        if not sure:
-            return None
-        best = max(sure, key=_merit)
-        rivals = [one for one in explanations if one is not best and _comparable(one, best)]
-        alike = sorted((one for one in rivals if _is_alike(one, best)), key=lambda one: -_merit(one))
-        return _Chosen(best, tuple(alike))
+        return explanations
 
-    def adopt(self, state: _State, chosen: _Chosen) -> _State:
+    def adopt(self, state: State, chosen: _Chosen) -> State:
         """Add an effect, trace all records anew and refit everything together."""
         effect = chosen.best.effect
         baseline = state.evidence.baseline
@@ -215,32 +194,20 @@ class _Loop:
             baseline = baseline.moved(state.evidence.steps(rows))
         model = effect.added_to(baseline.model)
         evidence = gather(
-            self.campaign, replace(baseline, model=model), self._aside, state.evidence.floors,
+            self.campaign, replace(baseline, model=model), set_aside(self.found), state.evidence.floors,
             self.stage("tracing"),
         )  # fmt: skip
-        return self._state(evidence)
+        return self._settled(refitted(evidence))
 
 
-def refitted(evidence: Evidence) -> Evidence:
-    """Gauss-Newton steps in all numbers of a model, those of its effects among them, on training records."""
-    for _ in range(_REFITS):
-        beside = with_effects(evidence)
-        moved = evidence.baseline.moved(beside.steps(beside.residual))
-        evidence = weigh(evidence.traces, moved, evidence.floors)
-    return with_effects(evidence)
-
-
-def with_effects(evidence: Evidence) -> Evidence:
-    """The same with slopes by the numbers of the model's own forces."""
-    columns, names = [evidence.jacobian], list(evidence.names)
-    for effect in evidence.baseline.model.effects:
-        if isinstance(effect, Effect):
-            member = CATALOGUE.get(effect.name)
-            free = tuple(effect.parameters) if member is None else free_numbers(effect, member)
-            sizes = np.array([size_of(effect.parameters[name].value) for name in free])
-            columns.append(slopes_of(effect, free, sizes, evidence))
-            names += [effect_number(effect, name) for name in free]
-    return replace(evidence, jacobian=np.concatenate(columns, axis=1), names=tuple(names))
+def _chosen(explanations: Sequence[Explanation]) -> _Chosen | None:
+    """The effect that explains most beyond chance, and what is like it; None where there is none."""
+    sure = [one for one in explanations if is_sure(one)]
+    if not sure:
+        return None
+    best = max(sure, key=merit)
+    rivals = [one for one in explanations if one is not best and is_alike(one, best)]
+    return _Chosen(best, tuple(sorted(rivals, key=lambda one: -merit(one))))
 
 
 def _worth_fitting(probes: Sequence[Sequence[Probe]], evidence: Evidence) -> list[Sequence[Probe]]:
@@ -249,7 +216,7 @@ def _worth_fitting(probes: Sequence[Sequence[Probe]], evidence: Evidence) -> lis
     Not those that explain next to nothing of the residual, or far less than the first.
     """
     left = evidence.beyond(evidence.residual)
-    least = _PROMISING * _MATERIAL * float(left @ left)
+    least = _PROMISING * MATERIAL * float(left @ left)
     first = probes[0][0] if probes else None
     if first is None or first.gain < least:
         return []
@@ -262,82 +229,15 @@ def _worth_fitting(probes: Sequence[Sequence[Probe]], evidence: Evidence) -> lis
     return [*near[:_FITTED], *(one for one in near[_FITTED:] if in_class(one))]
 
 
-def _spread(one: Explanation) -> float:
-    """Mean square of what an effect leaves over, one at least: misfit makes differences less telling."""
-    samples = sum(one.samples[file] for file in one.after if file not in one.hold_out)
-    return max(one.cost(hold_out=False) / max(samples, 1), 1.0)
-
-
-def _merit(one: Explanation) -> float:
-    gains = one.gains(hold_out=False).sum() + one.gains(hold_out=True).sum()
-    return float(gains / _spread(one)) - 2 * one.free_numbers
-
-
-def _is_sure(one: Explanation) -> bool:
-    """Whether an effect explains more than any of the catalogue would by chance, on held-out records too."""
-    trained, held_out = _OF_TENSION if _in_tension(one) else _OF_MOTION
-    spread, unseen = _spread(one), one.gains(hold_out=True)
-    if float(one.gains(hold_out=False).sum()) / spread <= trained or one.share() <= _MATERIAL:
-        return False
-    return not unseen.size or float(unseen.sum()) / spread > held_out
-
-
-def _in_tension(one: Explanation) -> bool:
-    return one.effect.enters in ("tension", "sensor:tension")
-
-
-def _comparable(one: Explanation, other: Explanation) -> bool:
-    """Whether costs are over the same residual: of the motion, or of the tension."""
-    return set(one.before) == set(other.before) and all(
-        np.isclose(one.before[file], other.before[file], rtol=1e-6) for file in one.before
-    )
-
-
-def _is_alike(one: Explanation, best: Explanation) -> bool:
-    """Whether an effect's cost is within chance of the best one's, or of a slightly wrong form of it."""
-    spread = _spread(best)
-    lag = [best.gains(hold_out=h).sum() - one.gains(hold_out=h).sum() for h in (False, True)]
-    gain = [best.gains(hold_out=h).sum() for h in (False, True)]
-    held = bool(best.hold_out & set(best.before))
-    place = 1 if held else 0
-    return bool(lag[place] / spread <= max(_ALIKE, _NEAR * gain[place] / spread))
-
-
-def _matters(chosen: _Chosen, before: ErrorsByKind, after: ErrorsByKind) -> bool:
-    """Whether an effect in the motion lowers an error there that people care for; others pass."""
-    if _in_tension(chosen.best):
-        return True
-    kind: Kind = "hold_out" if before["hold_out"]["motion_nrmse"] is not None else "training"
-    ratios = [
-        new / old
-        for name in ("motion_nrmse", "relative_motion_nrmse")
-        if (old := _error(before[kind], name)) and (new := _error(after[kind], name)) is not None
-    ]
-    return bool(ratios) and min(ratios) <= 1 - _MATTERS and max(ratios) <= 1 + _MATTERS
-
-
-def _error(errors: Errors, name: str) -> float | None:
-    value = errors[name]  # type: ignore[literal-required]
-    return None if value is None else float(value)
-
-
-def _level(state: _State) -> float:
-    """Mean square of what a model leaves over on training records; 1 is noise.
-
-    At the numbers that it has: those that would suit better are no excuse.
-    """
-    return float(np.mean(state.evidence.residual[state.evidence.training] ** 2))
-
-
 def _is_quiet(path: _Path) -> bool:
     """Whether noise alone is left, or next to nothing of what was beyond it."""
-    beyond = _level(path.states[-1]) - 1
-    return beyond <= max(_QUIET - 1, _LEFT * (_level(path.states[0]) - 1))
+    beyond = path.states[-1].level - 1
+    return beyond <= max(_QUIET - 1, _LEFT * (path.states[0].level - 1))
 
 
 def _better(path: _Path, other: _Path) -> _Path:
     """The path that leaves noise alone; where neither does, the first unless the other leaves far less."""
-    if _is_quiet(other) or _level(other.states[-1]) < _FAR_LESS * _level(path.states[-1]):
+    if _is_quiet(other) or other.states[-1].level < _FAR_LESS * path.states[-1].level:
         return replace(other, screened=path.screened)
     return path
 
@@ -348,7 +248,7 @@ def _verdict(path: _Path) -> Verdict:
     return "closed" if path.chosen else "no-effect"
 
 
-def _found(chosen: _Chosen, state: _State) -> FoundEffect:
+def _found(chosen: _Chosen, state: State) -> FoundEffect:
     best = chosen.best
     gained = float(best.gains(hold_out=False).sum())
     tried = len(candidates(state.model, (*motion_channels(state.evidence), "tension")))
@@ -370,7 +270,7 @@ def _found(chosen: _Chosen, state: _State) -> FoundEffect:
         ),
         source="catalogue" if best.effect.name in CATALOGUE else "free-form",
         share=best.share(),
-        p_value=min(1.0, tried * float(stats.chi2.sf(gained / _spread(best), max(best.free_numbers, 1)))),
+        p_value=min(1.0, tried * float(stats.chi2.sf(gained / spread_of(best), max(best.free_numbers, 1)))),
         wins=(int((gains > 0).sum()), len(gains)),
     )
 

@@ -12,7 +12,7 @@ from rom.campaign import Campaign, RecordSettings
 from rom.channels import FloatArray
 from rom.effects import Effect, SensorFault
 from rom.laws import power_loosening
-from rom.linear import spectral_records
+from rom.linear import STRIDES, spectral_records
 from rom.loosening import LooseningCase, identify_gamma
 from rom.model import Model
 from rom.noise_floor import Group
@@ -22,6 +22,7 @@ from rom.signals import ac_coupled
 from rom.spectra import CORNER, ComplexArray, SpectralRecord, spectrum
 
 _LEAST_FINAL = 0.01
+_SAMPLES = 4.0  # at the highest line of a spectrum: what else folds back there is below the noise
 _HALF_LINE = 1e-6
 Progress = Callable[[int, int], None]
 
@@ -33,9 +34,10 @@ class Trace:
     Attributes
     ----------
     displacement, velocity : mapping of str to ndarray
-        By body, shape (samples,) [m], [m/s].
+        By body, shape (samples of the motion,) [m], [m/s]; every `stride`-th sample of the record, the first
+        one that the spectra cover among them.
     tension : ndarray
-        Of the bolted link, shape (samples,) [N].
+        Of the bolted link, shape (samples of the motion,) [N].
     level : float
         Tension at which the linear part of the model is taken [N]: the last one.
     """
@@ -47,6 +49,12 @@ class Trace:
     velocity: Mapping[str, FloatArray]
     tension: FloatArray
     level: float
+    stride: int
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate of the motion and of the tension."""
+        return self.measurement.rate_hz / self.stride
 
     @property
     def bodies(self) -> tuple[str, ...]:
@@ -60,7 +68,7 @@ class Trace:
 
     def relative(self, ends: tuple[str, str]) -> tuple[FloatArray, FloatArray]:
         """Relative displacement and velocity of two ends; a body that rests counts as ground."""
-        still = np.zeros(self.measurement.samples)
+        still = np.zeros_like(self.tension)
         x, v = (
             motion.get(ends[0], still) - motion.get(ends[1], still)
             for motion in (self.displacement, self.velocity)
@@ -68,19 +76,22 @@ class Trace:
         return x, v
 
     def forces(self, force: FloatArray, ends: tuple[str, str], part: SpectralRecord) -> ComplexArray:
-        """Spectra of a link's force on the bodies, (lines, bodies): it pulls the first end back."""
-        lines = self.lines(force, part)
+        """Spectra of a link's force along the motion on the bodies, (lines, bodies).
+
+        It pulls the first end back.
+        """
+        lines = self.lines(force, part, self.stride)
         out = np.zeros((len(lines), len(self.bodies)), dtype=np.complex128)
         for end, sign in zip(ends, (-1.0, 1.0), strict=True):
             if end in self.bodies:
                 out[:, self.bodies.index(end)] += sign * lines
         return out
 
-    def lines(self, samples: FloatArray, part: SpectralRecord) -> ComplexArray:
-        """Spectrum of samples at the lines of a part."""
-        first, last = part.samples
+    def lines(self, samples: FloatArray, part: SpectralRecord, stride: int = 1) -> ComplexArray:
+        """Spectrum of samples, of the record or of every ``stride``-th, at the lines of a part."""
+        first, last = (place // stride for place in part.samples)
         band = (part.frequency[0] - _HALF_LINE, part.frequency[-1] + _HALF_LINE)
-        return spectrum(samples[first:last], self.measurement.rate_hz, band)[1]
+        return spectrum(samples[first:last], self.measurement.rate_hz / stride, band)[1]
 
 
 def trace_records(
@@ -116,10 +127,19 @@ def _traced(campaign: Campaign, baseline: Baseline, settings: RecordSettings, ru
     values = baseline.values(parts[0], level)
     corner = next((values[name] for name in values if name.startswith(CORNER)), 0.0)
     bodies = [body for body in campaign.settings.body_names if body in seen.motion]
+    stride = _stride(parts, seen.rate_hz)
+    kept = slice(parts[0].samples[0] % stride, None, stride)
     displacement, velocity = {}, {}
     for body in bodies:
-        displacement[body], velocity[body] = _motion_of(seen, run, body, corner)
-    return Trace(settings, seen, parts, displacement, velocity, tension, level)
+        displacement[body], velocity[body] = (m[kept] for m in _motion_of(seen, run, body, corner))
+    return Trace(settings, seen, parts, displacement, velocity, tension[kept], level, stride)
+
+
+def _stride(parts: Sequence[SpectralRecord], rate_hz: float) -> int:
+    """Distance of the samples that forces need to be told at, for the spectra to have their lines."""
+    most = rate_hz / (_SAMPLES * max(part.frequency[-1] for part in parts))
+    fits = [n for n in STRIDES if n <= most and all((b - a) % n == 0 for a, b in (p.samples for p in parts))]
+    return max(fits, default=1)
 
 
 def _motion_of(seen: Measurement, run: Replay, body: str, corner: float) -> tuple[FloatArray, FloatArray]:

@@ -65,6 +65,20 @@ class Evidence:
         """Rows of records that are not held out."""
         return ~np.array([trace.settings.hold_out for trace in self.traces])[self.owner]
 
+    def of_training(self) -> Evidence:
+        """The same without the records that are held out."""
+        if self.training.all():
+            return self
+        kept = [place for place, trace in enumerate(self.traces) if not trace.settings.hold_out]
+        return replace(
+            self,
+            traces=tuple(self.traces[place] for place in kept),
+            parts=tuple(one for one in self.parts if not one[0].settings.hold_out),
+            residual=self.residual[self.training],
+            jacobian=self.jacobian[self.training],
+            owner=np.searchsorted(kept, self.owner[self.training]),
+        )
+
     @cached_property
     def _basis(self) -> FloatArray:
         """Orthonormal basis of the slopes on training rows, and on those of the ties."""
@@ -283,7 +297,5 @@ def effect_force(trace: Trace, effect: Effect, model: Model) -> tuple[FloatArray
         )
     table, start = np.array([[effect.address, 0, 0]]), np.zeros(effect.states + 1)
     motion = np.stack([x, v, trace.tension, stiffness, damping])
-    force = force_of_effects(
-        table, effect.values, motion, 1 / trace.measurement.rate_hz, _SUBSTEPS, start, 0.0
-    )
+    force = force_of_effects(table, effect.values, motion, 1 / trace.rate_hz, _SUBSTEPS, start, 0.0)
     return np.asarray(force), ends

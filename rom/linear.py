@@ -26,6 +26,8 @@ _HIGHEST_HZ = 1000.0
 _LENGTH_S = 8.0
 _BEFORE_IMPACT_S = 0.1
 _LOWEST_LINES = 1.5
+STRIDES = (1, 2, 4, 8)
+"""The samples that spectra cover can be counted in these: every such sample alone has the same lines."""
 _SPLIT = 4.0  # above this multiple of the strongest frequency the first second says all
 _BRIEF_S = 0.5
 _BRIEF_PERIODS = 16
@@ -93,8 +95,8 @@ def _lowest(measurement: Measurement) -> float:
 
 
 def _fast(length: int) -> int:
-    """Return the longest length up to `length` whose Fourier transform is fast."""
-    return int(fft.prev_fast_len(length, real=True))
+    """Return the longest length up to `length` whose Fourier transform is fast, at every one of `STRIDES`."""
+    return STRIDES[-1] * int(fft.prev_fast_len(length // STRIDES[-1], real=True))
 
 
 def _part(

@@ -10,7 +10,7 @@ import numpy as np
 
 from discovery.attribution import motion_channels
 from discovery.closure import ErrorsByKind
-from discovery.refinement import _Loop
+from discovery.state import refitted, set_aside, settled
 from discovery.tracing import Evidence, gather, starting
 from rom.campaign import Campaign
 from rom.effects import Added, candidates
@@ -24,7 +24,9 @@ Truth = Mapping[str, Any]
 
 def declared_errors(campaign: Campaign) -> ErrorsByKind:
     """Return the errors of the declared model, its numbers refitted to training records."""
-    return _Loop(campaign, identify_campaign(campaign), 1, lambda _: None).start().errors
+    found = identify_campaign(campaign)
+    evidence = gather(campaign, starting(found, found.model), set_aside(found))
+    return settled(campaign, found, evidence).errors
 
 
 def oracle_errors(campaign: Campaign, twin: Campaign, truths: Sequence[Truth]) -> ErrorsByKind:
@@ -50,15 +52,14 @@ def oracle_errors(campaign: Campaign, twin: Campaign, truths: Sequence[Truth]) -
     """
     own, sound = identify_campaign(campaign), identify_campaign(twin)
     found = replace(own, model=sound.model, linear=sound.linear)
-    loop = _Loop(campaign, found, 1, lambda _: None)
     baseline = starting(found, sound.model)
-    aside = frozenset(doubt.file for doubt in own.set_aside)
+    aside = set_aside(own)
     declared = gather(campaign, baseline, aside)
     model = baseline.model
     for truth in truths:
         model = _true(truth, declared).added_to(model)
     evidence = gather(campaign, replace(baseline, model=model), aside, declared.floors)
-    return loop._state(evidence).errors
+    return settled(campaign, found, refitted(evidence)).errors
 
 
 def _true(truth: Truth, evidence: Evidence) -> Added:

@@ -13,7 +13,8 @@ import rom
 from discovery.attribution import explain, output_of, screen
 from discovery.closure import Closure
 from discovery.localisation import localise
-from discovery.refinement import close_loop, refitted
+from discovery.refinement import close_loop
+from discovery.state import refitted
 from discovery.tracing import Evidence, gather, starting
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared

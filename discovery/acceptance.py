@@ -1,0 +1,68 @@
+"""Whether an effect explains more than chance would, matters, and can be told from others."""
+
+from __future__ import annotations
+
+from discovery.closure import ErrorsByKind, Kind
+from discovery.explanation import Explanation
+from rom.residuals import Errors
+
+# Gains in cost on training and on held-out records that chance does not make over a whole catalogue; on clean
+# campaigns the largest are 110 of 10^5 rows and 15 in the motion, 13 and 5 in the tension.
+_OF_MOTION, _OF_TENSION = (150.0, 20.0), (20.0, 0.0)
+MATERIAL = 0.01
+"""Share of the cost: less changes nothing that matters."""
+_ALIKE = 12.0  # difference in cost within chance
+_NEAR = 0.05  # of the gain: what a slightly wrong form of the right effect may lose
+_MATTERS = 0.02  # of an error
+
+
+def spread_of(one: Explanation) -> float:
+    """Mean square of what an effect leaves over, one at least: misfit makes differences less telling."""
+    samples = sum(one.samples[file] for file in one.after if file not in one.hold_out)
+    return max(one.cost(hold_out=False) / max(samples, 1), 1.0)
+
+
+def merit(one: Explanation) -> float:
+    """Cost taken away on all records in units of chance, less what free numbers take by themselves."""
+    gains = one.gains(hold_out=False).sum() + one.gains(hold_out=True).sum()
+    return float(gains / spread_of(one)) - 2 * one.free_numbers
+
+
+def is_sure(one: Explanation) -> bool:
+    """Whether an effect explains more than any of the catalogue would by chance, on held-out records too."""
+    trained, held_out = _OF_TENSION if in_tension(one) else _OF_MOTION
+    spread, unseen = spread_of(one), one.gains(hold_out=True)
+    if float(one.gains(hold_out=False).sum()) / spread <= trained or one.share() <= MATERIAL:
+        return False
+    return not unseen.size or float(unseen.sum()) / spread > held_out
+
+
+def in_tension(one: Explanation) -> bool:
+    """Whether an effect shows in the tension alone."""
+    return one.effect.enters in ("tension", "sensor:tension")
+
+
+def is_alike(one: Explanation, best: Explanation) -> bool:
+    """Whether an effect's cost is within chance of the best one's, or of a slightly wrong form of it."""
+    spread = spread_of(best)
+    lag = [best.gains(hold_out=h).sum() - one.gains(hold_out=h).sum() for h in (False, True)]
+    gain = [best.gains(hold_out=h).sum() for h in (False, True)]
+    held = bool(best.hold_out & set(best.before))
+    place = 1 if held else 0
+    return bool(lag[place] / spread <= max(_ALIKE, _NEAR * gain[place] / spread))
+
+
+def matters(before: ErrorsByKind, after: ErrorsByKind) -> bool:
+    """Whether an effect in the motion lowers an error there that people care for."""
+    kind: Kind = "hold_out" if before["hold_out"]["motion_nrmse"] is not None else "training"
+    ratios = [
+        new / old
+        for name in ("motion_nrmse", "relative_motion_nrmse")
+        if (old := _error(before[kind], name)) and (new := _error(after[kind], name)) is not None
+    ]
+    return bool(ratios) and min(ratios) <= 1 - _MATTERS and max(ratios) <= 1 + _MATTERS
+
+
+def _error(errors: Errors, name: str) -> float | None:
+    value = errors[name]  # type: ignore[literal-required]
+    return None if value is None else float(value)

@@ -1,0 +1,127 @@
+"""A model on a campaign: what it leaves over, its errors, and the fit of all its numbers together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from discovery.attribution import free_numbers, slopes_of
+from discovery.baseline import effect_number, size_of
+from discovery.closure import ErrorsByKind
+from discovery.tracing import Evidence, weigh
+from rom.campaign import Campaign
+from rom.comparison import judge
+from rom.effects import CATALOGUE, Effect
+from rom.identification import Identification, relearned
+from rom.model import Model
+from rom.reduction import Progress
+from rom.residuals import summarise
+
+Stages = Callable[[str], Progress | None]
+_REFITS, _SHARES, _SETTLED = 5, (1.0, 0.3, 0.1), 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A model, what it leaves over, its errors, and the identification with its tension law."""
+
+    model: Model
+    evidence: Evidence
+    errors: ErrorsByKind
+    found: Identification
+
+    @property
+    def level(self) -> float:
+        """Mean square of what the model leaves over on training records; 1 is noise.
+
+        At the numbers that it has: those that would suit better are no excuse.
+        """
+        return level(self.evidence)
+
+
+def silent(_stage: str) -> None:
+    """Tell nobody of a stage."""
+
+
+def set_aside(found: Identification) -> frozenset[str]:
+    """Files of doubtful quality."""
+    return frozenset(doubt.file for doubt in found.set_aside)
+
+
+def settled(
+    campaign: Campaign, found: Identification, evidence: Evidence, jobs: int = 1, stage: Stages = silent
+) -> State:
+    """Learn the tension law anew beside a model's other numbers, and tell the errors.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Its records that were not set aside are simulated, held-out ones too.
+    found : Identification
+        For the courses of the tension.
+    evidence : Evidence
+        The model, and its residual.
+    jobs : int
+        Processes.
+    stage : callable
+        As for `discovery.close_loop`.
+    """
+    anew = relearned(found, evidence.baseline.model)
+    model = replace(anew.model, identification=None)
+    aside = set_aside(found)
+    records = [r for r in campaign.settings.record if r.file not in aside]
+    judged = judge([model], campaign, records, jobs, stage("errors"))
+    training, hold_out = (
+        summarise(c for one in judged for c in one.comparisons if one.settings.hold_out is held)
+        for held in (False, True)
+    )
+    evidence = replace(evidence, baseline=replace(evidence.baseline, model=model))
+    return State(model, evidence, {"training": training, "hold_out": hold_out}, anew)
+
+
+def refitted(evidence: Evidence) -> Evidence:
+    """Gauss-Newton steps in all numbers of a model, those of its effects among them, on training records.
+
+    Shorter ones where a whole one does not lower the cost, none where that does not help either.
+    """
+    for _ in range(_REFITS):
+        beside = with_effects(evidence)
+        steps = beside.steps(beside.residual)
+        trials = (
+            weigh(evidence.traces, evidence.baseline.moved({n: share * step for n, step in steps.items()}),
+                  evidence.floors)
+            for share in _SHARES
+        )  # fmt: skip
+        better = next((one for one in trials if cost(one) < cost(evidence)), None)
+        if better is None:
+            return beside
+        done = cost(evidence) - cost(better) < _SETTLED * cost(better)
+        evidence = better
+        if done:
+            break
+    return with_effects(evidence)
+
+
+def cost(evidence: Evidence) -> float:
+    """Squares of the residual on training records."""
+    return float(np.sum(evidence.residual[evidence.training] ** 2))
+
+
+def with_effects(evidence: Evidence) -> Evidence:
+    """The same with slopes by the numbers of the model's own forces."""
+    columns, names = [evidence.jacobian], list(evidence.names)
+    for effect in evidence.baseline.model.effects:
+        if isinstance(effect, Effect):
+            member = CATALOGUE.get(effect.name)
+            free = tuple(effect.parameters) if member is None else free_numbers(effect, member)
+            sizes = np.array([size_of(effect.parameters[name].value) for name in free])
+            columns.append(slopes_of(effect, free, sizes, evidence))
+            names += [effect_number(effect, name) for name in free]
+    return replace(evidence, jacobian=np.concatenate(columns, axis=1), names=tuple(names))
+
+
+def level(evidence: Evidence) -> float:
+    """Mean square of the residual on training records."""
+    return cost(evidence) / float(evidence.training.sum())
