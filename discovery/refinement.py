@@ -19,6 +19,7 @@ from discovery.tension_attribution import explain_tension
 from discovery.tracing import Evidence, gather, starting, weigh
 from rom.campaign import Campaign
 from rom.effects import CATALOGUE, Added, Effect, candidates, look_alikes
+from rom.flexures import unlikely
 from rom.identification import Identification, identify_campaign
 
 MOST_EFFECTS = 3
@@ -73,7 +74,7 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
         residual_after=localise(last.evidence),
         screened=path.screened,
         set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in found.set_aside),
-        warnings=found.warnings,
+        warnings=(*found.warnings, *(line for line in _doubts(path) if line not in found.warnings)),
     )
 
 
@@ -242,8 +243,14 @@ def _better(path: _Path, other: _Path) -> _Path:
     return path
 
 
+def _doubts(path: _Path) -> tuple[str, ...]:
+    """Reasons to doubt that the last model is near its plant: numbers that uncoupled tests deny."""
+    last = path.states[-1]
+    return unlikely(last.model, last.evidence.baseline.ties)
+
+
 def _verdict(path: _Path) -> Verdict:
-    if not _is_quiet(path):
+    if not _is_quiet(path) or (path.chosen and _doubts(path)):
         return "unexplained"
     return "closed" if path.chosen else "no-effect"
 
