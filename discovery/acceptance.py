@@ -11,7 +11,8 @@ from rom.residuals import Errors
 _OF_MOTION, _OF_TENSION = (150.0, 20.0), (20.0, 0.0)
 MATERIAL = 0.01
 """Share of the cost: less changes nothing that matters."""
-_ALIKE = 12.0  # difference in cost within chance
+ALIKE = 12.0
+"""Difference in cost within chance."""
 _NEAR = 0.05  # of the gain: what a slightly wrong form of the right effect may lose
 _MATTERS = 0.02  # of an error
 
@@ -49,7 +50,7 @@ def is_alike(one: Explanation, best: Explanation) -> bool:
     gain = [best.gains(hold_out=h).sum() for h in (False, True)]
     held = bool(best.hold_out & set(best.before))
     place = 1 if held else 0
-    return bool(lag[place] / spread <= max(_ALIKE, _NEAR * gain[place] / spread))
+    return bool(lag[place] / spread <= max(ALIKE, _NEAR * gain[place] / spread))
 
 
 def matters(before: ErrorsByKind, after: ErrorsByKind) -> bool:

@@ -23,6 +23,8 @@ from rom.spectra import ComplexArray, Linearised, SpectralRecord
 _ITERATIONS = 12
 _DIFFERENCE = 1e-3  # of a parameter's size
 _SETTLED = 1e-4  # of the cost
+_SHARE = 5  # one record in so many, and as many of those that most is left over of, tell what to look at
+_ROUGHLY, _AT_LEAST, _PROBES = 0.1, 12, 3  # of the best gain there; effects; probes of each
 _STARTS = 2  # points of an effect's grid from which it is fitted
 _Z95 = 1.96
 
@@ -62,9 +64,9 @@ def output_of(effect: Added, evidence: Evidence) -> FloatArray:
         if isinstance(effect, SensorFault):
             return _of_fault(effect, trace, part, linear)
         assert isinstance(effect, Effect)
-        if trace.settings.file not in forces:
-            forces[trace.settings.file] = effect_force(trace, effect, model)
-        found = forces[trace.settings.file]
+        if id(trace) not in forces:
+            forces[id(trace)] = effect_force(trace, effect, model)
+        found = forces[id(trace)]
         if found is None:
             return None
         on_bodies = trace.forces(*found, part)
@@ -104,31 +106,58 @@ def screen(
 ) -> tuple[tuple[Probe, ...], ...]:
     """Try every effect of the catalogue at every place at small strengths; each effect's probes, best first.
 
-    Effects are ordered by what their best probe explains.
+    On some training records first, then the best of them on all. Effects are ordered by what their best probe
+    explains.
     """
     evidence = evidence.of_training()
-    left = evidence.beyond(evidence.residual)
     model = evidence.baseline.model
     known = {(effect.name, effect.enters) for effect in model.effects}
     there = [
-        (member, effect)
+        (member, member.probes(effect))
         for member, effect in candidates(model, motion_channels(evidence))
         if member.kind in ("force", "sensor")
         and effect.enters != "sensor:tension"
         and (effect.name, effect.enters) not in known
     ]
-    tasks = (delayed(_probed)(member, effect, evidence, left) for member, effect in there)
+    rough = _probed_all(there, evidence.of(_telling(evidence)), jobs, progress)
+    best = rough[0][0].gain if rough else 0.0
+    worth = [
+        (probes[0].member, [probe.effect for probe in probes[:_PROBES]])
+        for place, probes in enumerate(rough)
+        if place < _AT_LEAST or probes[0].gain > _ROUGHLY * best
+    ]
+    return _probed_all(worth, evidence, jobs, None)
+
+
+def _telling(evidence: Evidence) -> list[int]:
+    """Places of some records: those that most is left over of, and a few of all."""
+    costs = np.array(list(evidence.costs(evidence.left_over(evidence.residual)).values()))
+    most = np.argsort(costs)[::-1][: -(-len(costs) // _SHARE)]
+    return sorted({*most.tolist(), *range(0, len(costs), _SHARE)})
+
+
+def _probed_all(
+    there: Sequence[tuple[Member, Sequence[Added]]],
+    evidence: Evidence,
+    jobs: int,
+    progress: Progress | None,
+) -> tuple[tuple[Probe, ...], ...]:
+    """Probes of every effect, best first; effects by what their best one explains."""
+    left = evidence.beyond(evidence.residual)
+    tasks = (delayed(_probed)(member, probes, evidence, left) for member, probes in there)
     found: list[tuple[Probe, ...]] = []
-    for probes in Parallel(n_jobs=jobs, prefer="threads", return_as="generator")(tasks):
-        found.append(probes)
+    for probed in Parallel(n_jobs=jobs, prefer="threads", return_as="generator")(tasks):
+        found.append(probed)
         if progress is not None:
             progress(len(found), len(there))
     return tuple(sorted((probes for probes in found if probes), key=lambda probes: -probes[0].gain))
 
 
-def _probed(member: Member, effect: Added, evidence: Evidence, left: FloatArray) -> tuple[Probe, ...]:
+def _probed(
+    member: Member, probes: Sequence[Added], evidence: Evidence, left: FloatArray
+) -> tuple[Probe, ...]:
     found = []
-    for probe in member.probes(effect):
+    for probe in probes:
         output = output_of(probe, evidence)
         beyond = evidence.beyond(output)
         whole, size = float(np.sum(output[evidence.training] ** 2)), float(beyond @ beyond)

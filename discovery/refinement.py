@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from joblib import Parallel, delayed
 from scipy import stats
 
-from discovery.acceptance import MATERIAL, is_alike, is_sure, matters, merit, spread_of
+from discovery.acceptance import ALIKE, MATERIAL, is_alike, is_sure, matters, merit, spread_of
 from discovery.attribution import Probe, explain, explanation, motion_channels, output_of, screen
 from discovery.closure import Closure, FoundEffect, LookAlike, Screened, Step, Verdict
 from discovery.explanation import Explanation
 from discovery.free_form import free_forms
 from discovery.localisation import localise
+from discovery.separating import separating_tests
 from discovery.state import Stages, State, level, refitted, set_aside, settled, silent, with_effects
 from discovery.tension_attribution import explain_tension
 from discovery.tracing import Evidence, gather, starting, weigh
@@ -263,6 +264,7 @@ def _found(chosen: _Chosen, state: State) -> FoundEffect:
         (e for e in state.model.effects if (e.name, e.enters) == (best.effect.name, best.effect.enters)),
         best.effect,
     )
+    tests = separating_tests(effect, [one.effect for one in chosen.rivals], state.evidence, ALIKE)
     limited = {
         name: replace(p, low=_moved(old.low, p.value - old.value), high=_moved(old.high, p.value - old.value))
         for (name, p), old in zip(effect.parameters.items(), best.effect.parameters.values(), strict=True)
@@ -272,8 +274,10 @@ def _found(chosen: _Chosen, state: State) -> FoundEffect:
     return FoundEffect(
         effect=replace(effect, parameters=limited),
         look_alikes=tuple(
-            LookAlike(one.effect.name, one.effect.enters, one.cost(hold_out=True) / costs if costs else 1.0)
-            for one in chosen.rivals
+            LookAlike(
+                one.effect.name, one.effect.enters, one.cost(hold_out=True) / costs if costs else 1.0, test
+            )
+            for one, test in zip(chosen.rivals, tests, strict=True)
         ),
         source="catalogue" if best.effect.name in CATALOGUE else "free-form",
         share=best.share(),

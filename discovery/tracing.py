@@ -67,16 +67,20 @@ class Evidence:
 
     def of_training(self) -> Evidence:
         """The same without the records that are held out."""
-        if self.training.all():
+        return self.of([k for k, trace in enumerate(self.traces) if not trace.settings.hold_out])
+
+    def of(self, kept: Sequence[int]) -> Evidence:
+        """The same with some of its records alone, by their places in order."""
+        if len(kept) == len(self.traces):
             return self
-        kept = [place for place, trace in enumerate(self.traces) if not trace.settings.hold_out]
+        rows, files = np.isin(self.owner, kept), {self.traces[place].settings.file for place in kept}
         return replace(
             self,
             traces=tuple(self.traces[place] for place in kept),
-            parts=tuple(one for one in self.parts if not one[0].settings.hold_out),
-            residual=self.residual[self.training],
-            jacobian=self.jacobian[self.training],
-            owner=np.searchsorted(kept, self.owner[self.training]),
+            parts=tuple(one for one in self.parts if one[0].settings.file in files),
+            residual=self.residual[rows],
+            jacobian=self.jacobian[rows],
+            owner=np.searchsorted(kept, self.owner[rows]),
         )
 
     @cached_property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,6 +15,7 @@ from discovery.attribution import explain, output_of, screen
 from discovery.closure import Closure
 from discovery.localisation import localise
 from discovery.refinement import close_loop
+from discovery.separating import separating_tests
 from discovery.state import refitted
 from discovery.tracing import Evidence, gather, starting
 from experiments.studies import rig
@@ -90,6 +92,19 @@ def test_what_the_model_s_numbers_imitate_is_no_evidence() -> None:
     assert found.steps(0.01 * stiffer)["flexure_lo.stiffness"] == pytest.approx(0.01, rel=1e-6)
 
 
+def test_a_test_is_proposed_that_tells_two_effects_apart_and_none_for_one_and_the_same() -> None:
+    found = evidence(CUBIC)
+    cubic = CATALOGUE["cubic-stiffness"].at("flexure_lo", ground=True).with_values(k3=1e9)
+    gap = CATALOGUE["two-sided-gap"].at("flexure_lo", ground=True).with_values(k_g=1000.0, delta=4e-4)
+    apart, same = separating_tests(cubic, [gap, cubic], found, 12.0)
+    told = re.fullmatch(
+        r"hit (lo|so) with \S+ N at \S+ N of tension: .* differ by (\S+), and 12 tells", apart
+    )
+    assert told, apart
+    assert float(told[2]) > 12.0
+    assert same.startswith("none of"), same
+
+
 @pytest.mark.slow
 def test_the_loop_closes_on_a_cubic_flexure() -> None:
     closure = closed(CUBIC)
@@ -97,6 +112,7 @@ def test_the_loop_closes_on_a_cubic_flexure() -> None:
     (found,) = closure.effects
     assert (found.effect.name, found.effect.enters) == ("cubic-stiffness", "flexure_lo")
     assert found.effect.parameters["k3"].value == pytest.approx(1e9, rel=0.05)
+    assert all(one.test for one in found.look_alikes)
     before, after = closure.before["hold_out"], closure.after["hold_out"]
     assert before["motion_nrmse"] is not None
     assert after["motion_nrmse"] is not None

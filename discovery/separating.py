@@ -1,0 +1,167 @@
+"""Which test would tell two effects apart that the records at hand cannot.
+
+For effects A and B and a test that could be made, the outputs of both are taken along the motion that the
+refined model (A in it) would have there; what the model's numbers and B's own can imitate, over the records
+at hand and that test together, is taken off. What is then left of the difference, beyond what was left
+before, is by how much the test would raise the cost of B over that of A.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from discovery.attribution import free_numbers, output_of, slopes_of
+from discovery.baseline import size_of
+from discovery.state import with_effects
+from discovery.traces import Trace
+from discovery.tracing import Evidence, weigh
+from rom.channels import FloatArray
+from rom.effects import CATALOGUE, Added, Effect, SensorFault
+from rom.replay import replay
+
+_FACTORS = (1.0, 2.0, 4.0)  # of the force of a record
+_PRELOADS = 3  # of those in the records
+_RCOND = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Sums over rows: squares of slopes, slopes times difference, difference squared."""
+
+    squares: FloatArray
+    right: FloatArray
+    cost: float
+
+    def left(self) -> float:
+        """What is left of the difference where the slopes are fitted to it."""
+        size = np.sqrt(np.maximum(np.diag(self.squares), 1e-300))
+        inverse = np.linalg.pinv(self.squares / np.outer(size, size), rcond=_RCOND, hermitian=True)
+        right = self.right / size
+        return self.cost - float(right @ inverse @ right)
+
+    def __add__(self, other: _Normal) -> _Normal:
+        return _Normal(self.squares + other.squares, self.right + other.right, self.cost + other.cost)
+
+
+@dataclass(frozen=True, eq=False)
+class _Test:
+    """A test in words, how much harder than one at hand it is, and the motion of the model in it."""
+
+    words: str
+    factor: float
+    trace: Trace
+
+
+def separating_tests(best: Added, rivals: Sequence[Added], evidence: Evidence, enough: float) -> list[str]:
+    """Return for every rival the test, in words, that would tell it from the best effect.
+
+    Of the tests that would, one that is no harder than it must be; of these the one that tells most.
+
+    Parameters
+    ----------
+    best : Added
+        The effect in the evidence's model.
+    rivals : sequence of Added
+        With their fitted numbers.
+    evidence : Evidence
+        The refined model on the records at hand.
+    enough : float
+        Difference in cost that tells two effects apart.
+
+    Returns
+    -------
+    list of str
+        Empty for effects that do not act on the motion.
+    """
+    in_motion = [isinstance(one, Effect | SensorFault) for one in (best, *rivals)]
+    if not in_motion[0] or not any(in_motion[1:]):
+        return [""] * len(rivals)
+    tests = list(_tests(evidence))
+    if not tests:
+        return [""] * len(rivals)
+    traced = with_effects(weigh([test.trace for test in tests], evidence.baseline, evidence.floors))
+    return [
+        _words(_gains(best, rival, evidence.of_training(), traced), tests, enough) if moves else ""
+        for rival, moves in zip(rivals, in_motion[1:], strict=True)
+    ]
+
+
+def _tests(evidence: Evidence) -> Iterator[_Test]:
+    """Tests like those at hand, and with harder hits: what the model would do there."""
+    by_body: dict[str, list[Trace]] = {}
+    for trace in evidence.of_training().traces:
+        force = trace.measurement.force
+        if trace.measurement.test != "uncoupled" and trace.measurement.impact_s is not None and force:
+            by_body.setdefault(max(force, key=lambda name: float(np.abs(force[name]).max())), []).append(
+                trace
+            )
+    for body, traces in by_body.items():
+        ordered = sorted(traces, key=lambda trace: trace.level)
+        places = np.unique(np.linspace(0, len(ordered) - 1, _PRELOADS).astype(int))
+        for trace in (ordered[place] for place in places):
+            peak = float(np.abs(trace.measurement.force[body]).max())
+            for factor in _FACTORS:
+                imagined = _imagined(trace, evidence, factor)
+                if imagined is not None:
+                    words = f"hit {body} with {factor * peak:.3g} N at {trace.level:.3g} N of tension"
+                    yield _Test(words, factor, imagined)
+
+
+def _imagined(trace: Trace, evidence: Evidence, factor: float) -> Trace | None:
+    """The record as the model would have it, its force multiplied; None where the model diverges."""
+    seen = trace.measurement
+    harder = replace(seen, force={body: factor * force for body, force in seen.force.items()})
+    response = replay(evidence.baseline.model, harder).response
+    if response.status != "ok":
+        return None
+    motion = {
+        body: replace(one, samples=getattr(response, one.kind)[body]) for body, one in seen.motion.items()
+    }
+    tension = response.tension if isinstance(response.tension, np.ndarray) else np.zeros(0)
+    kept = slice(trace.parts[0].samples[0] % trace.stride, None, trace.stride)
+    parts = tuple(replace(p, force=factor * p.force, motion=factor * p.motion) for p in trace.parts)
+    return replace(
+        trace,
+        measurement=replace(harder, motion=motion),
+        parts=parts,
+        displacement={body: response.displacement[body][kept] for body in trace.bodies},
+        velocity={body: response.velocity[body][kept] for body in trace.bodies},
+        tension=tension[kept] if tension.size else trace.tension,
+    )
+
+
+def _gains(best: Added, rival: Added, evidence: Evidence, tests: Evidence) -> FloatArray:
+    """By how much each test would raise the cost of the rival over that of the best effect, (tests,)."""
+    here = _normals(best, rival, evidence, evidence.names)
+    now = sum(here[1:], here[0])
+    left = now.left()
+    return np.array([(now + one).left() - left for one in _normals(best, rival, tests, evidence.names)])
+
+
+def _normals(best: Added, rival: Added, evidence: Evidence, names: Sequence[str]) -> list[_Normal]:
+    """The sums of every record."""
+    member = CATALOGUE[rival.name]
+    free = free_numbers(rival, member)
+    sizes = np.array([size_of(rival.parameters[name].value) for name in free])
+    place = {name: k for k, name in enumerate(evidence.names)}
+    none = np.zeros(len(evidence.residual))
+    own = [evidence.jacobian[:, place[name]] if name in place else none for name in names]
+    columns = np.column_stack([*own, slopes_of(rival, free, sizes, evidence)])
+    difference = output_of(rival, evidence) - output_of(best, evidence)
+    found = []
+    for record in range(len(evidence.traces)):
+        rows = evidence.owner == record
+        mine, d = columns[rows], difference[rows]
+        found.append(_Normal(mine.T @ mine, mine.T @ d, float(d @ d)))
+    return found
+
+
+def _words(gains: FloatArray, tests: Sequence[_Test], enough: float) -> str:
+    telling = [(test, gain) for test, gain in zip(tests, gains, strict=True) if gain >= enough]
+    if not telling:
+        return f"none of {len(tests)} hits tried, up to {_FACTORS[-1]:g} times as hard as those at hand"
+    test, gain = max(telling, key=lambda one: (-one[0].factor, one[1]))
+    return f"{test.words}: the cost would differ by {gain:.3g}, and {enough:g} tells"
