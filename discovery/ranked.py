@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 SURE = 0.01  # chance below which a law is called better
 _DIGITS = 3
 _DRAWN = 15
-_OFTEN = 0.05  # of resamples
+OFTEN = 0.05  # of resamples: a law that comes first in so many is named
 _LOGISTIC = tension_logistic().text
 
 
@@ -54,7 +54,7 @@ class RankedLaw:
         Share of resamples of the preloads in which this law comes first.
     look_alikes : tuple of str
         Equations of other candidates that became the same law, or that ended with a number at its bound and
-        fit no better, be it far worse.
+        fit as well.
     """
 
     rank: int
@@ -145,9 +145,9 @@ class Ranking:
         lines.append(_verdict(first))
         for name in (BASELINE, NO_LOOSENING):
             lines += [_against(first, law) for law in self.laws[1:] if law.name == name]
-        named = [(law.name, law.chosen) for law in self.laws if law.chosen >= _OFTEN]
+        named = [(law.name, law.chosen) for law in self.laws if law.chosen >= OFTEN]
         rest = 1.0 - sum(share for _, share in named)
-        shares = [*named, *([("others", rest)] if rest >= _OFTEN else [])]
+        shares = [*named, *([("others", rest)] if rest >= OFTEN else [])]
         share = "; ".join(f"{name} {100 * share:.0f} %" for name, share in shares)
         lines.append(f"Comes first when preloads are drawn again: {share}.")
         if self.indistinguishable:
