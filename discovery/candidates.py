@@ -180,7 +180,9 @@ class _Search:
             place = [members[k] for k in kept]
             found = {
                 support: tuple(f"pysindy:{label}/{optimizer}" for optimizer in optimizers)
-                for support, optimizers in sparse_supports(theta[:, kept], target, rng).items()
+                for support, optimizers in sparse_supports(
+                    theta[:, kept], target, rng, self.tightening
+                ).items()
             }
             for pair in self._pairs(place):
                 found[frozenset(pair)] = (*found.get(frozenset(pair), ()), f"pysindy:{label}/best pairs")
