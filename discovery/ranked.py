@@ -89,7 +89,8 @@ class Ranking:
     identified : Model
         The identified model; `model` is the same with the first law.
     inclusion : mapping of str to float
-        How often the sparse fits take a motion factor among their first two, over resamples of the records.
+        How often FROLS takes a term of a form, whatever its numbers, among its first two when records are
+        drawn again. `chosen_terms` says the same of the race.
     profile, motion_profile : object
         Deviance over the exponent of the velocity; over how much of the motion's part is displacement.
     indistinguishable : tuple of str
@@ -126,6 +127,19 @@ class Ranking:
     def model(self) -> Model:
         """The identified model with the first law."""
         return with_law(self.identified, self.laws[0])
+
+    @property
+    def chosen_terms(self) -> dict[str, float]:
+        """How often the law that comes first in a resample of the preloads has a term of a form, by form.
+
+        Sums over the laws listed: what comes first more rarely is in none of them.
+        """
+        shares: dict[str, float] = {}
+        for law in self.laws:
+            for form in dict.fromkeys(term_form(term) for term in law.candidate.terms):
+                shares[form] = shares.get(form, 0.0) + law.chosen
+        there = ((form, share) for form, share in shares.items() if share > 0)
+        return dict(sorted(there, key=lambda item: -item[1]))
 
     @property
     def front(self) -> tuple[RankedLaw, ...]:
@@ -235,6 +249,15 @@ def term_name(term: Term, digits: int | None = _DIGITS) -> str:
     """Return a term in symbols; without `digits` its inner numbers stay letters."""
     tension = "T gamma(T)" if term.tension.text == _LOGISTIC else _spelt(term.tension, digits)
     return f"{_spelt(term.motion, digits)} {tension}".strip()
+
+
+def term_form(term: Term) -> str:
+    """Return ``"|v|^n T gamma(T)"``: a term with letters for its numbers, held ones too."""
+    return term_name(replace(term, motion=_freed(term.motion), tension=_freed(term.tension)), None)
+
+
+def _freed(factor: Factor) -> Factor:
+    return replace(factor, inner={name: replace(inner, free=True) for name, inner in factor.inner.items()})
 
 
 def _spelt(factor: Factor, digits: int | None) -> str:

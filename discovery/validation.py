@@ -211,11 +211,11 @@ def order(scores: FloatArray, complexity: Sequence[float], groups: Index) -> lis
     """Laws from first to last, (laws, cases) of scores.
 
     The best is the law that no other leads by bounded differences of the scores, or that is led by least
-    where each is led; the others follow as they are behind it. Then the rule of one standard error (L. Breiman
-    et al., Classification and Regression Trees, 1984, Section 3.4.3): where a simpler law is within one paired
-    standard error of the best, or the best is ahead by odds of less than 20 to 1, the simpler one goes before
-    it. `complexity` is the count of free numbers, plus a fraction that orders laws of as many: of those only
-    the second rule holds.
+    where each is led; the others follow as they are behind it. Then the rule of one standard error (L.
+    Breiman et al., Classification and Regression Trees, 1984, Section 3.4.3): where a simpler law is within
+    one paired standard error of the best, or the best is ahead by odds of less than 20 to 1, the simpler one
+    goes before it. `complexity` is the count of free numbers, plus a fraction that orders laws of as many:
+    of those only the second rule holds.
     """
     return _ordered(*_compared(scores, groups), np.asarray(complexity, dtype=float))
 

@@ -171,6 +171,15 @@ def test_ranking_in_words_tables_and_as_a_model(laws: tuple[RankedLaw, ...], fro
         ranking["none"]
 
 
+def test_terms_are_counted_by_form_whatever_their_numbers(laws: tuple[RankedLaw, ...]) -> None:
+    quartic = Candidate("", (baseline().terms[0], Term(displacement_power(3.0), tension_power())), (1.0, 1.0))
+    chosen = [(FREE, 0.5), (quartic, 0.3), (BY_DISPLACEMENT, 0.1), (THRESHOLD, 0.0)]
+    made = tuple(replace(laws[0], candidate=law, chosen=share) for law, share in chosen)
+    found = Ranking(made, 0, paper_model(), {}).chosen_terms
+    assert list(found) == ["|v|^n T gamma(T)", "|x|^q T"]
+    assert list(found.values()) == pytest.approx([0.8, 0.4])
+
+
 def test_names_are_equations_and_each_its_own() -> None:
     fading = Term(velocity_power(2.0).held(n=2.0), tension_exponential(312.0))
     pair = Candidate("", (Term(velocity_power(3.98), tension_logistic()), fading), (1.0, 1.0))

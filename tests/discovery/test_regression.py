@@ -83,7 +83,7 @@ def test_every_optimizer_finds_two_terms_among_ten() -> None:
 
 
 def test_where_signs_are_known_a_path_of_fits_keeps_to_them() -> None:
-    """Two near-equal columns whose difference fits best: only the fit held to the signs takes one and a third."""
+    """Two near-equal columns whose difference fits best: a fit held to the signs takes one."""
     rng = np.random.default_rng(4)
     first, other, noise = rng.normal(size=(3, 200))
     theta = np.stack([first, first + 0.1 * noise, other], axis=1)
@@ -96,12 +96,12 @@ def test_where_signs_are_known_a_path_of_fits_keeps_to_them() -> None:
 
 
 def test_the_global_random_state_is_left_as_it_was() -> None:
-    before = np.random.get_state()[1].copy()  # type: ignore[index,union-attr,call-overload] # noqa: NPY002
+    before = np.random.get_state()[1].copy()  # type: ignore[index] # noqa: NPY002
     rng = np.random.default_rng(2)
     theta = rng.normal(size=(30, 4))
     supports = [sparse_supports(theta, theta[:, 0], np.random.default_rng(5)) for _ in range(2)]
     assert supports[0] == supports[1]
-    np.testing.assert_array_equal(np.random.get_state()[1], before)  # type: ignore[index,arg-type] # noqa: NPY002
+    np.testing.assert_array_equal(np.random.get_state()[1], before)  # type: ignore[index] # noqa: NPY002
 
 
 def test_least_squares_keeps_signs_and_starts_small_what_it_leaves_out() -> None:
