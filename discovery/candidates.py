@@ -16,6 +16,7 @@ import numpy as np
 
 from discovery.factors import Factor, tension_exponential, tension_logistic, tension_power
 from discovery.libraries import Scales, TermLibrary, motion_factors, printed, tension_factors
+from discovery.ranked import term_form
 from discovery.regression import (
     Rows,
     along,
@@ -59,7 +60,7 @@ class Proposals:
     considered : int
         Laws that were fitted and judged: distinct points of the grids and distinct sums of terms.
     inclusion : mapping of str to float
-        How often each motion factor is chosen when the records are drawn again.
+        How often FROLS takes a term of each form among its first two when the records are drawn again.
     dropped : tuple of str
         Columns that are zero or a multiple of another one.
     scores : tuple of float
@@ -180,7 +181,9 @@ class _Search:
             place = [members[k] for k in kept]
             found = {
                 support: tuple(f"pysindy:{label}/{optimizer}" for optimizer in optimizers)
-                for support, optimizers in sparse_supports(theta[:, kept], target, rng).items()
+                for support, optimizers in sparse_supports(
+                    theta[:, kept], target, rng, self.tightening
+                ).items()
             }
             for pair in self._pairs(place):
                 found[frozenset(pair)] = (*found.get(frozenset(pair), ()), f"pysindy:{label}/best pairs")
@@ -191,18 +194,23 @@ class _Search:
         return sums, tuple(dropped)
 
     def inclusion(self, rng: np.random.Generator) -> dict[str, float]:
-        """How often FROLS takes each motion factor among its first two when records are drawn again."""
+        """How often FROLS takes a term of each form among its first two when records are drawn again.
+
+        All terms have one tension factor, the best; points of a grid that differ in numbers are one form.
+        """
         members = next(iter(self._libraries().values()))
         theta, target = self.damped.columns[:, :, members], self.damped.target
         kept, _ = usable(theta.reshape(-1, len(members)), [str(k) for k in members])
-        counts: dict[str, float] = {}
+        terms = self.library.terms
+        forms = [term_form(terms[members[k]]) for k in kept]
+        counts: dict[str, int] = {}
         for _ in range(_BOOTSTRAPS):
             drawn = rng.integers(len(target), size=len(target))
             rows = theta[drawn][:, :, kept].reshape(-1, len(kept))
-            for k in forward(rows, target[drawn].ravel(), 2):
-                name = printed(self.library.motions[members[kept[k]] // len(self.library.tensions)])
-                counts[name] = counts.get(name, 0.0) + 1.0 / _BOOTSTRAPS
-        return dict(sorted(counts.items(), key=lambda item: -item[1]))
+            for form in {forms[k]: None for k in forward(rows, target[drawn].ravel(), 2)}:
+                counts[form] = counts.get(form, 0) + 1
+        shares = {form: count / _BOOTSTRAPS for form, count in counts.items()}
+        return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
     def _libraries(self) -> dict[str, list[int]]:
         """Columns of libraries: all motions with one tension factor, several times; each with its best."""

@@ -11,6 +11,7 @@ from scipy import stats
 
 from discovery.fitting import Fit, log_predictive, predict
 from discovery.motion import Frozen
+from discovery.validation import Index, paired, preload_groups
 from rom.channels import FloatArray
 
 _LEVEL = 0.95
@@ -27,7 +28,8 @@ class Pair:
     first, second : str
         Names; the first has the better score.
     score_difference, standard_error : float
-        Sum over the cases of the differences of log scores, and its paired standard error.
+        Sum over the cases of the differences of log scores, each cut as in the ranking so that no record
+        decides, and its standard error, paired and from preload to preload.
     separation : float
         Expected log likelihood ratio of the two over all cases, if one of them were true: what the difference
         of their predicted courses amounts to beside noise and scatter of the rate.
@@ -78,7 +80,8 @@ def compare_laws(
         if scores is None or found.candidate.name not in scores
     }
     known = {**own, **(scores or {})}
-    return tuple(_pair(a, b, frozen, known) for a, b in combinations(fits, 2))
+    groups = preload_groups(frozen)
+    return tuple(_pair(a, b, frozen, known, groups) for a, b in combinations(fits, 2))
 
 
 def not_told_apart(pairs: Sequence[Pair], name: str) -> tuple[str, ...]:
@@ -90,13 +93,11 @@ def not_told_apart(pairs: Sequence[Pair], name: str) -> tuple[str, ...]:
     )
 
 
-def _pair(a: Fit, b: Fit, frozen: Frozen, scores: Mapping[str, FloatArray]) -> Pair:
-    if scores[b.candidate.name].sum() > scores[a.candidate.name].sum():
-        a, b = b, a
-    gain = scores[a.candidate.name] - scores[b.candidate.name]
-    error = float(np.std(gain, ddof=1) * np.sqrt(len(gain))) if len(gain) > 1 else float("inf")
-    total = float(gain.sum())
-    chance = float(stats.t.ppf(0.5 + _LEVEL / 2, max(len(gain) - 1, 1))) * error
+def _pair(a: Fit, b: Fit, frozen: Frozen, scores: Mapping[str, FloatArray], groups: Index) -> Pair:
+    total, error = paired(scores[a.candidate.name], scores[b.candidate.name], groups)
+    if total < 0:
+        a, b, total = b, a, -total
+    chance = float(stats.t.ppf(0.5 + _LEVEL / 2, max(int(groups.max()), 1))) * error
     apart = separation(a, b, frozen)
     told = total > max(chance, _CLEAR) and apart > _CLEAR
     return Pair(a.candidate.name, b.candidate.name, total, error, apart, told)

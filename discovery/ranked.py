@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 SURE = 0.01  # chance below which a law is called better
 _DIGITS = 3
 _DRAWN = 15
-_OFTEN = 0.05  # of resamples
+OFTEN = 0.05  # of resamples: a law that comes first in so many is named
 _LOGISTIC = tension_logistic().text
 
 
@@ -54,7 +54,7 @@ class RankedLaw:
         Share of resamples of the preloads in which this law comes first.
     look_alikes : tuple of str
         Equations of other candidates that became the same law, or that ended with a number at its bound and
-        fit no better, be it far worse.
+        fit as well.
     """
 
     rank: int
@@ -89,7 +89,8 @@ class Ranking:
     identified : Model
         The identified model; `model` is the same with the first law.
     inclusion : mapping of str to float
-        How often the sparse fits take a motion factor among their first two, over resamples of the records.
+        How often FROLS takes a term of a form, whatever its numbers, among its first two when records are
+        drawn again. `chosen_terms` says the same of the race.
     profile, motion_profile : object
         Deviance over the exponent of the velocity; over how much of the motion's part is displacement.
     indistinguishable : tuple of str
@@ -128,6 +129,19 @@ class Ranking:
         return with_law(self.identified, self.laws[0])
 
     @property
+    def chosen_terms(self) -> dict[str, float]:
+        """How often the law that comes first in a resample of the preloads has a term of a form, by form.
+
+        Sums over the laws listed: what comes first more rarely is in none of them.
+        """
+        shares: dict[str, float] = {}
+        for law in self.laws:
+            for form in dict.fromkeys(term_form(term) for term in law.candidate.terms):
+                shares[form] = shares.get(form, 0.0) + law.chosen
+        there = ((form, share) for form, share in shares.items() if share > 0)
+        return dict(sorted(there, key=lambda item: -item[1]))
+
+    @property
     def front(self) -> tuple[RankedLaw, ...]:
         """Laws that no other one of as few numbers outscores, from the simplest to the best."""
         ordered = sorted(self.laws, key=lambda law: (law.free_numbers, -law.cross_validated_score))
@@ -145,9 +159,9 @@ class Ranking:
         lines.append(_verdict(first))
         for name in (BASELINE, NO_LOOSENING):
             lines += [_against(first, law) for law in self.laws[1:] if law.name == name]
-        named = [(law.name, law.chosen) for law in self.laws if law.chosen >= _OFTEN]
+        named = [(law.name, law.chosen) for law in self.laws if law.chosen >= OFTEN]
         rest = 1.0 - sum(share for _, share in named)
-        shares = [*named, *([("others", rest)] if rest >= _OFTEN else [])]
+        shares = [*named, *([("others", rest)] if rest >= OFTEN else [])]
         share = "; ".join(f"{name} {100 * share:.0f} %" for name, share in shares)
         lines.append(f"Comes first when preloads are drawn again: {share}.")
         if self.indistinguishable:
@@ -235,6 +249,15 @@ def term_name(term: Term, digits: int | None = _DIGITS) -> str:
     """Return a term in symbols; without `digits` its inner numbers stay letters."""
     tension = "T gamma(T)" if term.tension.text == _LOGISTIC else _spelt(term.tension, digits)
     return f"{_spelt(term.motion, digits)} {tension}".strip()
+
+
+def term_form(term: Term) -> str:
+    """Return ``"|v|^n T gamma(T)"``: a term with letters for its numbers, held ones too."""
+    return term_name(replace(term, motion=_freed(term.motion), tension=_freed(term.tension)), None)
+
+
+def _freed(factor: Factor) -> Factor:
+    return replace(factor, inner={name: replace(inner, free=True) for name, inner in factor.inner.items()})
 
 
 def _spelt(factor: Factor, digits: int | None) -> str:

@@ -12,7 +12,7 @@ from joblib import Parallel, delayed
 from discovery import validation
 from discovery.fitting import Fit, correction, fit, fit_losses, predict, unchanged
 from discovery.motion import Frozen
-from discovery.ranked import RankedLaw, Ranking, names_of, with_law
+from discovery.ranked import OFTEN, RankedLaw, Ranking, names_of, with_law
 from discovery.terms import BASELINE, Candidate, rivals_always_in_the_race
 from discovery.validation import CrossValidation, Fold
 from rom.campaign import Campaign
@@ -242,7 +242,7 @@ def _at_bound(found: Fit) -> bool:
 def _merged(fits: Sequence[Fit], frozen: Frozen) -> list[tuple[Fit, tuple[str, ...]]]:
     """Laws of equal predictions as one: that of the fewest numbers, the others as its look-alikes.
 
-    Also those with a number at its bound, a threshold of zero say, that fit no better than a simpler law.
+    Also those with a number at its bound, a threshold of zero say, that fit as well as a simpler law.
     """
     by_simplicity = sorted(fits, key=lambda f: (f.candidate.source != "baseline", len(f.free), f.deviance))
     kept: list[tuple[Fit, FloatArray, list[str]]] = []
@@ -257,7 +257,9 @@ def _merged(fits: Sequence[Fit], frozen: Frozen) -> list[tuple[Fit, tuple[str, .
                 for k in kept
                 if bool((np.abs(course - k[1]) <= near).all())
                 or (
-                    bound and len(k[0].free) < len(found.free) and k[0].deviance < found.deviance + _EQUAL_FIT
+                    bound
+                    and len(k[0].free) < len(found.free)
+                    and abs(k[0].deviance - found.deviance) <= _EQUAL_FIT
                 )
             ),
             None,
@@ -319,6 +321,11 @@ def _parameters(
     }
 
 
+def _listed(laws: Sequence[RankedLaw]) -> list[RankedLaw]:
+    """The first laws, those that come first in many a resample, and what is always in the race."""
+    return [law for law in laws if law.rank <= _LISTED or law.chosen >= OFTEN or law.source == "baseline"]
+
+
 def _judged(
     laws: Sequence[RankedLaw],
     frozen: Frozen,
@@ -328,7 +335,7 @@ def _judged(
     run: _Runner,
 ) -> tuple[RankedLaw, ...]:
     """The laws that are listed, with their errors on training and held-out records."""
-    listed = [law for law in laws if law.rank <= _LISTED or law.source == "baseline"]
+    listed = _listed(laws)
     unseen = {course.file for course in hold_out.courses} if hold_out is not None else set()
     files = {course.file for course in frozen.courses} | unseen
     records = [record for record in campaign.settings.record if record.file in files]

@@ -38,6 +38,8 @@ _SMALL = 0.03
 _NOTHING = 1e-30
 _SHARES = tuple(np.geomspace(0.02, 0.8, 8))  # thresholds as a share of the target's norm
 _THRESHOLDS = 12
+_EXACT = 1e-10  # of the bounded fits, whose own default stops among near-equal columns
+_POSITIVE = tuple(np.geomspace(0.01, 0.8, _THRESHOLDS))  # coefficients that cannot cancel stay below about 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +141,7 @@ def usable(theta: FloatArray, names: Sequence[str]) -> tuple[list[int], tuple[st
 
 
 def sparse_supports(
-    theta: FloatArray, target: FloatArray, rng: np.random.Generator
+    theta: FloatArray, target: FloatArray, rng: np.random.Generator, signed: bool = False
 ) -> dict[frozenset[int], tuple[str, ...]]:
     """Distinct supports on the paths of pysindy's optimizers, each with the optimizers that found it.
 
@@ -151,11 +153,13 @@ def sparse_supports(
         Whitened losses.
     rng : numpy.random.Generator
         Source of the ensemble's rows.
+    signed : bool
+        Whether terms of either sign are sought: no fit is then held to positive coefficients.
     """
     unit = theta / np.linalg.norm(theta, axis=0)
     goal = target / np.linalg.norm(target)
     found: dict[frozenset[int], tuple[str, ...]] = {}
-    for optimizer, coefficients in _paths(unit, goal, rng):
+    for optimizer, coefficients in _paths(unit, goal, rng, signed):
         for row in coefficients:
             support = frozenset(int(j) for j in np.flatnonzero(row))
             if 0 < len(support) <= _LARGEST_SUPPORT and optimizer not in found.get(support, ()):
@@ -164,7 +168,7 @@ def sparse_supports(
 
 
 def _paths(
-    theta: FloatArray, target: FloatArray, rng: np.random.Generator
+    theta: FloatArray, target: FloatArray, rng: np.random.Generator, signed: bool
 ) -> Iterator[tuple[str, list[FloatArray]]]:
     """Coefficients along the path of every optimizer."""
     from pysindy import FROLS, SR3, SSR, STLSQ, EnsembleOptimizer
@@ -173,6 +177,11 @@ def _paths(
 
     def stlsq(threshold: float) -> Any:
         return STLSQ(threshold=threshold, alpha=_RIDGE, max_iter=count + 1)
+
+    def non_negative(threshold: float) -> Any:
+        # its last step, plain least squares on what is left, would lose the signs again
+        bound = {"positive": True, "tol": _EXACT}
+        return STLSQ(threshold, alpha=_RIDGE, max_iter=count + 1, ridge_kw=bound, unbias=False)
 
     def sr3(share: float) -> Any:
         weight = SR3.calculate_l0_weight(share, 1.0)
@@ -187,6 +196,11 @@ def _paths(
     largest = np.abs(np.linalg.solve(theta.T @ theta + _RIDGE * np.eye(count), theta.T @ target)).max()
     thresholds = np.geomspace(0.02, max(float(largest), 0.04), _THRESHOLDS)
     yield "STLSQ", [c for t in thresholds for c in _coefficients(stlsq(t), theta, target)]
+    if not signed:
+        yield (
+            "non-negative STLSQ",
+            [c for t in _POSITIVE for c in _coefficients(non_negative(t), theta, target)],
+        )
     yield "SR3", [c for share in _SHARES for c in _coefficients(sr3(share), theta, target)]
     with _global_seed(rng):
         yield (

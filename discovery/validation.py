@@ -198,18 +198,24 @@ def by_group(values: FloatArray, groups: Index) -> FloatArray:
 
 
 def paired(scores: FloatArray, other: FloatArray, groups: Index) -> tuple[float, float]:
-    """Advantage of one law over another, summed over preloads, and its standard error."""
+    """Bounded advantage of one law over another, summed over preloads, and its standard error.
+
+    The error is infinite where all cases have one preload.
+    """
     sums = by_group(bounded_difference(scores, other), groups)
-    return float(sums.sum()), float(np.sqrt(len(sums)) * sums.std(ddof=1))
+    error = np.sqrt(len(sums)) * sums.std(ddof=1) if len(sums) > 1 else np.inf
+    return float(sums.sum()), float(error)
 
 
 def order(scores: FloatArray, complexity: Sequence[float], groups: Index) -> list[int]:
     """Laws from first to last, (laws, cases) of scores.
 
-    By total score, with the rule of one standard error (L. Breiman et al., Classification and Regression
-    Trees, 1984, Section 3.4.3): where a simpler law is within one paired standard error of the best, or the
-    best is ahead by odds of less than 20 to 1, the simpler one goes before it. `complexity` is the count
-    of free numbers, plus a fraction that orders laws of as many: of those only the second rule holds.
+    The best is the law that no other leads by bounded differences of the scores, or that is led by least
+    where each is led; the others follow as they are behind it. Then the rule of one standard error (L.
+    Breiman et al., Classification and Regression Trees, 1984, Section 3.4.3): where a simpler law is within
+    one paired standard error of the best, or the best is ahead by odds of less than 20 to 1, the simpler one
+    goes before it. `complexity` is the count of free numbers, plus a fraction that orders laws of as many:
+    of those only the second rule holds.
     """
     return _ordered(*_compared(scores, groups), np.asarray(complexity, dtype=float))
 
@@ -221,15 +227,17 @@ def _compared(scores: FloatArray, groups: Index) -> tuple[FloatArray, FloatArray
 
 
 def _ordered(sums: FloatArray, pairs: FloatArray, complexity: FloatArray) -> list[int]:
-    totals = sums.sum(axis=1)
-    best = int(np.argmax(totals))
-    lead = pairs[best].sum(axis=1)
+    totals = sums.sum(axis=1)  # they only part laws that are as far behind, at the bound on every record
+    leads = pairs.sum(axis=-1)
+    best = max(range(len(totals)), key=lambda k: (leads[k].min(), totals[k]))
+    lead = leads[best]
     error = np.sqrt(sums.shape[1]) * pairs[best].std(axis=1, ddof=1)
     fewer, as_many = complexity < int(complexity[best]), complexity < int(complexity[best]) + 1
     equal = (lead <= _WORTH) & as_many | (lead <= error) & fewer
     equal[best] = True
     return sorted(
-        range(len(totals)), key=lambda k: (not equal[k], complexity[k] if equal[k] else 0.0, -totals[k])
+        range(len(totals)),
+        key=lambda k: (not equal[k], complexity[k] if equal[k] else 0.0, lead[k], -totals[k]),
     )
 
 

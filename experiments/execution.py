@@ -13,7 +13,9 @@ from typing import Literal
 
 import joblib
 
-Local = Literal["loky", "threading", "sequential"]
+from experiments.processes import Processes
+
+Local = Literal["processes", "threading", "sequential"]
 _CONNECT_S = 10
 _WORKERS_S = 60
 _LOST_WORKERS = 10  # how often a task may lose its worker before the run is given up
@@ -24,7 +26,7 @@ class ClusterError(ValueError):
 
 
 @contextmanager
-def execution(cluster: str | None = None, local: Local = "loky") -> Iterator[None]:
+def execution(cluster: str | None = None, local: Local = "processes") -> Iterator[None]:
     """Run the parallel work of the block locally, or on the Dask cluster at `cluster`.
 
     Parameters
@@ -33,16 +35,18 @@ def execution(cluster: str | None = None, local: Local = "loky") -> Iterator[Non
         Address of a running scheduler, such as ``tcp://host:8786``. It and its workers must have boltlaw
         installed and see the campaign under the same path. A worker lost midway costs its tasks again, not
         the run.
-    local : {"loky", "threading", "sequential"}
-        Processes, threads or neither, where no cluster is named.
+    local : {"processes", "threading", "sequential"}
+        Processes, threads or neither, where no cluster is named. Processes end with the block.
 
     Raises
     ------
     ClusterError
         If Dask distributed is not installed or the scheduler does not answer.
+    WorkerLostError
+        From the work of the block, if a process of this machine is killed: nothing waits for it.
     """
     if cluster is None:
-        with joblib.parallel_config(backend=local):
+        with _local(local):
             yield
         return
     try:
@@ -61,3 +65,17 @@ def execution(cluster: str | None = None, local: Local = "loky") -> Iterator[Non
     patience = dask.config.set({"distributed.scheduler.allowed-failures": _LOST_WORKERS})
     with client, patience, joblib.parallel_config(backend="dask", wait_for_workers_timeout=_WORKERS_S):
         yield
+
+
+@contextmanager
+def _local(local: Local) -> Iterator[None]:
+    if local != "processes":
+        with joblib.parallel_config(backend=local):
+            yield
+        return
+    processes = Processes()
+    try:
+        with joblib.parallel_config(backend=processes):
+            yield
+    finally:
+        processes.close()

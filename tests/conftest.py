@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.shared import Shared
+
 # the table of malformed campaigns serves the tests of the reader and of the commands
 sys.path.append(str(Path(__file__).parent / "rom"))
 
@@ -36,6 +38,12 @@ def boltlaw(capfd: pytest.CaptureFixture[str]) -> Boltlaw:
         return Ran(code, *capfd.readouterr())
 
     return call
+
+
+@pytest.fixture(scope="session")
+def shared(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Shared:
+    """Results that every process of the run may use."""
+    return Shared.of_run(tmp_path_factory, worker_id)
 
 
 @pytest.fixture(scope="session")

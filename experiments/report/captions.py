@@ -54,8 +54,9 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     ),
     "term-inclusion": (
         "Which terms are chosen",
-        "Share of the sparse fits on resampled records that took each motion factor, a point of the grid, "
-        "among their first two; near-equal factors share what one of them alone would have.",
+        "Wide: share of resamples of the preloads in which the first law of the race has a term of "
+        "the form, whatever its numbers. Narrow: share of sparse fits on resampled records (FROLS) that took "
+        "one among their first two. Near-equal forms share what one of them alone would have.",
     ),
     "final-tension-error": (
         "Error against preload",

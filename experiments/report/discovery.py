@@ -51,7 +51,7 @@ def discovery_figures(data: Data) -> dict[str, Figure]:
         "law-errors": (_cases(data), errors_over_preload),
         "exponent-profile": (_profiles(data), profiles),
         "accuracy-complexity": (len(_front_points(data)) > 1, accuracy_and_complexity),
-        "term-inclusion": (any((data.get("inclusion") or {}).values()), inclusion),
+        "term-inclusion": (_term_shares(data), inclusion),
     }
     return {name: draw(data) for name, (there, draw) in made.items() if there}
 
@@ -361,19 +361,27 @@ def _point_out(ax: Axes, law: Data) -> None:
             label=("First: " if law["rank"] == 1 else "") + law_name(name, _LONGEST))  # fmt: skip
 
 
+def _term_shares(data: Data) -> list[tuple[str, float, float]]:
+    """Return forms of terms with their shares in the race and in sparse fits, the most frequent first."""
+    race, sparse = (data.get(key) or {} for key in ("chosen_terms", "inclusion"))
+    found = [(name, float(race.get(name) or 0), float(sparse.get(name) or 0)) for name in {**race, **sparse}]
+    often = [item for item in found if max(item[1:]) >= _SELDOM]
+    return sorted(often, key=lambda item: (-item[1], -item[2]))[:_TERMS]
+
+
 @styled
 def inclusion(data: Data) -> Figure:
-    """Share of the fits on resampled records that chose each term."""
-    known = [(name, float(share)) for name, share in data["inclusion"].items() if share and share >= _SELDOM]
-    shares = sorted(known, key=lambda item: -item[1])[:_TERMS]
+    """Share of resamples in which the first law, and a sparse fit, has a term of each form."""
+    shares = _term_shares(data)
     figure, axes = panels(height_mm=12.0 + 7.0 * len(shares))
     ax = axes[0, 0]
-    for row, (name, share) in enumerate(shares):
-        ax.barh(row, 100 * share, 0.32, color=BLUE)
+    for row, (name, raced, sparse) in enumerate(shares):
+        ax.barh(row, 100 * raced, 0.32, color=BLUE)
+        ax.barh(row + 0.24, 100 * sparse, 0.12, color=SKY)
         ax.annotate(law_name(name, 60), (0.0, row - 0.2), xycoords=("axes fraction", "data"), va="bottom")
     ax.set_ylim(len(shares) - 0.6, -0.9)
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
     ax.set_xlim(0, 100)
-    ax.set_xlabel("Share of fits on resampled records [%]")
+    ax.set_xlabel("Share of resamples: first law (wide), sparse fit (narrow) [%]")
     return figure

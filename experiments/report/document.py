@@ -29,7 +29,7 @@ _SHOWN = {
               "windows", "sampling"},
     "reproduction": {"rows"},
     "ranking": {"laws", "cases", "considered", "indistinguishable", "proposals", "exponent_profile",
-                "motion_profile", "inclusion", "considered_laws"},
+                "motion_profile", "inclusion", "chosen_terms", "considered_laws"},
     "closure": {"verdict", "summary", "effects", "steps", "residual", "screened"},
 }  # fmt: skip
 _PLACES = (("stiffness", "k"), ("damping", "c"), ("tension_rate", "T"))

@@ -85,19 +85,22 @@ def enough(campaign: Campaign, path: Path) -> None:
 
 def summary(path: Path) -> str:
     """Return a few lines for people: which law, how sure, what it beats, and the leader board."""
+    from discovery.ranked import OFTEN
     from experiments.report import rankings
     from experiments.report.wording import law_name, number, trimmed
 
     data = json.loads(path.read_text(encoding="utf-8"))
     found = rankings.answer(data)
     lines = [data["campaign"], *([found.verdict, *found.sentences] if found else [])]
-    lines.append(f"\n{'rank':>4} {'error of loss [%]':>18} {'delta BIC':>10}  law")
+    lines.append(f"\n{'rank':>4} {'error of loss [%]':>18} {'delta BIC':>10} {'first in [%]':>13}  law")
     laws = rankings.ranked(data)
-    for law in [*laws[:_SHOWN], *(law for law in laws[_SHOWN:] if law["source"] == "baseline")]:
+    later = [law for law in laws[_SHOWN:] if law["source"] == "baseline" or law["chosen"] >= OFTEN]
+    for law in [*laws[:_SHOWN], *later]:
         error = trimmed(number(law["cross_validated_loss_error_percent_median"], 3))
         rise = trimmed(number(law["delta_bic"], 4))
-        lines.append(f"{law['rank']:>4} {error:>18} {rise:>10}  {law_name(law['name'])}")
-        lines.append(f"{'':>35} dT/dt = {rankings.equation_text(law['equation'])}")
+        share = trimmed(number(100 * law["chosen"], 2))
+        lines.append(f"{law['rank']:>4} {error:>18} {rise:>10} {share:>13}  {law_name(law['name'])}")
+        lines.append(f"{'':>49} dT/dt = {rankings.equation_text(law['equation'])}")
     return "\n".join(lines + [f"  note: {text}" for text in data["warnings"] + data["set_aside"]])
 
 
@@ -110,6 +113,7 @@ def ranking_section(ranking: Ranking) -> dict[str, Any]:
         "considered": ranking.considered,
         "indistinguishable": list(ranking.indistinguishable),
         "inclusion": dict(ranking.inclusion),
+        "chosen_terms": ranking.chosen_terms,
         "scatter": dict(zip(("a", "b"), ranking.scatter, strict=True)),
         "exponent_profile": _profile_row(ranking.profile),
         "motion_profile": _motion_row(ranking.motion_profile),

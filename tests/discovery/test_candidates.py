@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from discovery.candidates import Proposals, propose
 from discovery.factors import displacement_power, tension_logistic, velocity_power
 from discovery.fitting import fit
 from discovery.motion import Frozen, freeze
+from discovery.ranked import term_form
 from discovery.terms import Candidate, Term, baseline
 from tests.discovery.synthetic import frozen, measured
 
@@ -58,7 +61,11 @@ def test_no_form_comes_twice_and_all_are_laws(proposals: Proposals) -> None:
 
 def test_inclusion_is_a_share(proposals: Proposals) -> None:
     assert all(0 < share <= 1 + 1e-9 for share in proposals.inclusion.values())
-    assert next(iter(proposals.inclusion)).startswith("abs(")
+    forms = {term_form(term) for law in proposals.candidates for term in law.terms}
+    assert next(iter(proposals.inclusion)) in forms
+    assert not any(re.search(r"[1-9]", form) for form in proposals.inclusion)
+    # two terms of different form a draw at most
+    assert sum(proposals.inclusion.values()) <= 2 + 1e-9
 
 
 def test_coefficients_start_near_the_fit(proposals: Proposals) -> None:

@@ -177,3 +177,16 @@ def test_scores_given_decide() -> None:
     )
     assert pair.first == "quadratic"
     assert pair.told_apart
+
+
+def test_no_record_counts_for_more_than_its_bound_between_two_laws() -> None:
+    """Two records strongly for a law hide no steady lead, and make up for none."""
+    whole = frozen()
+    fits = [fit(baseline(), whole), fit(constant_power(2.0, "quadratic"), whole)]
+    even, steady = np.zeros(len(whole)), 0.7 + 0.1 * np.arange(len(whole)) / len(whole)
+    lucky = np.where(np.isin(np.arange(len(whole)), (0, 3)), (90.0 + 0 * even), steady)
+    (pair,) = compare_laws(fits, whole, {BASELINE: even, "quadratic": lucky})
+    assert pair.score_difference == pytest.approx(np.minimum(lucky, 5.0).sum())
+    assert pair.told_apart
+    (pair,) = compare_laws(fits, whole, {BASELINE: even, "quadratic": np.where(lucky > 5, 90.0, -steady)})
+    assert not pair.told_apart

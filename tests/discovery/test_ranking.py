@@ -16,9 +16,10 @@ from discovery.factors import (
     velocity_power,
     velocity_threshold,
 )
+from discovery.fitting import refine
 from discovery.motion import Frozen, freeze
 from discovery.ranked import Ranking, equation_name, names_of
-from discovery.ranking import RankedLaw, race
+from discovery.ranking import RankedLaw, _at_bound, _listed, _merged, race
 from discovery.terms import (
     BASELINE,
     CONSTANT_QUADRATIC,
@@ -102,6 +103,29 @@ def test_law_equal_to_a_simpler_one_is_its_look_alike(frozen: Frozen) -> None:
             assert law.free_numbers <= 4
 
 
+def test_law_at_its_bound_is_no_look_alike_of_one_that_fits_far_better(frozen: Frozen) -> None:
+    better = replace(refine(FREE, frozen), deviance=100.0)
+    at_bound = THRESHOLD.with_values({"v_th": 0.0})
+    worse = refine(at_bound, frozen)
+    assert _at_bound(replace(worse, candidate=at_bound))
+    offsets = np.full_like(worse.offsets, -50.0)  # other courses
+    for deviance, look_alike in ((399.0, False), (100.5, True)):
+        rival = replace(worse, candidate=at_bound, offsets=offsets, deviance=deviance)
+        merged = _merged([better, rival], frozen)
+        assert merged[0][1] == ((THRESHOLD.equation,) if look_alike else ())
+        assert len(merged) == (1 if look_alike else 2)
+
+
+def test_law_that_comes_first_in_one_resample_of_twenty_is_listed_whatever_its_rank(
+    laws: tuple[RankedLaw, ...],
+) -> None:
+    many = tuple(
+        replace(laws[0], rank=rank, name=f"law {rank}", source="hand", chosen=chosen)
+        for rank, chosen in enumerate([0.9, *[0.0] * 12, 0.04, 0.06], 1)
+    )
+    assert [law.name for law in _listed(many)] == [*(f"law {rank}" for rank in range(1, 11)), "law 15"]
+
+
 @pytest.mark.slow
 def test_numbers_do_not_depend_on_jobs(frozen: Frozen) -> None:
     part = frozen.subset(range(6, 12))
@@ -145,6 +169,15 @@ def test_ranking_in_words_tables_and_as_a_model(laws: tuple[RankedLaw, ...], fro
     assert [law.free_numbers for law in front] == sorted({law.free_numbers for law in front})
     with pytest.raises(KeyError, match="no law 'none'"):
         ranking["none"]
+
+
+def test_terms_are_counted_by_form_whatever_their_numbers(laws: tuple[RankedLaw, ...]) -> None:
+    quartic = Candidate("", (baseline().terms[0], Term(displacement_power(3.0), tension_power())), (1.0, 1.0))
+    chosen = [(FREE, 0.5), (quartic, 0.3), (BY_DISPLACEMENT, 0.1), (THRESHOLD, 0.0)]
+    made = tuple(replace(laws[0], candidate=law, chosen=share) for law, share in chosen)
+    found = Ranking(made, 0, paper_model(), {}).chosen_terms
+    assert list(found) == ["|v|^n T gamma(T)", "|x|^q T"]
+    assert list(found.values()) == pytest.approx([0.8, 0.4])
 
 
 def test_names_are_equations_and_each_its_own() -> None:

@@ -77,16 +77,31 @@ def test_every_optimizer_finds_two_terms_among_ten() -> None:
     unit = rng.normal(size=(200, 10))
     target = 2 * unit[:, 2] + unit[:, 7] + 1e-2 * rng.normal(size=200)
     found = sparse_supports(unit * np.geomspace(1e-6, 1e6, 10), target, rng)
-    assert set(found[frozenset({2, 7})]) == {"FROLS", "SSR", "STLSQ", "SR3", "EnsembleOptimizer"}
+    assert set(found[frozenset({2, 7})]) == {
+        "FROLS", "SSR", "STLSQ", "non-negative STLSQ", "SR3", "EnsembleOptimizer"
+    }  # fmt: skip
+
+
+def test_where_signs_are_known_a_path_of_fits_keeps_to_them() -> None:
+    """Two near-equal columns whose difference fits best: a fit held to the signs takes one."""
+    rng = np.random.default_rng(4)
+    first, other, noise = rng.normal(size=(3, 200))
+    theta = np.stack([first, first + 0.1 * noise, other], axis=1)
+    target = first + 0.5 * other - 0.1 * noise
+    free, held = (sparse_supports(theta, target, rng, signed) for signed in (True, False))
+    assert all("non-negative STLSQ" not in names for names in free.values())
+    paths = {support for support, names in held.items() if "non-negative STLSQ" in names}
+    assert frozenset({0, 2}) in paths
+    assert not any({0, 1} <= support for support in paths)
 
 
 def test_the_global_random_state_is_left_as_it_was() -> None:
-    before = np.random.get_state()[1].copy()  # type: ignore[index,union-attr,call-overload] # noqa: NPY002
+    before = np.random.get_state()[1].copy()  # type: ignore[index] # noqa: NPY002
     rng = np.random.default_rng(2)
     theta = rng.normal(size=(30, 4))
     supports = [sparse_supports(theta, theta[:, 0], np.random.default_rng(5)) for _ in range(2)]
     assert supports[0] == supports[1]
-    np.testing.assert_array_equal(np.random.get_state()[1], before)  # type: ignore[index,arg-type] # noqa: NPY002
+    np.testing.assert_array_equal(np.random.get_state()[1], before)  # type: ignore[index] # noqa: NPY002
 
 
 def test_least_squares_keeps_signs_and_starts_small_what_it_leaves_out() -> None:

@@ -97,6 +97,15 @@ def test_simpler_law_goes_first_within_a_standard_error() -> None:
     assert validation.order(np.stack([simple, better, better - 0.01]), [1, 3, 2], GROUPS) == [2, 1, 0]
 
 
+def test_one_record_does_not_make_a_law_the_best() -> None:
+    base = np.random.default_rng(0).standard_normal(48)
+    steady, lucky = base + 0.5, base.copy()
+    lucky[7] += 1e4
+    scores = np.stack([lucky, steady, base])
+    assert validation.order(scores, [3, 3, 3], GROUPS) == [1, 0, 2]
+    assert validation.chosen(scores, [3, 3, 3], GROUPS, np.random.default_rng(1))[1] > 0.95
+
+
 def test_no_single_record_decides() -> None:
     calm = np.zeros(48)
     lucky = calm.copy()

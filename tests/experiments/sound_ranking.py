@@ -6,13 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from rom.residuals import Errors
+
 TIME_S = [0.0015, 0.0045, 0.009, 0.018, 0.04, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0]
 BASELINE = "gamma(T) baseline"
 WINNER = "|v|^p T exp(-T/T_s)"
 SOURCES = "pysindy:powers/STLSQ"
 
 
-def errors(loss: float, records: int) -> dict[str, Any]:
+def errors(loss: float, records: int) -> Errors:
     return {
         "motion_nrmse": 0.012,
         "relative_motion_nrmse": 0.02,
@@ -125,6 +127,7 @@ def ranking() -> dict[str, Any]:
             {"body": "lo", "peak_force_n": 1608.7, "pulse_s": 0.0004, "preload_n": 800.0, "hits": 1,
              "expected_gain": 6.1, "odds": 570.0, "separates": [WINNER, "|D v|^n T exp(-T/T_s)"]},
         ],
+        "chosen_terms": {"|v|^p T exp(-T/T_s)": 0.9, "|F|^m T": 0.1},
         "inclusion": {"|v|^p T exp(-T/T_s)": 0.86, "|D v|^n T exp(-T/T_s)": 0.4, "|x|^q T": 0.06},
         "considered": 2310,
         "cases": cases(),

@@ -72,7 +72,7 @@ def ranked(rank: int, candidate: Candidate, values: dict[str, float]) -> RankedL
         {kind: errors(10.0, 3) for kind in ("training", "hold_out")},
         10.0 * rank, -5.0 * rank, 3.0 * (rank - 1), (0 if base else 3, 5), None if base else float("nan"),
         candidate.source, len(fitted.free), (), fit, fitted, np.zeros(5), 1.0 if rank == 1 else 0.0,
-    )  # type: ignore[arg-type]  # fmt: skip
+    )  # fmt: skip
 
 
 def profile(name: str, reach: Any = "identified") -> ExponentProfile:
@@ -207,6 +207,22 @@ def test_the_summary_says_which_law_how_sure_and_what_is_open(folder: Path) -> N
         "note: records/a.h5: clipped",
     ):
         assert part in text, part
+
+
+def test_law_that_is_often_first_is_in_the_summary_whatever_its_rank(folder: Path, tmp_path: Path) -> None:
+    data = load(folder)
+    first = data["laws"][0]
+    shares = {1: 0.9, 12: 0.02, 13: 0.08}
+    data["laws"] = [
+        first | {"rank": rank, "name": f"law {rank}", "source": "hand", "chosen": shares.get(rank, 0.0)}
+        for rank in range(1, 14)
+    ]
+    path = tmp_path / "ranking.json"
+    path.write_text(json.dumps(data), encoding="utf-8")
+    lines = discover.summary(path).splitlines()
+    listed = [line.split() for line in lines if line.endswith(tuple(f"law {k}" for k in range(1, 14)))]
+    assert [words[0] for words in listed] == [*map(str, range(1, 9)), "13"]
+    assert listed[-1][3] == "8"
 
 
 def test_few_loosening_records_are_refused_before_the_work(

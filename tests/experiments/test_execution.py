@@ -40,7 +40,7 @@ def reference() -> list[float]:
     return [loss(float(preload))[0] for preload in PRELOADS]
 
 
-@pytest.mark.parametrize("local", ["sequential", "threading", "loky"])
+@pytest.mark.parametrize("local", ["sequential", "threading", "processes"])
 def test_local_numbers_do_not_depend_on_who_computes(local: str, reference: list[float]) -> None:
     with execution(local=local):  # type: ignore[arg-type]
         assert [value for value, _ in losses()] == reference

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.patches import Rectangle
 
 from experiments.report import rankings
 from experiments.report.discovery import discovery_figures, drawn_laws, nearest_cases
@@ -45,7 +46,8 @@ def test_a_ranking_gives_every_figure_one_column_wide_with_units(tmp_path: Path)
     [
         ("laws", {"law-leader-board", "accuracy-complexity"}),
         ("cases", {"law-trajectories", "law-errors"}),
-        ("inclusion", {"term-inclusion"}),
+        ("inclusion", set()),
+        ("chosen_terms", set()),
         ("motion_profile", set()),
         ("exponent_profile", set()),
         ("proposals", set()),
@@ -55,6 +57,15 @@ def test_missing_data_is_a_missing_figure(lacking: str, gone: set[str]) -> None:
     data = ranking()
     del data[lacking]
     assert set(discovery_figures(data)) == ALL - gone
+
+
+def test_terms_of_race_and_sparse_fits_are_drawn_side_by_side() -> None:
+    (axes,) = discovery_figures(ranking())["term-inclusion"].axes
+    assert [text.get_text() for text in axes.texts] == [
+        law_name(form) for form in ("|v|^p T exp(-T/T_s)", "|F|^m T", "|D v|^n T exp(-T/T_s)", "|x|^q T")
+    ]
+    widths = [bar.get_width() for bar in axes.patches if isinstance(bar, Rectangle)]
+    assert widths == pytest.approx([90.0, 86.0, 10.0, 0.0, 0.0, 40.0, 0.0, 6.0])
 
 
 def test_no_data_give_no_figures() -> None:

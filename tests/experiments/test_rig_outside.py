@@ -1,6 +1,7 @@
 """Which effects outside the catalogue a member nearly does, once the paper's model is refitted."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from experiments.rig.plant import Plant
 from experiments.rig.strength import HITS, PRELOADS, influence, scaled_to, trial
 from experiments.rig.undeclared import KINDS, Undeclared
+from tests.shared import Shared
 
 NOMINAL = Plant()
 BASELINE = (
@@ -69,14 +71,21 @@ def left(effect: Undeclared, plain: list[np.ndarray], absorbed: np.ndarray) -> n
 
 
 @pytest.fixture(scope="module")
-def catalogue(plain: list[np.ndarray], absorbed: np.ndarray) -> dict[tuple[str, str], np.ndarray]:
-    return {
-        (name, place): left(Undeclared(name, place), plain, absorbed)
+def catalogue(
+    plain: list[np.ndarray], absorbed: np.ndarray, shared: Shared
+) -> dict[tuple[str, str], np.ndarray]:
+    members = [
+        (name, place)
         for name, kind in KINDS.items()
         if not kind.outside and kind.acts in ("force", "rate")
         for place in kind.allowed
         if name not in ("constant-force", "ground-motion")  # no answer to a hit
+    ]
+    works = {
+        f"{name} at {place}".replace(":", " "): partial(left, Undeclared(name, place), plain, absorbed)
+        for name, place in members
     }
+    return dict(zip(members, shared.all(works), strict=True))
 
 
 @pytest.mark.slow

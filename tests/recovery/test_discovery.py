@@ -31,7 +31,7 @@ from discovery.fitting import refine
 from discovery.identifiability import exponent_profile
 from discovery.terms import Candidate, baseline
 from rom.identification import Identification
-from tests.recovery.shared import Shared
+from tests.shared import Shared
 
 pytestmark = pytest.mark.slow
 

@@ -12,7 +12,7 @@ import pytest
 sys.path.append(str(Path(__file__).parents[2]))
 
 from benchmarks.identification import COVERAGE_TARGET, TARGETS, Trial, run_trial
-from tests.recovery.shared import Shared
+from tests.shared import Shared
 
 pytestmark = pytest.mark.slow
 

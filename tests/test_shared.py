@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.recovery.shared import Shared
+from tests.shared import Shared
 
 
 def test_work_is_done_once(tmp_path: Path) -> None:

@@ -1,0 +1,73 @@
+"""What a misfit may do to the model's numbers: nothing beside noise is held, much beside a misfit."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rom
+from discovery.baseline import Baseline
+from discovery.tracing import Evidence
+from rom.ties import Tie
+
+ROWS = 4000
+NAMES = ("flexure_lo.stiffness", "flexure_so.stiffness")
+
+
+def evidence(misfit: float, *, tied: bool = True) -> Evidence:
+    """Return two numbers of which rows tell the sum well and the difference hardly, beside a misfit."""
+    rng = np.random.default_rng(2)
+    model = rom.paper_model()
+    both, apart, wrong = (rng.normal(size=ROWS) for _ in range(3))
+    stiffness = [float(model.link_laws[name.split(".")[0]].stiffness(0.0)) for name in NAMES]
+    factors = dict(zip(NAMES, (1.0, -1.0), strict=True))
+    tie = Tie(factors, float(np.log(stiffness[0] / stiffness[1])), 0.1, NAMES, "one flexure and the other")
+    jacobian = np.stack([100 * both + apart, 100 * both - apart], axis=1)
+    residual = rng.normal(size=ROWS) + misfit * (wrong + 0.5 * apart) + 100 * 0.02 * both
+    trace: Any = SimpleNamespace(settings=SimpleNamespace(hold_out=False, file="a"))
+    return Evidence(
+        traces=(trace,),
+        baseline=Baseline(model, {}, (tie,) if tied else ()),
+        floors={},
+        parts=(),
+        residual=residual,
+        jacobian=jacobian,
+        names=NAMES,
+        owner=np.zeros(ROWS, dtype=np.int64),
+    )
+
+
+def test_ties_say_nothing_where_noise_alone_is_left() -> None:
+    free, tied = evidence(0.0, tied=False), evidence(0.0)
+    assert free.steps(free.residual) == tied.steps(tied.residual)
+    assert np.array_equal(free.beyond(free.residual), tied.beyond(tied.residual))
+
+
+def test_a_misfit_does_not_move_apart_what_the_rows_hardly_tell_apart() -> None:
+    def moved(of: Evidence) -> tuple[float, float]:
+        first, second = of.steps(of.residual).values()
+        return first + second, first - second
+
+    free, tied = moved(evidence(20.0, tied=False)), moved(evidence(20.0))
+    assert free[1] > 5
+    assert abs(tied[1]) < 0.5
+    assert tied[0] == pytest.approx(0.02, abs=0.02)  # the sum is told as well as before
+    assert free[0] == pytest.approx(0.02, abs=0.02)
+
+
+def test_what_a_tie_holds_is_not_taken_off_a_residual() -> None:
+    held, free = evidence(20.0), evidence(20.0, tied=False)
+    assert len(held.beyond(held.residual)) == ROWS + 1
+    apart = held.jacobian[:, 0] - held.jacobian[:, 1]
+    both = held.jacobian.sum(axis=1)
+    assert np.linalg.norm(free.beyond(apart)) < 1e-6 * np.linalg.norm(apart)
+    assert np.linalg.norm(held.beyond(apart)) > 0.5 * np.linalg.norm(apart)
+    assert np.linalg.norm(held.beyond(both)) < 1e-2 * np.linalg.norm(both)
+
+
+def test_moved_numbers_keep_their_ties() -> None:
+    baseline = evidence(0.0).baseline
+    assert baseline.moved({NAMES[0]: 0.1}).ties == baseline.ties
