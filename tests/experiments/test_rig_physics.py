@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from scipy import integrate, linalg
 
+from experiments.rig import simulation
 from experiments.rig.equations import tension_rate
 from experiments.rig.excitation import FLOOR_RATE_HZ, STEP_RATE_HZ, Hit, contact_time, floor_motion
 from experiments.rig.plant import LooseningTerm, Plant
 from experiments.rig.rivals import RIVALS
-from experiments.rig.simulation import run
+from experiments.rig.sensors import SENSITIVE
+from experiments.rig.simulation import SETTLING_RATE_HZ, run
 
 NOMINAL = Hit("lo", 1608.7, 0.0100003, contact_time(1608.7))  # edges between steps
 HOLDING = replace(Plant(), loosening=())
@@ -185,3 +187,16 @@ def test_the_floor_moves_in_its_band_and_the_structure_with_it() -> None:
         0.2e-6 < np.std(motion.displacement_lo[: round(2.0 * STEP_RATE_HZ)]) < 1.2e-6
     )  # settled from the first sample
     assert 0.03 < np.max(np.abs(motion.displacement_lo)) / 0.020e-3 < 0.10
+
+
+@pytest.mark.parametrize("tension", [6.0, 3000.0])
+def test_finer_settling_is_not_to_be_seen_by_a_converter(
+    tension: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = []
+    for finer in (1, 4):
+        monkeypatch.setattr(simulation, "SETTLING_RATE_HZ", finer * SETTLING_RATE_HZ)
+        rng = np.random.default_rng(1)
+        found.append(run(Plant(), NOMINAL, tension, 0.009, floor_rms=3e-7, rng=rng).acceleration_so)
+    assert np.max(np.abs(found[0])) > 1e-4
+    assert np.max(np.abs(found[0] - found[1])) < 0.01 * SENSITIVE.step
