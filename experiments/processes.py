@@ -34,7 +34,7 @@ class Worker:
     """One process and the pipes to and from it."""
 
     def __init__(self, environment: dict[str, str]) -> None:
-        command = [sys.executable, str(_SCRIPT)]
+        command = [sys.executable, "-P", str(_SCRIPT)]  # -P: no module beside it hides a standard one
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
         self.process = subprocess.Popen(command, env={**os.environ, **environment}, **pipes)  # type: ignore[call-overload]
         self._send(sys.path)
