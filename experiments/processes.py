@@ -98,6 +98,7 @@ class Processes(ParallelBackendBase):  # type: ignore[misc]
         self._threads: ThreadPoolExecutor | None = None
         self._environment: dict[str, str] = {}
         self._closed = False
+        self._sends = True
 
     def effective_n_jobs(self, n_jobs: int | None) -> int:
         """Return the number of processes; negative ones count from the number of processors."""
@@ -105,20 +106,22 @@ class Processes(ParallelBackendBase):  # type: ignore[misc]
             raise ValueError("n_jobs: found 0, expected at least 1, or -1 for all processors")
         return 1 if n_jobs is None else n_jobs if n_jobs > 0 else max(cpu_count() + 1 + n_jobs, 1)
 
-    def configure(self, n_jobs: int = 1, parallel: object = None, **_: object) -> int:
-        """Prepare for one call of joblib; a thread waits for each process."""
+    def configure(
+        self, n_jobs: int = 1, parallel: object = None, prefer: str | None = None, **_: object
+    ) -> int:
+        """Prepare for one call of joblib; a thread waits for each process; where preferred, it works."""
         count = self.effective_n_jobs(n_jobs)
         self.parallel = parallel
         share = str(max(cpu_count() // count, 1))
         self._environment = {name: os.environ.get(name, share) for name in self.MAX_NUM_THREADS_VARS}
-        self._closed = False
+        self._closed, self._sends = False, prefer != "threads"  # such tasks share what is large
         self._threads = ThreadPoolExecutor(count) if count > 1 else None
         return count
 
     def submit(self, func: Task, callback: Callable[[Future[Any]], None] | None = None) -> Future[Any]:
         """Schedule a batch of tasks."""
         assert self._threads is not None
-        future = self._threads.submit(self._run, func)
+        future = self._threads.submit(self._run, func) if self._sends else self._threads.submit(func)
         if callback is not None:
             future.add_done_callback(callback)
         return future

@@ -158,3 +158,9 @@ def test_workers_end_where_the_main_process_is_killed() -> None:
     while not all(gone(pid) for pid in workers):
         assert time.monotonic() < deadline, "workers outlived the process that they serve"
         time.sleep(0.05)
+
+
+def test_work_that_prefers_threads_stays_with_what_it_shares() -> None:
+    with execution():
+        found = Parallel(n_jobs=2, prefer="threads")(delayed(slept)(number) for number in range(4))
+    assert set(found) == {os.getpid()}
