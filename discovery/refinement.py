@@ -15,7 +15,7 @@ from discovery.explanation import Explanation
 from discovery.free_form import free_forms
 from discovery.localisation import localise
 from discovery.separating import separating_tests
-from discovery.state import Stages, State, level, refitted, set_aside, settled, silent, with_effects
+from discovery.state import Stages, State, refitted, set_aside, settled, silent, with_effects
 from discovery.tension_attribution import explain_tension
 from discovery.tracing import Evidence, gather, starting, weigh
 from rom.campaign import Campaign
@@ -108,13 +108,13 @@ class _Loop:
     stage: Stages
 
     def start(self) -> State:
-        """The declared model as it was identified, polished where little but noise is left.
+        """The declared model, its numbers refitted to all training records.
 
-        Where more is left its numbers would be made to serve what it lacks.
+        An effect may pass for damping in the identification, which is free to scale what it weighs.
         """
         baseline = starting(self.found, self.found.model)
         evidence = gather(self.campaign, baseline, set_aside(self.found), progress=self.stage("tracing"))
-        return self._settled(refitted(evidence) if level(evidence) < _QUIET else evidence)
+        return self._settled(refitted(evidence))
 
     def _settled(self, evidence: Evidence) -> State:
         return settled(self.campaign, self.found, evidence, self.jobs, self.stage)
