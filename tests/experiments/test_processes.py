@@ -135,8 +135,12 @@ def test_an_interrupt_ends_all_workers() -> None:
     )
     assert main.stdout is not None
     workers = {int(pid) for pid in main.stdout.readline().split()}
+    time.sleep(1.0)  # until the work is under way: between two calls an interrupt may meet a clean-up
     main.send_signal(signal.SIGINT)
-    _, err = main.communicate(timeout=_LONG_S / 2)  # an error here: somebody still waits
+    try:
+        _, err = main.communicate(timeout=_LONG_S / 2)  # an error here: somebody still waits
+    finally:
+        main.kill()
     assert err.rstrip().endswith("KeyboardInterrupt")
     assert workers
     assert all(gone(pid) for pid in workers)
