@@ -228,11 +228,6 @@ def _best(fits: Sequence[Fit | None], frozen: Frozen, share: tuple[int, int, flo
     ]
 
 
-def _complexity(found: Fit) -> float:
-    """Free numbers, and the length of the equation to order laws of as many."""
-    return len(found.free) + min(len(found.candidate.equation) / 1e4, 0.99)
-
-
 def _at_bound(found: Fit) -> bool:
     """Whether an inner number ended at a bound of its range."""
     values = [found.candidate.parameters[name] for name in found.free]
@@ -280,11 +275,11 @@ def _ranked(
     numbers = [len(found.free) for found in fits]
     base = next(k for k, found in enumerate(fits) if found.candidate.name == BASELINE)
     p_values = validation.p_values(scores, scores[base], groups, rng)
-    complexity = [_complexity(found) for found in fits]
-    shares = validation.chosen(scores, complexity, groups, rng)
     spread = validation.dispersion(min(fits, key=lambda found: found.deviance), frozen)
     criteria = [validation.information_criterion(found, frozen, spread) for found in fits]
-    places = validation.order(scores, complexity, groups)
+    worth = np.stack([validation.evidence(found, frozen, spread) for found in fits])
+    shares = validation.chosen(scores, worth, groups, rng)
+    places = validation.order(scores, worth, groups)
     names = names_of([fits[k].candidate for k in places])
     return tuple(
         RankedLaw(

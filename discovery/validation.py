@@ -182,9 +182,12 @@ def dispersion(fitted: Fit, frozen: Frozen) -> float:
 
 def information_criterion(fitted: Fit, frozen: Frozen, spread: float = 1.0) -> float:
     """``deviance / c-hat + free numbers ln n``; n counts means of bins, not cases: the stricter choice."""
+    return fitted.deviance / spread + len(fitted.free) * float(np.log(_size(frozen)))
+
+
+def _size(frozen: Frozen) -> int:
     cases, bins = frozen.change.shape
-    size = cases * (bins - _NUISANCE)
-    return fitted.deviance / spread + len(fitted.free) * float(np.log(size))
+    return int(cases * (bins - _NUISANCE))
 
 
 def bounded_difference(scores: FloatArray, other: FloatArray) -> FloatArray:
@@ -207,49 +210,58 @@ def paired(scores: FloatArray, other: FloatArray, groups: Index) -> tuple[float,
     return float(sums.sum()), float(error)
 
 
-def order(scores: FloatArray, complexity: Sequence[float], groups: Index) -> list[int]:
-    """Laws from first to last, (laws, cases) of scores.
+def evidence(fitted: Fit, frozen: Frozen, spread: float = 1.0) -> FloatArray:
+    """Share of every case in ``-BIC / 2``, up to a constant: likelihood over c-hat, less numbers' price."""
+    problem = Problem(fitted.candidate, frozen, fitted.offsets)
+    state = problem.solve(problem.theta0, np.array(fitted.scatter), fitted.deviations, steps=12)
+    deviance = np.where(np.isfinite(state.by_case), state.by_case, 1e12)
+    price = len(fitted.free) * np.log(_size(frozen)) / len(frozen)
+    return np.asarray(-0.5 * (deviance / spread + price))
 
-    The best is the law that no other leads by bounded differences of the scores, or that is led by least
-    where each is led; the others follow as they are behind it. Then the rule of one standard error (L.
-    Breiman et al., Classification and Regression Trees, 1984, Section 3.4.3): where a simpler law is within
-    one paired standard error of the best, or the best is ahead by odds of less than 20 to 1, the simpler one
-    goes before it. `complexity` is the count of free numbers, plus a fraction that orders laws of as many:
-    of those only the second rule holds.
+
+def order(scores: FloatArray, worth: FloatArray, groups: Index) -> list[int]:
+    """Laws from first to last, by (laws, cases) of cross-validated scores and of `evidence`.
+
+    The best in cross-validation is the law that no other leads by bounded differences of the scores, or that
+    is led by least where each is led. What is within one paired standard error of it (L. Breiman et al.,
+    Classification and Regression Trees, 1984, Section 3.4.3), or behind by odds of less than 20 to 1,
+    cross-validation does not tell from it: of these the evidence decides, which knows a law's price in
+    numbers and is far sharper, differences bounded as well. The others follow as they are behind the best.
     """
-    return _ordered(*_compared(scores, groups), np.asarray(complexity, dtype=float))
+    return _ordered(*_compared(scores, worth, groups))
 
 
-def _compared(scores: FloatArray, groups: Index) -> tuple[FloatArray, FloatArray]:
-    """Sums by preload of scores, and of bounded differences between any two laws, (laws, laws, groups)."""
-    pairs = by_group(bounded_difference(scores[:, None], scores[None, :]), groups)
-    return by_group(scores, groups), pairs
+def _compared(
+    scores: FloatArray, worth: FloatArray, groups: Index
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Sums by preload of scores, and of bounded differences of any two laws: (laws, laws, groups), twice."""
+    pairs = [by_group(bounded_difference(each[:, None], each[None, :]), groups) for each in (scores, worth)]
+    return by_group(scores, groups), pairs[0], pairs[1]
 
 
-def _ordered(sums: FloatArray, pairs: FloatArray, complexity: FloatArray) -> list[int]:
+def _ordered(sums: FloatArray, pairs: FloatArray, worth: FloatArray) -> list[int]:
     totals = sums.sum(axis=1)  # they only part laws that are as far behind, at the bound on every record
     leads = pairs.sum(axis=-1)
     best = max(range(len(totals)), key=lambda k: (leads[k].min(), totals[k]))
-    lead = leads[best]
+    lead, behind = leads[best], worth[best].sum(axis=-1)
     error = np.sqrt(sums.shape[1]) * pairs[best].std(axis=1, ddof=1)
-    fewer, as_many = complexity < int(complexity[best]), complexity < int(complexity[best]) + 1
-    equal = (lead <= _WORTH) & as_many | (lead <= error) & fewer
+    equal = lead <= np.maximum(error, _WORTH)
     equal[best] = True
     return sorted(
         range(len(totals)),
-        key=lambda k: (not equal[k], complexity[k] if equal[k] else 0.0, lead[k], -totals[k]),
+        key=lambda k: (not equal[k], behind[k] if equal[k] else lead[k], -totals[k]),
     )
 
 
 def chosen(
-    scores: FloatArray, complexity: Sequence[float], groups: Index, rng: np.random.Generator, draws: int = 400
+    scores: FloatArray, worth: FloatArray, groups: Index, rng: np.random.Generator, draws: int = 400
 ) -> FloatArray:
     """How often each law comes first when preloads are drawn again with replacement, (laws,)."""
-    sums, pairs = _compared(scores, groups)
+    sums, pairs, prices = _compared(scores, worth, groups)
     counts = np.zeros(len(scores))
     for _ in range(draws):
         drawn = rng.integers(0, sums.shape[1], sums.shape[1])
-        counts[_ordered(sums[:, drawn], pairs[..., drawn], np.asarray(complexity, dtype=float))[0]] += 1
+        counts[_ordered(sums[:, drawn], pairs[..., drawn], prices[..., drawn])[0]] += 1
     return counts / draws
 
 

@@ -9,7 +9,7 @@ from discovery import validation
 from discovery.fitting import fit, log_predictive
 from discovery.likelihood import Problem
 from discovery.motion import Frozen, freeze
-from discovery.terms import baseline
+from discovery.terms import BASELINE, CONSTANT_QUARTIC, baseline, rivals_always_in_the_race
 from rom import paper_model
 from tests.discovery.synthetic import measured
 
@@ -87,14 +87,17 @@ def test_dispersion_is_one_for_noise_as_declared_and_grows_with_it(frozen: Froze
     assert validation.dispersion(fit(baseline(), noisy), noisy) > 2.0
 
 
-def test_simpler_law_goes_first_within_a_standard_error() -> None:
+def test_evidence_decides_among_laws_that_cross_validation_does_not_tell_apart() -> None:
     rng = np.random.default_rng(0)
     simple = rng.standard_normal(48)
     rich = simple + 0.3 * rng.standard_normal(48)
     better = simple + 1.0 + 0.5 * rng.standard_normal(48)
-    assert validation.order(np.stack([rich, simple]), [3, 1], GROUPS) == [1, 0]
-    assert validation.order(np.stack([better, simple]), [3, 1], GROUPS) == [0, 1]
-    assert validation.order(np.stack([simple, better, better - 0.01]), [1, 3, 2], GROUPS) == [2, 1, 0]
+    none, much = np.zeros(48), np.full(48, 0.2)
+    assert validation.order(np.stack([rich, simple]), np.stack([none, much]), GROUPS) == [1, 0]
+    assert validation.order(np.stack([rich, simple]), np.stack([much, none]), GROUPS) == [0, 1]
+    assert validation.order(np.stack([better, simple]), np.stack([none, much]), GROUPS) == [0, 1]
+    of_three = np.stack([simple, better, better - 0.01])
+    assert validation.order(of_three, np.stack([much, none, 0.5 * much]), GROUPS) == [2, 1, 0]
 
 
 def test_one_record_does_not_make_a_law_the_best() -> None:
@@ -102,8 +105,17 @@ def test_one_record_does_not_make_a_law_the_best() -> None:
     steady, lucky = base + 0.5, base.copy()
     lucky[7] += 1e4
     scores = np.stack([lucky, steady, base])
-    assert validation.order(scores, [3, 3, 3], GROUPS) == [1, 0, 2]
-    assert validation.chosen(scores, [3, 3, 3], GROUPS, np.random.default_rng(1))[1] > 0.95
+    assert validation.order(scores, scores, GROUPS) == [1, 0, 2]
+    assert validation.chosen(scores, scores, GROUPS, np.random.default_rng(1))[1] > 0.95
+    assert validation.order(np.stack([base, base]), np.stack([steady, lucky]), GROUPS) == [0, 1]
+
+
+def test_evidence_is_the_information_criterion_case_by_case(frozen: Frozen) -> None:
+    laws = [rival for rival in rivals_always_in_the_race() if rival.name in (BASELINE, CONSTANT_QUARTIC)]
+    fits = [fit(law, frozen) for law in laws]
+    halves = [-2 * validation.evidence(one, frozen, 1.5).sum() for one in fits]
+    criteria = [validation.information_criterion(one, frozen, 1.5) for one in fits]
+    assert halves[1] - halves[0] == pytest.approx(criteria[1] - criteria[0], rel=1e-3)
 
 
 def test_no_single_record_decides() -> None:
@@ -148,6 +160,6 @@ def test_share_of_resamples_sums_to_one_and_favours_the_better() -> None:
     rng = np.random.default_rng(4)
     base = rng.standard_normal(48)
     scores = np.stack([base, base + 1.0 + 0.2 * rng.standard_normal(48)])
-    share = validation.chosen(scores, [1, 1], GROUPS, rng)
+    share = validation.chosen(scores, np.zeros_like(scores), GROUPS, rng)
     assert share.sum() == pytest.approx(1.0)
     assert share[1] > 0.95
