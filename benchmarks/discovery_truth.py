@@ -36,6 +36,7 @@ LAWS: Mapping[str, tuple[LooseningTerm, ...]] = {
             "constant-quadratic",
             "displacement-2",
             "threshold",
+            "threshold-30",
             "velocity-and-displacement",
         )
     },

@@ -19,6 +19,7 @@ RIVALS: Mapping[str, tuple[LooseningTerm, ...]] = MappingProxyType(
         "displacement-2": (LooseningTerm(12.62, velocity_power=0.0, displacement_power=2.0),),
         "displacement-4": (LooseningTerm(21.56, velocity_power=0.0, displacement_power=4.0),),
         "threshold": (LooseningTerm(12.67, velocity_threshold=0.020),),
+        "threshold-30": (LooseningTerm(13.22, velocity_threshold=0.030),),
         "velocity-and-displacement": (
             LooseningTerm(11.49),
             LooseningTerm(12.32, velocity_power=0.0, displacement_power=2.0),

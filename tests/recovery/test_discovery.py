@@ -44,6 +44,7 @@ APART = {  # what each hidden law must be told from, beside the four laws that a
     "displacement-2": ("velocity", "displacement"),
     "velocity-and-displacement": ("velocity", "displacement", "velocity-and-displacement"),
     "threshold": ("velocity", "velocity-threshold"),
+    "threshold-30": ("velocity", "velocity-threshold"),
 }
 NEAR = ("velocity", "velocity-threshold", "dissipated-power")  # what could beat the paper's law by chance
 RACES = {"eq13": NEAR, **APART}
@@ -146,8 +147,9 @@ def test_nothing_is_called_better_than_the_paper_s_law_where_it_is_true(shared: 
 def test_the_form(law: str, shared: Shared) -> None:
     """Ten seeds: in nine the true form is the first one, driven as the truth and nearer than the paper's law.
 
-    A threshold at least among those named as not told from the first: a steep power does nearly as well, and
-    where it is the first one its slopes over the velocity are its own.
+    Of hits whose velocities peak at 62, 50 and 37 mm/s a threshold of 30 mm/s is told; one of 20 mm/s is at
+    least among those named as not told from the first: a steep power does nearly as well, and where that is
+    the first one its slopes over the velocity are its own.
     Constant gamma with the fourth power is a special case of the paper's law: nothing is called better.
     """
     trials = trials_of(shared, law)
@@ -162,16 +164,18 @@ def test_the_form(law: str, shared: Shared) -> None:
 
 
 def test_the_curve_of_gamma(shared: Shared) -> None:
-    """Three seeds: within 15 % of Eq. 13 from 20 to 3000 N, at the median.
+    """Ten seeds: within 15 % of Eq. 13 from 20 to 3000 N, in nine.
 
     Without scatter of gamma: with it, a factor of two from test to test, 60 records tell tens of percent.
     """
     still = Setting(scatter=0.0, duration_s=2.5)
-    errors = []
-    for seed in range(3):
+
+    def of_seed(seed: int) -> float:
         found = specimen("eq13", seed, still, of_paper(shared, seed)[0])
-        errors.append(curve_error(refine(baseline(), found.training).candidate, found.truth))
-    assert np.median(errors) <= 15.0, errors
+        return curve_error(refine(baseline(), found.training).candidate, found.truth)
+
+    errors = list(shared.all({f"still, {seed}": partial(of_seed, seed) for seed in range(SEEDS)}))
+    assert sum(error <= 15.0 for error in errors) >= 9, errors
 
 
 class Limits(NamedTuple):
