@@ -278,8 +278,9 @@ def _ranked(
     spread = validation.dispersion(min(fits, key=lambda found: found.deviance), frozen)
     criteria = [validation.information_criterion(found, frozen, spread) for found in fits]
     worth = np.stack([validation.evidence(found, frozen, spread) for found in fits])
-    shares = validation.chosen(scores, worth, groups, rng)
-    places = validation.order(scores, worth, groups)
+    complexity = [(len(found.free), len(found.candidate.equation)) for found in fits]
+    shares = validation.chosen(scores, worth, complexity, groups, rng)
+    places = validation.order(scores, worth, complexity, groups)
     names = names_of([fits[k].candidate for k in places])
     return tuple(
         RankedLaw(

@@ -219,16 +219,21 @@ def evidence(fitted: Fit, frozen: Frozen, spread: float = 1.0) -> FloatArray:
     return np.asarray(-0.5 * (deviance / spread + price))
 
 
-def order(scores: FloatArray, worth: FloatArray, groups: Index) -> list[int]:
+def order(
+    scores: FloatArray, worth: FloatArray, complexity: Sequence[tuple[int, int]], groups: Index
+) -> list[int]:
     """Laws from first to last, by (laws, cases) of cross-validated scores and of `evidence`.
 
     The best in cross-validation is the law that no other leads by bounded differences of the scores, or that
     is led by least where each is led. What is within one paired standard error of it (L. Breiman et al.,
     Classification and Regression Trees, 1984, Section 3.4.3), or behind by odds of less than 20 to 1,
     cross-validation does not tell from it: of these the evidence decides, which knows a law's price in
-    numbers and is far sharper, differences bounded as well. The others follow as they are behind the best.
+    numbers and is far sharper, differences bounded as well. `complexity` is a law's count of free numbers and
+    the length of its equation: of laws of as many numbers whose evidence is within odds of 20 to 1 of the
+    most, the shortest goes first. Laws that cross-validation does tell from the best follow as they are
+    behind.
     """
-    return _ordered(*_compared(scores, worth, groups))
+    return _ordered(*_compared(scores, worth, groups), np.asarray(complexity))
 
 
 def _compared(
@@ -239,29 +244,45 @@ def _compared(
     return by_group(scores, groups), pairs[0], pairs[1]
 
 
-def _ordered(sums: FloatArray, pairs: FloatArray, worth: FloatArray) -> list[int]:
+def _ordered(
+    sums: FloatArray, pairs: FloatArray, worth: FloatArray, complexity: npt.NDArray[np.int64]
+) -> list[int]:
     totals = sums.sum(axis=1)  # they only part laws that are as far behind, at the bound on every record
     leads = pairs.sum(axis=-1)
     best = max(range(len(totals)), key=lambda k: (leads[k].min(), totals[k]))
     lead, behind = leads[best], worth[best].sum(axis=-1)
-    error = np.sqrt(sums.shape[1]) * pairs[best].std(axis=1, ddof=1)
-    equal = lead <= np.maximum(error, _WORTH)
+    equal = lead <= np.maximum(np.sqrt(sums.shape[1]) * pairs[best].std(axis=1, ddof=1), _WORTH)
     equal[best] = True
+    numbers, lengths = complexity.T
+    most = min(np.flatnonzero(equal), key=lambda k: behind[k])
+    as_good = equal & (numbers == numbers[most]) & (behind <= behind[most] + _WORTH)
     return sorted(
         range(len(totals)),
-        key=lambda k: (not equal[k], behind[k] if equal[k] else lead[k], -totals[k]),
+        key=lambda k: (
+            not as_good[k],
+            not equal[k],
+            lengths[k] if as_good[k] else 0,
+            behind[k] if equal[k] else lead[k],
+            -totals[k],
+        ),
     )
 
 
 def chosen(
-    scores: FloatArray, worth: FloatArray, groups: Index, rng: np.random.Generator, draws: int = 400
+    scores: FloatArray,
+    worth: FloatArray,
+    complexity: Sequence[tuple[int, int]],
+    groups: Index,
+    rng: np.random.Generator,
+    draws: int = 400,
 ) -> FloatArray:
     """How often each law comes first when preloads are drawn again with replacement, (laws,)."""
     sums, pairs, prices = _compared(scores, worth, groups)
     counts = np.zeros(len(scores))
     for _ in range(draws):
         drawn = rng.integers(0, sums.shape[1], sums.shape[1])
-        counts[_ordered(sums[:, drawn], pairs[..., drawn], prices[..., drawn])[0]] += 1
+        of_draw = sums[:, drawn], pairs[..., drawn], prices[..., drawn]
+        counts[_ordered(*of_draw, np.asarray(complexity))[0]] += 1
     return counts / draws
 
 

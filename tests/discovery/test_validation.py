@@ -93,21 +93,31 @@ def test_evidence_decides_among_laws_that_cross_validation_does_not_tell_apart()
     rich = simple + 0.3 * rng.standard_normal(48)
     better = simple + 1.0 + 0.5 * rng.standard_normal(48)
     none, much = np.zeros(48), np.full(48, 0.2)
-    assert validation.order(np.stack([rich, simple]), np.stack([none, much]), GROUPS) == [1, 0]
-    assert validation.order(np.stack([rich, simple]), np.stack([much, none]), GROUPS) == [0, 1]
-    assert validation.order(np.stack([better, simple]), np.stack([none, much]), GROUPS) == [0, 1]
+    sizes = [(4, 20), (2, 10)]
+    assert validation.order(np.stack([rich, simple]), np.stack([none, much]), sizes, GROUPS) == [1, 0]
+    assert validation.order(np.stack([rich, simple]), np.stack([much, none]), sizes, GROUPS) == [0, 1]
+    assert validation.order(np.stack([better, simple]), np.stack([none, much]), sizes, GROUPS) == [0, 1]
     of_three = np.stack([simple, better, better - 0.01])
-    assert validation.order(of_three, np.stack([much, none, 0.5 * much]), GROUPS) == [2, 1, 0]
+    of_all = np.stack([much, none, 0.5 * much])
+    assert validation.order(of_three, of_all, [(1, 9), (3, 9), (2, 9)], GROUPS) == [2, 1, 0]
+
+
+def test_of_laws_of_as_many_numbers_and_nearly_the_same_evidence_the_shortest_goes_first() -> None:
+    scores = np.random.default_rng(0).standard_normal(48) + np.zeros((3, 1))
+    worth = np.stack([np.full(48, 2.0 / 48), np.zeros(48), np.full(48, 1.0 / 48)])
+    assert validation.order(scores, worth, [(4, 20), (4, 10), (3, 5)], GROUPS) == [1, 0, 2]
+    assert validation.order(scores, 2 * worth, [(4, 20), (4, 10), (3, 5)], GROUPS) == [0, 2, 1]
 
 
 def test_one_record_does_not_make_a_law_the_best() -> None:
     base = np.random.default_rng(0).standard_normal(48)
     steady, lucky = base + 0.5, base.copy()
     lucky[7] += 1e4
-    scores = np.stack([lucky, steady, base])
-    assert validation.order(scores, scores, GROUPS) == [1, 0, 2]
-    assert validation.chosen(scores, scores, GROUPS, np.random.default_rng(1))[1] > 0.95
-    assert validation.order(np.stack([base, base]), np.stack([steady, lucky]), GROUPS) == [0, 1]
+    scores, sizes = np.stack([lucky, steady, base]), [(3, 9)] * 3
+    assert validation.order(scores, scores, sizes, GROUPS) == [1, 0, 2]
+    assert validation.chosen(scores, scores, sizes, GROUPS, np.random.default_rng(1))[1] > 0.95
+    worth = np.stack([steady, lucky])
+    assert validation.order(np.stack([base, base]), worth, sizes[:2], GROUPS) == [0, 1]
 
 
 def test_evidence_is_the_information_criterion_case_by_case(frozen: Frozen) -> None:
@@ -160,6 +170,6 @@ def test_share_of_resamples_sums_to_one_and_favours_the_better() -> None:
     rng = np.random.default_rng(4)
     base = rng.standard_normal(48)
     scores = np.stack([base, base + 1.0 + 0.2 * rng.standard_normal(48)])
-    share = validation.chosen(scores, np.zeros_like(scores), GROUPS, rng)
+    share = validation.chosen(scores, np.zeros_like(scores), [(1, 9), (1, 9)], GROUPS, rng)
     assert share.sum() == pytest.approx(1.0)
     assert share[1] > 0.95
