@@ -159,8 +159,8 @@ def _headlines(best: Data, laws: Sequence[Data]) -> Iterator[Headline]:
 
 
 def tables(data: Data) -> list[Table]:
-    """Return leader board, parameters of the first laws, and the tests that would separate them."""
-    found = (_leader_board(data), _parameters(data), _proposals(data))
+    """Return leader board, equations, the first laws' parameters, and tests that would separate them."""
+    found = (_leader_board(data), _equations(data), _parameters(data), _proposals(data))
     return [table for table in found if table.rows]
 
 
@@ -168,7 +168,7 @@ def _leader_board(data: Data) -> Table:
     rows = tuple(_row(law) for law in ranked(data))
     heads = ("Rank", "Law", "Error of loss, cross-validated [%]", "Error of loss, hold-out [%]",
              "Error of final tension, mean [%]", "ΔBIC", "Nearer than the paper's law", "p against it",
-             "Free numbers", "dT/dt", "Source")  # fmt: skip
+             "Free numbers")  # fmt: skip
     note = (
         "Order: log density of whole courses of tension at preloads that the fit has not seen; of laws "
         "within one standard error of the best the one of most evidence goes first. Error of loss: 100 "
@@ -195,9 +195,15 @@ def _row(law: Data) -> tuple[str | Markup, ...]:
         _wins(law),
         trimmed(number(law.get("p_value_against_baseline"), 2)),
         number(law.get("free_numbers")),
-        rate(law.get("equation")),
-        _source(str(law.get("source") or "")),
     )
+
+
+def _equations(data: Data) -> Table:
+    rows = [
+        (number(law.get("rank")), rate(law.get("equation")), _source(str(law.get("source") or "")))
+        for law in ranked(data)
+    ]
+    return Table("Their equations, and what proposed them", ("Rank", "dT/dt", "Source"), tuple(rows))
 
 
 def _tied(name: str) -> str:
