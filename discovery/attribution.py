@@ -79,7 +79,7 @@ def _of_fault(
     fault: SensorFault, trace: Trace, part: SpectralRecord, linear: Linearised
 ) -> ComplexArray | None:
     quantity, _, body = fault.channel.partition("_")
-    seen = trace.measurement
+    seen = trace.seen()
     if body not in trace.bodies:
         return None
     place = trace.bodies.index(body)

@@ -112,7 +112,7 @@ def _tests(evidence: Evidence) -> Iterator[_Test]:
 
 def _imagined(trace: Trace, evidence: Evidence, factor: float) -> Trace | None:
     """The record as the model would have it, its force multiplied; None where the model diverges."""
-    seen = trace.measurement
+    seen = trace.seen()
     harder = replace(seen, force={body: factor * force for body, force in seen.force.items()})
     response = replay(evidence.baseline.model, harder).response
     if response.status != "ok":

@@ -33,6 +33,8 @@ class Trace:
 
     Attributes
     ----------
+    measurement : Measurement
+        In single precision, all that converters give: a campaign's traces are kept side by side.
     displacement, velocity : mapping of str to ndarray
         By body, shape (samples of the motion,) [m], [m/s]; every `stride`-th sample of the record, the first
         one that the spectra cover among them.
@@ -50,6 +52,10 @@ class Trace:
     tension: FloatArray
     level: float
     stride: int
+
+    def seen(self) -> Measurement:
+        """The measurement in double precision, to calculate with."""
+        return self.measurement.as_type(np.float64)
 
     @property
     def rate_hz(self) -> float:
@@ -108,9 +114,10 @@ def trace_records(
             progress(done, 2 * len(records))
     gammas = _own_gammas(baseline.model, measurements, campaign.settings.windows.final_s)
     traces = []
-    for done, (settings, measurement) in enumerate(zip(records, measurements, strict=True), 1):
+    measurements.reverse()
+    for done, settings in enumerate(records, 1):
         model = _with_gamma(baseline.model, gammas.get(settings.file))
-        run = replay(model, measurement)
+        run = replay(model, measurements.pop())  # not kept: beside the traces they would double the memory
         if run.response.status == "ok":
             traces.append(_traced(campaign, baseline, settings, run))
         if progress is not None:
@@ -131,8 +138,9 @@ def _traced(campaign: Campaign, baseline: Baseline, settings: RecordSettings, ru
     kept = slice(parts[0].samples[0] % stride, None, stride)
     displacement, velocity = {}, {}
     for body in bodies:
-        displacement[body], velocity[body] = (m[kept] for m in _motion_of(seen, run, body, corner))
-    return Trace(settings, seen, parts, displacement, velocity, tension[kept], level, stride)
+        displacement[body], velocity[body] = (m[kept].copy() for m in _motion_of(seen, run, body, corner))
+    stored = replace(seen.as_type(np.float32), link={})
+    return Trace(settings, stored, parts, displacement, velocity, tension[kept].copy(), level, stride)
 
 
 def _stride(parts: Sequence[SpectralRecord], rate_hz: float) -> int:

@@ -199,9 +199,7 @@ def _floors(campaign: Campaign, baseline: Baseline, traces: Sequence[Trace]) -> 
     """
     seconds = quiet_seconds([trace.measurement for trace in traces])
     quiet = [
-        before_hit(
-            t.measurement, campaign.settings, t.parts[0], baseline.values(t.parts[0], t.level), seconds
-        )
+        before_hit(t.seen(), campaign.settings, t.parts[0], baseline.values(t.parts[0], t.level), seconds)
         for t in traces
     ]
     floors = noise_floors(quiet)

@@ -7,8 +7,9 @@ the same `FilterChain` and the same tension windows before any difference is tak
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import fft, ndimage, signal
@@ -101,6 +102,19 @@ class Measurement:
             found = displacement(motion.kind, motion.samples, self.rate_hz, self.chain)
             self._displacements[body] = found
         return self._displacements[body]
+
+    def as_type(self, kind: type[np.floating[Any]]) -> Measurement:
+        """The same with samples of forces, motion and tension in another precision."""
+        tension = self.tension
+        if tension is not None:
+            slow = tension.non_oscillatory.astype(kind)
+            tension = replace(tension, samples=tension.samples.astype(kind), non_oscillatory=slow)
+        return replace(
+            self,
+            force={body: samples.astype(kind) for body, samples in self.force.items()},
+            motion={body: Motion(m.kind, m.samples.astype(kind)) for body, m in self.motion.items()},
+            tension=tension,
+        )
 
     def __getstate__(self) -> dict[str, object]:
         kept = {name: value for name, value in self.__dict__.items() if name != "applied_force"}

@@ -127,3 +127,26 @@ def test_strain_becomes_tension_and_needs_a_calibration() -> None:
     assert found.slope == pytest.approx(2020.0)
     with pytest.raises(ValueError, match=r"a\.h5: strain needs bolt\.calibration"):
         process(record(**channels), settings())
+
+
+def test_single_precision_halves_a_measurement_and_keeps_its_numbers() -> None:
+    rng = np.random.default_rng(4)
+    raw = record(
+        force_m=(pulse(1600.0, SAMPLES, RATE_HZ, 0.4), RATE_HZ),
+        acceleration_m=(rng.normal(size=SAMPLES), RATE_HZ),
+        tension=(300.0 + rng.normal(size=SAMPLES // 4), RATE_HZ / 4),
+    )
+    found = process(raw, settings())
+    short = found.as_type(np.float32)
+    assert short.tension is not None
+    assert found.tension is not None
+    for one in (short.force["m"], short.motion["m"].samples, short.tension.samples):
+        assert one.dtype == np.float32
+    again = short.as_type(np.float64)
+    assert again.motion["m"].samples.dtype == np.float64
+    assert again.motion["m"].samples == pytest.approx(found.motion["m"].samples, rel=1e-7)
+    assert (short.tension.initial, short.chain, short.rate_hz) == (
+        found.tension.initial,
+        found.chain,
+        RATE_HZ,
+    )
