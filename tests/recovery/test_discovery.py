@@ -148,14 +148,14 @@ def test_the_form(law: str, shared: Shared) -> None:
     """Ten seeds: in nine the true form is the first one, driven as the truth and nearer than the paper's law.
 
     Of hits whose velocities peak at 62, 50 and 37 mm/s a threshold of 30 mm/s is told; one of 20 mm/s is at
-    least among those named as not told from the first: a steep power does nearly as well, and where that is
-    the first one its slopes over the velocity are its own.
+    least among those named as not told from the first: a steep power does nearly as well. Slopes over the
+    velocity, which a small step of a threshold changes by much, are not judged there.
     Constant gamma with the fourth power is a special case of the paper's law: nothing is called better.
     """
     trials = trials_of(shared, law)
     named = ("true", "listed") if law == "threshold" else ("true",)
     assert sum(trial.form in named for trial in trials) >= 9, trials
-    assert law == "threshold" or sum(trial.motion for trial in trials) >= 9, trials
+    assert law.startswith("threshold") or sum(trial.motion for trial in trials) >= 9, trials
     assert np.median([trial.winner_error / trial.truth_error for trial in trials]) <= 1.1, trials
     if law == "constant-quartic":
         assert all(trial.smallest_p >= SURE for trial in trials), trials
