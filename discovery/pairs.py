@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy import stats
 
 from discovery.fitting import Fit, log_predictive, predict
 from discovery.motion import Frozen
-from discovery.validation import Index, paired, preload_groups
+from discovery.validation import Index, beyond_chance, paired, preload_groups
 from rom.channels import FloatArray
 
-_LEVEL = 0.95
 _STEP = 1e-4  # of ln rate
 _CLEAR = float(np.log(20.0))  # smallest sum of log scores that counts as evidence
 
@@ -97,7 +95,7 @@ def _pair(a: Fit, b: Fit, frozen: Frozen, scores: Mapping[str, FloatArray], grou
     total, error = paired(scores[a.candidate.name], scores[b.candidate.name], groups)
     if total < 0:
         a, b, total = b, a, -total
-    chance = float(stats.t.ppf(0.5 + _LEVEL / 2, max(int(groups.max()), 1))) * error
+    chance = beyond_chance(int(groups.max()) + 1) * error
     apart = separation(a, b, frozen)
     told = total > max(chance, _CLEAR) and apart > _CLEAR
     return Pair(a.candidate.name, b.candidate.name, total, error, apart, told)

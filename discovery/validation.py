@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy import stats
 from sklearn.model_selection import GroupKFold
 
 from discovery.fitting import Fit, fit, fit_losses, log_predictive, predict
@@ -219,19 +220,22 @@ def evidence(fitted: Fit, frozen: Frozen, spread: float = 1.0) -> FloatArray:
     return np.asarray(-0.5 * (deviance / spread + price))
 
 
+def beyond_chance(groups: int) -> float:
+    """Standard errors that a mean over groups lies from zero by chance in one case of twenty."""
+    return float(stats.t.ppf(0.975, max(groups - 1, 1)))
+
+
 def order(
     scores: FloatArray, worth: FloatArray, complexity: Sequence[tuple[int, int]], groups: Index
 ) -> list[int]:
     """Laws from first to last, by (laws, cases) of cross-validated scores and of `evidence`.
 
     The best in cross-validation is the law that no other leads by bounded differences of the scores, or that
-    is led by least where each is led. What is within one paired standard error of it (L. Breiman et al.,
-    Classification and Regression Trees, 1984, Section 3.4.3), or behind by odds of less than 20 to 1,
-    cross-validation does not tell from it: of these the evidence decides, which knows a law's price in
-    numbers and is far sharper, differences bounded as well. `complexity` is a law's count of free numbers and
-    the length of its equation: of laws of as many numbers whose evidence is within odds of 20 to 1 of the
-    most, the shortest goes first. Laws that cross-validation does tell from the best follow as they are
-    behind.
+    is led by least where each is led. A law that is not behind it beyond chance, from preload to preload at
+    95 %, or by odds of less than 20 to 1, is not told from it. Of these the evidence decides, which knows a
+    law's price in numbers and is far sharper, differences bounded as well; of laws of as many numbers within
+    odds of 20 to 1 of the most evidence, the shortest goes first. The others follow as they are behind.
+    `complexity` is a law's count of free numbers and the length of its equation.
     """
     return _ordered(*_compared(scores, worth, groups), np.asarray(complexity))
 
@@ -251,7 +255,8 @@ def _ordered(
     leads = pairs.sum(axis=-1)
     best = max(range(len(totals)), key=lambda k: (leads[k].min(), totals[k]))
     lead, behind = leads[best], worth[best].sum(axis=-1)
-    equal = lead <= np.maximum(np.sqrt(sums.shape[1]) * pairs[best].std(axis=1, ddof=1), _WORTH)
+    error = np.sqrt(sums.shape[1]) * pairs[best].std(axis=1, ddof=1)
+    equal = lead <= np.maximum(beyond_chance(sums.shape[1]) * error, _WORTH)
     equal[best] = True
     numbers, lengths = complexity.T
     most = min(np.flatnonzero(equal), key=lambda k: behind[k])

@@ -170,10 +170,10 @@ def _leader_board(data: Data) -> Table:
              "Error of final tension, mean [%]", "ΔBIC", "Nearer than the paper's law", "p against it",
              "Free numbers")  # fmt: skip
     note = (
-        "Order: log density of whole courses of tension at preloads that the fit has not seen; of laws "
-        "within one standard error of the best the one of most evidence goes first. Error of loss: 100 "
-        "|simulated − measured loss| / |measured loss|, median over records; cross-validated: with numbers "
-        "fitted to the other preloads. Error of final tension: the paper's measure, on the records fitted. "
+        "Order: log density of whole courses of tension at preloads that the fit has not seen; of laws that "
+        "it does not tell from the best the one of most evidence goes first. Error of loss: 100 |simulated − "
+        "measured loss| / |measured loss|, median over records; cross-validated: with numbers fitted to the "
+        "other preloads. Error of final tension: the paper's measure, on the records fitted. "
         "ΔBIC: difference of the Bayesian information criterion to the first law. p: chance that the best "
         "of so many laws would look as much better than the paper's if none were better."
     )
