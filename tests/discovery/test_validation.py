@@ -102,6 +102,16 @@ def test_evidence_decides_among_laws_that_cross_validation_does_not_tell_apart()
     assert validation.order(of_three, of_all, [(1, 9), (3, 9), (2, 9)], GROUPS) == [2, 1, 0]
 
 
+@pytest.mark.parametrize(("errors", "first"), [(1.6, 1), (2.6, 0)])
+def test_a_lead_counts_where_it_is_beyond_chance(errors: float, first: int) -> None:
+    swing = np.repeat(np.tile([1.0, -1.0], 8), 3) / 3
+    lead = errors * 4 * swing.reshape(16, 3).sum(axis=1).std(ddof=1)
+    rich = np.zeros(48) + swing + lead / 48
+    worth = np.stack([np.zeros(48), np.full(48, 0.2)])
+    assert lead > 5  # odds far beyond 20 to 1
+    assert validation.order(np.stack([rich, np.zeros(48)]), worth, [(9, 20), (3, 9)], GROUPS)[0] == first
+
+
 def test_of_laws_of_as_many_numbers_and_nearly_the_same_evidence_the_shortest_goes_first() -> None:
     scores = np.random.default_rng(0).standard_normal(48) + np.zeros((3, 1))
     worth = np.stack([np.full(48, 2.0 / 48), np.zeros(48), np.full(48, 1.0 / 48)])
