@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rom.channels import FloatArray
 from rom.effects import Added
+from rom.laws import Parameter
 
 Costs = Mapping[str, float]  # -2 log likelihood, or whitened squares, by record
 
@@ -32,6 +33,8 @@ class Explanation:
         Of the effect alone.
     at_bound : tuple of str
         Parameters that ended at an end of their range.
+    beside : mapping of str to Parameter
+        Numbers of the tension law that were fitted with the effect; none where the law is not at stake.
     """
 
     effect: Added
@@ -41,6 +44,7 @@ class Explanation:
     hold_out: frozenset[str]
     free_numbers: int
     at_bound: tuple[str, ...] = ()
+    beside: Mapping[str, Parameter] = field(default_factory=dict)
 
     def gains(self, *, hold_out: bool) -> FloatArray:
         """Cost taken away from each record of a kind, (records,)."""

@@ -70,7 +70,7 @@ def _linear(data: Data, effect: Added, rows: Sequence[Projected], place: slice) 
         values[name] = float(np.clip(value * least[name], low, high))
         errors[name] = float(spread * least[name])
     told = limited(effect.with_values(**values), errors)
-    return told, np.array(gains), at_bounds(told)
+    return Gained(told, np.array(gains), at_bounds(told))
 
 
 def _altered(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, FloatArray]:
@@ -89,7 +89,7 @@ def _altered(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, F
     bend = -np.gradient(np.gradient(total, grid), grid)[best]
     told = limited(faults[best], {name: float(np.sqrt(2 / max(bend, 1e-300)))})
     before = np.array([float(row.seen @ row.seen) for row in rows])
-    return (told, gains[:, best], at_bounds(told)), before
+    return Gained(told, gains[:, best], at_bounds(told)), before
 
 
 def _line(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, FloatArray]:
@@ -118,7 +118,7 @@ def _line(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, Floa
     mean = np.array(coefficients)[: data.training, best].mean(axis=0)
     values = dict(zip(own, mean.tolist(), strict=True))
     found = effect.with_values(**values, **{inner: float(grid[best])})
-    return (found, table[:, best], ()), np.array(before)
+    return Gained(found, table[:, best]), np.array(before)
 
 
 def _measured_motion(seen: Seen) -> Motion:

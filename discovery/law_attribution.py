@@ -6,7 +6,7 @@ baseline is; the best few are corrected by full re-simulation of their own (`dis
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -22,9 +22,10 @@ from discovery.law_likelihood import (
 )
 from discovery.likelihood import State
 from discovery.motion import Frozen
-from discovery.tension_data import Data, Gained, Pair, at_bounds, limited
+from discovery.tension_data import Data, Gained, Pair, at_bounds, limited, limited_number
 from rom.channels import FloatArray
 from rom.effects import CATALOGUE, Added, Member
+from rom.laws import Parameter
 from rom.own_numbers import own_names
 
 _REFINED = 5
@@ -161,13 +162,16 @@ class LawSearch:
 
     def _gained(self, effect: Added, slow: Slow, base: Slow) -> Gained:
         if slow.training > base.training:  # as the full simulation has it, the law alone does better
-            return _silent(effect), np.zeros_like(base.costs), ()
-        names, numbers = names_of(effect), slow.candidate.parameters
-        error = np.sqrt(np.maximum(np.diag(slow.problem.covariance(slow.state)), 0.0))
-        errors = dict(zip(slow.candidate.free, error, strict=True))
+            return Gained(_silent(effect), np.zeros_like(base.costs))
+        names, numbers, errors = names_of(effect), slow.candidate.parameters, _errors(slow)
         found = effect.with_values(**{name: numbers[path].value for name, path in names.items()})
         told = limited(found, {name: float(errors[path]) for name, path in names.items()})
-        return told, base.costs - slow.costs, at_bounds(told)
+        return Gained(told, base.costs - slow.costs, at_bounds(told), self._beside(slow, errors))
+
+    def _beside(self, slow: Slow, errors: Mapping[str, float]) -> dict[str, Parameter]:
+        """Numbers of the model's own law as the fit has them."""
+        numbers = slow.candidate.parameters
+        return {name: limited_number(numbers[name], errors.get(name, 0.0)) for name in self.free}
 
     def _drift(self, effect: Added, base: Slow) -> Gained:
         """A reading of its own size in every record: a part of the courses' noise, its size unknown."""
@@ -180,7 +184,13 @@ class LawSearch:
         (name,) = own_names(effect)
         low, high = effect.parameters[name].bounds
         typical = effect.with_values(**{name: float(np.clip(self.drift, low, high))})
-        return typical, base.costs - slow.costs, ()
+        return Gained(typical, base.costs - slow.costs, (), self._beside(slow, _errors(slow)))
+
+
+def _errors(slow: Slow) -> dict[str, float]:
+    """Standard errors of all free numbers of a fit."""
+    found = np.sqrt(np.maximum(np.diag(slow.problem.covariance(slow.state)), 0.0))
+    return dict(zip(slow.candidate.free, found.tolist(), strict=True))
 
 
 def _starts(member: Member, effect: Added) -> list[dict[str, float]]:

@@ -9,19 +9,32 @@ from joblib import Parallel, delayed
 from scipy import stats
 
 from discovery.acceptance import ALIKE, MATERIAL, is_alike, is_sure, matters, merit, spread_of
-from discovery.attribution import Probe, explain, explanation, motion_channels, output_of, screen
+from discovery.attribution import Probe, explain, explanation, motion_channels, screen
 from discovery.closure import Closure, FoundEffect, LookAlike, Screened, Step, Verdict
 from discovery.explanation import Explanation
 from discovery.free_form import free_forms
 from discovery.localisation import localise
 from discovery.separating import separating_tests
-from discovery.state import Stages, State, refitted, set_aside, settled, silent, with_effects
+from discovery.state import (
+    Stages,
+    State,
+    approached,
+    cost,
+    level,
+    refitted,
+    set_aside,
+    settled,
+    silent,
+    with_effects,
+    with_law,
+)
 from discovery.tension_attribution import explain_tension
 from discovery.tracing import Evidence, gather, starting, weigh
 from rom.campaign import Campaign
-from rom.effects import CATALOGUE, Added, Effect, candidates, look_alikes
+from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, candidates, look_alikes
 from rom.flexures import unlikely
-from rom.identification import Identification, identify_campaign
+from rom.identification import Identification, identify_campaign, reidentified
+from rom.spectra import SpectralRecord
 
 MOST_EFFECTS = 3
 _FITTED = 5  # of the screened effects
@@ -116,8 +129,8 @@ class _Loop:
         evidence = gather(self.campaign, baseline, set_aside(self.found), progress=self.stage("tracing"))
         return self._settled(refitted(evidence))
 
-    def _settled(self, evidence: Evidence) -> State:
-        return settled(self.campaign, self.found, evidence, self.jobs, self.stage)
+    def _settled(self, evidence: Evidence, *, learned: bool = False) -> State:
+        return settled(self.campaign, self.found, evidence, self.jobs, self.stage, learned=learned)
 
     def in_motion(self, state: State, given: _Chosen | None = None) -> _Path:
         """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
@@ -128,12 +141,33 @@ class _Loop:
                 evidence = path.states[-1].evidence
                 probes = screen(evidence, self.jobs, self.stage("screening effects"))
                 path = replace(path, screened=path.screened or _screened(probes, evidence))
-                one = _chosen(self._explained(probes, evidence))
-            after = None if one is None else self.adopt(path.states[-1], one)
-            if one is None or after is None or not matters(path.states[-1].errors, after.errors):
+                pairs = self._adopted(path.states[-1], self._explained(probes, evidence))
+            else:
+                pairs = [(one, self.adopt(path.states[-1], one))]
+            if not pairs or not matters(path.states[-1].errors, pairs[0][1].errors):
                 break
-            path = self._without_needless(path.longer(one, after))
+            path = self._without_needless(path.longer(*pairs[0]))
         return path
+
+    def _adopted(self, state: State, explained: Sequence[Explanation]) -> list[tuple[_Chosen, State]]:
+        """Add what explains most, and the state that it leads to, what leaves least first.
+
+        Far from the plant held-out costs, told by straight lines in the model's numbers, may be wrong: what
+        suits the training records better than all others is then tried too, and judged where its fit ends.
+        """
+        one = _chosen(explained)
+        pairs = [] if one is None else [(one, self.adopt(state, one))]
+        first = max(explained, key=lambda e: float(e.gains(hold_out=False).sum()), default=None)
+        if first is not None and (one is None or first is not one.best) and is_sure(_of_training(first)):
+            after = self.adopt(state, _Chosen(first, ()))
+            fitted = replace(
+                first,
+                before=state.evidence.costs(state.evidence.residual),
+                after=after.evidence.costs(after.evidence.residual),
+            )
+            if is_sure(fitted):
+                pairs.append((_Chosen(fitted, ()), after))
+        return sorted(pairs, key=lambda pair: sum(pair[1].evidence.costs(pair[1].evidence.residual).values()))
 
     def in_tension(self, path: _Path) -> _Path:
         """Add effects in the tension and its gauge, which hardly show in the motion, until none helps."""
@@ -189,17 +223,34 @@ class _Loop:
 
     def adopt(self, state: State, chosen: _Chosen) -> State:
         """Add an effect, trace all records anew and refit everything together."""
-        effect = chosen.best.effect
-        baseline = state.evidence.baseline
-        if isinstance(effect, Effect):
-            rows = state.evidence.residual - output_of(effect, state.evidence)
-            baseline = baseline.moved(state.evidence.steps(rows))
-        model = effect.added_to(baseline.model)
-        evidence = gather(
-            self.campaign, replace(baseline, model=model), set_aside(self.found), state.evidence.floors,
-            self.stage("tracing"),
-        )  # fmt: skip
-        return self._settled(refitted(evidence))
+        effect, near = chosen.best.effect, state.evidence.baseline
+        if isinstance(effect, LawChange | Reading):  # the motion does not see it
+            beside = replace(near, model=effect.added_to(with_law(state.model, chosen.best.beside)))
+            evidence = replace(state.evidence, baseline=beside)
+        else:
+            moved = approached(state.evidence, effect) if isinstance(effect, Effect) else near
+            beside, floors = replace(moved, model=effect.added_to(moved.model)), state.evidence.floors
+            aside, tell = set_aside(self.found), self.stage("tracing")
+            evidence = self._fitted(gather(self.campaign, beside, aside, floors, tell))
+        return self._settled(evidence, learned=bool(chosen.best.beside))
+
+    def _fitted(self, evidence: Evidence) -> Evidence:
+        """Fit all numbers together; where more than noise is left, also from a start that forgets them.
+
+        A model that lacked the effect may have been far from its plant, where steps do not lead back.
+        """
+        after = refitted(evidence)
+        if level(after) <= _QUIET:
+            return after
+        records: dict[str, list[SpectralRecord]] = {}
+        for trace, part, _ in after.parts:
+            if not trace.settings.hold_out:
+                records.setdefault(trace.settings.file, []).append(part)
+        near = after.baseline.model
+        anew = reidentified(self.found, [tuple(parts) for parts in records.values()], self.campaign.settings)
+        model = replace(anew, effects=near.effects, identification=None)
+        other = refitted(weigh(after.traces, replace(after.baseline, model=model), after.floors))
+        return min(after, other, key=cost)
 
 
 def _chosen(explanations: Sequence[Explanation]) -> _Chosen | None:
@@ -210,6 +261,14 @@ def _chosen(explanations: Sequence[Explanation]) -> _Chosen | None:
     best = max(sure, key=merit)
     rivals = [one for one in explanations if one is not best and is_alike(one, best)]
     return _Chosen(best, tuple(sorted(rivals, key=lambda one: -merit(one))))
+
+
+def _of_training(one: Explanation) -> Explanation:
+    """The explanation without what it says of held-out records."""
+    kept = [file for file in one.before if file not in one.hold_out]
+    return replace(
+        one, before={file: one.before[file] for file in kept}, after={file: one.after[file] for file in kept}
+    )
 
 
 def _worth_fitting(probes: Sequence[Sequence[Probe]], evidence: Evidence) -> list[Sequence[Probe]]:

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discovery.attribution import free_numbers, slopes_of
-from discovery.baseline import effect_number, size_of
+from discovery.attribution import free_numbers, output_of, slopes_of
+from discovery.baseline import Baseline, effect_number, size_of
 from discovery.closure import ErrorsByKind
 from discovery.tracing import Evidence, weigh
 from rom.campaign import Campaign
 from rom.comparison import judge
 from rom.effects import CATALOGUE, Effect
 from rom.identification import Identification, relearned
+from rom.laws import Parameter
 from rom.model import Model
 from rom.reduction import Progress
 from rom.residuals import summarise
 
 Stages = Callable[[str], Progress | None]
-_REFITS, _SHARES, _SETTLED = 5, (1.0, 0.3, 0.1), 1e-4
+_REFITS, _DAMPINGS, _SETTLED = 5, (0.0, 1e-4, 1e-2, 1.0), 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,13 @@ def set_aside(found: Identification) -> frozenset[str]:
 
 
 def settled(
-    campaign: Campaign, found: Identification, evidence: Evidence, jobs: int = 1, stage: Stages = silent
+    campaign: Campaign,
+    found: Identification,
+    evidence: Evidence,
+    jobs: int = 1,
+    stage: Stages = silent,
+    *,
+    learned: bool = False,
 ) -> State:
     """Learn the tension law anew beside a model's other numbers, and tell the errors.
 
@@ -67,8 +74,11 @@ def settled(
         Processes.
     stage : callable
         As for `discovery.close_loop`.
+    learned : bool
+        Whether the model's tension law is one already that belongs to its other numbers.
     """
-    anew = relearned(found, evidence.baseline.model)
+    model = evidence.baseline.model
+    anew = replace(found, model=model) if learned else relearned(found, model)
     model = replace(anew.model, identification=None)
     aside = set_aside(found)
     records = [r for r in campaign.settings.record if r.file not in aside]
@@ -84,16 +94,14 @@ def settled(
 def refitted(evidence: Evidence) -> Evidence:
     """Gauss-Newton steps in all numbers of a model, those of its effects among them, on training records.
 
-    Shorter ones where a whole one does not lower the cost, none where that does not help either.
+    Damped ones where a free one does not lower the cost, none where that does not help either.
     """
     for _ in range(_REFITS):
         beside = with_effects(evidence)
-        steps = beside.steps(beside.residual)
         trials = (
-            weigh(evidence.traces, evidence.baseline.moved({n: share * step for n, step in steps.items()}),
-                  evidence.floors)
-            for share in _SHARES
-        )  # fmt: skip
+            weigh(evidence.traces, evidence.baseline.moved(beside.steps(beside.residual, d)), evidence.floors)
+            for d in _DAMPINGS
+        )
         better = next((one for one in trials if cost(one) < cost(evidence)), None)
         if better is None:
             return beside
@@ -102,6 +110,29 @@ def refitted(evidence: Evidence) -> Evidence:
         if done:
             break
     return with_effects(evidence)
+
+
+def approached(evidence: Evidence, effect: Effect) -> Baseline:
+    """Return the baseline with numbers that suit training records beside an effect, as far as slopes tell."""
+    rows = evidence.residual - output_of(effect, evidence)
+    here = float(np.sum(rows[evidence.training] ** 2))
+    for damping in _DAMPINGS:
+        moved = evidence.baseline.moved(evidence.steps(rows, damping))
+        beside = replace(moved, model=effect.added_to(moved.model))
+        if cost(weigh(evidence.traces, beside, evidence.floors)) < here:
+            return moved
+    return evidence.baseline
+
+
+def with_law(model: Model, numbers: Mapping[str, Parameter]) -> Model:
+    """Return the model with other numbers in its tension law."""
+    if not numbers:
+        return model
+    link = model.structure.bolted_links[0]
+    law = model.link_laws[link].tension_rate
+    assert law is not None
+    laws = replace(model.link_laws[link], tension_rate=replace(law, parameters={**law.parameters, **numbers}))
+    return replace(model, link_laws={**model.link_laws, link: laws})
 
 
 def cost(evidence: Evidence) -> float:

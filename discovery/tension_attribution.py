@@ -109,15 +109,16 @@ def _explanations(data: Data, gained: Sequence[Gained], before: FloatArray) -> t
     count = data.frozen.change.shape[1] + _FAST
     found = [
         Explanation(
-            effect,
+            one.effect,
             dict(zip(files, before.tolist(), strict=True)),
-            dict(zip(files, (before - gains).tolist(), strict=True)),
+            dict(zip(files, (before - one.gains).tolist(), strict=True)),
             dict.fromkeys(files, count),
             frozenset(files[training:]),
-            len(effect.parameters) - len(own_names(effect)),
-            at_bound,
+            len(one.effect.parameters) - len(own_names(one.effect)),
+            one.at_bound,
+            one.beside,
         )
-        for effect, gains, at_bound in gained
+        for one in gained
     ]
     return tuple(sorted(found, key=lambda e: -float(e.gains(hold_out=False).sum())))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,10 +11,10 @@ from discovery.motion import Frozen
 from discovery.tension_rows import Seen
 from rom.channels import FloatArray
 from rom.effects import Added, Member
+from rom.laws import Parameter
 from rom.model import Model
 
 Pair = tuple[Member, Added]
-Gained = tuple[Added, FloatArray, tuple[str, ...]]  # effect, cost taken from each record, numbers at a bound
 _Z95 = 1.959964
 _AT_BOUND = 1e-6  # of a range
 
@@ -45,17 +45,32 @@ class Data:
         return whole.subset(range(*ends))
 
 
+@dataclass(frozen=True, eq=False)
+class Gained:
+    """An effect, the cost that it takes from each record, and its numbers that are at a bound.
+
+    `beside` holds the numbers of the tension law that were fitted with it, where any were.
+    """
+
+    effect: Added
+    gains: FloatArray
+    at_bound: tuple[str, ...] = ()
+    beside: Mapping[str, Parameter] = field(default_factory=dict)
+
+
 def limited(effect: Added, errors: Mapping[str, float]) -> Added:
     """The effect with 95 % limits, within the ranges."""
-    parameters = {}
-    for name, number in effect.parameters.items():
-        low, high = number.bounds
-        half = _Z95 * errors.get(name, 0.0)
-        if half > 0 and np.isfinite(half):
-            ends = (max(number.value - half, low), min(number.value + half, high))
-            number = replace(number, low=ends[0], high=ends[1])
-        parameters[name] = number
-    return replace(effect, parameters=parameters)
+    numbers = effect.parameters.items()
+    return replace(effect, parameters={name: limited_number(p, errors.get(name, 0.0)) for name, p in numbers})
+
+
+def limited_number(number: Parameter, error: float) -> Parameter:
+    """The number with 95 % limits from its standard error, within its range; none where no error is known."""
+    low, high = number.bounds
+    half = _Z95 * error
+    if not (half > 0 and np.isfinite(half)):
+        return replace(number, low=None, high=None)
+    return replace(number, low=max(number.value - half, low), high=min(number.value + half, high))
 
 
 def at_bounds(effect: Added) -> tuple[str, ...]:

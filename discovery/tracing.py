@@ -86,19 +86,21 @@ class Evidence:
     @cached_property
     def _basis(self) -> FloatArray:
         """Orthonormal basis of the slopes on training rows, and on those of the ties."""
-        return _orthonormal(np.concatenate([self._scaled[self.training], self._tied[0]]))
+        return _orthonormal(self._stacked[0])
 
     @cached_property
-    def _size(self) -> FloatArray:
-        return np.asarray(np.maximum(np.linalg.norm(self.jacobian, axis=0), 1e-300))
+    def _stacked(self) -> tuple[FloatArray, FloatArray]:
+        """Slopes on training rows and, below, of the ties, by numbers in units that make them one; the units.
 
-    @cached_property
-    def _scaled(self) -> FloatArray:
-        return np.asarray(self.jacobian / self._size)
+        A number that only a tie knows, its record being left out, counts like all others.
+        """
+        stacked = np.concatenate([self.jacobian[self.training], self._tied[0]])
+        unit = np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
+        return stacked / unit, unit
 
     @cached_property
     def _tied(self) -> tuple[FloatArray, FloatArray]:
-        """Slopes of the ties by the scaled numbers, and what is missing to them; none at the noise floor.
+        """Slopes of the ties by the numbers, and what is missing to them; none at the noise floor.
 
         Misfit does not average out as noise does: a tie weighs as much as the share of it that may look like
         a change of the model's numbers.
@@ -107,13 +109,14 @@ class Evidence:
         ties = [tie for tie in self.baseline.ties if tie.factors.keys() <= values.keys()]
         mine = self.residual[self.training]
         if ties:
-            basis = _orthonormal(self._scaled[self.training])
+            slopes = self.jacobian[self.training]
+            basis = _orthonormal(slopes / np.maximum(np.linalg.norm(slopes, axis=0), 1e-300))
             beyond = float(np.sum((mine - basis @ (basis.T @ mine)) ** 2)) - _QUIET * len(mine)
         if not ties or beyond <= 0:
             return np.zeros((0, len(self.names))), np.zeros(0)
         rows = np.array([[tie.factors.get(name, 0.0) / tie.error for name in self.names] for tie in ties])
         weight = np.sqrt(ALIGNED * beyond)
-        return weight * rows / self._size, weight * np.array([tie.offset(values) for tie in ties])
+        return weight * rows, weight * np.array([tie.offset(values) for tie in ties])
 
     def beyond(self, rows: FloatArray) -> FloatArray:
         """What of rows, (rows,) or (rows, n), the model's numbers cannot explain; training rows.
@@ -124,12 +127,17 @@ class Evidence:
         mine = np.concatenate([mine, np.zeros((len(self._tied[0]), *mine.shape[1:]))])
         return np.asarray(mine - self._basis @ (self._basis.T @ mine))
 
-    def steps(self, rows: FloatArray) -> dict[str, float]:
-        """Changes of the model's numbers that suit training rows best, and their ties."""
-        slopes, missing = self._tied
-        matrix = np.concatenate([self._scaled[self.training], slopes])
-        right = np.concatenate([rows[self.training], missing])
-        found = np.linalg.lstsq(matrix, right, rcond=1e-9)[0] / self._size
+    def steps(self, rows: FloatArray, damping: float = 0.0) -> dict[str, float]:
+        """Changes of the model's numbers that suit training rows best, and their ties.
+
+        Damped ones are shorter where rows tell little: by ``damping`` of the square of a number's slopes.
+        """
+        matrix, unit = self._stacked
+        right = np.concatenate([rows[self.training], self._tied[1]])
+        if damping:
+            matrix = np.concatenate([matrix, np.sqrt(damping) * np.eye(len(unit))])
+            right = np.concatenate([right, np.zeros(len(unit))])
+        found = np.linalg.lstsq(matrix, right, rcond=1e-9)[0] / unit
         return dict(zip(self.names, found.tolist(), strict=True))
 
     def left_over(self, rows: FloatArray) -> FloatArray:

@@ -283,6 +283,40 @@ def relearned(found: Identification, model: Model) -> Identification:
     return _with_loosening(moved, cases, found.courses[0].final_window)
 
 
+def reidentified(
+    found: Identification, records: Sequence[tuple[SpectralRecord, ...]], settings: CampaignSettings
+) -> Model:
+    """Return the model with its linear links and joint curves fitted anew, started from the records alone.
+
+    Parameters
+    ----------
+    found : Identification
+        For its ties, for the tension of every joint, and for all that is not fitted here.
+    records : sequence of tuple of SpectralRecord
+        Parts of every record; their forces may hold more than was measured, such as those of an effect.
+    settings : CampaignSettings
+        The campaign's.
+    """
+    assert found.linear is not None
+    parts = with_starts(records, settings)
+    linear = fit_near(parts, found.linear.ties)
+    files = {part.file for part in parts}
+    joint = [estimate for estimate in found.joint if estimate.file in files]
+    curves = joint_curves(joint, linear, settings)
+    laws, alone = dict(found.model.link_laws), dict(found.model.uncoupled_laws)
+    for link in settings.link:
+        if settings.bolt is not None and link.name == settings.bolt.link:
+            fitted = bolted_laws(link, curves, ())
+            if fitted is not None:
+                laws[link.name] = replace(fitted, tension_rate=laws[link.name].tension_rate)
+        elif link.law != "bolted":
+            laws[link.name] = linear_laws(link, linear, (), bolted_in=True) or laws[link.name]
+            if link.name in alone:
+                alone[link.name] = linear_laws(link, linear, (), bolted_in=False) or alone[link.name]
+    structure = replace(found.model.structure, bodies=_bodies(settings, linear)[0])
+    return replace(found.model, structure=structure, link_laws=laws, uncoupled_laws=alone)
+
+
 def _without_loosening(found: Identification) -> Identification:
     """Return the model of a bolt that no test loosened: dT/dt = 0, or one negative gamma near one tension."""
     told = [g.gamma for g in found.gamma if g.gamma < 0 and not g.at_bound and g.log_error < UNDETERMINED]
