@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from pathlib import Path
 
-from experiments.datasets.collected import optional
+from experiments.datasets.collected import SourceError, optional
 from experiments.datasets.signals import Signal
 
 ENDINGS = (".tdms",)
@@ -17,9 +18,13 @@ def read(path: Path) -> list[Signal]:
     Raises
     ------
     SourceError
-        If nptdms is not installed.
+        If the file is cut short, or nptdms is not installed.
     """
-    file = optional("nptdms", "tdms").TdmsFile.read(str(path))
+    nptdms = optional("nptdms", "tdms")
+    nptdms.log.log_manager.set_level(logging.ERROR)  # it would tell of what is refused here
+    file = nptdms.TdmsFile.read(str(path))
+    if file.file_status.incomplete_final_segment:
+        raise SourceError(f"{path.name}: found a last segment that is cut short, expected a whole file")
     channels = [channel for group in file.groups() for channel in group.channels() if len(channel)]
     shared = Counter(channel.name for channel in channels)
     signals = []

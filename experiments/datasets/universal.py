@@ -11,6 +11,7 @@ from experiments.datasets.collected import SourceError, optional
 from experiments.datasets.signals import Signal
 
 ENDINGS = (".uff", ".unv", ".uf", ".u58")
+_END = b"-1"  # closes every data set; one that is not closed would pass unseen
 _TIME, _SI = 17, 1  # codes of the abscissa's kind and, in data set 164, of the units
 _SI_UNITS = {8: "m", 9: "N", 11: "m/s", 12: "m/s2", 13: "N"}  # by the ordinate's kind
 _DIRECTIONS = {1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
@@ -24,8 +25,10 @@ def read(path: Path) -> list[Signal]:
     Raises
     ------
     SourceError
-        If a function is not evenly spaced, or pyuff is not installed.
+        If the file is cut short, a function is not evenly spaced, or pyuff is not installed.
     """
+    if not path.read_bytes().rstrip().endswith(_END):
+        raise SourceError(f"{path.name}: found no -1 at its end, expected a whole universal file")
     file = optional("pyuff", "uff").UFF(str(path))
     kinds = list(file.get_set_types())
     sets = [file.read_sets(number) for number, kind in enumerate(kinds) if kind in (58, 164)]
@@ -42,6 +45,9 @@ def _signal(path: Path, function: Mapping[str, Any], in_si: bool, shared: bool) 
     step = float(function["abscissa_inc"])
     if function["abscissa_spacing"] != 1 or step <= 0:
         raise SourceError(f"{path.name}: {name}: found uneven times, expected an evenly spaced function")
+    if len(function["data"]) != function["num_pts"]:
+        found, expected = len(function["data"]), function["num_pts"]
+        raise SourceError(f"{path.name}: {name}: found {found} samples, expected {expected} as in its header")
     unit = _text(function.get("ordinate_axis_units_lab"))
     if not unit and in_si:
         unit = _SI_UNITS.get(function.get("ordinate_spec_data_type", 0), "")
