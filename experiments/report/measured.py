@@ -70,8 +70,8 @@ def page(references: Mapping[str, Data]) -> str:
     parts = [
         "# Measured data of others",
         "Data that this project did not make, each with an effect that a simple model lacks. The simple "
-        "model is declared, `boltlaw close` says what it lacks. Every number below is in `docs/measured/`; the "
-        "commands of a section make it anew, and this page is written by "
+        "model is declared, `boltlaw close` says what it lacks. Every number below is in `docs/measured/`; "
+        "the commands of a section make it anew, and this page is written by "
         "`python -m experiments.studies.measured`.",
         overview(references),
         *(section(name, references[name]) for name in SETS if name in references),

@@ -1,7 +1,7 @@
 """Write docs/measured.md: what `boltlaw close` finds in measured data of others.
 
-`python -m experiments.studies.measured` writes the page from the references in docs/measured/. With SET=RESULTS
-it first takes the results of `boltlaw close` in the folder RESULTS as the reference of that set.
+`python -m experiments.studies.measured` writes the page from the references in docs/measured/. With
+SET=RESULTS it first takes the results of `boltlaw close` in the folder RESULTS as that set's reference.
 """
 
 from __future__ import annotations
