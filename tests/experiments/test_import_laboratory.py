@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -142,6 +143,37 @@ def test_every_format_gives_the_same_campaign(form: str, boltlaw: Boltlaw, tmp_p
             samples, _, rate = written[record.file[8:-3]][signal]
             assert channels[name].rate_hz == rate
             np.testing.assert_allclose(channels[name].samples, factor * samples, rtol=1e-9, atol=1e-9)
+
+
+def test_the_map_of_the_docs_does_what_they_say(boltlaw: Boltlaw, tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "import.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    folder = tmp_path / "lab"
+    (folder / "loosening").mkdir(parents=True)
+    (folder / "import.toml").write_text(shown)
+    random = np.random.default_rng(4)
+    motion, strain = random.standard_normal((2, 2100 * 4)), 0.1 * random.standard_normal(2100)
+    signals: Signals = {
+        "Force hammer": (motion[0], "kN", 4000),
+        "Acc LO": (motion[1], "", 4000),
+        "Acc SO": (motion[0], "", 4000),
+        "Bolt": (np.repeat(strain, 5)[: 4800 * 21 // 10], "", 4800),
+    }
+    for name in ("loosening/M152N_1", "loosening/M152N_5", "coupled_1", "hammer_so"):
+        write_matlab_export(folder / f"{name}.mat", signals)
+    ran = boltlaw("import", "matlab", folder, tmp_path / "new", "--jobs", 1)
+    assert ran.code == 0, ran.err
+    campaign = rom.read_campaign(tmp_path / "new")
+    told = {r.file: (r.test, r.bodies, r.preload_n, r.hold_out) for r in campaign.settings.record}
+    assert told["records/loosening/M152N_1.h5"] == ("loosening", None, 152.0, False)
+    assert told["records/loosening/M152N_5.h5"] == ("loosening", None, None, True)
+    assert told["records/hammer_so.h5"] == ("uncoupled", ("so",), None, False)
+    by_file = {record.file: campaign.load(record).channels for record in campaign.settings.record}
+    assert set(by_file["records/hammer_so.h5"]) == {"force_so", "acceleration_so"}
+    channels = by_file["records/coupled_1.h5"]
+    np.testing.assert_allclose(channels["force_lo"].samples, 1e3 * motion[0])
+    np.testing.assert_allclose(channels["acceleration_so"].samples, -9.80665 * motion[0])
+    assert (channels["strain"].rate_hz, channels["force_lo"].rate_hz) == (4800, pytest.approx(4000))
 
 
 @pytest.mark.parametrize(("precision", "error"), [(8, 0.0), (4, 1e-6), (2, 5e-4)])
