@@ -102,9 +102,9 @@ def overview(references: Mapping[str, Data]) -> str:
 
 
 def _told(closure: Data) -> str:
-    """Return the error measure that the set has: of motion, or of a link's force."""
+    """Return the first error measure that the set has: of motion, or of a link's force."""
     before = closure["errors"]["hold_out"]["before"]
-    return next((key for key in ("motion_nrmse", "link_force_nrmse") if before.get(key) is not None), "")
+    return next((key for key in MEASURES if isinstance(before.get(key), float)), "")
 
 
 def _percent(value: object, key: str) -> str:
@@ -162,7 +162,7 @@ def _published(value: float | None) -> str:
 
 
 def parameters_of(model: Data, closure: Data) -> Iterator[tuple[Place, Data]]:
-    """Yield every parameter of a refined model: masses, links, then effects with their limits."""
+    """Yield every parameter of a refined model: masses, links, effects; a later row has the limits."""
     for body in model["bodies"]:
         yield (str(body["name"]), "mass"), body["mass"]
     for link in model["links"]:
@@ -171,7 +171,7 @@ def parameters_of(model: Data, closure: Data) -> Iterator[tuple[Place, Data]]:
                 continue
             for name, parameter in (link.get(kind) or {}).get("parameters", {}).items():
                 yield (f"{link['name']}: {kind}", name), parameter
-    for effect in effects_of(closure):
+    for effect in (*model.get("effects", ()), *effects_of(closure)):
         place = f"{effect['name']}, {place_words(effect['enters'])}"
         for name, parameter in effect["parameters"].items():
             yield (place, name), parameter

@@ -48,7 +48,7 @@ def reference(name: str, results: Path) -> dict[str, Any]:
         "format": FORMAT,
         "set": name,
         "closure": kept,
-        "model": {key: model[key] for key in ("bodies", "links")},
+        "model": {key: model[key] for key in ("bodies", "links", "effects")},
     }
 
 

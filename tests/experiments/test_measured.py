@@ -14,7 +14,8 @@ from experiments.report.measured import SETS
 from experiments.results import plain, write_result
 from experiments.studies.close import closure_section
 from experiments.studies.measured import main, run
-from rom.laws import constant_damping, constant_stiffness
+from rom.effects import CATALOGUE
+from rom.laws import Parameter, constant_damping, constant_stiffness
 from rom.model import LinkLaws, Model
 from rom.structure import Body, Link, Structure
 from tests.discovery.sound_closure import closure, friction
@@ -29,6 +30,7 @@ def results(folder: Path, found: Closure, campaign: str = "EMPS") -> dict[str, A
         structure=Structure((Body("carriage", 95.3),), (Link("guide", "carriage", "ground", "dashpot"),)),
         link_laws={"guide": LinkLaws(constant_stiffness(0.0), constant_damping(204.25))},
     )
+    model = model.with_effect(CATALOGUE["constant-force"].at("body:carriage", {"F_0": Parameter(3.25, "N")}))
     model.save(folder / "model.json", campaign=campaign)
     content = plain(closure_section(found)) | {"command": "boltlaw close emps"}
     for effect in content["effects"]:
@@ -52,7 +54,7 @@ def test_the_page_holds_what_was_found(tmp_path: Path) -> None:
         [force["low"], force["high"]], rel=1e-2
     )
     assert cells[4] == "20.3935"
-    assert "| constant-force, body carriage: F_0 | not found | – |  | 3.1648 |" in text
+    assert "| constant-force, body carriage: F_0 | 3.25 | – | N | 3.1648 |" in text
     before = content["errors"]["hold_out"]["before"]["motion_nrmse"]
     (row,) = re.findall(r"\| Displacement, NRMSE \[%\] \|.*", text)
     assert float(row.split("|")[4]) == pytest.approx(100 * before, rel=1e-2)
@@ -79,7 +81,7 @@ def test_a_set_in_which_nothing_is_missing_has_its_section_too(tmp_path: Path) -
     results(tmp_path / "results", closure(verdict="no-effect"))
     text = run(tmp_path / "docs", {"emps": tmp_path / "results"}).read_text()
     assert "| emps | no-effect | – |" in text
-    assert "F_c | not found" in text
+    assert "| coulomb-friction, link guide: F_c | not found | – |  | 20.3935 |" in text
 
 
 @pytest.mark.parametrize(
