@@ -91,6 +91,47 @@ def rig(
     _say(f"wrote {folder}", quiet)
 
 
+@app.command("import", epilog="Example: boltlaw import emps EMPS-files emps-campaign")
+def import_(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="SET",
+            help="Public set: emps, silverbox, tribometer. Lab files: catman, matlab, uff, tdms.",
+        ),
+    ],
+    source: Annotated[
+        Path, typer.Argument(metavar="SOURCE", help="File or folder as it came; none with --download.")
+    ],
+    new_dir: Annotated[
+        Path | None, typer.Argument(metavar="NEW_DIR", help="Campaign folder to create.", show_default=False)
+    ] = None,
+    channel_map: Annotated[
+        Path | None,
+        typer.Option("--map", help="Map of a lab's channels (docs/import.md); default: SOURCE/import.toml."),
+    ] = None,
+    download: Annotated[
+        bool,
+        typer.Option("--download", help="Fetch emps or silverbox: boltlaw import emps --download NEW_DIR."),
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder in which NEW_DIR is created; default: here.")
+    ] = None,
+    seed: Seed = 0,  # noqa: ARG001 - every command takes the same options
+    jobs: Jobs = _CORES,
+    quiet: Quiet = False,
+) -> None:
+    """Turn a measured data set or a laboratory's files into a campaign folder."""
+    from experiments.studies import import_campaign as study
+
+    places = study.places(source, new_dir, download)
+    folder = places[1] if out is None else out / places[1]
+    maps = None if channel_map is None else existing(channel_map)
+    with _progress(quiet) as report:
+        notes = study.run(name, places[0], folder, maps, jobs, report("importing"))
+    _say("\n".join([*(f"note: {note}" for note in notes), f"wrote {folder}"]), quiet)
+
+
 @app.command(epilog="Example: boltlaw identify rig-campaign")
 def identify(
     campaign: CampaignPath,

@@ -20,7 +20,9 @@ from tests.rom.malformed import MALFORMED, Spoil
 from tests.rom.sound_campaign import write_sound_campaign
 
 Boltlaw = Callable[..., Any]
-COMMANDS = tuple(command.callback.__name__ for command in app.registered_commands if command.callback)
+COMMANDS = tuple(
+    command.name or command.callback.__name__ for command in app.registered_commands if command.callback
+)
 PROGRAM = [sys.executable, "-c", "from experiments.cli import main; main()"]
 
 

@@ -1,0 +1,73 @@
+"""Vectors and times of files that others wrote."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from experiments.datasets.collected import SourceError, unreadable
+from rom.channels import FloatArray
+
+STEP_TOLERANCE = 0.25  # of a sample: jitter of a printed time; a lost sample is a whole one
+
+
+def mat_vectors(path: Path, names: tuple[str, ...]) -> dict[str, FloatArray]:
+    """Return variables of a MATLAB file (v4 to v7.2) as one-dimensional arrays.
+
+    Raises
+    ------
+    SourceError
+        If the file cannot be read or lacks one of them, or one is not made of finite real numbers.
+    """
+    from scipy.io import loadmat
+
+    try:
+        content = loadmat(str(path), appendmat=False, variable_names=names)
+    except Exception as cause:  # a parser of foreign bytes may fail in any way
+        raise unreadable(path, "MATLAB file", cause) from None
+    vectors = {}
+    for name in names:
+        if name not in content:
+            raise SourceError(f"{path.name}: found no variable {name}, expected {', '.join(names)}")
+        values = np.asarray(content[name])
+        if values.dtype.kind not in "iuf" or values.size != max(values.shape, default=0):
+            raise SourceError(f"{path.name}: {name}: found no vector of real numbers, expected one")
+        if not np.isfinite(values).all():
+            raise SourceError(f"{path.name}: {name}: found NaN or infinity, expected finite numbers")
+        vectors[name] = values.ravel().astype(np.float64)
+    return vectors
+
+
+def rate_of(where: str, time: FloatArray) -> float:
+    """Return the rate [Hz] of evenly spaced times [s].
+
+    Raises
+    ------
+    SourceError
+        If they do not rise evenly; `where` names the file and the variable.
+    """
+    if len(time) < 2 or not np.isfinite(time).all() or time[-1] <= time[0]:
+        raise SourceError(f"{where}: found no rising times, expected evenly spaced ones")
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    even = time[0] + step * np.arange(len(time))
+    if np.abs(time - even).max() > STEP_TOLERANCE * step:
+        steps = np.diff(time)
+        raise SourceError(
+            f"{where}: found steps from {steps.min():.4g} to {steps.max():.4g} s, expected even steps"
+        )
+    return float(1 / step)
+
+
+def same_length(path: Path, vectors: dict[str, FloatArray]) -> None:
+    """Refuse vectors of a file that were not sampled together.
+
+    Raises
+    ------
+    SourceError
+        If their lengths differ.
+    """
+    lengths = {name: len(values) for name, values in vectors.items()}
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{name}: {length}" for name, length in lengths.items())
+        raise SourceError(f"{path.name}: found lengths that differ ({told}), expected one length")

@@ -1,0 +1,88 @@
+"""A measured data set or a laboratory's files as a campaign folder, checked before it appears."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from experiments.datasets import Collected, SourceError, collect
+from experiments.datasets.download import fetch
+from experiments.faults import existing
+from experiments.results import writable
+from rom.campaign import read_campaign, write_campaign
+from rom.channels import Channel
+
+Progress = Callable[[int, int], None]
+
+
+def run(
+    name: str,
+    source: Path | None,
+    new_dir: Path,
+    channel_map: Path | None = None,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> tuple[str, ...]:
+    """Write the campaign folder and return what people should know about it; without source, fetch the set.
+
+    Raises
+    ------
+    ValueError
+        If the source is not what it should be or the campaign would be refused; nothing is written then.
+    """
+    if new_dir.exists() or new_dir.is_symlink():
+        raise SourceError(f"{new_dir}: found an existing path, expected a new folder")
+    writable(new_dir.parent)
+    with tempfile.TemporaryDirectory() as fetched:
+        collected = collect(name, source or fetch(name, Path(fetched)), channel_map)
+        with _appearing(new_dir) as folder:
+            write_campaign(folder, collected.settings, _told(collected, progress))
+            read_campaign(folder, jobs)
+    return collected.notes()
+
+
+def places(first: Path, second: Path | None, download: bool) -> tuple[Path | None, Path]:
+    """Return source, None where it is to be fetched, and new folder from the command's one or two paths.
+
+    Raises
+    ------
+    ValueError
+        If there is one too many or too few, or the source does not exist.
+    """
+    if download:
+        if second is not None:
+            raise SourceError(f"--download: found the source {first} as well, expected NEW_DIR alone")
+        return None, first
+    if second is None:
+        raise SourceError(
+            f"NEW_DIR: found nothing after {first}, expected SOURCE and NEW_DIR (or --download)"
+        )
+    return existing(first), second
+
+
+def _told(collected: Collected, progress: Progress | None) -> Iterator[tuple[str, Mapping[str, Channel]]]:
+    for done, record in enumerate(collected.records, start=1):
+        yield record
+        if progress is not None:
+            progress(done, len(collected.settings.record))
+
+
+@contextmanager
+def _appearing(folder: Path) -> Iterator[Path]:
+    """Give a path beside `folder` that becomes it if all goes well, and vanishes otherwise."""
+    missing = [parent for parent in folder.absolute().parents if not parent.exists()]
+    temporary = folder.with_name(f".{folder.name}.{os.getpid()}-{secrets.token_hex(4)}")
+    try:
+        yield temporary
+        temporary.rename(folder)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        for parent in missing:
+            with suppress(OSError):
+                parent.rmdir()
+        raise
