@@ -64,20 +64,32 @@ class LawSearch:
         """Fit the law as it is."""
         return self._refined(self._fitted(law_candidate(self.data.model, None, self.free), None))
 
-    def explained(self, effects: Sequence[Pair], base: Slow, report: Callable[[], None]) -> list[Gained]:
-        """Fit every effect, and the best of them by re-simulation."""
-        gained, screened = [], []
+    def explained(
+        self, effects: Sequence[Pair], base: Slow, report: Callable[[], None]
+    ) -> tuple[list[Gained], Slow]:
+        """Fit every effect, the best of them by re-simulation; return a baseline that is no worse too."""
+        screened = []
         for member, effect in effects:
-            if own_names(effect):
-                gained.append(self._drift(effect, base))
-            else:
+            if not own_names(effect):
                 screened.append((effect, self._screened(member, effect, base)))
             report()
         screened.sort(key=lambda pair: pair[1].training)
+        if screened:
+            base = self._without_effect(screened[0][1], base)
+        gained = [self._drift(effect, base) for _, effect in effects if own_names(effect)]
         for rank, (effect, slow) in enumerate(screened):
             final = self._refined(slow) if rank < _REFINED else self._with_costs(slow, self.data.frozen)
             gained.append(self._gained(effect, final, base))
-        return gained
+        return gained, base
+
+    def _without_effect(self, slow: Slow, base: Slow) -> Slow:
+        """The law alone fitted from where a fit with an effect ended, if that is better than the baseline.
+
+        Else every effect would gain what the baseline's own fit has missed.
+        """
+        own = {name: slow.candidate.parameters[name].value for name in base.candidate.free}
+        again = self._refined(self._fitted(base.candidate.with_values(own), slow))
+        return min(base, again, key=lambda fit: fit.training)
 
     def _fitted(
         self,

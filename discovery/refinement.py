@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from joblib import Parallel, delayed
 from scipy import stats
 
@@ -228,10 +229,12 @@ class _Loop:
             beside = replace(near, model=effect.added_to(with_law(state.model, chosen.best.beside)))
             evidence = replace(state.evidence, baseline=beside)
         else:
-            moved = approached(state.evidence, effect) if isinstance(effect, Effect) else near
-            beside, floors = replace(moved, model=effect.added_to(moved.model)), state.evidence.floors
-            aside, tell = set_aside(self.found), self.stage("tracing")
-            evidence = self._fitted(gather(self.campaign, beside, aside, floors, tell))
+            model, aside, floors = effect.added_to(near.model), set_aside(self.found), state.evidence.floors
+            if isinstance(effect, Effect):  # first along the motion as the old model has it traced
+                near = self._fitted(approached(state.evidence, effect)).baseline
+                model = near.model
+            beside = replace(near, model=model)
+            evidence = self._fitted(gather(self.campaign, beside, aside, floors, self.stage("tracing")))
         return self._settled(evidence, learned=bool(chosen.best.beside))
 
     def _fitted(self, evidence: Evidence) -> Evidence:
@@ -246,8 +249,11 @@ class _Loop:
         for trace, part, _ in after.parts:
             if not trace.settings.hold_out:
                 records.setdefault(trace.settings.file, []).append(part)
-        near = after.baseline.model
-        anew = reidentified(self.found, [tuple(parts) for parts in records.values()], self.campaign.settings)
+        near, parts = after.baseline.model, [tuple(parts) for parts in records.values()]
+        try:
+            anew = reidentified(self.found, parts, self.campaign.settings)
+        except np.linalg.LinAlgError:  # forces along a motion that is nowhere near the measured one
+            return after
         model = replace(anew, effects=near.effects, identification=None)
         other = refitted(weigh(after.traces, replace(after.baseline, model=model), after.floors))
         return min(after, other, key=cost)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from discovery.attribution import free_numbers, output_of, slopes_of
-from discovery.baseline import Baseline, effect_number, size_of
+from discovery.baseline import effect_number, size_of
 from discovery.closure import ErrorsByKind
 from discovery.tracing import Evidence, weigh
 from rom.campaign import Campaign
@@ -112,16 +112,17 @@ def refitted(evidence: Evidence) -> Evidence:
     return with_effects(evidence)
 
 
-def approached(evidence: Evidence, effect: Effect) -> Baseline:
-    """Return the baseline with numbers that suit training records beside an effect, as far as slopes tell."""
+def approached(evidence: Evidence, effect: Effect) -> Evidence:
+    """Return the evidence with an effect in its model, whose numbers suit training records as slopes tell."""
     rows = evidence.residual - output_of(effect, evidence)
     here = float(np.sum(rows[evidence.training] ** 2))
     for damping in _DAMPINGS:
         moved = evidence.baseline.moved(evidence.steps(rows, damping))
-        beside = replace(moved, model=effect.added_to(moved.model))
-        if cost(weigh(evidence.traces, beside, evidence.floors)) < here:
-            return moved
-    return evidence.baseline
+        beside = weigh(evidence.traces, replace(moved, model=effect.added_to(moved.model)), evidence.floors)
+        if cost(beside) < here:
+            return beside
+    same = replace(evidence.baseline, model=effect.added_to(evidence.baseline.model))
+    return weigh(evidence.traces, same, evidence.floors)
 
 
 def with_law(model: Model, numbers: Mapping[str, Parameter]) -> Model:

@@ -100,8 +100,8 @@ def _explained(
 
     base = search.baseline()
     by_gauge, fast = explained_by_gauge(data, [pair for pair in effects if pair not in slow])
-    gained = [*search.explained(slow, base, report), *by_gauge]
-    return _explanations(data, gained, base.costs + fast)
+    by_course, base = search.explained(slow, base, report)
+    return _explanations(data, [*by_course, *by_gauge], base.costs + fast)
 
 
 def _explanations(data: Data, gained: Sequence[Gained], before: FloatArray) -> tuple[Explanation, ...]:

@@ -91,11 +91,14 @@ def test_what_changes_the_law_is_found_beside_the_refitted_law() -> None:
     base = search.baseline()
     members = [CATALOGUE[name] for name in ("loosening-displacement", "loosening-threshold")]
     pairs = [(member, member.at("tension")) for member in members]
-    found = {effect.name: (effect, gains) for effect, gains, _ in search.explained(pairs, base, lambda: None)}
-    effect, gains = found["loosening-displacement"]
+    found = {one.effect.name: one for one in search.explained(pairs, base, lambda: None)[0]}
+    best = found["loosening-displacement"]
+    effect, gains = best.effect, best.gains
     assert gains[: of.training].sum() > 100
     assert gains[of.training :].sum() > 10
-    assert all(gains.sum() > 2 * other.sum() for name, (_, other) in found.items() if name != effect.name)
+    assert all(gains.sum() > 2 * one.gains.sum() for one in found.values() if one is not best)
+    assert best.beside.keys() == set(_NUMBERS)
+    assert all(number.low is not None for number in best.beside.values())
     assert effect.parameters["p_x"].value == pytest.approx(2.0, abs=0.3)
     assert effect.parameters["g_x"].value == pytest.approx(0.5, rel=0.5)
 
@@ -104,10 +107,21 @@ def test_nothing_explains_courses_of_the_law_itself() -> None:
     of = data()
     search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
     member = CATALOGUE["loosening-displacement"]
-    (_, gains, _), *_rest = search.explained(
-        [(member, member.at("tension"))], search.baseline(), lambda: None
-    )
-    assert -1 <= gains[: of.training].sum() < 12
+    (one,), _ = search.explained([(member, member.at("tension"))], search.baseline(), lambda: None)
+    assert -1 <= one.gains[: of.training].sum() < 12
+
+
+def test_a_baseline_that_was_not_fitted_well_lends_no_effect_its_loss() -> None:
+    of = data()
+    search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
+    good = search.baseline()
+    missed = np.full_like(good.costs, 10.0)
+    worse = replace(good.state, by_case=good.state.by_case + missed[: of.training])
+    bad = replace(good, state=worse, costs=good.costs + missed)
+    member = CATALOGUE["loosening-displacement"]
+    (one,), base = search.explained([(member, member.at("tension"))], bad, lambda: None)
+    assert base.training == pytest.approx(good.training, abs=1.0)
+    assert one.gains[: of.training].sum() < 12
 
 
 def test_what_follows_the_motion_is_found_and_its_size() -> None:
@@ -115,15 +129,15 @@ def test_what_follows_the_motion_is_found_and_its_size() -> None:
     names = ("tension-follows-displacement", "tension-follows-displacement-squared")
     pairs = [(CATALOGUE[name], CATALOGUE[name].at("tension")) for name in names]
     true = [seen.tension + 2e4 * seen.displacement for seen in of.seen]
-    (effect, gains, _), (_, others, _) = explained_by_gauge(with_samples(of, true), pairs)[0]
-    number = effect.parameters["a"]
+    one, other = explained_by_gauge(with_samples(of, true), pairs)[0]
+    number = one.effect.parameters["a"]
     assert number.low is not None
     assert number.high is not None
     assert number.low < 2e4 < number.high
     assert number.value == pytest.approx(2e4, rel=0.05)
-    assert gains.sum() > 10 * max(others.sum(), 1)
+    assert one.gains.sum() > 10 * max(other.gains.sum(), 1)
     nothing = explained_by_gauge(of, pairs)[0]
-    assert all(g.sum() < 10 for _, g, _ in nothing)
+    assert all(one.gains.sum() < 10 for one in nothing)
 
 
 @pytest.mark.parametrize("tau", [5e-4, -1e-3])
@@ -133,9 +147,9 @@ def test_a_late_gauge_is_found_from_the_step_of_the_loss(tau: float) -> None:
     assert isinstance(fault, SensorFault)
     late = fault.with_values(tau=tau)
     shown = [late.apply(seen.tension, seen.rate_hz) for seen in of.seen]
-    (effect, gains, _), *_ = explained_by_gauge(with_samples(of, shown), [(member, fault)])[0]
-    assert effect.parameters["tau"].value == pytest.approx(tau, rel=0.15)
-    assert gains[of.training :].sum() > 20
+    (one,) = explained_by_gauge(with_samples(of, shown), [(member, fault)])[0]
+    assert one.effect.parameters["tau"].value == pytest.approx(tau, rel=0.15)
+    assert one.gains[of.training :].sum() > 20
 
 
 def test_hum_is_taken_out_by_what_is_told_before_the_hit() -> None:
@@ -145,8 +159,8 @@ def test_hum_is_taken_out_by_what_is_told_before_the_hit() -> None:
     line = 2.0 * np.sin(2 * np.pi * 60.05 * time)
     shown = [seen.tension + line[: len(seen.tension)] for seen in of.seen]
     (found,), cost = explained_by_gauge(with_samples(of, shown), [(member, fault)])
-    assert found[0].parameters["f"].value == pytest.approx(60.05, abs=0.06)
-    assert found[1].sum() > 0.9 * cost.sum()
+    assert found.effect.parameters["f"].value == pytest.approx(60.05, abs=0.06)
+    assert found.gains.sum() > 0.9 * cost.sum()
 
 
 def test_a_reading_at_rest_is_averaged_over_bins() -> None:
