@@ -1,0 +1,74 @@
+"""Every code block of README and docs/ runs, page by page, in a folder with a small campaign."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rom.effects
+from tests.documents.blocks import PAGES, REPOSITORY, SHOWN, blocks, carry_out, commands, left_out
+
+Boltlaw = Callable[..., Any]
+TUTORIAL = REPOSITORY / "docs" / "tutorial.md"
+SLOW = {
+    "README.md": "discovers and closes",
+    "closed-loop.md": "closes",
+    "discovery.md": "discovers",
+    "tutorial.md": "goes all the way",
+}
+
+
+def slow(page: Path) -> Any:
+    return pytest.param(page, marks=[pytest.mark.slow] if page.name in SLOW else [], id=page.name)
+
+
+def tutorial_commands() -> set[str]:
+    """Commands that the tutorial runs: other pages may show them without another run."""
+    return {shlex.join(c) for block in blocks(TUTORIAL) if block.kind == "sh" for c in commands(block)}
+
+
+@pytest.fixture
+def place(tmp_path: Path, rig_campaign: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder as the pages take it for granted: a campaign called ``folder``; what a page registers goes."""
+    shutil.copytree(rig_campaign, tmp_path / "folder")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(sys, "argv", ["boltlaw"])
+    modules, members = set(sys.modules), dict(rom.effects._members)
+    yield tmp_path
+    for name in set(sys.modules) - modules:
+        if getattr(sys.modules[name], "__file__", None) and tmp_path in Path(sys.modules[name].__file__).parents:
+            del sys.modules[name]
+    rom.effects._members.clear()
+    rom.effects._members.update(members)
+
+
+@pytest.mark.parametrize("page", [slow(page) for page in PAGES if any(b.kind not in SHOWN for b in blocks(page))])
+def test_every_block_of_a_page_runs(page: Path, place: Path, boltlaw: Boltlaw) -> None:
+    names: dict[str, Any] = {"__name__": "__page__"}
+    done = tutorial_commands() if page != TUTORIAL else set()
+    for block in blocks(page):
+        if block.kind not in SHOWN:
+            carry_out(block, names, boltlaw, done)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_and_pictures_are_there(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    targets = re.findall(r"\]\(([^)#\s]+)(?:#[^)]*)?\)", text) + re.findall(r'src="([^"]+)"', text)
+    missing = [t for t in targets if "://" not in t and not (page.parent / t).exists()]
+    assert missing == []
+
+
+def test_what_is_left_out_is_a_short_list_of_whole_commands() -> None:
+    assert left_out(["make", "test"])
+    assert left_out(["python", "-m", "benchmarks.identification", "--seeds", "3"])
+    assert left_out(["boltlaw", "make"]) is None
+    assert left_out(["python", "-m", "rom.effects"]) is None
