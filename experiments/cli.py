@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from experiments.execution import execution
-from experiments.faults import INTERRUPTED, existing, tell
+from experiments.faults import INTERRUPTED, a_campaign, a_model, existing, tell
 from experiments.results import results_folder, writable
 
 Report = Callable[[int, int], None]
@@ -26,10 +26,11 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 CampaignPath = Annotated[
-    Path, typer.Argument(help="Campaign folder: campaign.toml and its records.", callback=existing)
+    Path, typer.Argument(help="Campaign folder: campaign.toml and its records.", callback=a_campaign)
 ]
 Out = Annotated[
     Path | None, typer.Option(help="Folder for results; default: CAMPAIGN-results beside the campaign.")
@@ -173,7 +174,7 @@ def close(
 
 @app.command(epilog="Example: boltlaw predict rig-campaign-results/model.json rig-campaign --out prediction")
 def predict(
-    model: Annotated[Path, typer.Argument(help="A model.json.", callback=existing)],
+    model: Annotated[Path, typer.Argument(help="A model.json.", callback=a_model)],
     campaign: CampaignPath,
     out: Out = None,
     seed: Seed = 0,

@@ -8,6 +8,7 @@ import traceback
 from pathlib import Path
 
 BAD_INPUT, PROGRAM_FAULT, INTERRUPTED = 2, 1, 130
+SETTINGS = "campaign.toml"
 _PACKAGES = ("rom", "discovery", "experiments")
 
 
@@ -25,6 +26,52 @@ def existing(path: Path) -> Path:
     near = difflib.get_close_matches(path.name, beside, 1)
     hint = f"; the nearest is {path.parent / near[0]}" if near else ""
     raise FileNotFoundError(f"{path}: found no such file or folder, expected one that exists{hint}")
+
+
+def a_campaign(path: Path) -> Path:
+    """Return the path of a campaign that a person gave.
+
+    Raises
+    ------
+    FileNotFoundError
+        If nothing is there, or a folder without ``campaign.toml`` beside or above one that has it.
+    """
+    folder = existing(path)
+    if not folder.is_dir() or (folder / SETTINGS).exists():
+        return folder
+    whole = folder.resolve()
+    others = {place.name: place for place in (*whole.iterdir(), *whole.parent.iterdir())}
+    sound = [name for name, place in others.items() if (place / SETTINGS).is_file()]
+    near = difflib.get_close_matches(whole.name.removesuffix("-results"), sound, 1, 0.5)
+    if not near:  # the reader of campaigns says what is missing
+        return folder
+    hint = f"the nearest campaign is {_from_here(others[near[0]])}"
+    raise FileNotFoundError(
+        f"{folder / SETTINGS}: found no such file, expected the settings of a campaign; {hint}"
+    )
+
+
+def a_model(path: Path) -> Path:
+    """Return the path of a model file that a person gave.
+
+    Raises
+    ------
+    FileNotFoundError
+        If nothing is there.
+    IsADirectoryError
+        If it is a folder; the message names the model in it.
+    """
+    if not existing(path).is_dir():
+        return path
+    inside = path / "model.json"
+    hint = f"; the nearest is {inside}" if inside.is_file() else ""
+    raise IsADirectoryError(f"{path}: found a folder, expected a model.json{hint}")
+
+
+def _from_here(path: Path) -> Path:
+    """Return a path as one would type it in the current folder, where it lies below that."""
+    here = Path.cwd()
+    return path.relative_to(here) if path.is_relative_to(here) else path
 
 
 def tell(error: BaseException) -> int:

@@ -61,8 +61,8 @@ def commands(block: Block) -> list[list[str]]:
 def left_out(words: list[str]) -> str | None:
     """Return why a command is not run; None for one that is."""
     for first, reason in LEFT_OUT.items():
-        shown = words[: len(first)]
-        if shown[:-1] == list(first[:-1]) and (shown[-1] == first[-1] or shown[-1].startswith(first[-1] + ".")):
+        *start, last = words[: len(first)]
+        if start == list(first[:-1]) and (last == first[-1] or last.startswith(f"{first[-1]}.")):
             return reason
     return None
 

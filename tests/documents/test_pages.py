@@ -12,8 +12,13 @@ from typing import Any
 
 import pytest
 
+import discovery
+import rom
 import rom.effects
-from tests.documents.blocks import PAGES, REPOSITORY, SHOWN, blocks, carry_out, commands, left_out
+from rom.campaign import Campaign
+from tests.documents.blocks import PAGES, REPOSITORY, SHOWN, Block, blocks, carry_out, commands, left_out
+from tests.documents.lab import write_lab
+from tests.shared import Shared
 
 Boltlaw = Callable[..., Any]
 TUTORIAL = REPOSITORY / "docs" / "tutorial.md"
@@ -29,34 +34,52 @@ def slow(page: Path) -> Any:
     return pytest.param(page, marks=[pytest.mark.slow] if page.name in SLOW else [], id=page.name)
 
 
+def runs(page: Path) -> list[Block]:
+    """The blocks of a page that are carried out."""
+    return [block for block in blocks(page) if block.kind not in SHOWN]
+
+
 def tutorial_commands() -> set[str]:
     """Commands that the tutorial runs: other pages may show them without another run."""
     return {shlex.join(c) for block in blocks(TUTORIAL) if block.kind == "sh" for c in commands(block)}
 
 
+def once(name: str, work: Callable[..., Any], shared: Shared) -> Callable[[Campaign], Any]:
+    """Return a function of a campaign that is carried out once for all pages."""
+    return lambda campaign: shared.once(f"{name}-{campaign.digest[:16]}", lambda: work(campaign))
+
+
 @pytest.fixture
-def place(tmp_path: Path, rig_campaign: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A folder as the pages take it for granted: a campaign called ``folder``; what a page registers goes."""
+def place(
+    tmp_path: Path, rig_campaign: Path, shared: Shared, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Path]:
+    """A folder as the pages take it for granted: a campaign called ``folder``, a lab's files in ``lab``.
+
+    What several pages ask of the same campaign is computed once. What a page registers goes with it.
+    """
     shutil.copytree(rig_campaign, tmp_path / "folder")
+    write_lab(rom.read_campaign(rig_campaign), tmp_path / "lab")
+    for name in ("discover", "close_loop"):
+        monkeypatch.setitem(vars(discovery), name, once(name, getattr(discovery, name), shared))
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(sys, "argv", ["boltlaw"])
     modules, members = set(sys.modules), dict(rom.effects._members)
     yield tmp_path
     for name in set(sys.modules) - modules:
-        if getattr(sys.modules[name], "__file__", None) and tmp_path in Path(sys.modules[name].__file__).parents:
+        if str(tmp_path) in str(getattr(sys.modules[name], "__file__", "")):
             del sys.modules[name]
     rom.effects._members.clear()
     rom.effects._members.update(members)
 
 
-@pytest.mark.parametrize("page", [slow(page) for page in PAGES if any(b.kind not in SHOWN for b in blocks(page))])
-def test_every_block_of_a_page_runs(page: Path, place: Path, boltlaw: Boltlaw) -> None:
+@pytest.mark.usefixtures("place")
+@pytest.mark.parametrize("page", [slow(page) for page in PAGES if runs(page)])
+def test_every_block_of_a_page_runs(page: Path, boltlaw: Boltlaw) -> None:
     names: dict[str, Any] = {"__name__": "__page__"}
     done = tutorial_commands() if page != TUTORIAL else set()
-    for block in blocks(page):
-        if block.kind not in SHOWN:
-            carry_out(block, names, boltlaw, done)
+    for block in runs(page):
+        carry_out(block, names, boltlaw, done)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

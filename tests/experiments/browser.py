@@ -18,7 +18,7 @@ _LONGEST_S = 60.0
 
 
 class Page:
-    """One page of a running browser; ``faults`` are what it logged as an error or warning, and lost requests."""
+    """One page of a running browser; ``faults`` are its errors and warnings, and requests to other hosts."""
 
     def __init__(self, read: BinaryIO, write: BinaryIO) -> None:
         self._read, self._write, self._number, self._session = read, write, 0, ""
@@ -37,6 +37,10 @@ class Page:
         while self.evaluate("document.readyState") != "complete" and time.monotonic() < end:
             time.sleep(0.05)
         self.evaluate("Promise.all([...document.images].map(image => image.decode()))")
+
+    def media(self, kind: str) -> None:
+        """Show the page as on "screen" or in "print"."""
+        self._call("Emulation.setEmulatedMedia", media=kind)
 
     def evaluate(self, expression: str) -> Any:
         """Return the value of a JavaScript expression."""
