@@ -42,7 +42,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no su
 _CORES = os.cpu_count() or 1
 
 
-@app.command(epilog="Example: boltlaw rig rig-campaign --cases 12 --seed 1")
+@app.command(epilog="Example: boltlaw rig rig-campaign --cases 12 --duration-s 2.5")
 def rig(
     new_dir: Annotated[
         Path, typer.Argument(help="Folder to create; the truth goes to NEW_DIR.truth.json beside it.")
@@ -110,7 +110,7 @@ def identify(
     _say(f"wrote {path} and figures beside it", quiet)
 
 
-@app.command(epilog="Example: boltlaw reproduce --out reproduction")
+@app.command(epilog="Example: boltlaw reproduce --cases 8 --out reproduction")
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("reproduction"),
     cases: Annotated[
@@ -172,7 +172,7 @@ def close(
     _say(f"wrote {path}, the refined model.json and figures beside it", quiet)
 
 
-@app.command(epilog="Example: boltlaw predict rig-campaign-results/model.json rig-campaign --out prediction")
+@app.command(epilog="Example: boltlaw predict rig-campaign-results/model.json rig-campaign")
 def predict(
     model: Annotated[Path, typer.Argument(help="A model.json.", callback=a_model)],
     campaign: CampaignPath,

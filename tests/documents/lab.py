@@ -10,7 +10,7 @@ from scipy.io import savemat
 from rom.campaign import Campaign, RecordSettings
 
 _GRAVITY = 9.80665
-_CASES = 5  # coupled and loosening tests that are kept of each
+_CASES = 4  # coupled and loosening tests that are kept of each
 
 
 def write_lab(campaign: Campaign, folder: Path) -> None:

@@ -25,9 +25,13 @@ TUTORIAL = REPOSITORY / "docs" / "tutorial.md"
 SLOW = {
     "README.md": "discovers and closes",
     "closed-loop.md": "closes",
+    "cluster.md": "identifies",
     "discovery.md": "discovers",
+    "own-data.md": "identifies",
+    "own-law.md": "identifies and fits",
     "tutorial.md": "goes all the way",
 }
+"""Pages that take more than a few seconds, and why."""
 
 
 def slow(page: Path) -> Any:
