@@ -16,7 +16,9 @@ from tests.documents.test_pages import tutorial_commands
 
 Boltlaw = Callable[..., Any]
 EXAMPLES = {
-    command.name or getattr(command.callback, "__name__", ""): (command.epilog or "").removeprefix("Example: ")
+    command.name or getattr(command.callback, "__name__", ""): (command.epilog or "").removeprefix(
+        "Example: "
+    )
     for command in app.registered_commands
 }
 ALONE = [

@@ -16,6 +16,7 @@ import discovery
 import rom
 import rom.effects
 from rom.campaign import Campaign
+from rom.laws import power_loosening
 from tests.documents.blocks import PAGES, REPOSITORY, SHOWN, Block, blocks, carry_out, commands, left_out
 from tests.documents.lab import write_lab
 from tests.shared import Shared
@@ -99,3 +100,11 @@ def test_what_is_left_out_is_a_short_list_of_whole_commands() -> None:
     assert left_out(["python", "-m", "benchmarks.identification", "--seeds", "3"])
     assert left_out(["boltlaw", "make"]) is None
     assert left_out(["python", "-m", "rom.effects"]) is None
+
+
+def test_theory_shows_the_laws_as_they_are_computed() -> None:
+    text = (REPOSITORY / "docs" / "theory.md").read_text(encoding="utf-8")
+    joint = rom.paper_model().link_laws["joint"]
+    for law in (joint.stiffness, joint.damping, joint.tension_rate, power_loosening(1.0)):
+        assert law is not None
+        assert f"`{law.equation}`" in text
