@@ -203,7 +203,7 @@ def equations_of_motion(bodies: Sequence[str], links: Sequence[Mapping[str, Any]
             ends = [str(end) for end in link.get("between", ())]
             if body in ends and len(ends) == 2:
                 terms += _link_terms(link, ends, body)
-        terms.append(Markup("<mo>=</mo>") + symbol(f"F_{body}"))
+        terms.append(Markup('<mo form="infix">=</mo>') + symbol(f"F_{body}"))
         lines.append(Markup('<p class="terms">{}</p>').format(Markup(" ").join(map(math, terms))))
     return lines
 
@@ -214,7 +214,7 @@ def of_tension() -> Markup:
 
 
 def _link_terms(link: Mapping[str, Any], ends: Sequence[str], body: str) -> list[Markup]:
-    sign = Markup("<mo>{}</mo>").format("+" if body == ends[0] else "−")
+    sign = Markup('<mo form="infix">{}</mo>').format("+" if body == ends[0] else "−")
     tension = of_tension() if link.get("law") == "bolted" else Markup("")
     return [
         sign + symbol(f"{letter}_{link['name']}") + tension + _relative(ends, dots)

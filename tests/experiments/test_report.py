@@ -282,6 +282,7 @@ def test_numbers_and_keys_in_words() -> None:
     assert number(4.74e-7) == "4.740 × 10⁻⁷"
     assert number(-0.00922, 3) == "−0.00922"
     assert number(976300.0) == "976300"
+    assert number(-0.0) == "0"
     assert number(None) == number(float("nan")) == "–"
     assert with_limits(11.7912, 11.5, 12.1) == ("11.8", "11.5 to 12.1")
     assert with_limits(4.0, None, None) == ("4", "–")
