@@ -39,16 +39,27 @@ def a_campaign(path: Path) -> Path:
     folder = existing(path)
     if not folder.is_dir() or (folder / SETTINGS).exists():
         return folder
-    whole = folder.resolve()
-    others = {place.name: place for place in (*whole.iterdir(), *whole.parent.iterdir())}
-    sound = [name for name, place in others.items() if (place / SETTINGS).is_file()]
-    near = difflib.get_close_matches(whole.name.removesuffix("-results"), sound, 1, 0.5)
-    if not near:  # the reader of campaigns says what is missing
+    near = _nearest_campaign(folder.resolve())
+    if near is None:  # the reader of campaigns says what is missing
         return folder
-    hint = f"the nearest campaign is {_from_here(others[near[0]])}"
+    here = Path.cwd()
+    shown = near.relative_to(here) if near.is_relative_to(here) else near
     raise FileNotFoundError(
-        f"{folder / SETTINGS}: found no such file, expected the settings of a campaign; {hint}"
+        f"{folder / SETTINGS}: found no such file, expected the settings of a campaign; "
+        f"the nearest campaign is {shown}"
     )
+
+
+def _nearest_campaign(folder: Path) -> Path | None:
+    """Return a campaign in a folder, or else one beside it with a name like its own."""
+    inside, beside = (
+        {place.name: place for place in sorted(around.iterdir()) if (place / SETTINGS).is_file()}
+        for around in (folder, folder.parent)
+    )
+    if inside:
+        return next(iter(inside.values()))
+    near = difflib.get_close_matches(folder.name.removesuffix("-results"), beside, 1, 0.5)
+    return beside[near[0]] if near else None
 
 
 def a_model(path: Path) -> Path:
@@ -66,12 +77,6 @@ def a_model(path: Path) -> Path:
     inside = path / "model.json"
     hint = f"; the nearest is {inside}" if inside.is_file() else ""
     raise IsADirectoryError(f"{path}: found a folder, expected a model.json{hint}")
-
-
-def _from_here(path: Path) -> Path:
-    """Return a path as one would type it in the current folder, where it lies below that."""
-    here = Path.cwd()
-    return path.relative_to(here) if path.is_relative_to(here) else path
 
 
 def tell(error: BaseException) -> int:
