@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from experiments.execution import execution
-from experiments.faults import INTERRUPTED, existing, tell
+from experiments.faults import INTERRUPTED, a_campaign, a_model, existing, tell
 from experiments.results import results_folder, writable
 
 Report = Callable[[int, int], None]
@@ -26,10 +26,11 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 CampaignPath = Annotated[
-    Path, typer.Argument(help="Campaign folder: campaign.toml and its records.", callback=existing)
+    Path, typer.Argument(help="Campaign folder: campaign.toml and its records.", callback=a_campaign)
 ]
 Out = Annotated[
     Path | None, typer.Option(help="Folder for results; default: CAMPAIGN-results beside the campaign.")
@@ -41,7 +42,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no su
 _CORES = os.cpu_count() or 1
 
 
-@app.command(epilog="Example: boltlaw rig rig-campaign --cases 12 --seed 1")
+@app.command(epilog="Example: boltlaw rig rig-campaign --cases 12 --duration-s 2.5")
 def rig(
     new_dir: Annotated[
         Path, typer.Argument(help="Folder to create; the truth goes to NEW_DIR.truth.json beside it.")
@@ -150,7 +151,7 @@ def identify(
     _say(f"wrote {path} and figures beside it", quiet)
 
 
-@app.command(epilog="Example: boltlaw reproduce --out reproduction")
+@app.command(epilog="Example: boltlaw reproduce --cases 8 --out reproduction")
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("reproduction"),
     cases: Annotated[
@@ -212,9 +213,9 @@ def close(
     _say(f"wrote {path}, the refined model.json and figures beside it", quiet)
 
 
-@app.command(epilog="Example: boltlaw predict rig-campaign-results/model.json rig-campaign --out prediction")
+@app.command(epilog="Example: boltlaw predict rig-campaign-results/model.json rig-campaign")
 def predict(
-    model: Annotated[Path, typer.Argument(help="A model.json.", callback=existing)],
+    model: Annotated[Path, typer.Argument(help="A model.json.", callback=a_model)],
     campaign: CampaignPath,
     out: Out = None,
     seed: Seed = 0,

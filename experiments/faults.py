@@ -8,6 +8,7 @@ import traceback
 from pathlib import Path
 
 BAD_INPUT, PROGRAM_FAULT, INTERRUPTED = 2, 1, 130
+SETTINGS = "campaign.toml"
 _PACKAGES = ("rom", "discovery", "experiments")
 
 
@@ -25,6 +26,57 @@ def existing(path: Path) -> Path:
     near = difflib.get_close_matches(path.name, beside, 1)
     hint = f"; the nearest is {path.parent / near[0]}" if near else ""
     raise FileNotFoundError(f"{path}: found no such file or folder, expected one that exists{hint}")
+
+
+def a_campaign(path: Path) -> Path:
+    """Return the path of a campaign that a person gave.
+
+    Raises
+    ------
+    FileNotFoundError
+        If nothing is there, or a folder without ``campaign.toml`` beside or above one that has it.
+    """
+    folder = existing(path)
+    if not folder.is_dir() or (folder / SETTINGS).exists():
+        return folder
+    near = _nearest_campaign(folder.resolve())
+    if near is None:  # the reader of campaigns says what is missing
+        return folder
+    here = Path.cwd()
+    shown = near.relative_to(here) if near.is_relative_to(here) else near
+    raise FileNotFoundError(
+        f"{folder / SETTINGS}: found no such file, expected the settings of a campaign; "
+        f"the nearest campaign is {shown}"
+    )
+
+
+def _nearest_campaign(folder: Path) -> Path | None:
+    """Return a campaign in a folder, or else one beside it with a name like its own."""
+    inside, beside = (
+        {place.name: place for place in sorted(around.iterdir()) if (place / SETTINGS).is_file()}
+        for around in (folder, folder.parent)
+    )
+    if inside:
+        return next(iter(inside.values()))
+    near = difflib.get_close_matches(folder.name.removesuffix("-results"), beside, 1, 0.5)
+    return beside[near[0]] if near else None
+
+
+def a_model(path: Path) -> Path:
+    """Return the path of a model file that a person gave.
+
+    Raises
+    ------
+    FileNotFoundError
+        If nothing is there.
+    IsADirectoryError
+        If it is a folder; the message names the model in it.
+    """
+    if not existing(path).is_dir():
+        return path
+    inside = path / "model.json"
+    hint = f"; the nearest is {inside}" if inside.is_file() else ""
+    raise IsADirectoryError(f"{path}: found a folder, expected a model.json{hint}")
 
 
 def tell(error: BaseException) -> int:

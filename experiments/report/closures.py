@@ -128,8 +128,12 @@ def _errors(data: Data, kind: str, when: str) -> Data:
 
 
 def blocks(data: Data) -> list[Block]:
-    """Return errors before and after, then each effect with equation, numbers and look-alikes."""
+    """Return errors before and after, where the residual lived, then each effect: equation, numbers,
+    look-alikes.
+    """
     found = [Block("Errors before and after", tables=tuple(_error_tables(data)))]
+    most = _most(data)
+    found += [Block("Where the residual lived", tables=(most,))] if most.rows else []
     found += [_effect_block(effect) for effect in effects_of(data)]
     return [block for block in found if block.tables or block.shown]
 
@@ -167,6 +171,23 @@ def _steps(steps: Sequence[Data]) -> Table:
     )
     heads = tuple(f"{MEASURES[key][0]} [{MEASURES[key][1]}]" for key in keys)
     return Table(f"Step by step, {_SETS[kind]}", ("Model", *heads), rows)
+
+
+def _most(data: Data) -> Table:
+    """Return the class of every view in which most was left, before and after."""
+    residual = _mapping(data.get("residual"))
+    before, after = (_mapping(residual.get(when)) for when in ("before", "after"))
+    rows = []
+    for view, classes in before.items():
+        sizes = {part: x for part, x in _mapping(classes).items() if isinstance(x, int | float)}
+        if sizes:
+            part = max(sizes, key=lambda name: float(sizes[name]))
+            left = _mapping(after.get(view)).get(part)
+            rows.append((view_words(view), class_words(part), _cell(sizes[part]), _cell(left)))
+    if rows and before.get("total") is not None:
+        rows.append(("All", "", _cell(before["total"]), _cell(after.get("total"))))
+    note = "Mean square of the whitened residual, 1: noise alone. All classes are listed under details."
+    return Table("", ("Along", "Most was left at", "Before", "After"), tuple(rows), note=note)
 
 
 def _effect_block(effect: Data) -> Block:

@@ -142,7 +142,7 @@ def _laws(results: Sequence[Result]) -> list[Law]:
 def _law_equation(letter: str, law: Data, link: Data) -> Markup:
     if letter == "T":
         return equations.equation(equations.symbol("T", 1), str(law.get("equation")))
-    left = equations.symbol(f"{letter}_{link.get('name')}") + Markup("<mo>(</mo><mi>T</mi><mo>)</mo>")
+    left = equations.symbol(f"{letter}_{link.get('name')}") + equations.of_tension()
     return equations.equation(left, str(law.get("equation")))
 
 

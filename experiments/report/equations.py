@@ -14,6 +14,8 @@ _SHORT = {"exponent": "n"}
 _UPRIGHT = Markup(' mathvariant="normal"')
 _DOTS = {1: "˙", 2: "¨"}
 _MINUS = Markup("<mo>−</mo>")
+_FUNCTION = Markup('<mi mathvariant="normal">')
+_GAP = Markup('<mspace width="0.17em"></mspace>')  # between a factor and the name of a function
 _OPERATORS: dict[type[ast.operator], str] = {ast.Add: "+", ast.Sub: "−", ast.Mult: "\u2062"}
 _ATOM = 9
 _MISSING_TIMES = re.compile(r"(?<=[\w)])\s+(?=[A-Za-z_(])")
@@ -33,7 +35,7 @@ _CASES = (
 )
 _SIGNS = {  # of a function with so many arguments
     ("sqrt", 1): "<msqrt>{}</msqrt>",
-    ("abs", 1): "<mo>|</mo>{}<mo>|</mo>",
+    ("abs", 1): "<mrow><mo>|</mo>{}<mo>|</mo></mrow>",
     ("where", 3): _CASES,
 }
 _SPELT = frozenset({"tanh", "log", "sin", "cos", "max", "min", "sign", "step"})
@@ -152,7 +154,8 @@ def _operation(node: ast.BinOp, depth: int) -> tuple[Markup, int]:
     rank = 2 if isinstance(node.op, ast.Mult) else 1
     left, right = _within(node.left, rank, depth, leading=True), _within(node.right, rank + 1, depth)
     sign = "·" if rank == 2 and right.startswith("<mn>") else _OPERATORS[type(node.op)]
-    return left + Markup("<mo>{}</mo>").format(sign) + right, rank
+    gap = _GAP if rank == 2 and right.startswith(_FUNCTION) else Markup("")
+    return left + Markup("<mo>{}</mo>").format(sign) + gap + right, rank
 
 
 def _power(base: Markup, power: Markup) -> Markup:
@@ -165,7 +168,12 @@ def _within(node: ast.expr, rank: int, depth: int, *, leading: bool = False) -> 
     shown, own = _shown(node, depth + 1)
     if own >= rank and (leading or not shown.startswith(_MINUS)):
         return shown
-    return Markup("<mo>(</mo>{}<mo>)</mo>").format(shown)
+    return _bracketed(shown)
+
+
+def _bracketed(shown: Markup) -> Markup:
+    """Return a part in parentheses as high as that part alone, not as the line that it stands in."""
+    return Markup("<mrow><mo>(</mo>{}<mo>)</mo></mrow>").format(shown)
 
 
 def _call(name: str, arguments: Sequence[ast.expr], depth: int) -> tuple[Markup, int]:
@@ -178,34 +186,41 @@ def _call(name: str, arguments: Sequence[ast.expr], depth: int) -> tuple[Markup,
         return symbol(arguments[0].id, 1), _ATOM
     if (name, len(shown)) in _SIGNS:
         return Markup(_SIGNS[name, len(shown)]).format(*shown), _ATOM
-    spelt = Markup('<mi mathvariant="normal">{}</mi>').format("ln" if name == "log" else name)
+    spelt = _FUNCTION + Markup("{}</mi>").format("ln" if name == "log" else name)
     listed = Markup("<mo>,</mo>").join(shown)
-    return (spelt if name in _SPELT else symbol(name)) + Markup("<mo>(</mo>{}<mo>)</mo>").format(
-        listed
-    ), _ATOM
+    return (spelt if name in _SPELT else symbol(name)) + _bracketed(listed), _ATOM
 
 
 def equations_of_motion(bodies: Sequence[str], links: Sequence[Mapping[str, Any]]) -> list[Markup]:
-    """Return m x'' + sum of link forces = F for every body; relative motion is first body minus second."""
+    """Return m x'' + sum of link forces = F for every body; relative motion is first body minus second.
+
+    Each is a row of terms, between which a narrow page breaks the line.
+    """
     lines = []
     for body in bodies:
-        terms = symbol(f"m_{body}") + symbol(f"x_{body}", 2)
+        terms = [symbol(f"m_{body}") + symbol(f"x_{body}", 2)]
         for link in links:
             ends = [str(end) for end in link.get("between", ())]
             if body in ends and len(ends) == 2:
                 terms += _link_terms(link, ends, body)
-        lines.append(math(terms, Markup("<mo>=</mo>"), symbol(f"F_{body}"), block=True))
+        terms.append(Markup('<mo form="infix">=</mo>') + symbol(f"F_{body}"))
+        lines.append(Markup('<p class="terms">{}</p>').format(Markup(" ").join(map(math, terms))))
     return lines
 
 
-def _link_terms(link: Mapping[str, Any], ends: Sequence[str], body: str) -> Markup:
-    sign = Markup("<mo>{}</mo>").format("+" if body == ends[0] else "−")
-    tension = Markup("<mo>(</mo><mi>T</mi><mo>)</mo>") if link.get("law") == "bolted" else Markup("")
-    terms = Markup("")
-    for letter, dots in (("k", 0), ("c", 1)):
-        if letter == "c" or link.get("law") != "dashpot":
-            terms += sign + symbol(f"{letter}_{link['name']}") + tension + _relative(ends, dots)
-    return terms
+def of_tension() -> Markup:
+    """Return the argument of a law that depends on the tension."""
+    return _bracketed(Markup("<mi>T</mi>"))
+
+
+def _link_terms(link: Mapping[str, Any], ends: Sequence[str], body: str) -> list[Markup]:
+    sign = Markup('<mo form="infix">{}</mo>').format("+" if body == ends[0] else "−")
+    tension = of_tension() if link.get("law") == "bolted" else Markup("")
+    return [
+        sign + symbol(f"{letter}_{link['name']}") + tension + _relative(ends, dots)
+        for letter, dots in (("k", 0), ("c", 1))
+        if letter == "c" or link.get("law") != "dashpot"
+    ]
 
 
 def _relative(ends: Sequence[str], dots: int) -> Markup:
@@ -214,4 +229,4 @@ def _relative(ends: Sequence[str], dots: int) -> Markup:
     if first is not None and second is None:
         return Markup("<mo>\u2062</mo>") + first
     parts = _MINUS + (second or Markup("")) if first is None else first + _MINUS + (second or Markup(""))
-    return Markup("<mo>(</mo>{}<mo>)</mo>").format(parts)
+    return _bracketed(parts)

@@ -53,7 +53,8 @@ def read_results(directory: Path) -> Results:
         If there is no such folder, or no result file that can be read in it.
     """
     if not directory.is_dir():
-        raise ResultError(f"{directory}: expected a folder with result files, found no such folder")
+        found = f"a file; its folder is {directory.parent}" if directory.is_file() else "no such folder"
+        raise ResultError(f"{directory}: expected a folder with result files, found {found}")
     results, faults = [], []
     for path in sorted(directory.glob("*.json")):
         try:
@@ -65,9 +66,10 @@ def read_results(directory: Path) -> Results:
             results.append(result)
     if not results:
         expected = ", ".join(f"{kind}.json" for kind in KINDS)
-        raise ResultError(
-            "\n".join([f"{directory}: expected one result file at least ({expected}), found none", *faults])
-        )
+        beside = directory.with_name(f"{directory.name}-results")
+        hint = f"; the nearest is {beside}" if beside.is_dir() else ""
+        message = f"{directory}: expected one result file at least ({expected}), found none{hint}"
+        raise ResultError("\n".join([message, *faults]))
     results.sort(
         key=lambda result: (KINDS.index(result.kind) if result.kind in KINDS else len(KINDS), result.file)
     )

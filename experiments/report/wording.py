@@ -34,7 +34,7 @@ def number(value: object, digits: int = 4) -> str:
         mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
         return f"{mantissa} × 10{str(int(power)).translate(_SUPERSCRIPT)}".replace("-", "−", 1)
     decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0) if value else 0
-    return f"{value:.{decimals}f}".replace("-", "−")
+    return f"{value + 0.0:.{decimals}f}".replace("-", "−")  # no minus before a zero
 
 
 def with_limits(value: object, low: object, high: object) -> tuple[str, str]:

@@ -1,5 +1,6 @@
 """A campaign of raw records from the virtual test rig."""
 
+import difflib
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
@@ -142,7 +143,9 @@ def plant_of(law: str | None) -> Plant:
     if law is None:
         return Plant()
     if law not in RIVALS:
-        raise ValueError(f"law: got {law!r}, expected one of {', '.join(RIVALS)}")
+        near = difflib.get_close_matches(law, RIVALS, 1)
+        hint = f"; the nearest is {near[0]}" if near else ""
+        raise ValueError(f"law: got {law!r}, expected one of {', '.join(RIVALS)}{hint}")
     return Plant(loosening=RIVALS[law])
 
 

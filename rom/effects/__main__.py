@@ -47,7 +47,7 @@ def _row(member: Member) -> str:
         f"`{member.name}`{star}",
         ", ".join(member.places),
         equation,
-        "<br>".join(numbers),
+        numbers,
         alike,
         member.source,
     )

@@ -122,6 +122,9 @@ def test_several_faults_take_a_line_each(tmp_path: Path, boltlaw: Boltlaw) -> No
         (("rig", "new", "--strengths", "1,soft"), ("strengths", "1,soft", "1,0.8,0.6")),
         (("rig", "new", "--strengths", "1,nan"), ("strengths", "nan", "> 0")),
         (("rig", "new", "--law", "power-9"), ("law", "power-9", "power-2", "threshold")),
+        (("rig", "new", "--law", "treshold"), ("law", "treshold", "nearest is threshold")),
+        (("rig", "new", "--undeclared", "cubic-stifness"), ("cubic-stifness", "'cubic-stiffness'")),
+        (("rig", "new", "--undeclared", "hum@sensor:tensoin"), ("sensor:tensoin", "'sensor:tension'")),
         (("rig", "model.json/new", "--cases", "2"), ("model.json",)),
     ],
     ids=" ".join,
@@ -143,6 +146,37 @@ def test_a_wrong_call_is_answered_in_one_line(
     ran = boltlaw(*arguments)
     assert ran.code == 2
     assert ran.out == ""
+    line = one_line(ran.err)
+    assert all(word in line for word in words), line
+    assert listing(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("close", "lab-results"), ("campaign.toml", "nearest campaign is lab")),
+        (("discover", "measured"), ("campaign.toml", "nearest campaign is measured/campaign")),
+        (("predict", "lab-results", "lab"), ("found a folder", "nearest is lab-results/model.json")),
+        (("report", "lab"), ("result file", "nearest is lab-results")),
+        (("report", "lab-results/model.json"), ("found a file", "its folder is lab-results")),
+    ],
+    ids=" ".join,
+)
+def test_a_wrong_folder_is_answered_with_the_nearest_right_one(
+    arguments: tuple[str, ...],
+    words: tuple[str, ...],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    boltlaw: Boltlaw,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("lab", "lab-results", "measured/campaign"):
+        (tmp_path / folder).mkdir(parents=True)
+    for file in ("lab/campaign.toml", "measured/campaign/campaign.toml", "lab-results/model.json"):
+        (tmp_path / file).write_text("")
+    before = listing(tmp_path)
+    ran = boltlaw(*arguments)
+    assert ran.code == 2
     line = one_line(ran.err)
     assert all(word in line for word in words), line
     assert listing(tmp_path) == before

@@ -214,6 +214,7 @@ def test_the_page_shows_errors_equations_numbers_look_alikes_and_figures(tmp_pat
         "p below 10⁻⁴",
         "F: force that pulls the first body back.",
         "Ṫ₀: rate of the law of loosening before this change",
+        "Along Most was left at Before After Channel acceleration lo 60.2 1.03",
         "Where the residual lives (16)",
         "Amplitude 50 µm and more 60.2 1.03",
         "acceleration-gain sensor acceleration_lo 2 % 0.01",

@@ -226,3 +226,16 @@ def test_the_printed_catalogue_is_current(capsys):
 
     main()
     assert capsys.readouterr().out == (DOCS / "effects.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_the_printed_catalogue_tells_every_parameter_with_its_range(name):
+    (row,) = [
+        line
+        for line in (DOCS / "effects.md").read_text(encoding="utf-8").splitlines()
+        if line.startswith(f"| `{name}`")
+    ]
+    for parameter, number in CATALOGUE[name].parameters.items():
+        low, high = number.bounds
+        reach = re.escape(f"({low:g} to {high:g})")
+        assert re.search(rf"\b{parameter}(\*\*)? \S+ {reach}", row), row
