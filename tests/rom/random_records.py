@@ -109,7 +109,7 @@ def random_cells(random: Random) -> tuple[str, bytes]:
     for _ in range(random.choice((1, 1, 2, 5))):
         row = random.choice((0, 1, random.randrange(len(rows))))
         match random.choice(("cell", "cell", "cell", "row", "again", "more", "fewer", "cut")):
-            case "cell":
+            case "cell" if rows[row]:
                 rows[row][random.randrange(len(rows[row]))] = random.choice(CELLS)
             case "row":
                 rows[row] = [random.choice(CELLS)]
@@ -159,7 +159,8 @@ def _mat_values() -> tuple[Any, ...]:
     from scipy.sparse import csc_array
 
     return (
-        np.array([Forbidden, 1, "a"], dtype=object).astype(str).astype(object), {"a": {"b": 1.0}}, "text", True,
+        np.array([Forbidden, 1, "a"], dtype=object).astype(str).astype(object), {"a": {"b": 1.0}}, "text",
+        True,
         np.ones((3, 3, 3)), np.zeros((0, 1)), 1e308 * np.ones(1200), np.ones(1200) * 1j, np.nan,
         csc_array(np.eye(4)), np.int64(7), np.arange(1200, dtype=np.uint8), np.array([]), -np.inf,
         np.frombuffer(PICKLED, dtype=np.uint8),
@@ -210,13 +211,14 @@ def _own_group(file: h5py.File, name: str) -> None:
 
 _H5_CONTENTS: tuple[Callable[[h5py.File, str], Any], ...] = (
     _external, _raw_outside, _virtual, _own_link, _own_group, _opaque,
-    _holding([PICKLED] * 3), _holding([PICKLED], dtype=h5py.special_dtype(vlen=bytes)),
+    _holding(np.array([PICKLED] * 3, "S")), _holding(["text"] * 3),
+    _holding([b"a"], dtype=h5py.string_dtype()),
     _holding(np.ones(1200, dtype="f2")), _holding(np.ones(1200, dtype=">f4")), _holding(3.0), _holding(True),
     _holding(np.ones(3, dtype=[("a", "f8"), ("b", "S3")])), _holding(np.ones((40, 30))), _holding("text"),
     _holding(np.arange(1200), dtype=h5py.enum_dtype({"a": 0, "b": 1})), _holding(h5py.Empty("f8")),
     _holding(np.ones(1200), scaleoffset=2, chunks=(100,)), _holding(np.full(1200, 1e308)),
     _shaped((0,)), _shaped((10**12,)), _shaped((10**12,), chunks=(1000,), compression="gzip"),
     _shaped((10**6, 10**6), chunks=(10, 10), fillvalue=1.0), _shaped((1200,)),
-    _rated(5e-324), _rated(1e308), _rated([400.0, 1.0]), _rated("400"), _rated(PICKLED), _rated(np.void(PICKLED)),
-    _rated(h5py.Empty("f8")), _rated(True), _rated(400 + 1j), _rated(399.9999),
+    _rated(5e-324), _rated(1e308), _rated([400.0, 1.0]), _rated("400"), _rated(np.bytes_(PICKLED)),
+    _rated(np.void(PICKLED)), _rated(h5py.Empty("f8")), _rated(True), _rated(400 + 1j), _rated(399.9999),
 )  # fmt: skip
