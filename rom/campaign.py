@@ -10,10 +10,11 @@ import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from pydantic import ValidationError
 
+from rom import shown
 from rom.channels import (
     BOLT_CHANNELS,
     MOTIONS,
@@ -38,6 +39,10 @@ from rom.settings import (
     record_faults,
     structure_faults,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 __all__ = [
     "FORMAT",
@@ -144,7 +149,7 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Campaign:
+class Campaign(shown.Shown):
     """A checked campaign folder: `path`, its settings, and `digest` (SHA-256 of settings and records).
 
     `digests` holds that of each record by file: what is read later must be what was checked. A record without
@@ -192,6 +197,18 @@ class Campaign:
             raise RecordError(path, (CHANGED,))
         return Record(record, channels, moving_bodies(record, self.settings, channels))
 
+    def summary(self) -> str:
+        """Return what it holds: structure, records by kind, preloads."""
+        return shown.campaign_summary(self)
+
+    def to_frame(self) -> DataFrame:
+        """Return a row for each record, by file."""
+        return shown.campaign_frame(self)
+
+    def plot(self) -> Figure:
+        """Draw the nominal preload of every record over its kind of test; held-out records are hollow."""
+        return shown.campaign_figure(self)
+
 
 def read_campaign(
     path: Path | str, jobs: int = 1, progress: Callable[[int, int], None] | None = None
@@ -211,6 +228,15 @@ def read_campaign(
     ------
     CampaignError
         If anything in the folder is not as it must be: one line for each fault.
+
+    Examples
+    --------
+    >>> import rom
+    >>> campaign = rom.read_campaign("campaign")
+    >>> print(campaign.summary().splitlines()[0])
+    two oscillators: 7 records of lo, so
+    >>> campaign.to_frame().loc["records/driven.csv", "hold_out"].item()
+    True
     """
     toml = Path(path) / "campaign.toml" if Path(path).is_dir() else Path(path)
     text = _bytes_of(toml)

@@ -50,6 +50,13 @@ def load_model(path: str | Path) -> Model:
     ------
     ModelFileError
         If the file is not a model.
+
+    Examples
+    --------
+    >>> import rom
+    >>> rom.paper_model().save("model.json")
+    >>> rom.load_model("model.json") == rom.paper_model()
+    True
     """
     path = Path(path)
     try:
