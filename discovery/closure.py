@@ -119,8 +119,8 @@ class Closure(Shown):
     'closed'
     >>> print(closure.summary().splitlines()[0])
     What was missing: coulomb-friction in the link flexure_lo.
-    >>> sorted(closure.to_frame()["records"].unique())
-    [32]
+    >>> sorted(closure.to_frame()["set"].unique())
+    ['hold_out', 'training']
     """
 
     verdict: Verdict
@@ -154,7 +154,7 @@ class Closure(Shown):
         import pandas as pd
 
         rows = [
-            {"model": step.added or "declared", "records": kind, **errors}
+            {"model": step.added or "declared", "set": kind, **errors}
             for step in self.steps
             for kind, errors in step.errors.items()
         ]

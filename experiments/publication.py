@@ -91,7 +91,8 @@ def _held(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        (folder / LOCK).unlink(missing_ok=True)  # while it is held: who waits for it notices
+        with suppress(OSError):
+            (folder / LOCK).unlink()  # while it is held: who has just opened it notices and tries again
         lock.release()
         for path in new:
             with suppress(OSError):  # not empty

@@ -147,7 +147,9 @@ def _read_csv(path: Path) -> Iterator[tuple[str, Read]]:
         raise LayoutError(f'header: found "{", ".join(header)[:60]}", expected "time_s, <channel>, ..."')
     if repeated := [name for name, count in Counter(header).items() if count > 1]:
         raise LayoutError(f"{repeated[0]}: found this column more than once, expected it once")
-    table = pd.read_csv(path, header=None, skiprows=1, skipinitialspace=True, encoding="utf-8-sig")
+    table = pd.read_csv(  # in one piece: else a word far down makes the library warn beside the fault
+        path, header=None, skiprows=1, skipinitialspace=True, encoding="utf-8-sig", low_memory=False
+    )
     if table.shape[1] != len(header):
         raise LayoutError(
             f"file: found {table.shape[1]} cells a row, expected {len(header)} as in the header"

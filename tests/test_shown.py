@@ -42,7 +42,7 @@ def identification() -> Identification:
     values = zip(files, (20.0, 150.0, 900.0), (6e5, 2e6, 5e6), (300.0, 900.0, 1700.0), strict=True)
     joint = tuple(JointEstimate(f, t, k, c, (0.01, 0.05), 0.1, "", None, None, None) for f, t, k, c in values)
     gamma = (GammaEstimate("records/loosening_0.h5", 152.7, 140.0, 0.1, 5e7, 0.02, False),)
-    doubt = Doubt("records/loosening_1.h5", "force_lo is clipped")
+    doubt = Doubt("records/loosening_1.h5", "force_lo", "clipped", "force_lo is clipped")
     return Identification(
         rom.paper_model(), None, joint=joint, gamma=gamma, set_aside=(doubt,), warnings=("few preloads",),
         records=(*files, "records/loosening_0.h5"),

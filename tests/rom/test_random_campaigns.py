@@ -19,7 +19,7 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from rom.campaign import CampaignError, read_campaign
-from rom.records import write_channels
+from rom.records import inspect_channels, write_channels
 from tests.rom.random_records import (
     H5_OPTIONS,
     PICKLED,
@@ -236,3 +236,11 @@ def test_samples_that_were_never_stored_are_refused(tmp_path: Path, watch: Watch
                 file[name] = samples
     line = refused(folder, "hollow.h5", (tmp_path / "hollow.h5").read_bytes(), watch)
     assert "strain: found 0 bytes stored for 1000000000000 samples" in line
+
+
+def test_a_word_far_down_a_long_table_is_one_fault_without_a_warning(tmp_path: Path) -> None:
+    rows = [f"{place / 400:.4f},0.5" for place in range(80_000)]
+    rows[-5] = rows[-5].replace("0.5", "abc")
+    (tmp_path / "long.csv").write_text("\n".join(["time_s,force_lo", *rows]))
+    found = inspect_channels(tmp_path / "long.csv", 400.0, 100.0)
+    assert found.faults == ('force_lo: found "abc" in data row 79996, expected a number',)
