@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rom.model import Model
     from rom.simulation import Response
 
+_ROWS = 60  # of a table in a notebook; the middle is left out
 _SPEED = 0.1  # at which a tension law is drawn [m/s]
 _TENSIONS = (1.0, 3000.0)  # over which laws are drawn that no record belongs to [N]
 
@@ -38,7 +39,7 @@ class Shown:
         raise NotImplementedError
 
     def _repr_html_(self) -> str:
-        table = self.to_frame().to_html(float_format=lambda x: f"{x:.4g}", na_rep="")
+        table = self.to_frame().to_html(float_format=lambda x: f"{x:.4g}", na_rep="", max_rows=_ROWS)
         return f"<pre>{escape(self.summary())}</pre>{table}"
 
 

@@ -31,7 +31,7 @@ PLACES = ("stiffness", "damping", "tension_rate")
 
 
 @dataclass(frozen=True)
-class Response:
+class Response(shown.Shown):
     """The simulated response to a record of force, at the force's own samples.
 
     Attributes
