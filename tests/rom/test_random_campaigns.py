@@ -244,3 +244,14 @@ def test_a_word_far_down_a_long_table_is_one_fault_without_a_warning(tmp_path: P
     (tmp_path / "long.csv").write_text("\n".join(["time_s,force_lo", *rows]))
     found = inspect_channels(tmp_path / "long.csv", 400.0, 100.0)
     assert found.faults == ('force_lo: found "abc" in data row 79996, expected a number',)
+
+
+def test_a_chunk_shorter_than_its_checksum_is_refused(tmp_path: Path, watch: Watch, folder: Path) -> None:
+    """To decode it ends the whole process."""
+    with h5py.File(tmp_path / "summed.h5", "w") as file:
+        for name, channel in sound_channels(LOOSENING).items():
+            stored = file.create_dataset(name, data=channel.samples, fletcher32=True, chunks=(100,))
+            if name == "strain":
+                stored.id.write_direct_chunk((0,), b"\0\0")
+    line = refused(folder, "short.h5", (tmp_path / "summed.h5").read_bytes(), watch)
+    assert "strain: found a chunk without samples" in line
