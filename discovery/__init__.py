@@ -3,7 +3,14 @@
 ``discover(campaign)`` gives a `Ranking`: ``ranking.laws``, ``ranking.summary()``, ``ranking.plot()``,
 ``ranking.to_frame()`` and, with the first law in it, ``ranking.model``. ``close_loop(campaign)`` gives a
 `Closure`: ``closure.verdict``, ``closure.effects``, ``closure.model``, ``closure.summary()``,
-``closure.plot()``.
+``closure.plot()``; both say themselves in a notebook.
+
+Examples
+--------
+>>> import discovery, rom
+>>> campaign = rom.read_campaign("campaign")
+>>> ranking = discovery.discover(campaign)  # doctest: +SKIP
+>>> closure = discovery.close_loop(campaign)  # doctest: +SKIP
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from rom.shown import Shown
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
@@ -88,7 +90,7 @@ class Screened:
 
 
 @dataclass(frozen=True, eq=False)
-class Closure:
+class Closure(Shown):
     """Residual, effect, refined model, errors before and after.
 
     Attributes
@@ -108,6 +110,17 @@ class Closure:
         The best of the catalogue in the first round, best first.
     set_aside, warnings : tuple of str
         Records of doubtful quality; what to know.
+
+    Examples
+    --------
+    A `closure` from ``discovery.close_loop(campaign)``:
+
+    >>> closure.verdict
+    'closed'
+    >>> print(closure.summary().splitlines()[0])
+    What was missing: coulomb-friction in the link flexure_lo.
+    >>> sorted(closure.to_frame()["set"].unique())
+    ['hold_out', 'training']
     """
 
     verdict: Verdict
@@ -141,7 +154,7 @@ class Closure:
         import pandas as pd
 
         rows = [
-            {"model": step.added or "declared", "records": kind, **errors}
+            {"model": step.added or "declared", "set": kind, **errors}
             for step in self.steps
             for kind, errors in step.errors.items()
         ]

@@ -17,6 +17,7 @@ from rom.courses import TensionCourse
 from rom.laws import Parameter, free_form_law
 from rom.model import Model
 from rom.residuals import Errors
+from rom.shown import Shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,7 +78,7 @@ class RankedLaw:
 
 
 @dataclass(frozen=True, eq=False)
-class Ranking:
+class Ranking(Shown):
     """Tension laws in the order in which the records support them.
 
     Attributes
@@ -101,6 +102,16 @@ class Ranking:
         What was measured.
     scatter : tuple of float
         a and b of ln tau, tau the case-to-case scatter of the log rate: ``a + b ln(T / 100 N)``.
+
+    Examples
+    --------
+    A `ranking` from ``discovery.discover(campaign)``:
+
+    >>> ranking.laws[0].name in ranking.summary()
+    True
+    >>> list(ranking.to_frame()["name"]) == [law.name for law in ranking.laws]
+    True
+    >>> ranking.model.save("model.json")
     """
 
     laws: tuple[RankedLaw, ...]
@@ -211,10 +222,6 @@ class Ranking:
         axes.set_xscale("symlog", linthresh=10.0)
         axes.set_xlabel("cross-validated log likelihood, above that of the gamma(T) baseline")
         return figure
-
-    def _repr_html_(self) -> str:
-        summary = self.summary().replace("&", "&amp;").replace("<", "&lt;")
-        return f"<pre>{summary}</pre>{self.to_frame().to_html(float_format=lambda x: f'{x:.4g}')}"
 
 
 def with_law(model: Model, law: RankedLaw) -> Model:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -227,7 +228,9 @@ def predict(
     from experiments.studies import predict as study
 
     with _progress(quiet) as report, execution(cluster):
-        path = study.run(model, campaign, results_folder(campaign, out), seed, jobs, report("simulating"))
+        path = study.run(
+            model, campaign, results_folder(campaign, out), seed, jobs, report("simulating"), _command()
+        )
     _say(f"wrote {path}", quiet)
 
 
@@ -287,4 +290,4 @@ def _say(text: str, quiet: bool) -> None:
 
 
 def _command() -> str:
-    return " ".join(["boltlaw", *sys.argv[1:]])
+    return shlex.join(["boltlaw", *sys.argv[1:]])

@@ -85,7 +85,7 @@ def tell(error: BaseException) -> int:
     A wrong call or bad input takes a line a fault, without a traceback; a fault of the program keeps it.
     """
     if isinstance(error, KeyboardInterrupt) or type(error).__name__ == "Abort":
-        print("interrupted: nothing was written", file=sys.stderr)
+        print("interrupted: no result is half-written, earlier ones are as they were", file=sys.stderr)
         return INTERRUPTED
     wrong_call = getattr(error, "format_message", None)  # how the command line library reports one
     if wrong_call is not None:

@@ -6,12 +6,12 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rom.provenance import program_version, versions
 from rom.records import replacing
 
 
@@ -28,7 +28,8 @@ def write_result(
     header = {
         "format": f"boltlaw-{kind}/1",
         "campaign": campaign,
-        "program_version": version("boltlaw"),
+        "program_version": program_version(),
+        "versions": versions(),
         "seed": seed,
         "elapsed_s": round(elapsed_s, 3),
     }

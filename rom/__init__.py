@@ -1,4 +1,19 @@
-"""Physics and signals: records in, reduced-order model out, and its fast simulation."""
+"""Physics and signals: records in, reduced-order model out, and its fast simulation.
+
+What `read_campaign`, `identify`, `paper_model` and `Model.simulate` return has ``summary()``, ``to_frame()``
+and ``plot()``; a notebook shows the first two by itself.
+
+Examples
+--------
+>>> import rom
+>>> campaign = rom.read_campaign("campaign")
+>>> model = rom.identify(campaign)  # doctest: +SKIP
+>>> model = rom.paper_model()
+>>> print(model.to_frame().loc["joint.damping.c_d", "value"].item())
+1853.0
+>>> len(model.plot().axes)
+3
+"""
 
 from __future__ import annotations
 

@@ -8,12 +8,13 @@ import secrets
 import shutil
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from pydantic import ValidationError
 
+from rom import shown
 from rom.channels import (
     BOLT_CHANNELS,
     MOTIONS,
@@ -22,8 +23,8 @@ from rom.channels import (
     motion_channels,
     one_of,
 )
-from rom.checks import Check, check_record, moving_bodies
-from rom.records import Precision, read_channels, write_channels
+from rom.checks import Check, check_record, file_digest, moving_bodies
+from rom.records import Precision, RecordError, read_channels, write_channels
 from rom.settings import (
     FORMAT,
     BodySettings,
@@ -38,6 +39,10 @@ from rom.settings import (
     record_faults,
     structure_faults,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 __all__ = [
     "FORMAT",
@@ -56,15 +61,27 @@ __all__ = [
 ]
 
 
+_LONGEST_LINE = 500
+CHANGED = "file: found other content than when the campaign was checked, expected it to stay: run again"
+
+
 class CampaignError(ValueError):
     """A campaign that is refused; `faults` holds one line for each fault: file, key, found, expected."""
 
     def __init__(self, faults: Iterable[str]) -> None:
-        self.faults = tuple(" ".join(fault.split()) for fault in faults)
+        self.faults = tuple(_line(fault) for fault in faults)
         super().__init__("\n".join(self.faults))
 
     def __reduce__(self) -> tuple[type[CampaignError], tuple[tuple[str, ...]]]:
         return type(self), (self.faults,)
+
+
+def _line(fault: str) -> str:
+    """Return a fault as one line for a terminal, whatever a file's names and values hold."""
+    text = " ".join(fault.split())
+    if len(text) > _LONGEST_LINE:
+        text = f"{text[: _LONGEST_LINE // 2]} ... {text[-_LONGEST_LINE // 2 :]}"
+    return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +149,17 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Campaign:
-    """A checked campaign folder: `path`, its settings, and `digest` (SHA-256 of settings and records)."""
+class Campaign(shown.Shown):
+    """A checked campaign folder: `path`, its settings, and `digest` (SHA-256 of settings and records).
+
+    `digests` holds that of each record by file: what is read later must be what was checked. A record without
+    one is not compared.
+    """
 
     path: Path
     settings: CampaignSettings
     digest: str
+    digests: Mapping[str, str] = field(default_factory=dict, repr=False, hash=False)
 
     def select(
         self, test: str | Collection[str] | None = None, hold_out: bool | None = None
@@ -165,11 +187,27 @@ class Campaign:
         Raises
         ------
         RecordError
-            If the file is not what it was when the campaign was checked.
+            If the file is not, byte by byte, what it was when the campaign was checked.
         """
         sampling = self.settings.sampling
-        channels = read_channels(self.path / record.file, sampling.motion_rate_hz, sampling.tension_rate_hz)
+        path = self.path / record.file
+        channels = read_channels(path, sampling.motion_rate_hz, sampling.tension_rate_hz)
+        checked = self.digests.get(record.file)
+        if checked is not None and file_digest(path) != checked:  # after reading: also what changed meanwhile
+            raise RecordError(path, (CHANGED,))
         return Record(record, channels, moving_bodies(record, self.settings, channels))
+
+    def summary(self) -> str:
+        """Return what it holds: structure, records by kind, preloads."""
+        return shown.campaign_summary(self)
+
+    def to_frame(self) -> DataFrame:
+        """Return a row for each record, by file."""
+        return shown.campaign_frame(self)
+
+    def plot(self) -> Figure:
+        """Draw the nominal preload of every record over its kind of test; held-out records are hollow."""
+        return shown.campaign_figure(self)
 
 
 def read_campaign(
@@ -190,9 +228,19 @@ def read_campaign(
     ------
     CampaignError
         If anything in the folder is not as it must be: one line for each fault.
+
+    Examples
+    --------
+    >>> import rom
+    >>> campaign = rom.read_campaign("campaign")
+    >>> print(campaign.summary().splitlines()[0])
+    two oscillators: 7 records of lo, so
+    >>> campaign.to_frame().loc["records/driven.csv", "hold_out"].item()
+    True
     """
     toml = Path(path) / "campaign.toml" if Path(path).is_dir() else Path(path)
-    settings = _read_settings(toml)
+    text = _bytes_of(toml)
+    settings = _parsed(text, toml.name)
     folder = toml.parent.absolute()  # worker processes may have been started in another folder
     if faults := [f"{toml.name}: {line}" for line in structure_faults(settings)]:
         raise CampaignError(faults)
@@ -209,24 +257,32 @@ def read_campaign(
     faults += [f"{check.file}: {line}" for check in checks for line in check.faults]
     if faults:
         raise CampaignError(faults)
-    digest = hashlib.sha256(toml.read_bytes())
+    digest = hashlib.sha256(text)
     for check in checks:
         digest.update(f"{check.file}\0{check.digest}".encode())
-    return Campaign(folder, settings, digest.hexdigest())
+    return Campaign(folder, settings, digest.hexdigest(), {check.file: check.digest for check in checks})
 
 
-def _read_settings(toml: Path) -> CampaignSettings:
+def _bytes_of(toml: Path) -> bytes:
     try:
-        data = tomllib.loads(toml.read_bytes().decode("utf-8-sig"))
-        return CampaignSettings.model_validate(data)
+        if toml.exists() and not toml.is_file():  # a pipe or a device may never end
+            raise CampaignError([f"{toml}: found a folder or device, expected a text file"])
+        return toml.read_bytes()
     except FileNotFoundError:
         raise CampaignError([f"{toml}: found no such file, expected the settings of a campaign"]) from None
     except OSError as cause:
-        raise CampaignError([f"{toml}: unreadable, expected a text file ({cause.strerror})"]) from None
+        raise CampaignError(
+            [f"{toml}: found it unreadable ({cause.strerror}), expected a text file"]
+        ) from None
+
+
+def _parsed(text: bytes, name: str) -> CampaignSettings:
+    try:
+        return CampaignSettings.model_validate(tomllib.loads(text.decode("utf-8-sig")))
     except ValidationError as error:
-        raise CampaignError(f"{toml.name}: {line}" for line in parsing_faults(error)) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as cause:
-        raise CampaignError([f"{toml.name}: found {cause}, expected TOML in UTF-8"]) from None
+        raise CampaignError(f"{name}: {line}" for line in parsing_faults(error)) from None
+    except (ValueError, RecursionError) as cause:  # of TOML, of UTF-8, or of a number of too many digits
+        raise CampaignError([f"{name}: found {cause}, expected TOML in UTF-8"]) from None
 
 
 def _checks(folder: Path, settings: CampaignSettings, jobs: int) -> Iterator[Check]:

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rom import shown
 from rom.campaign import Campaign, CampaignSettings
 from rom.courses import CourseNoise, TensionCourse, course_noise
 from rom.flexures import fit_near, flexure_ties, unsettled
@@ -36,12 +38,16 @@ from rom.reduction import Progress, ReducedRecord, UncoupledTest, reduce_records
 from rom.spectra import CORNER, SpectralRecord
 from rom.structure import Body, Link, Structure
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
 _LEAST_FOR_NOISE = 6
 _LOST = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Identification:
+class Identification(shown.Shown):
     """All that an identification found; `model` is what it was for.
 
     `unsettled` are reasons to doubt that its numbers are near those of the structure, none for a sound one:
@@ -70,6 +76,18 @@ class Identification:
     def settled(self) -> bool:
         """Whether nothing speaks against the numbers as a start."""
         return not self.unsettled
+
+    def summary(self) -> str:
+        """Return the model found, and what to know of how it was."""
+        return shown.identification_summary(self)
+
+    def to_frame(self) -> DataFrame:
+        """Return what each training record told of the joint, a row each by file."""
+        return shown.identification_frame(self)
+
+    def plot(self) -> Figure:
+        """Draw stiffness, damping and loss rate over tension, with what each record told."""
+        return shown.model_figure(replace(self.model, identification=self))
 
 
 def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None) -> Model:

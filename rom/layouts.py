@@ -21,6 +21,9 @@ Precision: TypeAlias = Literal["float64", "float32"]
 Read: TypeAlias = Callable[[], tuple[Any, Any]]  # samples and rate_hz (None: not stated), as in the file
 Reader: TypeAlias = Callable[[Path], Iterator[tuple[str, Read]]]
 
+_FILTERS = ("gzip", "lzf", "shuffle", "fletcher32")
+_LARGEST_RATIO = 1100  # gzip packs 1032 bytes into one at most
+_CHECKSUM_BYTES = 4
 STEP_TOLERANCE = 0.25  # of a sample: jitter of a printed time column; a lost sample is a whole one
 
 
@@ -53,7 +56,36 @@ def _h5_samples(file: Any, name: str) -> tuple[Any, Any]:
         raise ValueError("found text or references, expected real numbers")
     if item.shape is None or "MATLAB_empty" in item.attrs:
         raise ValueError("found no samples, expected a signal")
+    _require_stored(item)
     return item[()], item.attrs.get("rate_hz")
+
+
+def _require_stored(item: Any) -> None:
+    """Refuse what damage can make of a data set: more samples than its bytes can hold, filters that crash.
+
+    HDF5 makes up samples that were never stored, and its decoders trust what they are given: that of
+    scale-offset, and Fletcher's checksum where a chunk is shorter than the checksum, end the whole process.
+    """
+    filters = _filters(item)
+    if unknown := [name for name in filters if name not in _FILTERS]:
+        raise ValueError(f"found the filter {unknown[0]}, expected none or {', '.join(_FILTERS)}")
+    stored = item.id.get_storage_size()
+    if item.nbytes > stored * (_LARGEST_RATIO if filters else 1):
+        raise ValueError(f"found {stored} bytes stored for {item.size} samples, expected more: it is damaged")
+    if "fletcher32" in filters:
+        chunks = (item.id.get_chunk_info(place).size for place in range(item.id.get_num_chunks()))
+        if min(chunks, default=0) <= _CHECKSUM_BYTES:
+            raise ValueError("found a chunk without samples, expected a checksum and samples: it is damaged")
+
+
+def _filters(item: Any) -> tuple[str, ...]:
+    import h5py
+
+    names = {h5py.h5z.FILTER_DEFLATE: "gzip", h5py.h5z.FILTER_SHUFFLE: "shuffle"}
+    names |= {h5py.h5z.FILTER_FLETCHER32: "fletcher32", h5py.h5z.FILTER_LZF: "lzf"}
+    used = item.id.get_create_plist()
+    codes = [used.get_filter(place)[0] for place in range(used.get_nfilters())]
+    return tuple(names.get(code, f"number {code}") for code in codes)
 
 
 def _read_mat(path: Path) -> Iterator[tuple[str, Read]]:
@@ -115,7 +147,9 @@ def _read_csv(path: Path) -> Iterator[tuple[str, Read]]:
         raise LayoutError(f'header: found "{", ".join(header)[:60]}", expected "time_s, <channel>, ..."')
     if repeated := [name for name, count in Counter(header).items() if count > 1]:
         raise LayoutError(f"{repeated[0]}: found this column more than once, expected it once")
-    table = pd.read_csv(path, header=None, skiprows=1, skipinitialspace=True, encoding="utf-8-sig")
+    table = pd.read_csv(  # in one piece: else a word far down makes the library warn beside the fault
+        path, header=None, skiprows=1, skipinitialspace=True, encoding="utf-8-sig", low_memory=False
+    )
     if table.shape[1] != len(header):
         raise LayoutError(
             f"file: found {table.shape[1]} cells a row, expected {len(header)} as in the header"

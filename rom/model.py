@@ -7,10 +7,12 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from rom import shown
 from rom.effects.effect import Added, Effect
 from rom.effects.law_change import LawChange, change_law
 from rom.effects.places import check_effects, places_of
@@ -19,6 +21,10 @@ from rom.link_force import equilibrium, link_force
 from rom.simulation import PLACES, TOLERANCE, Assembly, Response, assemble, simulate, tensions_of
 from rom.structure import Structure
 from rom.sweep import final_tension, mean_tensions
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -44,7 +50,7 @@ class LinkLaws:
 
 
 @dataclass(frozen=True)
-class Model:
+class Model(shown.Shown):
     """Structure, laws, effects and what ``predict`` needs beside them.
 
     Parameters
@@ -369,3 +375,15 @@ class Model:
         from rom.model_file import write_model
 
         write_model(self, Path(path), header)
+
+    def summary(self) -> str:
+        """Return bodies, laws with numbers and 95 % limits, effects, and how the model was found."""
+        return shown.model_summary(self)
+
+    def to_frame(self) -> DataFrame:
+        """Return a row for each parameter, by path."""
+        return shown.model_frame(self)
+
+    def plot(self) -> Figure:
+        """Draw the laws of every bolted link over tension, with what was identified."""
+        return shown.model_figure(self)

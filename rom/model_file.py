@@ -7,12 +7,12 @@ import math
 import os
 import tempfile
 from collections.abc import Mapping
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from rom.laws import Law, Parameter, law_from_text
 from rom.model import LinkLaws, Model
+from rom.provenance import program_version, versions
 from rom.structure import Body, Link, Structure
 
 FORMAT = "boltlaw-model/1"
@@ -27,7 +27,8 @@ def write_model(model: Model, path: Path, header: Mapping[str, object]) -> None:
     head = {
         "format": FORMAT,
         "campaign": None,
-        "program_version": _version(),
+        "program_version": program_version(),
+        "versions": versions(),
         "seed": None,
         "elapsed_s": None,
     }
@@ -49,6 +50,13 @@ def load_model(path: str | Path) -> Model:
     ------
     ModelFileError
         If the file is not a model.
+
+    Examples
+    --------
+    >>> import rom
+    >>> rom.paper_model().save("model.json")
+    >>> rom.load_model("model.json") == rom.paper_model()
+    True
     """
     path = Path(path)
     try:
@@ -64,13 +72,6 @@ def load_model(path: str | Path) -> Model:
         raise ModelFileError(
             f"{path}: must hold a complete model, got {type(error).__name__}: {error}"
         ) from error
-
-
-def _version() -> str:
-    try:
-        return version("boltlaw")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def _as_data(model: Model) -> dict[str, Any]:

@@ -15,6 +15,7 @@ Test: TypeAlias = Literal["uncoupled", "coupled", "loosening", "free", "driven",
 LinkLaw: TypeAlias = Literal["linear", "dashpot", "bolted"]
 FORMAT = "boltlaw-campaign/1"
 GROUND = "ground"
+_PRINTED_BITS = 192
 USUAL_WINDOWS = {"initial_s": (0.0, 0.4), "final_s": (2.0, 8.0)}
 RECORD_ENDINGS = (".h5", ".mat", ".csv")
 
@@ -187,6 +188,8 @@ def _shown(value: Any) -> str:
         return "a table"
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, int) and value.bit_length() > _PRINTED_BITS:
+        return f"a whole number of {value.bit_length()} bits"
     if isinstance(value, list | tuple):
         return f"[{', '.join(_shown(item) for item in value[:6])}{', ...' if len(value) > 6 else ''}]"
     shown = f'"{value}"' if isinstance(value, str) else str(value)

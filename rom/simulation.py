@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
+from rom import shown
 from rom.effects.effect import Effect
 from rom.laws import constant_stiffness
 from rom.structure import Structure
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
     from rom.kernels.equations import Program
     from rom.model import LinkLaws, Model
 
@@ -27,7 +31,7 @@ PLACES = ("stiffness", "damping", "tension_rate")
 
 
 @dataclass(frozen=True)
-class Response:
+class Response(shown.Shown):
     """The simulated response to a record of force, at the force's own samples.
 
     Attributes
@@ -47,6 +51,17 @@ class Response:
     estimated_error : float
         Estimated error of the final tension relative to the tension's greatest change; NaN where the
         method has no estimate.
+
+    Examples
+    --------
+    >>> import numpy as np, rom
+    >>> time = np.arange(0.0, 0.5, 1 / 19200)
+    >>> force = np.where(time < 0.00065, 1608.7 * np.sin(np.pi * time / 0.00065), 0.0)
+    >>> response = rom.paper_model().simulate({"lo": force}, rate_hz=19200, initial_tension=152.7)
+    >>> print(response.summary().splitlines()[0])
+    ok: 9600 samples to 0.499948 s
+    >>> bool(response.to_frame()["tension"].iloc[-1] < 152.7)
+    True
     """
 
     status: Status
@@ -58,6 +73,18 @@ class Response:
     states: FloatArray
     steps: int
     estimated_error: float
+
+    def summary(self) -> str:
+        """Return status, length and what became of the tension."""
+        return shown.response_summary(self)
+
+    def to_frame(self) -> DataFrame:
+        """Return displacement [m], velocity [m/s], acceleration [m/s2] and tension [N] over time [s]."""
+        return shown.response_frame(self)
+
+    def plot(self) -> Figure:
+        """Draw displacements and tensions over time."""
+        return shown.response_figure(self)
 
 
 @dataclass(frozen=True)

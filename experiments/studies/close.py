@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from experiments.publication import results_into
 from experiments.results import plain, results_folder, write_result
 from experiments.studies.effect_curves import effect_curves
 from experiments.studies.identify import Progress, save_figures
@@ -42,22 +43,19 @@ def run(
     started = time.perf_counter()
     report = progress or (lambda _: None)
     campaign = read_campaign(campaign_path, jobs, report("checking records"))
-    closure = discovery.close_loop(campaign, jobs, report, seed)
-    curves = effect_curves(closure.model, [found.effect for found in closure.effects], campaign)
-    content = plain(closure_section(closure) | {"command": command, "campaign_digest": campaign.digest})
-    for row, curve in zip(content["effects"], curves, strict=True):
-        row["curve"] = plain(curve)
-    drawn = closure_figures(content)
     folder = results_folder(campaign_path, out)
-    folder.mkdir(parents=True, exist_ok=True)
-    header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
-    elapsed = round(time.perf_counter() - started, 3)
-    closure.model.save(
-        folder / "model.json", **header, elapsed_s=elapsed, identification=model_section(content)
-    )
-    path = write_result(folder / "closure.json", "closure", content, **header, elapsed_s=elapsed)
-    save_figures(drawn, folder)
-    return path
+    with results_into(folder) as new:
+        closure = discovery.close_loop(campaign, jobs, report, seed)
+        curves = effect_curves(closure.model, [found.effect for found in closure.effects], campaign)
+        content = plain(closure_section(closure) | {"command": command, "campaign_digest": campaign.digest})
+        for row, curve in zip(content["effects"], curves, strict=True):
+            row["curve"] = plain(curve)
+        header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
+        header["elapsed_s"] = round(time.perf_counter() - started, 3)
+        closure.model.save(new / "model.json", **header, identification=model_section(content))
+        write_result(new / "closure.json", "closure", content, **header)
+        save_figures(closure_figures(content), new)
+    return folder / "closure.json"
 
 
 def closure_section(closure: Closure) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from experiments.publication import results_into
 from experiments.results import plain, results_folder, write_result
 from experiments.studies.identify import Progress, save_figures
 from rom.campaign import Campaign, read_campaign
@@ -50,19 +51,16 @@ def run(
     report = progress or (lambda _: None)
     campaign = read_campaign(campaign_path, jobs, report("checking records"))
     enough(campaign, campaign_path)
-    ranking = discovery.discover(campaign, jobs, report, seed, tightening)
-    content = plain(ranking_section(ranking) | {"command": command, "campaign_digest": campaign.digest})
-    drawn = discovery_figures(content)
     folder = results_folder(campaign_path, out)
-    folder.mkdir(parents=True, exist_ok=True)
-    header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
-    elapsed = round(time.perf_counter() - started, 3)
-    ranking.model.save(
-        folder / "model.json", **header, elapsed_s=elapsed, identification=model_section(content)
-    )
-    path = write_result(folder / "ranking.json", "ranking", content, **header, elapsed_s=elapsed)
-    save_figures(drawn, folder)
-    return path
+    with results_into(folder) as new:
+        ranking = discovery.discover(campaign, jobs, report, seed, tightening)
+        content = plain(ranking_section(ranking) | {"command": command, "campaign_digest": campaign.digest})
+        header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
+        header["elapsed_s"] = round(time.perf_counter() - started, 3)
+        ranking.model.save(new / "model.json", **header, identification=model_section(content))
+        write_result(new / "ranking.json", "ranking", content, **header)
+        save_figures(discovery_figures(content), new)
+    return folder / "ranking.json"
 
 
 def enough(campaign: Campaign, path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from experiments.publication import results_into
 from experiments.results import plain, results_folder
 from rom.campaign import Campaign, read_campaign
 from rom.comparison import Judged, judge, without_loosening
@@ -50,28 +51,28 @@ def run(
         If the campaign cannot be used.
     """
     started = time.perf_counter()
-    outcome = examine(campaign_path, jobs, progress)
+    report = progress or (lambda _: None)
+    campaign = read_campaign(campaign_path, jobs, report("checking records"))
     folder = results_folder(campaign_path, out)
-    drawn = draw(outcome)
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "model.json"
-    outcome.identification.model.save(
-        path,
-        campaign=outcome.campaign.settings.name,
-        seed=seed,
-        elapsed_s=round(time.perf_counter() - started, 3),
-        identification=plain(identification_section(outcome) | {"command": command}),
-    )
-    save_figures(drawn, folder)
-    return path
+    with results_into(folder) as new:
+        outcome = examine(campaign, jobs, report)
+        drawn = draw(outcome)
+        outcome.identification.model.save(
+            new / "model.json",
+            campaign=campaign.settings.name,
+            seed=seed,
+            elapsed_s=round(time.perf_counter() - started, 3),
+            identification=plain(identification_section(outcome) | {"command": command}),
+        )
+        save_figures(drawn, new)
+    return folder / "model.json"
 
 
 def examine(
-    campaign_path: Path, jobs: int = 1, progress: Callable[[str], Progress | None] | None = None
+    campaign: Campaign, jobs: int = 1, progress: Callable[[str], Progress | None] | None = None
 ) -> Outcome:
     """Identify a campaign and judge the model on all of its records."""
     report = progress or (lambda _: None)
-    campaign = read_campaign(campaign_path, jobs, report("checking records"))
     identification = identify_campaign(campaign, jobs, report("identifying"))
     model = identification.model
     judged = judge([model, without_loosening(model)], campaign, jobs=jobs, progress=report("simulating"))

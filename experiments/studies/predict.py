@@ -9,6 +9,7 @@ from typing import Any
 
 from experiments.results import results_folder, write_result
 from rom.campaign import read_campaign
+from rom.checks import file_digest
 from rom.comparison import Judged, judge
 from rom.model_file import load_model
 from rom.residuals import summarise
@@ -21,6 +22,7 @@ def run(
     seed: int = 0,
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
+    command: str = "",
 ) -> Path:
     """Write ``prediction.json`` and return its path.
 
@@ -41,6 +43,8 @@ def run(
     judged = judge([model], campaign, jobs=jobs, progress=progress)
     content = {
         "model": str(model_path),
+        "model_digest": file_digest(model_path),
+        "command": command,
         "campaign_digest": campaign.digest,
         "errors": summarise(j.comparisons[0] for j in judged if j.comparisons),
         "records": [_row(j) for j in judged if j.comparisons],

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from experiments.publication import finish
 from rom.records import replacing
 
 
@@ -31,6 +32,7 @@ def run(directory: str | Path, out: str | Path | None = None) -> Path:
     from experiments.report.document import render
 
     directory = Path(directory)
+    finish(directory)
     text = render(directory)
     target = directory if out is None else Path(out)
     if target.suffix.lower() != ".html":

@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from experiments.publication import results_into
 from experiments.results import write_result
 from experiments.studies import rig
 from experiments.studies.identify import Outcome, Progress, draw, errors_by_set, examine, save_figures
+from rom.campaign import read_campaign
 from rom.comparison import Judged, judge, without_loosening
 from rom.modal import maximum_frequency
 from rom.parameters import he_2025
@@ -86,43 +88,44 @@ def run(
         As for every study.
     """
     started = time.perf_counter()
-    report = progress or (lambda _: None)
-    out.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=out, prefix=".campaign-") as scratch:
-        folder = rig.run(
-            Path(scratch) / "campaign",
-            cases,
-            1.0,
-            seed,
-            jobs,
-            report("measuring"),
-            hold_out_every=0,
-            tightening=True,
-        )
-        outcome = examine(folder, jobs, progress)
-        paper = he_2025.paper_model()
-        judged = judge(
-            [paper, without_loosening(paper)], outcome.campaign, jobs=jobs, progress=report("paper's model")
-        )
-        drawn = draw(outcome)
-    rows = [*_model_rows(), *_coupled_rows(judged), *_identified_rows(outcome), *_error_rows(outcome.judged)]
-    content = {
-        "rows": [asdict(row) | {"within": row.within} for row in rows],
-        "errors": {
-            "identified model": summarise(_loosened(outcome.judged, 0)),
-            "the paper's model": summarise(_loosened(judged, 0)),
-            "no loosening": summarise(_loosened(judged, 1)),
-        },
-        "all_records": errors_by_set(outcome.judged, 0),
-        "data": "virtual rig; the paper's own measurements are not public",
-        "command": command,
-    }
-    path = write_result(
-        out / "reproduction.json", "reproduction", content, campaign=outcome.campaign.settings.name,
-        seed=seed, elapsed_s=time.perf_counter() - started,
-    )  # fmt: skip
-    save_figures(drawn, out)
-    return path
+    with results_into(out) as new:
+        with tempfile.TemporaryDirectory(dir=new) as scratch:
+            outcome, judged = _measured(Path(scratch), cases, seed, jobs, progress or (lambda _: None))
+            drawn = draw(outcome)
+        rows = [
+            *_model_rows(), *_coupled_rows(judged), *_identified_rows(outcome), *_error_rows(outcome.judged)
+        ]  # fmt: skip
+        content = {
+            "rows": [asdict(row) | {"within": row.within} for row in rows],
+            "errors": {
+                "identified model": summarise(_loosened(outcome.judged, 0)),
+                "the paper's model": summarise(_loosened(judged, 0)),
+                "no loosening": summarise(_loosened(judged, 1)),
+            },
+            "all_records": errors_by_set(outcome.judged, 0),
+            "data": "virtual rig; the paper's own measurements are not public",
+            "command": command,
+        }
+        write_result(
+            new / "reproduction.json", "reproduction", content, campaign=outcome.campaign.settings.name,
+            seed=seed, elapsed_s=time.perf_counter() - started,
+        )  # fmt: skip
+        save_figures(drawn, new)
+    return out / "reproduction.json"
+
+
+def _measured(
+    scratch: Path, cases: int | None, seed: int, jobs: int, report: Callable[[str], Progress | None]
+) -> tuple[Outcome, tuple[Judged, ...]]:
+    """Measure and identify the paper's campaign; judge the paper's own model on it too."""
+    folder = rig.run(
+        scratch / "campaign", cases, 1.0, seed, jobs, report("measuring"), hold_out_every=0, tightening=True
+    )
+    campaign = read_campaign(folder, jobs, report("checking records"))
+    outcome = examine(campaign, jobs, report)
+    paper = he_2025.paper_model()
+    models = [paper, without_loosening(paper)]
+    return outcome, judge(models, campaign, jobs=jobs, progress=report("paper's model"))
 
 
 def _losses(tension: Sequence[float], peak: Sequence[float]) -> list[float]:

@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiments.results import plain, results_folder, writable, write_result
+from rom.provenance import versions
 
 HEADER = {"campaign": "two oscillators", "seed": 3, "elapsed_s": 1.23456}
 
@@ -26,6 +27,7 @@ def test_a_result_says_how_it_was_made(tmp_path: Path) -> None:
         "format": "boltlaw-ranking/1",
         "campaign": "two oscillators",
         "program_version": version("boltlaw"),
+        "versions": versions(),
         "seed": 3,
         "elapsed_s": 1.235,
         "laws": [1, 2],
