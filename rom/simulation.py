@@ -259,7 +259,6 @@ def simulate(
     tolerance: float,
 ) -> Response:
     """See ``Model.simulate``."""
-    from rom.kernels.bins import sums_of_blocks
     from rom.kernels.exponential import Task, integrate
     from rom.kernels.runge_kutta import integrate_links
 
@@ -282,7 +281,8 @@ def simulate(
         integrate_links(assembly.program, assembly.coefficients, task, report, out)
         report[1:3] = np.nan
     else:
-        integrate(assembly.program, assembly.coefficients, task, sums_of_blocks(1), report, out)
+        one = task._replace(force=task.force[None], tensions=tensions[None], edges=last[None])
+        integrate(assembly.program, assembly.coefficients[None], one, report[None], out[None])
     return _response(structure, rate, out, report)
 
 

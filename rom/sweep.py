@@ -122,13 +122,14 @@ def _cases(model: Model, coefficients: FloatArray, tasks: Task) -> FloatArray:
     Effects with memory bend too sharply for long blocks: unless more is asked for, they go link by link.
     """
     from rom.kernels.bins import means
-    from rom.kernels.exponential import REACHED, integrate_cases
+    from rom.kernels.exponential import REACHED, integrate
     from rom.kernels.runge_kutta import integrate_links
 
     program = model.assembly.program
     reports = np.zeros((len(coefficients), 6 + int(program.size[2])))
     if len(model.structure.bodies) <= DENSE_BODIES and not (program.size[2] and tasks.tolerance >= TOLERANCE):
-        result: FloatArray = integrate_cases(program, coefficients, tasks, reports)
+        nothing = np.empty((len(coefficients), 0, 0))
+        result: FloatArray = integrate(program, coefficients, tasks, reports, nothing)
         return result
     result = np.full((len(coefficients), tasks.edges.shape[1] - 1, int(program.size[1])), np.nan)
     for case, p in enumerate(coefficients):

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.shared import Shared
@@ -44,6 +45,29 @@ def boltlaw(capfd: pytest.CaptureFixture[str]) -> Boltlaw:
 def shared(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Shared:
     """Results that every process of the run may use."""
     return Shared.of_run(tmp_path_factory, worker_id)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def machine_code(request: pytest.FixtureRequest, worker_id: str) -> None:
+    """Compile what most tests call once for all processes: two that come to it at once would both do so."""
+    if worker_id != "master":
+        request.getfixturevalue("shared").all({"model's code": _use_the_model, "rig's code": _use_the_rig})
+
+
+def _use_the_model() -> None:
+    from rom.parameters.he_2025 import paper_model
+
+    paper_model().simulate({"lo": np.zeros(64)}, 19200.0, 100.0)
+
+
+def _use_the_rig() -> None:
+    from experiments.rig.excitation import Hit
+    from experiments.rig.plant import Plant
+    from experiments.rig.simulation import run
+    from experiments.rig.undeclared import Undeclared
+
+    for effects in ((), (Undeclared("extra-mode"),)):
+        run(Plant(effects=effects), Hit("lo", 1000.0, 0.001, 0.001), 100.0, 0.003)
 
 
 @pytest.fixture(scope="session")

@@ -215,14 +215,15 @@ def integrate(start: float, rate: float, state: Any, inner: Any, system: Any, ou
     pulse = system[3]
     s = scratch(inner)
     for step in range(out.shape[1]):
-        now, end = start + step / rate, start + (step + 1) / rate
-        out[:5, step] = state
-        slope = derivative(now, state, inner, s[0], system)
-        out[5, step], out[6, step] = slope[1], slope[3]
+        now, end, first = start + step / rate, start + (step + 1) / rate, True
+        for place in range(5):
+            out[place, step] = state[place]
         # The pulse has a kink at either end: a step never runs across one.
-        for edge in (pulse.start, pulse.end):
-            if now < edge < end:
+        for edge in (pulse.start, pulse.end, end):
+            if now < edge <= end:
+                slope = derivative(now, state, inner, s[0], system)
+                if first:
+                    out[5, step], out[6, step], first = slope[1], slope[3], False
                 state = runge_kutta(now, state, inner, slope, s, edge - now, system)
-                now, slope = edge, derivative(edge, state, inner, s[0], system)
-        state = runge_kutta(now, state, inner, slope, s, end - now, system)
+                now = edge
     return state

@@ -11,7 +11,7 @@ from rom.kernels.block import Block
 from rom.kernels.propagators import INTEGRAL_AT, LEVELS, NODES, TICKS
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def sums_of_blocks(every: int) -> Any:
     """Sums over the samples of whole blocks, shape (level, phase, NODES + 1); the last one is their count.
 
@@ -40,7 +40,7 @@ def _add_samples(
                 total[b] += d * INTEGRAL_AT[level, node, sample - start - 1] * block.r[node, b]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def add(
     block: Block, level: int, tick: int, d: float, edges: Any, every: int, sums: Any, bin: int, total: Any
 ) -> int:
@@ -67,7 +67,7 @@ def add(
     return bin
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def means(sums: Any, edges: Any, every: int, starts: Any, result: Any) -> None:
     """Mean tensions, shape (bins, tensions), from the sums of their changes; none falls below zero."""
     for bin in range(sums.shape[0]):

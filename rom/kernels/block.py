@@ -166,7 +166,7 @@ def _long_response(forced: Any, weights: Any, force: Any, count: int) -> None:
         forced[3, i] += fourth + weight * force[4 * count]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def free_motion(free: Any, y: Any, E: Any, W: Any, force: Any, level: int, tick: int) -> None:
     """Linear motion at nodes 1 to 4 from the motion ``y`` at node 0."""
     forced = free[1:]

@@ -74,7 +74,7 @@ def _follow(y: Any, E: Any, inputs: Any, starts: Any, ends: Any, count: int) -> 
                     y[i, at] += E[j, i] * y[j, at - 1]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _fill_motion(block: Block, tables: Propagators, y: Any, inputs: Any, level: int) -> None:
     """Motion ``y`` at the samples of a block, and the forces of active links among the ``inputs``."""
     driven, count = tables.W.shape[1], (1 << (level - SAMPLE))
@@ -96,7 +96,7 @@ def _fill_motion(block: Block, tables: Propagators, y: Any, inputs: Any, level: 
     _follow(y, tables.E[SAMPLE], inputs, weights[0], weights[1], count)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _fill_change(block: Block, row: int, level: int, d: float, values: Any) -> None:
     """A tension or state at the samples of a block."""
     for i in range(values.size):
@@ -108,7 +108,7 @@ def _fill_change(block: Block, row: int, level: int, d: float, values: Any) -> N
             values[i] = max(block.start[row] + values[i], 0.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _fill_long(
     block: Block, tables: Propagators, force: Any, level: int, start: int, d: float, out: Any
 ) -> None:

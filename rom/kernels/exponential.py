@@ -65,14 +65,14 @@ DRIFT = 0.001  # relative change of a stiffness or damping at which the linear p
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _inputs(program: Program, p: Any, active: Any, driven: Any, tables: Propagators) -> None:
     """Where forces on bodies and forces of active links enter the velocities."""
     n = program.size[0]
     for u in range(driven.size):
         tables.b[u, n + driven[u]] = 1.0 / p[driven[u]]
     for a in range(active.size):
-        first, second = program.ends[active[a]]
+        first, second = program.ends[active[a], 0], program.ends[active[a], 1]
         if first >= 0:
             tables.b[driven.size + a, n + first] = -1.0 / p[first]
         if second >= 0:
@@ -171,7 +171,7 @@ def largest_impulse(force: Any) -> float:
     return largest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _open(task: Task, level: int, tick: int, least: float) -> int:
     """Highest level whose block hides no hit of impulse `least` [N s], which no node may feel.
 
@@ -188,7 +188,7 @@ def _open(task: Task, level: int, tick: int, least: float) -> int:
     return level
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _run(  # noqa: C901 - the loop over the blocks, in one place
     program: Program, p: Any, task: Task, scale: Any, sums: Any, report: Any, total: Any, out: Any
 ) -> None:
@@ -239,7 +239,7 @@ def _run(  # noqa: C901 - the loop over the blocks, in one place
     report[REACHED] += 1.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _expected(program: Program, p: Any, task: Task) -> Any:
     """First guess of the peak velocity [m/s] and the loss of tension [N]; only the cost depends on it."""
     velocity = 0.0
@@ -264,12 +264,11 @@ def _expected(program: Program, p: Any, task: Task) -> Any:
     return scale
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def integrate(program: Program, p: Any, task: Task, sums: Any, report: Any, out: Any) -> Any:
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _integrate(program: Program, p: Any, task: Task, sums: Any, report: Any, out: Any) -> Any:
     """Integrate over a record; its own peak velocity and loss of tension are the scale of its errors.
 
-    ``sums`` are ``sums_of_blocks``. Fills ``report`` (6 + states,) and, unless empty, ``out``, shape
-    (3 bodies + tensions + states, samples): displacements, velocities, tensions, states, accelerations.
+    ``sums`` are ``sums_of_blocks``. Fills ``report`` and ``out``.
     Returns the sums of the tensions' changes over the bins, shape (bins, tensions); the run is complete where
     ``report[REACHED]`` is the last edge.
     """
@@ -296,20 +295,23 @@ def integrate(program: Program, p: Any, task: Task, sums: Any, report: Any, out:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def integrate_cases(program: Program, coefficients: Any, tasks: Task, reports: Any) -> Any:
+def integrate(program: Program, coefficients: Any, tasks: Task, reports: Any, out: Any) -> Any:
     """Mean tensions of many cases [N], shape (cases, bins, tensions); NaN for a case that diverged.
 
-    ``coefficients``, and the forces, tensions and edges of ``tasks``, have a first axis of cases.
+    ``coefficients``, and the forces, tensions and edges of ``tasks``, have a first axis of cases. Fills
+    ``reports`` (cases, 6 + states) and, unless it holds no samples, ``out``, shape (cases, 3 bodies +
+    tensions + states, samples): displacements, velocities, tensions, states, accelerations.
+    The one door to the integrator: another function that calls it would have all of it compiled again.
     """
     cases = coefficients.shape[0]
     result = np.full((cases, tasks.edges.shape[1] - 1, program.size[1]), np.nan)
-    nothing, sums = np.empty((0, 0)), sums_of_blocks(tasks.every)
+    sums = sums_of_blocks(tasks.every)
     for case in range(cases):
         task = Task(
             tasks.rate, tasks.driven, tasks.active, tasks.force[case], tasks.y0,
             tasks.tensions[case], tasks.edges[case], tasks.every, tasks.tolerance,
         )  # fmt: skip
-        changes = integrate(program, coefficients[case], task, sums, reports[case], nothing)
+        changes = _integrate(program, coefficients[case], task, sums, reports[case], out[case])
         if reports[case, REACHED] == task.edges[-1]:
             means(changes, task.edges, task.every, task.tensions, result[case])
     return result

@@ -63,7 +63,7 @@ class Propagators(NamedTuple):
     built: npt.NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def allocate(size: int, driven: int, active: int) -> Propagators:
     """Empty tables."""
     return Propagators(
@@ -91,27 +91,30 @@ def _next_term(A: Any, factor: float, term: Any, image: Any) -> float:
     return largest
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _exponential(A: Any, d: float, result: Any, term: Any, image: Any) -> None:
     """``exp(A d) term`` by its series."""
-    result[:] = term
+    for i in range(term.size):
+        result[i] = term[i]
     for k in range(1, 80):
-        largest = _next_term(A, d / k, term, image)
+        largest, total = _next_term(A, d / k, term, image), 0.0
         for i in range(term.size):
             result[i] += term[i]
-        if largest <= 1e-20 * np.max(np.abs(result)):
+            total = max(total, abs(result[i]))
+        if largest <= 1e-20 * total:
             break
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _moments(A: Any, start: Any, d: float, result: Any, term: Any, image: Any) -> None:
     """``int_0^d exp(A (d - s)) start (s / d)^q ds`` for all powers q, one series of ``(A d)^k start / k!``.
 
     The k-th term of power q has the factor ``d k! q! / (k + q + 1)!``.
     """
-    term[:] = start
+    size, total = term.size, 0.0
+    for i in range(size):
+        term[i], total = start[i], max(total, abs(start[i]))
     result[:] = 0.0
-    size, total = term.size, np.max(np.abs(start))
     for k in range(80):
         factor = d / (k + 1.0)
         for q in range(NODES):
@@ -122,7 +125,7 @@ def _moments(A: Any, start: Any, d: float, result: Any, term: Any, image: Any) -
             break
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _build_first(tables: Propagators, d: float) -> None:
     """Exponential and moments of the shortest sub-block, by series."""
     size = tables.A.shape[0]
@@ -135,7 +138,7 @@ def _build_first(tables: Propagators, d: float) -> None:
         _moments(tables.A, tables.b[i], d, tables.P[0, i], term, image)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _double(tables: Propagators, level: int) -> None:
     """Exponential and moments of a level from those of the level below."""
     size = tables.A.shape[0]
@@ -157,7 +160,7 @@ def _double(tables: Propagators, level: int) -> None:
                 P[level, u, q, i] = total / 2.0**q
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _input_weights(tables: Propagators, level: int) -> None:
     """Weights of the samples within a sub-block."""
     driven, size = tables.W.shape[1], tables.W.shape[2]
@@ -179,7 +182,7 @@ def _input_weights(tables: Propagators, level: int) -> None:
                 W[level, u, i, half + j] = W[level - 1, u, i, j]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _node_weights(tables: Propagators, level: int) -> None:
     """Weights of the nodes of the block."""
     driven = tables.W.shape[1]

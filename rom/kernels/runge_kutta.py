@@ -22,6 +22,13 @@ GOAL, CALM_GOAL, CALM = 1e-6, 1e-5, 1e-3
 ROUGH = 2e-3  # share of the peak velocity up to which a step may smooth the force
 
 
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _copy(values: Any, target: Any) -> None:
+    """``target[:] = values``, which would compile the text of an error about their shapes, for seconds."""
+    for i in range(target.size):
+        target[i] = values[i]
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _step(program: Program, p: Any, t: float, h: float, forces: Any, y: Any, work: Any) -> float:
     """One step of length ``h`` from ``y`` to ``work[2]``; the largest doubt of a velocity [m/s].
@@ -126,7 +133,8 @@ def integrate_links(program: Program, p: Any, task: Task, report: Any, out: Any)
     y, total = np.zeros(2 * n + tensions + program.size[2]), np.zeros((task.edges.size - 1, tensions))
     work, forces, before = np.zeros((5, y.size)), np.zeros((3, n)), np.zeros((2, y.size))
     bins, held, rates = np.zeros(1, dtype=np.int64), slice(2 * n, 2 * n + tensions), np.zeros((2, tensions))
-    y[: 2 * n], y[held] = task.y0, task.tensions
+    _copy(task.y0, y[: 2 * n])
+    _copy(task.tensions, y[held])
     report[:] = 0.0
     scale, mobility, sample, count, last = _scale(task, p, n), 1.0 / np.min(p[:n]), 0, 1, task.edges[-1] - 1
     fastest = 0.0
@@ -141,14 +149,18 @@ def integrate_links(program: Program, p: Any, task: Task, report: Any, out: Any)
             count //= 2
         if count == 1:
             _load(task, sample, 1, forces)
-        before[0], before[1], rates[0] = y, work[0], work[0, held]
+        _copy(y, before[0])
+        _copy(work[0], before[1])
+        _copy(work[0, held], rates[0])
         h = count / task.rate
         goal = scale * (CALM_GOAL if _largest(rates[0]) <= CALM * fastest else GOAL)
         doubt = _step(program, p, sample / task.rate, h, forces, y, work)
         if count > 1 and not doubt <= goal:
-            work[0], count = before[1], count // 2
+            _copy(before[1], work[0])
+            count //= 2
             continue
-        y[:], rates[1] = work[2], work[0, held]
+        _copy(work[2], y)
+        _copy(work[0, held], rates[1])
         _add(task, sample + 1, count, h, before[0, held], rates, y[held], bins, total)
         fastest = max(fastest, _largest(rates[1]))
         sample += count

@@ -127,7 +127,7 @@ def _next_tension(block: Block, moved: float, span: float, mobility: float) -> f
     return tension
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def solve_laws(
     program: Program, p: Any, block: Block, H: Any, level: int, d: float, goal: Any, mobility: float
 ) -> bool:
@@ -143,12 +143,13 @@ def solve_laws(
         evaluate_rates(program, p, block)
         _collocate_rates(block, d)
         evaluate_laws(program, p, block)
-        moved = last = _link_forces(program, block, block.y)
-        for _ in range(SWEEPS):
-            _collocate_motion(block, H, level)
+        moved = last = 0.0
+        for turn in range(SWEEPS + 1):  # each function in one place: it is compiled as often as it is written
+            if turn > 0:
+                _collocate_motion(block, H, level)
             last = _link_forces(program, block, block.y)
             moved += last
-            if span * last <= goal[0]:
+            if turn > 0 and span * last <= goal[0]:
                 break
         if not np.isfinite(moved + change[TENSION]):
             return False
@@ -157,16 +158,18 @@ def solve_laws(
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+@njit(cache=True, nogil=True, error_model="numpy")
 def solve(program: Program, p: Any, block: Block, H: Any, level: int, t: float, d: float, goal: Any) -> bool:
     """Sweep until the next change would be below the goals: impulse [N s], tension [N], state (relative)."""
     _guess_changes(block, 0.0)
     _guess_forces(program, block)
-    _collocate_motion(block, H, level)
     change, before = block.change, 0.0
-    for sweep in range(SWEEPS):
-        evaluate(program, p, block, 1, t, d)
+    for sweep in range(-1, SWEEPS):
+        if sweep >= 0:
+            evaluate(program, p, block, 1, t, d)
         _collocate_motion(block, H, level)
+        if sweep < 0:
+            continue
         _collocate_rates(block, d)
         now = max(4.0 * d * change[FORCE] / goal[0], change[TENSION] / goal[1], change[STATE] / goal[2])
         if not np.isfinite(now):

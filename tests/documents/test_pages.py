@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import shlex
 import shutil
@@ -15,7 +16,7 @@ import pytest
 import discovery
 import rom
 import rom.effects
-from rom.campaign import Campaign
+from experiments.cli import run
 from rom.laws import power_loosening
 from tests.documents.blocks import PAGES, REPOSITORY, SHOWN, Block, blocks, carry_out, commands, left_out
 from tests.documents.lab import write_lab
@@ -33,6 +34,7 @@ SLOW = {
     "tutorial.md": "goes all the way",
 }
 """Pages that take more than a few seconds, and why."""
+_WITHOUT_EFFECT = ("jobs", "progress")  # on the numbers
 
 
 def slow(page: Path) -> Any:
@@ -49,21 +51,34 @@ def tutorial_commands() -> set[str]:
     return {shlex.join(c) for block in blocks(TUTORIAL) if block.kind == "sh" for c in commands(block)}
 
 
-def once(name: str, work: Callable[..., Any], shared: Shared) -> Callable[[Campaign], Any]:
-    """Return a function of a campaign that is carried out once for all pages."""
-    return lambda campaign: shared.once(f"{name}-{campaign.digest[:16]}", lambda: work(campaign))
+def once(name: str, work: Callable[..., Any], shared: Shared) -> Callable[..., Any]:
+    """Return a function of a campaign that is carried out once for all pages, whatever the processes."""
+
+    def found(*arguments: Any, **options: Any) -> Any:
+        given = inspect.signature(work).bind(*arguments, **options)
+        given.apply_defaults()
+        told = {key: value for key, value in given.arguments.items() if key not in _WITHOUT_EFFECT}
+        campaign = told.pop("campaign")
+        key = f"{name}-{campaign.digest[:16]}-{sorted(told.items())}"
+        return shared.once(key, lambda: work(*arguments, **options))
+
+    return found
+
+
+@pytest.fixture(scope="session")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The campaign of the tutorial."""
+    place = tmp_path_factory.mktemp("measured")
+    (words,) = (c for c in map(shlex.split, tutorial_commands()) if c[:2] == ["boltlaw", "rig"])
+    assert run([*words[1:], "--out", str(place), "--quiet"]) == 0
+    return place / words[2]
 
 
 @pytest.fixture
-def place(
-    tmp_path: Path, rig_campaign: Path, shared: Shared, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Path]:
-    """A folder as the pages take it for granted: a campaign called ``folder``, a lab's files in ``lab``.
-
-    What several pages ask of the same campaign is computed once. What a page registers goes with it.
+def place(tmp_path: Path, shared: Shared, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder to go through a page in. What several pages ask of the same campaign is computed once; what a
+    page registers goes with it.
     """
-    shutil.copytree(rig_campaign, tmp_path / "folder")
-    write_lab(rom.read_campaign(rig_campaign), tmp_path / "lab")
     for name in ("discover", "close_loop"):
         monkeypatch.setitem(vars(discovery), name, once(name, getattr(discovery, name), shared))
     monkeypatch.chdir(tmp_path)
@@ -78,9 +93,15 @@ def place(
     rom.effects._members.update(members)
 
 
-@pytest.mark.usefixtures("place")
 @pytest.mark.parametrize("page", [slow(page) for page in PAGES if runs(page)])
-def test_every_block_of_a_page_runs(page: Path, boltlaw: Boltlaw) -> None:
+def test_every_block_of_a_page_runs(
+    page: Path, place: Path, boltlaw: Boltlaw, request: pytest.FixtureRequest
+) -> None:
+    """Pages that take a while have a campaign called ``folder``, and a lab's files in ``lab``."""
+    if page.name in SLOW and page != TUTORIAL:
+        measured = request.getfixturevalue("measured")
+        shutil.copytree(measured, place / "folder")
+        write_lab(rom.read_campaign(measured), place / "lab")
     names: dict[str, Any] = {"__name__": "__page__"}
     done = tutorial_commands() if page != TUTORIAL else set()
     for block in runs(page):
