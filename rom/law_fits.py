@@ -40,7 +40,8 @@ class LawFit:
     def log_error(self, tension: FloatArray) -> FloatArray:
         """Return the standard error of ln f at tensions [N], from the parameters' covariance."""
         jacobian = _log_jacobian(self.law, self.free, tension, self.curve)
-        return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian)))
+        variance = np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))  # rounding, where parameters trade places
 
 
 def link_curve(law: Law, tension: FloatArray) -> FloatArray:
