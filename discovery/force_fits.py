@@ -1,8 +1,8 @@
 """Which missing effect explains the forces that a declared model leaves unbalanced (``rom.equation_error``).
 
-An effect's force along the measured motion is a column beside those of the model's numbers, which are taken off it
-and off the residual first (variable projection). The stiffness of a link that an effect takes its share of is
-fitted beside the effect's own numbers.
+An effect's force along the measured motion is a column beside those of the model's numbers, which are taken
+off it and off the residual first (variable projection). The stiffness of a link that an effect takes its share
+of is fitted beside the effect's own numbers.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from rom.model import Model
 from rom.structure import GROUND
 
 _Z95 = 1.96
-_EVALUATIONS = 30
+_EVALUATIONS = 15
 _STEP = 1e-3
-_STARTS = 2
+_STARTS, _NEARLY = 2, 0.8  # starting points; of the best one's gain
 _OWN_STIFFNESS = re.compile(r"\bk\b")
 _WORST = 1e6  # of a row where an effect is no number
 
@@ -52,7 +52,9 @@ class Unbalanced:
     @cached_property
     def force(self) -> FloatArray:
         """Measured forces less those of the effects [N]."""
-        return self.balances.force - sum((self.of(effect) for effect in self.effects), np.zeros(1))
+        return np.asarray(
+            self.balances.force - sum((self.of(effect) for effect in self.effects), np.zeros(1))
+        )
 
     @cached_property
     def residual(self) -> FloatArray:
@@ -133,7 +135,7 @@ def _reach(member: Member, probe: Added) -> tuple[float, float]:
 def starts_of(probes: Sequence[Probe]) -> list[Effect]:
     """The best probes, each at the strength that suits it."""
     found = []
-    for probe in probes[:_STARTS]:
+    for probe in [one for one in probes[:_STARTS] if one.gain >= _NEARLY * probes[0].gain]:
         values = {
             name: float(np.clip(number.value * probe.amplitude, *number.bounds))
             for name in probe.member.strengths
@@ -214,12 +216,13 @@ def fitted(state: Unbalanced, new: Sequence[Effect]) -> tuple[Unbalanced, tuple[
                  for bounds in ([n.low for n in numbers], [n.high for n in numbers]))  # fmt: skip
     margin = 1e-9 * np.minimum(high - low, 1.0)
     inside = np.clip(at, low + margin, high - margin)
-    found = optimize.least_squares(left, inside, bounds=(low, high), diff_step=_STEP, x_scale="jac",
-                                   max_nfev=_EVALUATIONS, ftol=1e-6)  # fmt: skip
+    found = optimize.least_squares(left, inside, bounds=(low, high), diff_step=np.full(len(at), _STEP), x_scale="jac",
+                                   max_nfev=_EVALUATIONS, ftol=1e-5)  # fmt: skip
     at = np.where(np.abs(found.x - high) < 1e-6 * np.abs(high), high, found.x)
     values, effects = _moved(state, new, numbers, at)
     spread = max(2 * found.cost / rows.sum(), 1.0)
-    covariance = np.linalg.pinv(found.jac.T @ found.jac, rcond=1e-12, hermitian=True) * spread
+    jacobian = np.asarray(found.jac, dtype=np.float64)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True) * spread
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * [n.size for n in numbers]
     limited = tuple(_limited(effect, place, numbers, errors) for place, effect in enumerate(effects))
     after = replace(state, values=values, effects=(*state.effects, *limited))
@@ -231,8 +234,12 @@ def _settled(state: Unbalanced, own: Sequence[str]) -> Unbalanced:
     balances = state.balances
     held = [k for k, name in enumerate(balances.names) if name in own]
     rest = [k for k in range(len(balances.names)) if k not in held]
-    force = state.force - balances.columns[:, held] @ np.array([state.values[balances.names[k]] for k in held])
-    others = replace(balances, columns=balances.columns[:, rest], names=tuple(balances.names[k] for k in rest))
+    force = state.force - balances.columns[:, held] @ np.array(
+        [state.values[balances.names[k]] for k in held]
+    )
+    others = replace(
+        balances, columns=balances.columns[:, rest], names=tuple(balances.names[k] for k in rest)
+    )
     found = others.fitted(force)[0]
     return replace(state, values={**state.values, **dict(zip(others.names, found.tolist(), strict=True))})
 
@@ -254,7 +261,7 @@ def _numbers(state: Unbalanced, new: Sequence[Effect]) -> list[_Number]:
 
 
 def _shows(state: Unbalanced, effect: Effect, name: str, size: float) -> bool:
-    """Whether a number changes the force at all; a factor of the normal force does not where that is unknown."""
+    """Whether a number changes the force; a factor of the normal force does not where that is unknown."""
     old = effect.parameters[name]
     step = _STEP * size if old.value + _STEP * size <= old.bounds[1] else -_STEP * size
     moved = effect.with_values(**{name: old.value + step})
@@ -284,6 +291,6 @@ def _limited(effect: Effect, place: int, numbers: Sequence[_Number], errors: Flo
     for number, error in zip(numbers, errors, strict=True):
         if number.effect == place:
             old = parameters[number.name]
-            limits = {"low": old.value - _Z95 * float(error), "high": old.value + _Z95 * float(error)}
-            parameters[number.name] = replace(old, **limits)
+            reach = _Z95 * float(error)
+            parameters[number.name] = replace(old, low=old.value - reach, high=old.value + reach)
     return replace(effect, parameters=parameters)

@@ -19,10 +19,11 @@ from discovery.closure import Closure, ErrorsByKind, FoundEffect, LookAlike, Scr
 from discovery.explanation import Explanation
 from discovery.force_fits import Unbalanced, explain_forces, fitted, screen_forces
 from discovery.force_views import localise_forces, numbers_of
+from discovery.localisation import Localisation
 from discovery.state import Stages
 from rom.campaign import Campaign
 from rom.comparison import Judged, judge
-from rom.driven import Balances, balances_of, declared_model, model_of
+from rom.driven import Balances, balances_of, model_of
 from rom.effects import candidates, look_alikes
 from rom.model import Model
 from rom.quality import Doubt
@@ -32,6 +33,7 @@ MOST_EFFECTS = 3
 _FITTED = 5  # of the screened effects
 _PROMISING, _WORTH = 0.3, 0.4  # of what an effect must explain; of what the first one does
 _MATTERS = 0.02  # of the force error on held-out records
+_TOLD = 3.0  # standard errors
 _QUIET, _LEFT = 1.2, 0.03  # mean square that counts as noise; of what was beyond it
 
 
@@ -43,6 +45,7 @@ class _Stage:
     model: Model
     errors: ErrorsByKind
     judged: tuple[Judged, ...]
+    lines: tuple[str, ...]
 
     @property
     def level(self) -> float:
@@ -81,7 +84,6 @@ def close_forces(campaign: Campaign, jobs: int, stage: Stages) -> Closure:
     """
     stage("identifying")
     balances, doubts = balances_of(campaign)
-    lines = declared_model(balances)[1]
     zero = dict.fromkeys(balances.names, 0.0)
     stages = [_staged(campaign, Unbalanced(balances, (), zero).with_numbers(), doubts, jobs, stage)]
     chosen: list[_Found] = []
@@ -111,7 +113,7 @@ def close_forces(campaign: Campaign, jobs: int, stage: Stages) -> Closure:
         residual_after=_localised(last),
         screened=screened,
         set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in doubts),
-        warnings=(*lines, *_wrong_way(balances)),
+        warnings=(*last.lines, *_wrong_way(balances)),
     )
 
 
@@ -128,7 +130,7 @@ def _staged(
     size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
     gram = (matrix / size).T @ (matrix / size)
     errors = scale * np.sqrt(np.maximum(np.diag(np.linalg.pinv(gram, hermitian=True)), 0.0)) / size
-    model, _ = model_of(balances, [state.values[name] for name in balances.names], errors)
+    model, lines = model_of(balances, [state.values[name] for name in balances.names], errors)
     for effect in state.effects:
         model = model.with_effect(effect)
     aside = {doubt.file for doubt in doubts}
@@ -138,7 +140,7 @@ def _staged(
         summarise(c for one in judged for c in one.comparisons if one.settings.hold_out is held)
         for held in (False, True)
     )
-    return _Stage(state, model, {"training": training, "hold_out": hold_out}, judged)
+    return _Stage(state, model, {"training": training, "hold_out": hold_out}, judged, lines)
 
 
 def _best(
@@ -190,9 +192,13 @@ def _verdict(first: _Stage, last: _Stage, found: bool) -> Verdict:
 def _told(found: _Found, last: _Stage) -> FoundEffect:
     best, costs = found.best, found.best.cost(hold_out=True)
     tried = len(candidates(last.model))
-    effect = next(e for e in last.state.effects if (e.name, e.enters) == (best.effect.name, best.effect.enters))
+    effect = next(
+        e for e in last.state.effects if (e.name, e.enters) == (best.effect.name, best.effect.enters)
+    )
     gains = best.gains(hold_out=True)
-    chance = float(stats.chi2.sf(best.gains(hold_out=False).sum() / spread_of(best), max(best.free_numbers, 1)))
+    chance = float(
+        stats.chi2.sf(best.gains(hold_out=False).sum() / spread_of(best), max(best.free_numbers, 1))
+    )
     return FoundEffect(
         effect=effect,
         look_alikes=tuple(
@@ -216,23 +222,30 @@ def _screened(probes: Sequence[Sequence[Probe]], state: Unbalanced) -> tuple[Scr
     return tuple(found)
 
 
-def _localised(stage: _Stage) -> object:
+def _localised(stage: _Stage) -> Localisation:
     return localise_forces(stage.state, numbers_of(stage.state, stage.judged))
 
 
 def _wrong_way(balances: Balances) -> tuple[str, ...]:
-    """Links that give out energy as they are driven: their force was measured with the other sign."""
-    work: dict[str, float] = {}
-    for record in balances.records:
-        for balance in record.balances:
-            if record.settings.test == "cycled" and not record.settings.hold_out:
-                power = balance.terms["force"] @ balance.terms[f"{balance.place}.v"]
-                work[balance.channel] = work.get(balance.channel, 0.0) + float(power)
-    return tuple(
-        f"{channel}: does negative work along the motion; expected the force that pulls the first body back, "
-        "turn its sign round"
-        for channel, done in work.items()
-        if done < 0
-    )
-
-
+    """Links whose damping comes out below zero beyond chance: their force was measured with the other sign."""
+    lines = []
+    for link in balances.settings.link:
+        rows = [
+            (balance.terms["force"], balance.terms[f"{link.name}.x"], balance.terms[f"{link.name}.v"])
+            for record in balances.records
+            if record.settings.test == "cycled" and not record.settings.hold_out
+            for balance in record.balances
+            if balance.place == link.name
+        ]
+        if rows:
+            force, x, v = (np.concatenate(column) for column in zip(*rows, strict=True))
+            table = np.stack([v, x, np.ones_like(x)], axis=1)
+            found = np.linalg.lstsq(table, force, rcond=None)[0]
+            spread = float(np.mean((force - table @ found) ** 2))
+            error = np.sqrt(spread * np.linalg.pinv(table.T @ table, hermitian=True)[0, 0])
+            if found[0] < -_TOLD * error:
+                lines.append(
+                    f"link_force_{link.name}: gives out energy along the motion; expected the force that pulls "
+                    "the first body back, turn its sign round"
+                )
+    return tuple(lines)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -95,7 +96,7 @@ def _by_frequency(parts: Sequence[tuple[ForceRecord, Balance, FloatArray]]) -> P
     rates = [record.smoothing.rate_hz(record.rate_hz) for record, _, _ in parts]
     edges = np.linspace(0.0, max(rates) / 2, _BANDS + 1)
     found = []
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in itertools.pairwise(edges):
         power: list[FloatArray] = []
         for (_, _, rows), rate in zip(parts, rates, strict=True):
             frequency = np.fft.rfftfreq(len(rows), 1 / rate)
@@ -111,7 +112,7 @@ def _by_amplitude(parts: Sequence[tuple[ForceRecord, Balance, FloatArray]]) -> P
     """Mean square by displacement of the place, in shares of its largest."""
     found = []
     largest = max((float(np.abs(m[0]).max()) for r, b, _ in parts if (m := r.motion[b.place]) is not None))
-    for low, high in zip(_CLASSES[:-1], _CLASSES[1:], strict=True):
+    for low, high in itertools.pairwise(_CLASSES):
         inside = []
         for record, balance, rows in parts:
             x = np.abs(record.smoothing.rows(record.motion[balance.place][0], record.rate_hz)) / largest

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
-from rom.campaign import Campaign, CampaignSettings
+from rom.campaign import Campaign, CampaignSettings, RecordSettings
 from rom.channels import FloatArray
 from rom.effects import CATALOGUE, Effect
 from rom.equation_error import TESTS, Balance, ForceRecord, force_records
@@ -132,7 +132,9 @@ def balances_of(campaign: Campaign) -> tuple[Balances, tuple[Doubt, ...]]:
     ValueError
         If no training record holds a force, or nothing can be told from it.
     """
-    settings, chosen, doubts = campaign.settings, [], []
+    settings = campaign.settings
+    chosen: list[RecordSettings] = []
+    doubts: list[Doubt] = []
     for record in campaign.select(TESTS):
         found = assess(campaign.load(record), settings)
         doubts += found
@@ -149,12 +151,15 @@ def balances_of(campaign: Campaign) -> tuple[Balances, tuple[Doubt, ...]]:
     masses = {f"body:{body.name}": body.mass_kg or 0.0 for body in settings.body}
     force = [b.terms["force"] - masses.get(b.place, 0.0) * b.terms.get("acceleration", 0.0) for _, b in pairs]
     columns = [
-        np.stack([t.get(n, np.zeros(len(f))) for n in names], axis=1) for t, f in zip(tables, force, strict=True)
+        np.stack([t.get(n, np.zeros(len(f))) for n in names], axis=1)
+        for t, f in zip(tables, force, strict=True)
     ]
     places = {id(record): place for place, record in enumerate(records)}
     owner = np.concatenate([np.full(len(f), places[id(r)]) for (r, _), f in zip(pairs, force, strict=True)])
     rows = np.concatenate(force)
-    every = Balances(settings, records, rows, np.concatenate(columns), tuple(names), np.ones(len(rows)), owner)
+    every = Balances(
+        settings, records, rows, np.concatenate(columns), tuple(names), np.ones(len(rows)), owner
+    )
     for _ in range(_ITERATIONS):
         every = every.weighed(dict(zip(names, every.fitted(rows)[0].tolist(), strict=True)))
     return every, tuple(doubts)
@@ -198,7 +203,9 @@ def model_of(
     laws = {}
     for link in settings.link:
         if f"{link.name}.damping.c" not in found:
-            lines.append(f"link {link.name}: no training record tells its stiffness or damping; zero stands in")
+            lines.append(
+                f"link {link.name}: no training record tells its stiffness or damping; zero stands in"
+            )
         laws[link.name] = LinkLaws(
             _limited(constant_stiffness(0.0), found.get(f"{link.name}.stiffness.k")),
             _limited(constant_damping(0.0), found.get(f"{link.name}.damping.c")),

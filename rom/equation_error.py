@@ -4,8 +4,8 @@ For a body with measured force F and displacement x, and for a link that is driv
 
     F = M x'' + sum of link forces,        F = k x + c x' + effects,
 
-and every term, the force among them, passes through one filter h: ``h * F = M (h'' * x) + c (h' * x) + k (h * x)
-+ h * f(x, x')`` holds exactly for a smooth h, here a Gaussian, so that no term is favoured. Nothing is
+and every term, the force among them, passes through one filter h:
+``h * F = M (h'' * x) + c (h' * x) + k (h * x) + h * f(x, x')`` holds exactly for a smooth h, here a Gaussian, so that no term is favoured. Nothing is
 integrated: a mass that floats does not drift, and the state at a record's start does not enter (A. Janot,
 P. O. Vandanjon, M. Gautier, IEEE Trans. Control Syst. Technol. 22, 132 (2014), filter all terms alike).
 """
@@ -30,7 +30,7 @@ _SMALLEST = 1.4  # samples: a Gaussian of less has no accurate derivatives
 _OF_FORCE = 0.99  # of its power lies below the frequency at which the filter lets half the power pass
 _OF_MOTION, _KEPT = 0.999, 0.14  # of the velocity's power; its loss at that frequency is one per cent
 _TOP = 0.8  # of half the rate: above, a sensor shows its noise
-_LONGEST_S = 2.5e-4  # of a step; a slider that must give way does so within 0.2 ms
+_LONGEST_S = 5e-4  # of a step; a slider that must give way does so within 0.2 ms, stable up to 0.55 ms
 
 
 @dataclass(frozen=True)
@@ -125,9 +125,7 @@ def _force(effect: Effect, motion: FloatArray, rate_hz: float, test: str) -> Flo
     return np.asarray(force_of_effects(table, values, motion, 1 / rate_hz, substeps, state, 0.0))
 
 
-def force_records(
-    campaign: Campaign, records: Sequence[RecordSettings]
-) -> tuple[ForceRecord, ...]:
+def force_records(campaign: Campaign, records: Sequence[RecordSettings]) -> tuple[ForceRecord, ...]:
     """Read driven, free and cycled records; filters are chosen from those among them that are not held out.
 
     Raises

@@ -13,6 +13,16 @@ from typing import TypeVar, cast
 import pytest
 
 Found = TypeVar("Found")
+REPOSITORY = Path(__file__).parents[1]
+
+
+def measured(folder: str) -> Path:
+    """Return a folder of data that others measured, beside the repository; skip the test where it is not."""
+    places = [parent / "shared" / "data" / folder for parent in REPOSITORY.parents[:2]]
+    for place in places:
+        if place.is_dir():
+            return place
+    pytest.skip(f"measured data are not part of the project: found no folder {places[0]}")
 
 
 @dataclass(frozen=True)
