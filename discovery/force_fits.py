@@ -1,8 +1,8 @@
 """Which missing effect explains the forces that a declared model leaves unbalanced (``rom.equation_error``).
 
 An effect's force along the measured motion is a column beside those of the model's numbers, which are taken
-off it and off the residual first (variable projection). The stiffness of a link that an effect takes its share
-of is fitted beside the effect's own numbers.
+off it and off the residual first (variable projection). Where an effect takes a share of a link's stiffness,
+that is fitted beside the effect's own numbers.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Unbalanced:
         """What is left unbalanced, over the noise."""
         names = self.balances.names
         numbers = np.array([self.values[name] for name in names])
-        return (self.force - self.balances.columns @ numbers) / self.balances.noise
+        return np.asarray((self.force - self.balances.columns @ numbers) / self.balances.noise)
 
     def with_numbers(self) -> Unbalanced:
         """The same with the numbers that suit the training rows best."""
@@ -190,8 +190,8 @@ class _Number:
 def fitted(state: Unbalanced, new: Sequence[Effect]) -> tuple[Unbalanced, tuple[Effect, ...]]:
     """Fit new effects beside all numbers of the model, effects that are there already held.
 
-    By trust-region steps within the parameters' ranges. Returns the state with the effects at the end, and the
-    new effects with 95 % limits.
+    By trust-region steps within the parameters' ranges. Returns the state with the effects at the end, and
+    the new effects with 95 % limits.
     """
     numbers = _numbers(state, new)
     balances, rows = state.balances, state.balances.training
@@ -216,7 +216,8 @@ def fitted(state: Unbalanced, new: Sequence[Effect]) -> tuple[Unbalanced, tuple[
                  for bounds in ([n.low for n in numbers], [n.high for n in numbers]))  # fmt: skip
     margin = 1e-9 * np.minimum(high - low, 1.0)
     inside = np.clip(at, low + margin, high - margin)
-    found = optimize.least_squares(left, inside, bounds=(low, high), diff_step=np.full(len(at), _STEP), x_scale="jac",
+    steps = np.full(len(at), _STEP)
+    found = optimize.least_squares(left, inside, bounds=(low, high), x_scale="jac", diff_step=steps,
                                    max_nfev=_EVALUATIONS, ftol=1e-5)  # fmt: skip
     at = np.where(np.abs(found.x - high) < 1e-6 * np.abs(high), high, found.x)
     values, effects = _moved(state, new, numbers, at)

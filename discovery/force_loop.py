@@ -227,7 +227,7 @@ def _localised(stage: _Stage) -> Localisation:
 
 
 def _wrong_way(balances: Balances) -> tuple[str, ...]:
-    """Links whose damping comes out below zero beyond chance: their force was measured with the other sign."""
+    """Links whose damping is below zero beyond chance: their force was measured with the other sign."""
     lines = []
     for link in balances.settings.link:
         rows = [
@@ -245,7 +245,7 @@ def _wrong_way(balances: Balances) -> tuple[str, ...]:
             error = np.sqrt(spread * np.linalg.pinv(table.T @ table, hermitian=True)[0, 0])
             if found[0] < -_TOLD * error:
                 lines.append(
-                    f"link_force_{link.name}: gives out energy along the motion; expected the force that pulls "
-                    "the first body back, turn its sign round"
+                    f"link_force_{link.name}: gives out energy along the motion; expected the force that "
+                    "pulls the first body back, turn its sign round"
                 )
     return tuple(lines)

@@ -31,7 +31,7 @@ def numbers_of(state: Unbalanced, judged: Sequence[Judged]) -> tuple[tuple[str, 
     }
     size = {record.settings.file: _rms_of_motion(record) for record in state.balances.records}
     motion = {
-        one.settings.file: float(np.mean([error * size[one.settings.file] for error in c.motion_nrmse.values()]))
+        one.settings.file: size[one.settings.file] * float(np.mean(list(c.motion_nrmse.values())))
         for one in judged for c in one.comparisons if c.motion_nrmse and one.settings.file in size
     }  # fmt: skip
     held = {r.settings.file: r.settings.hold_out for r in state.balances.records}

@@ -1,8 +1,8 @@
 """The catalogue's ranges at the scale of a motion that was measured.
 
 Defaults and ranges of the catalogue are those of a lap joint that moves by 0.1 mm and of a flexure that moves
-by 1 mm. A parameter of the unit N^a m^b s^c goes to another link as ``(F/F_0)^a (X/X_0)^(b+c) (V/V_0)^-c``, with
-F, X and V the force, displacement and velocity there: all that has no unit stays as it is.
+by 1 mm. A parameter of the unit N^a m^b s^c goes to another link as ``(F/F_0)^a (X/X_0)^(b+c) (V/V_0)^-c``,
+with F, X and V the force, displacement and velocity there: all that has no unit stays as it is.
 """
 
 from __future__ import annotations

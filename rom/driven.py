@@ -60,7 +60,8 @@ class Balances:
     @cached_property
     def training(self) -> npt.NDArray[np.bool_]:
         """Rows of records that are not held out."""
-        return ~np.array([record.settings.hold_out for record in self.records])[self.owner]
+        held = np.array([record.settings.hold_out for record in self.records], dtype=np.bool_)
+        return np.asarray(~held[self.owner])
 
     def of(self, effect: Effect, stiffness: float, damping: float, *, training: bool = False) -> FloatArray:
         """Rows of an effect's force [N]; zero in held-out records where only training ones are asked for."""
@@ -70,8 +71,8 @@ class Balances:
             rows = record.along(effect, stiffness, damping) if wanted else None
             for balance in record.balances:
                 sign = 1.0 if effect.enters == balance.place else balance.pulls.get(effect.enters, 0.0)
-                none = rows is None or sign == 0.0
-                found.append(np.zeros(len(balance.terms["force"])) if none else sign * rows)
+                still = np.zeros(len(balance.terms["force"]))
+                found.append(still if rows is None or sign == 0.0 else sign * rows)
         return np.concatenate(found)
 
     def fitted(self, force: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -83,7 +84,7 @@ class Balances:
         matrix, target = self.columns[rows] / self.noise[rows, None], force[rows] / self.noise[rows]
         size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
         low = [-np.inf if name.endswith(f"{OFFSET}.F_0") else 0.0 for name in self.names]
-        triangle = np.linalg.qr(np.column_stack([matrix / size, target]), mode="r")
+        triangle = np.asarray(np.linalg.qr(np.column_stack([matrix / size, target]), mode="r"))
         n = len(self.names)
         found = optimize.lsq_linear(triangle[:, :n], triangle[:, n], bounds=(low, np.inf)).x
         spread = float(np.sum((target - (matrix / size) @ found) ** 2)) / max(len(target) - n, 1)
@@ -190,7 +191,7 @@ def declared_model(balances: Balances) -> tuple[Model, tuple[str, ...]]:
 def model_of(
     balances: Balances, values: Sequence[float] | FloatArray, errors: Sequence[float] | FloatArray
 ) -> tuple[Model, tuple[str, ...]]:
-    """Return the model with given numbers, in the order of ``balances.names``; offsets where they are told."""
+    """Return the model with given numbers, ordered as ``balances.names``; offsets where they are told."""
     settings, lines = balances.settings, []
     found = dict(zip(balances.names, zip(values, errors, strict=True), strict=True))
     bodies = []
@@ -226,8 +227,9 @@ def _of_mass(body: str, mass: float, error: float) -> str:
     if not mass > 0:
         return f"body {body}: no training record tells its mass; 1 kg stands in"
     return (
-        f"body {body}: its mass {mass:.4g} +- {_Z95 * error:.2g} kg is identified from the measured force; where "
-        "forces or displacements are not in N and m, only the ratios of all numbers to the mass are identifiable"
+        f"body {body}: its mass {mass:.4g} +- {_Z95 * error:.2g} kg is identified from the measured force; "
+        "where forces or displacements are not in N and m, only the ratios of all numbers to the mass are "
+        "identifiable"
     )
 
 

@@ -5,9 +5,10 @@ For a body with measured force F and displacement x, and for a link that is driv
     F = M x'' + sum of link forces,        F = k x + c x' + effects,
 
 and every term, the force among them, passes through one filter h:
-``h * F = M (h'' * x) + c (h' * x) + k (h * x) + h * f(x, x')`` holds exactly for a smooth h, here a Gaussian, so that no term is favoured. Nothing is
-integrated: a mass that floats does not drift, and the state at a record's start does not enter (A. Janot,
-P. O. Vandanjon, M. Gautier, IEEE Trans. Control Syst. Technol. 22, 132 (2014), filter all terms alike).
+``h * F = M (h'' * x) + c (h' * x) + k (h * x) + h * f(x, x')`` holds exactly for a smooth h, here a Gaussian,
+so that no term is favoured. Nothing is integrated: a mass that floats does not drift, and the state at a
+record's start does not enter. (Equation error with all terms filtered alike is how robots are identified:
+A. Janot, P. O. Vandanjon, M. Gautier, IEEE Trans. Control Syst. Technol. 22, 132 (2014).)
 """
 
 from __future__ import annotations
@@ -206,8 +207,8 @@ def _driven(
         kind, channel = record.motion(body)
         if kind != "displacement":
             raise ValueError(
-                f'{record.file}: found "{channel.name}", expected "displacement_{body}": a {record.test} record '
-                "without a bolt is told by its displacement"
+                f'{record.file}: found "{channel.name}", expected "displacement_{body}": a {record.test} '
+                "record without a bolt is told by its displacement"
             )
         shown[body] = channel
     first = next(iter(shown.values()))

@@ -78,7 +78,8 @@ def driven(
     forces = force[: 2 * steps : 2 * SUBSTEPS] + 0.02 * rng.normal(size=shown.shape)
     records = {
         f"run_{k}.h5": (
-            "driven", k == RECORDS - 1, {"force_mass": forces[:, k], "displacement_mass": shown[:, k]}, RATE_HZ
+            "driven", k == RECORDS - 1,
+            {"force_mass": forces[:, k], "displacement_mass": shown[:, k]}, RATE_HZ,
         )
         for k in range(RECORDS)
     }  # fmt: skip
