@@ -137,7 +137,15 @@ def _changed(closure: Closure) -> Iterator[str]:
     where = "records that no fit has seen" if unseen else "training records (none was held out)"
     kind: Kind = "hold_out" if unseen else "training"
     before, after = closure.before[kind], closure.after[kind]
+    balance = [
+        dict(one.numbers).get(f"force_error_{kind}")
+        for one in (closure.residual_before, closure.residual_after)
+    ]
     told = [
+        f"the balance of forces from {_number(100 * old, 3)} to {_number(100 * new, 3)} %"
+        for old, new in [balance]
+        if old is not None and new is not None
+    ] + [
         f"{words} from {_number(factor * float(str(old)), 3)} to {_number(factor * float(str(new)), 3)}{unit}"
         for key, words, factor, unit in _MEASURES
         if _known(old := before.get(key)) and _known(new := after.get(key))

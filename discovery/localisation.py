@@ -39,6 +39,8 @@ class Localisation:
         Chance of so much correlation with the force where nothing is left but noise.
     total : float
         Mean square over all.
+    numbers : tuple of (str, float)
+        Errors beside those of the contract, by name: of campaigns that drive their bodies or links.
     """
 
     by_channel: Profile
@@ -48,12 +50,15 @@ class Localisation:
     by_amplitude: Profile
     whiteness_p: float
     total: float
+    numbers: Profile = ()
 
     def as_dict(self) -> Mapping[str, object]:
         """Return plain values for a result file."""
         views = ("by_channel", "by_test", "by_frequency", "by_preload", "by_amplitude")
         plain = ("whiteness_p", "total")
-        return {view: dict(getattr(self, view)) for view in views} | {k: getattr(self, k) for k in plain}
+        return {view: dict(getattr(self, view)) for view in views} | {
+            **{k: getattr(self, k) for k in plain}, **dict(self.numbers)
+        }  # fmt: skip
 
 
 def localise(evidence: Evidence) -> Localisation:

@@ -32,6 +32,7 @@ from discovery.state import (
 from discovery.tension_attribution import explain_tension
 from discovery.tracing import Evidence, gather, starting, weigh
 from rom.campaign import Campaign
+from rom.driven import is_driven
 from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, candidates, look_alikes
 from rom.flexures import unlikely
 from rom.identification import Identification, identify_campaign, reidentified
@@ -70,6 +71,10 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
         If nothing can be identified from the campaign.
     """
     stage = progress or silent
+    if is_driven(campaign):
+        from discovery.force_loop import close_forces
+
+        return close_forces(campaign, jobs, stage)
     found = identify_campaign(campaign, jobs, stage("identifying"))
     loop = _Loop(campaign, found, jobs, stage)
     first = loop.start()

@@ -17,6 +17,7 @@ import numpy as np
 from rom import shown
 from rom.campaign import Campaign, CampaignSettings
 from rom.courses import CourseNoise, TensionCourse, course_noise
+from rom.driven import balances_of, declared_model, is_driven
 from rom.flexures import fit_near, flexure_ties, unsettled
 from rom.joint import (
     LEAST_FOR_A_CURVE,
@@ -117,6 +118,8 @@ def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None
 
 def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | None = None) -> Identification:
     """Return the identification with every estimate behind the model; see `identify`."""
+    if is_driven(campaign):
+        return _of_driven(campaign)
     settings = campaign.settings
     records = list(reduce_records(campaign, campaign.select(hold_out=False), jobs, progress))
     set_aside = tuple(doubt for record in records for doubt in record.doubts)
@@ -160,6 +163,15 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
     elif model.structure.bolted_links and cases:
         found = _with_loosening(found, cases, settings.windows.final_s)
     return replace(found, model=replace(found.model, identification=found))
+
+
+def _of_driven(campaign: Campaign) -> Identification:
+    """Return the declared model of a campaign without a bolt, by the balance of its forces."""
+    balances, doubts = balances_of(campaign)
+    model, lines = declared_model(balances)
+    files = tuple(r.settings.file for r in balances.records if not r.settings.hold_out)
+    found = Identification(model, None, set_aside=doubts, warnings=lines, records=files)
+    return replace(found, model=replace(model, identification=found))
 
 
 def _started(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[SpectralRecord, ...]:

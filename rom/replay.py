@@ -29,6 +29,7 @@ from rom.simulation import Response
 from rom.structure import GROUND, Structure
 
 _STATE_ITERATIONS = 3
+_FIRST = 64  # samples tell the start of a driven record
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,8 @@ class Replay:
 def replay(model: Model, measurement: Measurement) -> Replay:
     """Run a record again from its measured force and initial tension.
 
-    The initial state of a free record is fitted to it; others start at rest.
+    The initial state of a free record is fitted to it, that of a driven record whose displacement was
+    measured to its first samples: it may have been cut from a longer run. Others start at rest.
 
     Raises
     ------
@@ -61,6 +63,8 @@ def replay(model: Model, measurement: Measurement) -> Replay:
     tension = _initial_tension(model, seen)
     if seen.test == "free":
         return Replay(model, seen, _free_response(model, seen, force, tension))
+    if _may_start_moving(model, seen):
+        return Replay(model, seen, _free_response(model, seen, force, tension, _FIRST))
     start = (state.displacement, state.velocity) if state is not None else (None, None)
     return Replay(model, seen, model.simulate(force, seen.rate_hz, tension, *start))
 
@@ -189,30 +193,40 @@ def _shown_at_rest(model: Model, measurement: Measurement, tension: TensionRecor
     return float(sum(reading.added(rest)[int(first * tension.rate_hz) :].mean() for reading in readings))
 
 
+def _may_start_moving(model: Model, measurement: Measurement) -> bool:
+    """Whether a driven record tells its own start: no bolt, and displacements, which no filter changes."""
+    shown = [motion.kind == "displacement" for motion in measurement.motion.values()]
+    return measurement.test == "driven" and bool(shown) and all(shown) and not model.structure.bolted_links
+
+
 def _free_response(
     model: Model,
     measurement: Measurement,
     force: Mapping[str, FloatArray],
     tension: Mapping[str, float] | None,
+    first: int | None = None,
 ) -> Response:
-    """Fit every body's initial displacement and velocity by Gauss-Newton steps on the filtered motion."""
+    """Fit every body's initial displacement and velocity by Gauss-Newton steps on the filtered motion.
+
+    Of the ``first`` samples alone, where they are given: those must be displacements.
+    """
     bodies = model.structure.body_names
     scale = max(float(np.abs(measurement.displacement(body)).max()) for body in measurement.motion)
     speed = scale * 2 * np.pi * _fastest_motion(measurement)
     unit = np.concatenate([np.full(len(bodies), scale or 1.0), np.full(len(bodies), speed or 1.0)])
-    measured = np.concatenate([measurement.displacement(body) for body in measurement.motion])
+    measured = np.concatenate([measurement.displacement(body)[:first] for body in measurement.motion])
 
-    def respond(state: FloatArray) -> tuple[Response, FloatArray]:
+    def respond(state: FloatArray, first: int | None = first) -> tuple[Response, FloatArray]:
         at, speed_at = np.split(state * unit, 2)
         response = model.simulate(
-            force,
+            {body: samples[:first] for body, samples in force.items()},
             measurement.rate_hz,
             tension,
             initial_displacement=dict(zip(bodies, at.tolist(), strict=True)),
             initial_velocity=dict(zip(bodies, speed_at.tolist(), strict=True)),
         )
         shown = displacements([response], measurement)[0]
-        return response, np.concatenate([shown[body] for body in measurement.motion])
+        return response, np.concatenate([shown[body][:first] for body in measurement.motion])
 
     state = np.zeros(2 * len(bodies))
     response, simulated = respond(state)
@@ -225,7 +239,7 @@ def _free_response(
             break
         state = state + np.linalg.lstsq(jacobian, measured - simulated, rcond=None)[0]
         response, simulated = respond(state)
-    return response
+    return response if first is None else respond(state, None)[0]
 
 
 def _fastest_motion(measurement: Measurement) -> float:

@@ -1,0 +1,251 @@
+"""The closed loop of campaigns that drive bodies or links and have no bolt: driven, free and cycled records.
+
+The residual is the equation error (``rom.equation_error``): forces that the model leaves unbalanced along the
+measured motion, over what the sensors' white noise makes of them. Screening, fits beside the model's numbers,
+acceptance on held-out records, look-alikes and verdicts are those of impact tests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from discovery.acceptance import MATERIAL, is_alike, is_sure, merit, spread_of
+from discovery.attribution import Probe
+from discovery.closure import Closure, ErrorsByKind, FoundEffect, LookAlike, Screened, Step, Verdict
+from discovery.explanation import Explanation
+from discovery.force_fits import Unbalanced, explain_forces, fitted, screen_forces
+from discovery.force_views import localise_forces, numbers_of
+from discovery.localisation import Localisation
+from discovery.state import Stages
+from rom.campaign import Campaign
+from rom.comparison import Judged, judge
+from rom.driven import Balances, balances_of, model_of
+from rom.effects import candidates, look_alikes
+from rom.model import Model
+from rom.quality import Doubt
+from rom.residuals import summarise
+
+MOST_EFFECTS = 3
+_FITTED = 5  # of the screened effects
+_PROMISING, _WORTH = 0.3, 0.4  # of what an effect must explain; of what the first one does
+_MATTERS = 0.02  # of the force error on held-out records
+_TOLD = 3.0  # standard errors
+_QUIET, _LEFT = 1.2, 0.03  # mean square that counts as noise; of what was beyond it
+
+
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """A model with so many effects, what it leaves over, and its errors."""
+
+    state: Unbalanced
+    model: Model
+    errors: ErrorsByKind
+    judged: tuple[Judged, ...]
+    lines: tuple[str, ...]
+
+    @property
+    def level(self) -> float:
+        """Mean square of the residual on training records; 1 is noise."""
+        return float(np.mean(self.state.residual[self.state.balances.training] ** 2))
+
+    def force_error(self) -> float:
+        """RMS of unbalanced over measured force, held-out records where there are any."""
+        balances = self.state.balances
+        rows = ~balances.training if not balances.training.all() else balances.training
+        return float(np.linalg.norm((self.state.residual * balances.noise)[rows]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    best: Explanation
+    rivals: tuple[Explanation, ...]
+
+
+def close_forces(campaign: Campaign, jobs: int, stage: Stages) -> Closure:
+    """Find what the declared model lacks of a campaign for which ``rom.driven.is_driven`` holds.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Nothing is fitted to its held-out records but the state of the bodies at their start.
+    jobs : int
+        Processes of the simulations.
+    stage : callable
+        As for ``discovery.close_loop``.
+
+    Raises
+    ------
+    ValueError
+        If nothing can be identified from the campaign.
+    """
+    stage("identifying")
+    balances, doubts = balances_of(campaign)
+    zero = dict.fromkeys(balances.names, 0.0)
+    stages = [_staged(campaign, Unbalanced(balances, (), zero).with_numbers(), doubts, jobs, stage)]
+    chosen: list[_Found] = []
+    screened: tuple[Screened, ...] = ()
+    while len(chosen) < MOST_EFFECTS:
+        tell = stage("screening effects")
+        probes = screen_forces(stages[-1].state, stages[-1].model)
+        if tell is not None:
+            tell(1, 1)
+        screened = screened or _screened(probes, stages[-1].state)
+        one, state = _best(probes, stages[-1].state, stage)
+        if one is None or state is None:
+            break
+        after = _staged(campaign, _together(state), doubts, jobs, stage)
+        if after.force_error() > (1 - _MATTERS) * stages[-1].force_error():
+            break
+        stages.append(after)
+        chosen.append(one)
+    first, last = stages[0], stages[-1]
+    labels = ["", *(f"{one.best.effect.name} ({one.best.effect.enters})" for one in chosen)]
+    return Closure(
+        verdict=_verdict(first, last, bool(chosen)),
+        effects=tuple(_told(one, last) for one in chosen),
+        model=last.model,
+        steps=tuple(Step(label, one.errors) for label, one in zip(labels, stages, strict=True)),
+        residual_before=_localised(first),
+        residual_after=_localised(last),
+        screened=screened,
+        set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in doubts),
+        warnings=(*last.lines, *_wrong_way(balances)),
+    )
+
+
+def _staged(
+    campaign: Campaign, state: Unbalanced, doubts: Sequence[Doubt], jobs: int, stage: Stages
+) -> _Stage:
+    """Make the model of a state and tell its errors on all sound records."""
+    balances = state.balances
+    left = state.force[balances.training] - balances.columns[balances.training] @ [
+        state.values[name] for name in balances.names
+    ]
+    scale = float(np.sqrt(np.mean((left / balances.noise[balances.training]) ** 2)))
+    matrix = balances.columns[balances.training] / balances.noise[balances.training, None]
+    size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    gram = (matrix / size).T @ (matrix / size)
+    errors = scale * np.sqrt(np.maximum(np.diag(np.linalg.pinv(gram, hermitian=True)), 0.0)) / size
+    model, lines = model_of(balances, [state.values[name] for name in balances.names], errors)
+    for effect in state.effects:
+        model = model.with_effect(effect)
+    aside = {doubt.file for doubt in doubts}
+    records = [r for r in campaign.settings.record if r.file not in aside]
+    judged = judge([model], campaign, records, jobs, stage("errors"))
+    training, hold_out = (
+        summarise(c for one in judged for c in one.comparisons if one.settings.hold_out is held)
+        for held in (False, True)
+    )
+    return _Stage(state, model, {"training": training, "hold_out": hold_out}, judged, lines)
+
+
+def _best(
+    probes: Sequence[Sequence[Probe]], state: Unbalanced, stage: Stages
+) -> tuple[_Found | None, Unbalanced | None]:
+    """Fit what the screen promises; the effect that explains most beyond chance, and the state with it."""
+    tell, tried = stage("fitting effects"), _worth_fitting(probes, state)
+    fits = []
+    for one in tried:
+        fits.append(explain_forces(one, state))
+        if tell is not None:
+            tell(len(fits), len(tried))
+    sure = [fit for fit in fits if is_sure(fit[0])]
+    if not sure:
+        return None, None
+    best, after = max(sure, key=lambda fit: merit(fit[0]))
+    rivals = [one for one, _ in sure if one is not best and is_alike(one, best)]
+    return _Found(best, tuple(sorted(rivals, key=lambda one: -merit(one)))), after
+
+
+def _worth_fitting(probes: Sequence[Sequence[Probe]], state: Unbalanced) -> list[Sequence[Probe]]:
+    """The first effects of the screen, and what shares a class and place with the very first."""
+    cost = float(np.sum(state.residual[state.balances.training] ** 2))
+    least = _PROMISING * MATERIAL * cost
+    if not probes or probes[0][0].gain < least:
+        return []
+    first = probes[0][0]
+    near = [one for one in probes if one[0].gain >= max(_WORTH * first.gain, least)]
+    alike = look_alikes(first.effect.name)
+    in_class = [
+        one for one in probes if one[0].effect.name in alike and one[0].effect.enters == first.effect.enters
+    ]
+    return [*near[:_FITTED], *(one for one in in_class if one not in near[:_FITTED])]
+
+
+def _together(state: Unbalanced) -> Unbalanced:
+    """All effects of a state fitted again beside each other."""
+    if len(state.effects) < 2:
+        return state
+    return fitted(replace(state, effects=()), state.effects)[0]
+
+
+def _verdict(first: _Stage, last: _Stage, found: bool) -> Verdict:
+    if last.level - 1 > max(_QUIET - 1, _LEFT * (first.level - 1)):
+        return "unexplained"
+    return "closed" if found else "no-effect"
+
+
+def _told(found: _Found, last: _Stage) -> FoundEffect:
+    best, costs = found.best, found.best.cost(hold_out=True)
+    tried = len(candidates(last.model))
+    effect = next(
+        e for e in last.state.effects if (e.name, e.enters) == (best.effect.name, best.effect.enters)
+    )
+    gains = best.gains(hold_out=True)
+    chance = float(
+        stats.chi2.sf(best.gains(hold_out=False).sum() / spread_of(best), max(best.free_numbers, 1))
+    )
+    return FoundEffect(
+        effect=effect,
+        look_alikes=tuple(
+            LookAlike(one.effect.name, one.effect.enters, one.cost(hold_out=True) / costs if costs else 1.0)
+            for one in found.rivals
+        ),
+        source="catalogue",
+        share=best.share(),
+        p_value=min(1.0, tried * chance),
+        wins=(int((gains > 0).sum()), len(gains)),
+    )
+
+
+def _screened(probes: Sequence[Sequence[Probe]], state: Unbalanced) -> tuple[Screened, ...]:
+    cost = float(np.sum(state.residual[state.balances.training] ** 2))
+    found = []
+    for best, *_ in probes:
+        name = next(n for n in best.member.strengths if best.effect.parameters[n].value)
+        value = best.effect.parameters[name].value * best.amplitude
+        found.append(Screened(best.effect.name, best.effect.enters, max(best.gain, 0.0) / cost, value))
+    return tuple(found)
+
+
+def _localised(stage: _Stage) -> Localisation:
+    return localise_forces(stage.state, numbers_of(stage.state, stage.judged))
+
+
+def _wrong_way(balances: Balances) -> tuple[str, ...]:
+    """Links whose damping is below zero beyond chance: their force was measured with the other sign."""
+    lines = []
+    for link in balances.settings.link:
+        rows = [
+            (balance.terms["force"], balance.terms[f"{link.name}.x"], balance.terms[f"{link.name}.v"])
+            for record in balances.records
+            if record.settings.test == "cycled" and not record.settings.hold_out
+            for balance in record.balances
+            if balance.place == link.name
+        ]
+        if rows:
+            force, x, v = (np.concatenate(column) for column in zip(*rows, strict=True))
+            table = np.stack([v, x, np.ones_like(x)], axis=1)
+            found = np.linalg.lstsq(table, force, rcond=None)[0]
+            spread = float(np.mean((force - table @ found) ** 2))
+            error = np.sqrt(spread * np.linalg.pinv(table.T @ table, hermitian=True)[0, 0])
+            if found[0] < -_TOLD * error:
+                lines.append(
+                    f"link_force_{link.name}: gives out energy along the motion; expected the force that "
+                    "pulls the first body back, turn its sign round"
+                )
+    return tuple(lines)

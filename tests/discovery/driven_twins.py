@@ -1,0 +1,160 @@
+"""Twins of driven and cycled campaigns, integrated here with own code, and measured sets as campaigns."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import io
+
+import rom
+from rom.campaign import CampaignSettings, write_campaign
+from rom.channels import Channel, FloatArray
+
+RATE_HZ, SECONDS, RECORDS, SUBSTEPS = 500.0, 8.0, 4, 4
+CYCLED_HZ = 200.0
+Extra = Callable[[FloatArray, FloatArray], FloatArray]
+Records = Mapping[str, tuple[str, bool, Mapping[str, FloatArray], float]]
+
+
+def nothing(_x: FloatArray, v: FloatArray) -> FloatArray:
+    """No force beyond the declared ones."""
+    return np.zeros_like(v)
+
+
+def campaign_of(folder: Path, body: str, link: str, law: str, records: Records) -> rom.Campaign:
+    """Write and read a campaign of one body of unknown mass on one link to ground."""
+    rates = {rate for *_, rate in records.values()}
+    settings: dict[str, Any] = {
+        "format": "boltlaw-campaign/1",
+        "name": folder.name,
+        "body": [{"name": body}],
+        "link": [{"name": link, "between": [body, "ground"], "law": law}],
+        "sampling": {"motion_rate_hz": max(rates), "tension_rate_hz": max(rates), "pretrigger_s": 0.0},
+        "record": [
+            {"file": file, "test": test, "hold_out": held} for file, (test, held, _, _) in records.items()
+        ],
+    }
+    channels = (
+        (file, {name: Channel(name, samples, rate) for name, samples in shown.items()})
+        for file, (_, _, shown, rate) in records.items()
+    )
+    write_campaign(folder, CampaignSettings.model_validate(settings), channels)
+    return rom.read_campaign(folder)
+
+
+def driven(
+    folder: Path, *, stiffness: float = 8000.0, offset: float = 0.0, extra: Extra = nothing, seed: int = 1
+) -> rom.Campaign:
+    """A body of 2 kg, 6 N s/m and some stiffness under multisines of 1 to 40 Hz, noise of 2 um and 0.02 N."""
+    rng, fine_s = np.random.default_rng(seed), 1 / (RATE_HZ * SUBSTEPS)
+    steps = int(SECONDS * RATE_HZ) * SUBSTEPS
+    time = np.arange(2 * steps + 1) * fine_s / 2
+    lines = np.arange(1.0, 40.0, 0.5)
+    phases = rng.uniform(0, 2 * np.pi, (RECORDS, len(lines)))
+    force = (
+        np.stack([np.cos(2 * np.pi * np.outer(time, lines) + p).sum(axis=1) for p in phases], axis=1) * 3.0
+    )
+
+    def rates(x: FloatArray, v: FloatArray, at: int) -> tuple[FloatArray, FloatArray]:
+        return v, (force[at] + offset - 6.0 * v - stiffness * x - extra(x, v)) / 2.0
+
+    x, v = np.zeros(RECORDS), np.zeros(RECORDS)
+    shown = np.empty((steps // SUBSTEPS, RECORDS))
+    for step in range(steps):
+        if step % SUBSTEPS == 0:
+            shown[step // SUBSTEPS] = x
+        a = rates(x, v, 2 * step)
+        b = rates(x + fine_s / 2 * a[0], v + fine_s / 2 * a[1], 2 * step + 1)
+        c = rates(x + fine_s / 2 * b[0], v + fine_s / 2 * b[1], 2 * step + 1)
+        d = rates(x + fine_s * c[0], v + fine_s * c[1], 2 * step + 2)
+        x, v = (
+            y + fine_s / 6 * (p + 2 * q + 2 * r + s) for y, p, q, r, s in zip((x, v), a, b, c, d, strict=True)
+        )
+    shown += 2e-6 * rng.normal(size=shown.shape)
+    forces = force[: 2 * steps : 2 * SUBSTEPS] + 0.02 * rng.normal(size=shown.shape)
+    records = {
+        f"run_{k}.h5": (
+            "driven", k == RECORDS - 1,
+            {"force_mass": forces[:, k], "displacement_mass": shown[:, k]}, RATE_HZ,
+        )
+        for k in range(RECORDS)
+    }  # fmt: skip
+    law = "linear" if stiffness else "dashpot"
+    return campaign_of(folder, "mass", "guide", law, records)
+
+
+def cycled(folder: Path, friction: float, seed: int = 1) -> rom.Campaign:
+    """A contact of 2e4 N/m and 50 N s/m over slow cycles of growing stroke; beside it a slider of 1e4 N/m and
+    ``friction`` times the normal force, in steps of its own law: it sticks or slips.
+    """
+    rng, records = np.random.default_rng(seed), {}
+    for file, held in (("first.h5", False), ("second.h5", True)):
+        time = np.arange(int(30 * CYCLED_HZ)) / CYCLED_HZ
+        x = 1e-4 * (0.4 + 0.02 * time) * np.sin(2 * np.pi * 0.5 * time + rng.uniform(0, 6))
+        normal = 5.0 + np.sin(2 * np.pi * 0.07 * time + rng.uniform(0, 6))
+        slider, forces = 0.0, np.empty_like(x)
+        for k, step in enumerate(np.diff(x, prepend=x[0])):
+            slider = float(np.clip(slider + 1e4 * step, -friction * normal[k], friction * normal[k]))
+            forces[k] = slider
+        forces += 2e4 * x + 50.0 * np.gradient(x, 1 / CYCLED_HZ) + 2e-3 * rng.normal(size=len(x))
+        channels = {
+            "link_displacement_contact": x + 1e-9 * rng.normal(size=len(x)),
+            "link_force_contact": forces,
+            "normal_force_contact": normal,
+        }
+        records[file] = ("cycled", held, channels, CYCLED_HZ)
+    return campaign_of(folder, "slider", "contact", "linear", records)
+
+
+def emps(source: Path, folder: Path) -> rom.Campaign:
+    """The electro-mechanical positioning system: one run to fit, one with pulses held out."""
+    records = {}
+    for name, held in (("DATA_EMPS", False), ("DATA_EMPS_PULSES", True)):
+        data = io.loadmat(source / f"{name}.mat")
+        shown = {
+            "force_carriage": data["gtau"].item() * data["vir"].ravel(),
+            "displacement_carriage": data["qm"].ravel(),
+        }
+        records[f"{name}.h5"] = ("driven", held, shown, 1000.0)
+    return campaign_of(folder, "carriage", "guide", "dashpot", records)
+
+
+def silverbox(source: Path, folder: Path) -> rom.Campaign:
+    """The electronic Duffing oscillator: the first 40000 samples and the last of ten parts are held out."""
+    data, rate = io.loadmat(source / "SNLS80mV.mat"), 1e7 / 2**14
+    force, motion = data["V1"].ravel(), data["V2"].ravel()
+    edges = [0, *np.linspace(40_000, len(force), 11).astype(int).tolist()]
+    records = {
+        f"part_{k:02d}.h5": (
+            "driven", k in (0, 10),
+            {"force_oscillator": force[a:b], "displacement_oscillator": motion[a:b]}, rate,
+        )
+        for k, (a, b) in enumerate(itertools.pairwise(edges))
+    }  # fmt: skip
+    return campaign_of(folder, "oscillator", "spring", "linear", records)
+
+
+def tribometer(source: Path, folder: Path) -> rom.Campaign:
+    """A reciprocating contact: the last two fifths of the evenly sampled rows are held out."""
+    rows = np.genfromtxt(source / "test_data_2.txt", skip_header=1)
+    jumps = np.flatnonzero(np.abs(np.diff(rows[:, 0]) - 0.005) > 1e-6)
+    rows = rows[int(jumps[-1]) + 1 if len(jumps) and jumps[-1] < len(rows) / 10 else 0 :]
+    cut = int(0.6 * len(rows))
+    middle = (rows[:cut, 2].min() + rows[:cut, 2].max()) / 2
+    records = {
+        file: (
+            "cycled", held,
+            {
+                "link_displacement_contact": 1e-3 * (part[:, 2] - middle),
+                "link_force_contact": -1e-6 * part[:, 3],
+                "normal_force_contact": 1e-6 * part[:, 1],
+            },
+            200.0,
+        )
+        for file, held, part in (("training.h5", False, rows[:cut]), ("hold_out.h5", True, rows[cut:]))
+    }  # fmt: skip
+    return campaign_of(folder, "slider", "contact", "linear", records)

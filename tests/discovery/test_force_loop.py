@@ -1,0 +1,125 @@
+"""The closed loop without a bolt: twins whose truth it is not told, and data that others measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from discovery.closure import Closure
+from discovery.refinement import close_loop
+from rom.channels import FloatArray
+from tests.discovery import driven_twins as twins
+from tests.shared import measured
+
+
+def coulomb(_x: FloatArray, v: FloatArray) -> FloatArray:
+    return 5.0 * np.tanh(v / 2e-3)
+
+
+def cubic(x: FloatArray, _v: FloatArray) -> FloatArray:
+    return 2e7 * x**3
+
+
+def numbers(closure: Closure) -> tuple[dict[str, float], dict[str, float]]:
+    """Errors beside those of the contract, before and after."""
+    return dict(closure.residual_before.numbers), dict(closure.residual_after.numbers)
+
+
+def test_nothing_is_found_where_a_driven_oscillator_lacks_nothing(tmp_path: Path) -> None:
+    found = close_loop(twins.driven(tmp_path / "clean"))
+    assert (found.verdict, found.effects) == ("no-effect", ())
+    assert found.residual_before.total == pytest.approx(1.0, abs=0.15)
+    assert found.model.structure.bodies[0].mass == pytest.approx(2.0, rel=2e-3)
+    assert found.model.parameters["guide.stiffness.k"].value == pytest.approx(8000.0, rel=2e-3)
+
+
+def test_nothing_is_found_where_a_floating_mass_lacks_nothing(tmp_path: Path) -> None:
+    found = close_loop(twins.driven(tmp_path / "clean", stiffness=0.0, offset=0.5))
+    assert (found.verdict, found.effects) == ("no-effect", ())
+    offset = found.model.parameters["body:mass.constant-force.F_0"]
+    assert offset.low is not None
+    assert offset.high is not None
+    assert offset.value == pytest.approx(0.5, abs=0.02)
+
+
+def test_nothing_is_found_where_a_cycled_link_lacks_nothing(tmp_path: Path) -> None:
+    found = close_loop(twins.cycled(tmp_path / "clean", friction=0.0))
+    assert (found.verdict, found.effects) == ("no-effect", ())
+    assert found.model.parameters["contact.stiffness.k"].value == pytest.approx(2e4, rel=1e-3)
+
+
+def test_cubic_stiffness_of_a_driven_oscillator_is_named(tmp_path: Path) -> None:
+    found = close_loop(twins.driven(tmp_path / "cubic", extra=cubic))
+    assert [(one.effect.name, one.effect.enters) for one in found.effects] == [("cubic-stiffness", "guide")]
+    assert found.verdict == "closed"
+    assert found.effects[0].effect.parameters["k3"].value == pytest.approx(2e7, rel=0.05)
+    before, after = (errors["hold_out"]["motion_nrmse"] for errors in (found.before, found.after))
+    assert before is not None
+    assert after is not None
+    assert after < before / 5
+
+
+def test_coulomb_friction_of_a_floating_mass_is_named(tmp_path: Path) -> None:
+    found = close_loop(twins.driven(tmp_path / "coulomb", stiffness=0.0, extra=coulomb))
+    assert [(one.effect.name, one.effect.enters) for one in found.effects] == [("coulomb-friction", "guide")]
+    assert found.effects[0].effect.parameters["F_c"].value == pytest.approx(5.0, rel=0.05)
+    assert found.model.structure.bodies[0].mass == pytest.approx(2.0, rel=0.02)
+
+
+@pytest.mark.slow
+def test_slip_under_a_measured_normal_force_is_named(tmp_path: Path) -> None:
+    found = close_loop(twins.cycled(tmp_path / "slip", friction=0.06))
+    assert found.effects[0].effect.name == "jenkins-slip"
+    assert found.effects[0].effect.parameters["mu"].value == pytest.approx(0.06, rel=0.05)
+    after = found.after["hold_out"]["link_force_nrmse"]
+    assert after is not None
+    assert after < 0.02
+
+
+def test_a_force_of_the_wrong_sign_is_told(tmp_path: Path) -> None:
+    campaign = twins.cycled(tmp_path / "right", friction=0.0)
+    records = {}
+    for record in campaign.settings.record:
+        shown = {name: c.samples for name, c in campaign.load(record).channels.items()}
+        shown["link_force_contact"] = -shown["link_force_contact"]
+        records[record.file] = ("cycled", record.hold_out, shown, twins.CYCLED_HZ)
+    found = close_loop(twins.campaign_of(tmp_path / "wrong", "slider", "contact", "linear", records))
+    assert any("turn its sign round" in line for line in found.warnings)
+
+
+def test_emps_lacks_coulomb_friction(tmp_path: Path) -> None:
+    found = close_loop(twins.emps(measured("emps"), tmp_path / "emps"))
+    (one,) = found.effects
+    assert (one.effect.name, one.effect.enters) == ("coulomb-friction", "guide")
+    assert one.effect.parameters["F_c"].value == pytest.approx(20.0, rel=0.05)
+    assert found.model.structure.bodies[0].mass == pytest.approx(95.1, rel=0.02)
+    before, after = numbers(found)
+    assert before["force_error_hold_out"] == pytest.approx(0.17, abs=0.01)
+    assert after["force_error_hold_out"] < 0.05
+
+
+@pytest.mark.slow
+def test_silverbox_lacks_cubic_stiffness(tmp_path: Path) -> None:
+    found = close_loop(twins.silverbox(measured("silverbox"), tmp_path / "silverbox"))
+    assert (found.effects[0].effect.name, found.verdict) == ("cubic-stiffness", "closed")
+    before, after = numbers(found)
+    assert before["simulation_rms_m in part_00.h5"] == pytest.approx(14e-3, rel=0.05)
+    assert after["simulation_rms_m in part_00.h5"] < 0.6e-3
+    assert before["simulation_rms_m in part_10.h5"] > 5e-3
+    assert after["simulation_rms_m in part_10.h5"] < 0.4e-3
+    assert any("only the ratios of all numbers to the mass" in line for line in found.warnings)
+
+
+@pytest.mark.slow
+def test_the_tribometer_lacks_slip_under_its_normal_force(tmp_path: Path) -> None:
+    found = close_loop(twins.tribometer(measured("tribometer"), tmp_path / "tribometer"))
+    assert found.effects[0].effect.name == "jenkins-slip"
+    before, after = (errors["hold_out"]["link_force_nrmse"] for errors in (found.before, found.after))
+    assert before is not None
+    assert after is not None
+    assert before > 0.2
+    assert after < 0.056
+    named = {like.name for like in found.effects[0].look_alikes}
+    assert not named & {"coulomb-friction", "cubic-stiffness"}
