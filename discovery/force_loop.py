@@ -23,7 +23,7 @@ from discovery.localisation import Localisation
 from discovery.state import Stages
 from rom.campaign import Campaign
 from rom.comparison import Judged, judge
-from rom.driven import Balances, balances_of, model_of
+from rom.driven import SOUND, Balances, balances_of, model_of, noise_share
 from rom.effects import candidates, look_alikes
 from rom.model import Model
 from rom.quality import Doubt
@@ -113,7 +113,7 @@ def close_forces(campaign: Campaign, jobs: int, stage: Stages) -> Closure:
         residual_after=_localised(last),
         screened=screened,
         set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in doubts),
-        warnings=(*last.lines, *_wrong_way(balances)),
+        warnings=(*last.lines, *_wrong_way(balances), *_noisy(balances)),
     )
 
 
@@ -224,6 +224,16 @@ def _screened(probes: Sequence[Sequence[Probe]], state: Unbalanced) -> tuple[Scr
 
 def _localised(stage: _Stage) -> Localisation:
     return localise_forces(stage.state, numbers_of(stage.state, stage.judged))
+
+
+def _noisy(balances: Balances) -> tuple[str, ...]:
+    share = noise_share(balances)
+    if share <= SOUND:
+        return ()
+    return (
+        f"noise makes {100 * share:.2g} % of the square of a term behind the filter: its number comes out "
+        "too small by as much, and what is left over may pass for an effect",
+    )
 
 
 def _wrong_way(balances: Balances) -> tuple[str, ...]:

@@ -29,6 +29,8 @@ from rom.structure import Body, Link, Structure
 OFFSET = "constant-force"
 _TOLD = 3.0  # standard errors beyond which an offset is part of the model
 _Z95 = 1.96
+SOUND = 1e-3
+"""Share of noise in a term, below which least squares on balances is as good as the output error."""
 _LEAST_NOISE = 1e-6  # of a force: rounding
 _ITERATIONS = 3
 
@@ -112,10 +114,10 @@ class Balances:
 
 
 def is_driven(campaign: Campaign) -> bool:
-    """Whether driven, free and cycled records are all that a campaign without a bolt trains on."""
+    """Whether a campaign without a bolt trains on driven or cycled records, and on free ones at most beside."""
     tests = {record.test for record in campaign.select(hold_out=False)}
     bolted = any(link.law == "bolted" for link in campaign.settings.link)
-    if bolted or not tests or not tests <= set(TESTS):
+    if bolted or not tests & {"driven", "cycled"} or not tests <= set(TESTS):
         return False
     return all(_shows_displacement(campaign, r.file) for r in campaign.select(TESTS))
 
@@ -164,6 +166,27 @@ def balances_of(campaign: Campaign) -> tuple[Balances, tuple[Doubt, ...]]:
     for _ in range(_ITERATIONS):
         every = every.weighed(dict(zip(names, every.fitted(rows)[0].tolist(), strict=True)))
     return every, tuple(doubts)
+
+
+def noise_share(balances: Balances) -> float:
+    """Largest share of noise in the square of what a number multiplies on training records.
+
+    By so much least squares makes that number too small (errors in variables).
+    """
+    derivatives = {".stiffness.k": 0, ".damping.c": 1, ".mass": 2}
+    noise, whole = np.zeros(len(balances.names)), np.zeros(len(balances.names))
+    for record in balances.records:
+        if record.settings.hold_out:
+            continue
+        for balance in record.balances:
+            found = _columns(balance, balances.settings)
+            for k, name in enumerate(balances.names):
+                n = next((n for end, n in derivatives.items() if name.endswith(end)), None)
+                if name in found and n is not None:
+                    gain = record.smoothing.gain((0.0,) * n + (1.0,), record.rate_hz)
+                    noise[k] += len(found[name]) * (balance.motion_noise * gain) ** 2
+                    whole[k] += float(np.sum(found[name] ** 2))
+    return float(np.max(noise / np.maximum(whole, 1e-300), initial=0.0))
 
 
 def _columns(balance: Balance, settings: CampaignSettings) -> dict[str, FloatArray]:

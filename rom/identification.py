@@ -17,7 +17,7 @@ import numpy as np
 from rom import shown
 from rom.campaign import Campaign, CampaignSettings
 from rom.courses import CourseNoise, TensionCourse, course_noise
-from rom.driven import balances_of, declared_model, is_driven
+from rom.driven import SOUND, balances_of, declared_model, is_driven, noise_share
 from rom.flexures import fit_near, flexure_ties, unsettled
 from rom.joint import (
     LEAST_FOR_A_CURVE,
@@ -118,8 +118,8 @@ def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None
 
 def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | None = None) -> Identification:
     """Return the identification with every estimate behind the model; see `identify`."""
-    if is_driven(campaign):
-        return _of_driven(campaign)
+    if is_driven(campaign) and (driven := _of_driven(campaign)) is not None:
+        return driven
     settings = campaign.settings
     records = list(reduce_records(campaign, campaign.select(hold_out=False), jobs, progress))
     set_aside = tuple(doubt for record in records for doubt in record.doubts)
@@ -165,9 +165,14 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
     return replace(found, model=replace(found.model, identification=found))
 
 
-def _of_driven(campaign: Campaign) -> Identification:
-    """Return the declared model of a campaign without a bolt, by the balance of its forces."""
+def _of_driven(campaign: Campaign) -> Identification | None:
+    """Return the declared model of a campaign without a bolt, by the balance of its forces.
+
+    None where a displacement is too noisy to be differentiated: the output error does without.
+    """
     balances, doubts = balances_of(campaign)
+    if noise_share(balances) > SOUND:
+        return None
     model, lines = declared_model(balances)
     files = tuple(r.settings.file for r in balances.records if not r.settings.hold_out)
     found = Identification(model, None, set_aside=doubts, warnings=lines, records=files)

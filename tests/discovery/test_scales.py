@@ -1,0 +1,49 @@
+"""Ranges of the catalogue at other scales: what has no unit stays, the rest goes with the motion."""
+
+import pytest
+
+from discovery.scales import OF_GROUND, OF_JOINT, Scale, at_scale, powers
+from rom.effects import CATALOGUE
+
+
+@pytest.mark.parametrize(
+    ("unit", "expected"),
+    [
+        ("1", (0, 0, 0)),
+        ("N s2/m2", (1, -2, 2)),
+        ("N/m3", (1, -3, 0)),
+        ("1/N", (-1, 0, 0)),
+        ("kg", (1, -1, 2)),
+    ],
+)
+def test_powers_of_a_unit(unit: str, expected: tuple[int, int, int]) -> None:
+    assert powers(unit) == expected
+
+
+def test_every_force_of_the_catalogue_has_a_unit_that_scales() -> None:
+    for member in CATALOGUE.values():
+        if member.kind == "force":
+            for number in member.parameters.values():
+                assert OF_JOINT.over(OF_JOINT, number.unit) == 1.0
+
+
+def test_an_unknown_unit_is_refused() -> None:
+    with pytest.raises(ValueError, match="a unit must be made of"):
+        powers("furlong")
+
+
+def test_a_cubic_spring_goes_with_force_over_displacement_cubed() -> None:
+    member = CATALOGUE["cubic-stiffness"]
+    scale = Scale(20 * OF_GROUND.force, 10 * OF_GROUND.displacement, 7 * OF_GROUND.velocity)
+    found = at_scale(member, member.at("spring", ground=True), scale, ground=True).parameters["k3"]
+    known = member.ground["k3"]
+    assert found.value == pytest.approx(known.value * 20 / 1000)
+    assert found.bounds == pytest.approx(tuple(10 * bound * 20 / 1000 for bound in known.bounds))
+
+
+def test_shares_and_coefficients_of_friction_stay() -> None:
+    member = CATALOGUE["jenkins-slip"]
+    found = at_scale(member, member.at("contact"), Scale(2.0, 1e-2, 3.0), ground=False).parameters
+    for name in ("kappa", "mu"):
+        assert found[name].value == member.parameters[name].value
+        assert found[name].bounds == member.parameters[name].bounds

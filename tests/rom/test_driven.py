@@ -1,0 +1,97 @@
+"""The balance of forces: one filter for all terms, the declared model, its noise, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rom
+from rom.channels import Channel
+from rom.driven import balances_of, is_driven
+from rom.equation_error import Smoothing, noise_of
+from rom.identification import identify_campaign
+from tests.discovery import driven_twins as twins
+
+
+def test_the_filter_and_its_derivatives_are_exact_for_a_harmonic() -> None:
+    rate, width, omega = 500.0, 4e-3, 2 * np.pi * 20.0
+    time = np.arange(2000) / rate
+    smoothing = Smoothing(width)
+    passed = np.exp(-0.5 * (omega * width) ** 2)
+    at = smoothing.rows(time, rate)
+    for order, expected in enumerate(
+        (np.sin, lambda a: omega * np.cos(a), lambda a: -(omega**2) * np.sin(a))
+    ):
+        rows = smoothing.rows(np.sin(omega * time), rate, order)
+        np.testing.assert_allclose(rows, passed * expected(omega * at), atol=1e-5 * omega**order)
+
+
+def test_rows_of_white_noise_have_the_size_that_the_filter_says() -> None:
+    smoothing, rng = Smoothing(6e-3), np.random.default_rng(3)
+    noise = 0.1 * rng.normal(size=200_000)
+    assert noise_of(Channel("force_a", noise, 500.0)) == pytest.approx(0.1, rel=0.02)
+    for terms in ((1.0,), (8000.0, 6.0, 2.0)):
+        rows = sum(term * smoothing.rows(noise, 500.0, n) for n, term in enumerate(terms))
+        assert np.std(rows) == pytest.approx(0.1 * smoothing.gain(terms, 500.0), rel=0.03)
+
+
+def test_the_declared_model_of_a_driven_oscillator(tmp_path: Path) -> None:
+    campaign = twins.driven(tmp_path / "clean", offset=0.4)
+    assert is_driven(campaign)
+    found = identify_campaign(campaign)
+    model = found.model
+    assert model.structure.bodies[0].mass == pytest.approx(2.0, rel=2e-3)
+    numbers = model.parameters
+    for path, truth in {
+        "guide.stiffness.k": 8000.0,
+        "guide.damping.c": 6.0,
+        "body:mass.constant-force.F_0": 0.4,
+    }.items():
+        number = numbers[path]
+        assert number.low is not None
+        assert number.high is not None
+        assert abs(number.value - truth) < 1.5 * (number.high - number.low)
+        assert number.value == pytest.approx(truth, rel=0.05)
+    assert found.records == ("run_0.h5", "run_1.h5", "run_2.h5")
+    assert any("only the ratios" in line for line in found.warnings)
+
+
+def test_a_given_mass_is_kept(tmp_path: Path) -> None:
+    campaign = twins.driven(tmp_path / "clean")
+    text = (tmp_path / "clean" / "campaign.toml").read_text()
+    changed = text.replace('{ name = "mass" }', '{ name = "mass", mass_kg = 2.0 }')
+    assert changed != text
+    (tmp_path / "clean" / "campaign.toml").write_text(changed)
+    campaign = rom.read_campaign(tmp_path / "clean")
+    model = rom.identify(campaign)
+    assert model.structure.bodies[0].mass == 2.0
+    assert model.parameters["guide.stiffness.k"].value == pytest.approx(8000.0, rel=2e-3)
+
+
+def test_what_is_left_of_a_sound_model_is_the_sensors_noise(tmp_path: Path) -> None:
+    balances, doubts = balances_of(twins.driven(tmp_path / "clean", stiffness=0.0))
+    assert not doubts
+    values, _ = balances.fitted(balances.force)
+    left = (balances.force - balances.columns @ values) / balances.noise
+    assert np.mean(left[balances.training] ** 2) == pytest.approx(1.0, abs=0.15)
+    assert np.mean(left[~balances.training] ** 2) == pytest.approx(1.0, abs=0.25)
+
+
+def test_records_without_any_force_are_refused(tmp_path: Path) -> None:
+    time = np.arange(2000) / 500.0
+    shown = {"displacement_mass": np.exp(-time) * np.cos(2 * np.pi * 10 * time)}
+    records = {"decay.h5": ("free", False, shown, 500.0)}
+    campaign = twins.campaign_of(tmp_path / "free", "mass", "guide", "linear", records)
+    with pytest.raises(ValueError, match="found no training record with a force"):
+        balances_of(campaign)
+
+
+def test_a_record_shorter_than_the_filter_is_refused(tmp_path: Path) -> None:
+    time = np.arange(100) / 500.0
+    force = np.cos(2 * np.pi * 5.0 * time)
+    records = {"short.h5": ("driven", False, {"force_mass": force, "displacement_mass": force}, 500.0)}
+    campaign = twins.campaign_of(tmp_path / "short", "mass", "guide", "linear", records)
+    with pytest.raises(ValueError, match=r"short.h5: found 0.2 s, expected .* s at least"):
+        balances_of(campaign)
