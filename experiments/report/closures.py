@@ -18,6 +18,7 @@ Data = Mapping[str, Any]
 
 _QUESTION = "Is anything missing from the model, and what?"
 _GOOD = {"closed": True, "no-effect": True, "unexplained": False}
+_NOISE = 1.2  # largest mean square of a residual that counts as noise
 _SETS = {"hold_out": "hold-out", "training": "training"}
 _HEADLINES = ("motion_nrmse", "relative_motion_nrmse", "tension_loss_error_percent_median")
 _HYPHEN = "\u2011"  # at which no line breaks
@@ -50,7 +51,7 @@ def answer(data: Data) -> Answer:
     verdict = str(data.get("verdict"))
     return Answer(
         _QUESTION,
-        _verdict(verdict, effects_of(data)),
+        _verdict(verdict, effects_of(data), _left(data)),
         tuple(_sentences(data)),
         tuple(_headlines(data)),
         _GOOD.get(verdict),
@@ -62,14 +63,24 @@ def effects_of(data: Data) -> list[Data]:
     return _mappings(data.get("effects"))
 
 
-def _verdict(verdict: str, effects: Sequence[Data]) -> str:
+def _left(data: Data) -> str:
+    """Return what a closed loop leaves, in words: noise alone, or a share of the residual's mean square."""
+    residual = _mapping(data.get("residual"))
+    before, after = (_mapping(residual.get(when)).get("total") for when in ("before", "after"))
+    if not (isinstance(before, float) and isinstance(after, float)) or after <= _NOISE:
+        return "no more is left than noise explains"
+    share = number(100 * after / before, 2)
+    return f"{share} % of the residual's mean square is left, {number(after, 3)} times noise"
+
+
+def _verdict(verdict: str, effects: Sequence[Data], left: str) -> str:
     named = " and ".join(_placed(effect) for effect in effects)
     if verdict == "closed" and named:
-        return f"The loop closes. The model lacked {named}; with that, no more is left than noise explains."
+        return f"The loop closes. The model lacked {named}; with that, {left}."
     if verdict == "unexplained" and named:
         return f"Something is still missing: {named} helped, but significant residual is left."
     known = {
-        "closed": "The loop closes: no more is left than noise explains.",
+        "closed": f"The loop closes: {left}.",
         "no-effect": "Nothing is missing that these records show: no effect beats chance.",
         "unexplained": "Something is missing that no effect explains.",
     }

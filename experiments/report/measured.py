@@ -22,6 +22,13 @@ _COLUMNS = (
 )  # fmt: skip
 
 
+_VIEWS = {
+    "force_error": ("Balance of forces, RMS of what is left over RMS of the force", "%", 100.0),
+    "simulation_rms_m": ("Simulated less measured displacement, RMS", "10⁻³ m, or mV", 1e3),
+}
+_SCREENED = 12
+
+
 @dataclass(frozen=True)
 class MeasuredSet:
     """A public set: what it is, who measured it, and what they found, by place and name of the parameter."""
@@ -127,6 +134,8 @@ def section(name: str, reference: Data) -> str:
         table(("parameter", "value", "95 % limits", "unit", "published"), parameter_rows(about, reference)),
         _published_note(about),
         error_table(closure["errors"]),
+        views_table(closure["residual"]),
+        alone_table(closure.get("screened", ())),
         *_look_alikes(closure),
         *(f"Note: {text}." for text in (*closure.get("set_aside", ()), *closure.get("warnings", ()))),
         f"```sh\n{commands(name, closure)}\n```",
@@ -189,6 +198,33 @@ def error_table(errors: Data) -> str:
     rows = [[str(cell) for cell in row] for row in error_rows(columns)]
     heads = [f"{kind.replace('_', '-')}, {when}" for kind, when in _COLUMNS]
     return table(("error", *heads), rows)
+
+
+def views_table(residual: Data) -> str:
+    """Return the errors of the balance of forces and of each simulation, in the records' own units."""
+    rows = []
+    for key, before in residual["before"].items():
+        view, _, record = key.partition(" in ")
+        head = next((head for head in _VIEWS if view.startswith(head)), None)
+        if head is not None:
+            text, unit, factor = _VIEWS[head]
+            of = record or view.removeprefix(f"{head}_").replace("_", "-")
+            after = residual["after"].get(key)
+            rows.append([f"{text}, {of} [{unit}]", *(_scaled(value, factor) for value in (before, after))])
+    return table(("view", "before", "after"), rows) if rows else ""
+
+
+def _scaled(value: object, factor: float) -> str:
+    return number(factor * value, 3) if isinstance(value, float) else NONE
+
+
+def alone_table(screened: Sequence[Data]) -> str:
+    """Return what each effect of the first screen could explain of the residual by itself."""
+    rows = [
+        [one["name"], place_words(one["enters"]), number(100 * max(one["share"], 0.0), 3)]
+        for one in screened[:_SCREENED]
+    ]
+    return table(("effect alone", "place", "explains, screened [%]"), rows) if rows else ""
 
 
 def _look_alikes(closure: Data) -> Iterator[str]:

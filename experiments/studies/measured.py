@@ -43,7 +43,7 @@ def reference(name: str, results: Path) -> dict[str, Any]:
     effects = [
         {key: value for key, value in effect.items() if key not in _LEFT_OUT} for effect in closure["effects"]
     ]
-    kept = {key: value for key, value in closure.items() if key != "screened"} | {"effects": effects}
+    kept = {**closure, "effects": effects}
     return {
         "format": FORMAT,
         "set": name,

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from discovery.closure import Closure
-from experiments.report.measured import SETS
+from experiments.report.measured import SETS, alone_table, views_table
 from experiments.results import plain, write_result
 from experiments.studies.close import closure_section
 from experiments.studies.measured import main, run
@@ -69,12 +69,23 @@ def test_the_page_is_written_again_from_the_references_alone(tmp_path: Path) -> 
     first = run(tmp_path / "docs", {"emps": tmp_path / "results"}).read_text()
     stored = tmp_path / "docs" / "measured" / "emps.json"
     assert stored.stat().st_size < 20_000
-    assert not {"curve", "screened"} & set(re.findall(r'"(\w+)":', stored.read_text()))
+    assert "curve" not in re.findall(r'"(\w+)":', stored.read_text())
     assert run(tmp_path / "docs", {}).read_text() == first
     data = json.loads(stored.read_text())
     data["model"]["bodies"][0]["mass"]["value"] = 77.125
     stored.write_text(json.dumps(data))
     assert "77.125" in run(tmp_path / "docs", {}).read_text()
+
+
+def test_views_and_rivals_are_told_in_their_units() -> None:
+    views = {"whiteness_p": 0.1, "force_error_hold_out": 0.1714, "simulation_rms_m in records/a.h5": 0.0142}
+    text = views_table({"before": views, "after": {"force_error_hold_out": 0.0496}})
+    assert re.search(r"Balance of forces.*, hold-out \[%\] \| 17.1 \| 4.96 \|", text)
+    assert re.search(r"Simulated.*, records/a.h5 \[.*mV\] \| 14.2 \| – \|", text)
+    assert "whiteness" not in text
+    screened = [{"name": "cubic-stiffness", "enters": "guide", "share": 0.064, "strength": 1.0}]
+    assert "| cubic-stiffness | link guide | 6.40 |" in alone_table(screened)
+    assert (views_table({"before": {}, "after": {}}), alone_table(())) == ("", "")
 
 
 def test_a_set_in_which_nothing_is_missing_has_its_section_too(tmp_path: Path) -> None:
