@@ -13,6 +13,7 @@ from discovery.acceptance import ALIKE, MATERIAL, is_alike, is_sure, matters, me
 from discovery.attribution import Probe, explain, explanation, motion_channels, screen
 from discovery.closure import Closure, FoundEffect, LookAlike, Screened, Step, Verdict
 from discovery.explanation import Explanation
+from discovery.force_loop import close_forces
 from discovery.free_form import free_forms
 from discovery.localisation import localise
 from discovery.separating import separating_tests
@@ -72,8 +73,6 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     """
     stage = progress or silent
     if is_driven(campaign):
-        from discovery.force_loop import close_forces
-
         return close_forces(campaign, jobs, stage)
     found = identify_campaign(campaign, jobs, stage("identifying"))
     loop = _Loop(campaign, found, jobs, stage)

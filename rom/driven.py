@@ -114,7 +114,7 @@ class Balances:
 
 
 def is_driven(campaign: Campaign) -> bool:
-    """Whether a campaign without a bolt trains on driven or cycled records, free ones at most beside."""
+    """Whether a campaign without a bolt trains on driven or cycled records, with free ones beside at most."""
     tests = {record.test for record in campaign.select(hold_out=False)}
     bolted = any(link.law == "bolted" for link in campaign.settings.link)
     if bolted or not tests & {"driven", "cycled"} or not tests <= set(TESTS):
