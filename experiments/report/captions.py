@@ -18,9 +18,10 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     ),
     "closure-effects": (
         "What was added",
-        "Force of each added effect along the motion of training records, in the first 0.2 s after the "
-        "impact; what the bolt's gauge shows of it, over the whole records; or, where it changes the law of "
-        "loosening, the mean loss rate over a cycle of harmonic motion, dotted without it. In the legend: "
+        "Force of each added effect along the motion of training records, in the first 0.2 s after an "
+        "impact, over the whole of a record without one; what the bolt's gauge shows of it, over the whole "
+        "records; or, where it changes the law of loosening, the mean loss rate over a cycle of harmonic "
+        "motion, dotted without it. In the legend: "
         "tension before the impact.",
     ),
     "law-leader-board": (

@@ -83,15 +83,16 @@ def _head(record: RecordSettings, run: Replay) -> dict[str, Any]:
 
 
 def _force(effect: Added, run: Replay) -> dict[str, Any]:
-    """Force of an effect alone along the motion of its link, from shortly before the impact on."""
+    """Force of an effect alone along the motion of its link, from shortly before an impact on."""
     x, v, tension = _motion(run, effect.enters)
     laws, time = run.model.link_laws[effect.enters], run.response.time
-    end = int(np.searchsorted(time, (run.measurement.impact_s or 0.0) + _SHOWN_S))
+    impact = run.measurement.impact_s
+    end = len(time) if impact is None else int(np.searchsorted(time, impact + _SHOWN_S))
     along = np.stack([x, v, tension, laws.stiffness(tension), laws.damping(tension)])[:, :end]
     force = force_of_effects(
         replace(run.model, effects=(effect,)), effect.enters, along, float(time[1] - time[0])
     )
-    start = int(np.searchsorted(time, (run.measurement.impact_s or 0.0) - 0.005))
+    start = int(np.searchsorted(time, (impact or 0.0) - 0.005))
     shown = slice(start, end, max((end - start) // _POINTS, 1))
     return {"displacement_m": x[shown], "velocity_m_per_s": v[shown], "force_n": force[shown]}
 

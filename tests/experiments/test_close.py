@@ -17,9 +17,11 @@ from experiments.studies import close
 from experiments.studies.effect_curves import effect_curves
 from rom.campaign import CampaignError, CampaignSettings, read_campaign, write_campaign
 from rom.effects import CATALOGUE
+from rom.identification import identify
 from rom.model_file import load_model
 from rom.parameters.he_2025 import nominal_impact, paper_model
 from rom.records import Channel
+from tests.discovery import driven_twins as twins
 from tests.discovery.sound_closure import closure, friction, skew, threshold, unknown_force
 from tests.rom.sound_campaign import LOOSENING, sound_settings, write_sound_campaign
 
@@ -238,6 +240,16 @@ def test_the_force_of_an_effect_is_the_one_that_acts_along_the_motion(moving: Pa
     assert np.abs(second["displacement_m"]).max() > 5e-5
     assert first["force_n"] == pytest.approx(0.1 * np.tanh(first["velocity_m_per_s"] / 1e-3), abs=1e-9)
     assert second["force_n"] == pytest.approx(4.5e12 * second["displacement_m"] ** 3, rel=1e-9)
+
+
+def test_without_an_impact_a_force_runs_over_the_whole_record(tmp_path: Path) -> None:
+    driven = twins.driven(tmp_path / "driven")
+    effect = CATALOGUE["cubic-stiffness"].at("guide")
+    (curve,) = effect_curves(identify(driven).with_effect(effect), [effect], driven)
+    assert curve is not None
+    record = curve["records"][0]
+    measured = driven.load(driven.select(hold_out=False)[0]).channels["displacement_mass"].samples
+    assert np.abs(record["displacement_m"]).max() == pytest.approx(np.abs(measured).max(), rel=0.05)
 
 
 def test_a_changed_rate_is_zero_below_its_threshold(moving: Path) -> None:
