@@ -244,7 +244,7 @@ def test_the_force_of_an_effect_is_the_one_that_acts_along_the_motion(moving: Pa
 
 def test_without_an_impact_a_force_runs_over_the_whole_record(tmp_path: Path) -> None:
     driven = twins.driven(tmp_path / "driven")
-    effect = CATALOGUE["cubic-stiffness"].at("guide")
+    effect = CATALOGUE["cubic-stiffness"].at("guide").with_values(k3=1.0)
     (curve,) = effect_curves(identify(driven).with_effect(effect), [effect], driven)
     assert curve is not None
     record = curve["records"][0]
