@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from discovery.closure import Closure
+from discovery.force_fits import Unbalanced, explain_forces, screen_forces
 from discovery.refinement import close_loop
 from rom.channels import FloatArray
+from rom.driven import balances_of, declared_model
 from tests.discovery import driven_twins as twins
 from tests.shared import measured
 
@@ -123,3 +125,25 @@ def test_the_tribometer_lacks_slip_under_its_normal_force(tmp_path: Path) -> Non
     assert after < 0.056
     named = {like.name for like in found.effects[0].look_alikes}
     assert not named & {"coulomb-friction", "cubic-stiffness"}
+
+
+@pytest.mark.slow
+def test_no_friction_without_memory_explains_the_tribometer(tmp_path: Path) -> None:
+    """By name, each fitted beside all numbers of the model: held-out balance of forces."""
+    balances, _ = balances_of(twins.tribometer(measured("tribometer"), tmp_path / "tribometer"))
+    declared = Unbalanced(balances, (), dict.fromkeys(balances.names, 0.0)).with_numbers()
+    model, _ = declared_model(balances)
+    probes = {one[0].effect.name: one for one in screen_forces(declared, model)}
+    unseen = ~balances.training
+
+    def error(state: Unbalanced) -> float:
+        left = (state.residual * balances.noise)[unseen]
+        return float(np.linalg.norm(left) / np.linalg.norm(balances.force[unseen]))
+
+    fitted = {
+        name: error(explain_forces(probes[name], declared)[1])
+        for name in ("jenkins-slip", "coulomb-friction", "cubic-stiffness")
+    }
+    assert fitted["jenkins-slip"] < 0.05
+    assert fitted["coulomb-friction"] == pytest.approx(error(declared), rel=0.01)
+    assert fitted["cubic-stiffness"] > 0.9 * error(declared)
