@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -54,8 +54,8 @@ class Bench(Campaign):
     For a plant that is known already: then the tests that would tell it need not be run.
     """
 
-    laboratory: Laboratory
-    tests: Mapping[str, tuple[Case, np.random.SeedSequence]]
+    laboratory: Laboratory = field(kw_only=True)
+    tests: Mapping[str, tuple[Case, np.random.SeedSequence]] = field(kw_only=True)
 
     def load(self, record: RecordSettings) -> Record:
         case, seed = self.tests[record.file]
@@ -77,7 +77,7 @@ def bench(law: str, seed: int, setting: Setting) -> Bench:
     cases = plan(PRELOADS, setting.strengths, setting.scatter, False, HOLD_OUT_EVERY, of_schedule)
     declared = settings("bench", cases, laboratory.plant, laboratory.instruments)
     tests = {case.file: (case, own) for case, own in zip(cases, of_records.spawn(len(cases)), strict=True)}
-    return Bench(Path(), declared, "", laboratory, tests)
+    return Bench(Path(), declared, "", laboratory=laboratory, tests=tests)
 
 
 def loosening_courses(

@@ -329,8 +329,6 @@ def reidentified(
         For its ties, for the tension of every joint, and for all that is not fitted here.
     records : sequence of tuple of SpectralRecord
         Parts of every record; their forces may hold more than was measured, such as those of an effect.
-    settings : CampaignSettings
-        The campaign's.
     """
     assert found.linear is not None
     parts = with_starts(records, settings)
