@@ -323,8 +323,8 @@ def reidentified(
 ) -> Model:
     """Return the model with its linear links and joint curves fitted anew, started from the records alone.
 
-    Ties, tensions and the rest are those of `found`. `records` hold the parts of every record; their forces may
-    be more than was measured, such as an effect's beside.
+    Ties, tensions and the rest are those of `found`. `records` hold the parts of every record; their forces
+    may be more than was measured, such as an effect's beside.
     """
     assert found.linear is not None
     parts = with_starts(records, settings)
