@@ -11,16 +11,24 @@ from rom.residuals import Errors
 _OF_MOTION, _OF_TENSION = (150.0, 20.0), (20.0, 0.0)
 MATERIAL = 0.01
 """Share of the cost: less changes nothing that matters."""
+QUIET = 1.2
+"""Mean square of a residual that still counts as noise."""
 ALIKE = 12.0
 """Difference in cost within chance."""
 _NEAR = 0.05  # of the gain: what a slightly wrong form of the right effect may lose
 _MATTERS = 0.02  # of an error
+_LEFT = 0.03  # of what was beyond noise
+
+
+def is_quiet(level: float, first: float) -> bool:
+    """Whether a mean square is that of noise, or next to nothing of what was ``first`` beyond it."""
+    return level - 1 <= max(QUIET - 1, _LEFT * (first - 1))
 
 
 def spread_of(one: Explanation) -> float:
     """Mean square of what an effect leaves over, one at least: misfit makes differences less telling."""
     samples = sum(one.samples[file] for file in one.after if file not in one.hold_out)
-    return max(one.cost(hold_out=False) / max(samples, 1), 1.0)
+    return max(one.cost(hold_out=False) / max(samples, 1) if one.left is None else one.left, 1.0)
 
 
 def merit(one: Explanation) -> float:
@@ -46,11 +54,14 @@ def in_tension(one: Explanation) -> bool:
 def is_alike(one: Explanation, best: Explanation) -> bool:
     """Whether an effect's cost is within chance of the best one's, or of a slightly wrong form of it."""
     spread = spread_of(best)
-    lag = [best.gains(hold_out=h).sum() - one.gains(hold_out=h).sum() for h in (False, True)]
-    gain = [best.gains(hold_out=h).sum() for h in (False, True)]
     held = bool(best.hold_out & set(best.before))
-    place = 1 if held else 0
-    return bool(lag[place] / spread <= max(ALIKE, _NEAR * gain[place] / spread))
+    # few tests that are held out tell anything of the tension: what they cannot tell apart training tests may
+    for hold_out in {held, held and not in_tension(best)}:
+        gain = best.gains(hold_out=hold_out).sum()
+        lag = gain - one.gains(hold_out=hold_out).sum()
+        if lag / spread > max(ALIKE, _NEAR * gain / spread):
+            return False
+    return True
 
 
 def matters(before: ErrorsByKind, after: ErrorsByKind) -> bool:

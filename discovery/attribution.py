@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
+from discovery.acceptance import MATERIAL
 from discovery.explanation import Explanation
 from discovery.traces import Progress, Trace
 from discovery.tracing import Evidence, effect_force
 from rom.channels import FloatArray
-from rom.effects import Added, Effect, Member, SensorFault, candidates
+from rom.effects import Added, Effect, Member, SensorFault, candidates, look_alikes
 from rom.spectra import ComplexArray, Linearised, SpectralRecord
 
 _ITERATIONS = 12
@@ -26,6 +27,8 @@ _SETTLED = 1e-4  # of the cost
 _SHARE = 5  # one record in so many, and as many of those that most is left over of, tell what to look at
 _ROUGHLY, _AT_LEAST, _PROBES = 0.1, 12, 3  # of the best gain there; effects; probes of each
 _STARTS = 2  # points of an effect's grid from which it is fitted
+_TRIED = 5  # of the screened effects
+_PROMISING, _WORTH = 0.3, 0.4  # of what an effect must explain; of what the first one does
 _Z95 = 1.96
 
 
@@ -175,6 +178,24 @@ def _reach(member: Member, probe: Added) -> tuple[float, float]:
     numbers = [probe.parameters[name] for name in member.strengths if probe.parameters[name].value]
     ends = [sorted(bound / number.value for bound in number.bounds) for number in numbers]
     return max(low for low, _ in ends), min(high for _, high in ends)
+
+
+def worth_fitting(probes: Sequence[Sequence[Probe]], left: float) -> list[Sequence[Probe]]:
+    """The first effects of a screen, and what shares a class and place with the very first.
+
+    Not those that explain next to nothing of what is ``left``, or far less than the first.
+    """
+    least = _PROMISING * MATERIAL * left
+    first = probes[0][0] if probes else None
+    if first is None or first.gain < least:
+        return []
+    alike = look_alikes(first.effect.name)
+
+    def in_class(one: Sequence[Probe]) -> bool:
+        return one[0].effect.name in alike and one[0].effect.enters == first.effect.enters
+
+    near = [one for one in probes if one[0].gain >= max(_WORTH * first.gain, least)]
+    return [*near[:_TRIED], *(one for one in near[_TRIED:] if in_class(one))]
 
 
 def explain(probes: Sequence[Probe], evidence: Evidence) -> Explanation:

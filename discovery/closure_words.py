@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
+from discovery.localisation import COURSES
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -25,6 +27,7 @@ _MEASURES = (
 _STANDS_OUT = 1.3  # times the smallest of its view
 _NAMED = 3
 _SURE = 0.01
+_SAME = 0.02
 
 
 def paragraph(closure: Closure) -> str:
@@ -158,7 +161,18 @@ def _remains(closure: Closure) -> Iterator[str]:
     before, after = closure.residual_before, closure.residual_after
     start = f"was {_number(before.total)} and " if closure.effects else ""
     size = f"the mean square of the residual {start}is {_number(after.total)} times that of noise."
-    yield " ".join([size, *(_left(after) if closure.verdict == "unexplained" else _like_noise(after))])
+    rest = [*(_left(after) if closure.verdict == "unexplained" else _like_noise(after))]
+    yield " ".join([size, *rest, *_on_courses(before, after)])
+
+
+def _on_courses(before: Localisation, after: Localisation) -> Iterator[str]:
+    old, new = (dict(one.numbers).get(COURSES) for one in (before, after))
+    if old is not None and new is not None:
+        was = f"{_number(old, 3)} before and " if abs(old - new) > _SAME * new else ""
+        yield (
+            f"Courses of the tension after the hits: mean square {was}{_number(new, 3)} times that of noise, "
+            "each test's own rate allowed for."
+        )
 
 
 def _like_noise(after: Localisation) -> Iterator[str]:

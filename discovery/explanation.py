@@ -35,6 +35,9 @@ class Explanation:
         Parameters that ended at an end of their range.
     beside : mapping of str to Parameter
         Numbers of the tension law that were fitted with the effect; none where the law is not at stake.
+    left : float or None
+        Mean square of what the training records' misfit is with the effect, 1 being noise; None where the
+        cost itself tells it.
     """
 
     effect: Added
@@ -45,6 +48,7 @@ class Explanation:
     free_numbers: int
     at_bound: tuple[str, ...] = ()
     beside: Mapping[str, Parameter] = field(default_factory=dict)
+    left: float | None = None
 
     def gains(self, *, hold_out: bool) -> FloatArray:
         """Cost taken away from each record of a kind, (records,)."""

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from discovery.acceptance import MATERIAL, is_alike, is_sure, merit, spread_of
-from discovery.attribution import Probe
+from discovery.acceptance import is_alike, is_quiet, is_sure, merit, spread_of
+from discovery.attribution import Probe, worth_fitting
 from discovery.closure import Closure, ErrorsByKind, FoundEffect, LookAlike, Screened, Step, Verdict
 from discovery.explanation import Explanation
 from discovery.force_fits import Unbalanced, explain_forces, fitted, screen_forces
@@ -24,17 +24,14 @@ from discovery.state import Stages
 from rom.campaign import Campaign
 from rom.comparison import Judged, judge
 from rom.driven import SOUND, Balances, balances_of, model_of, noise_share
-from rom.effects import candidates, look_alikes
+from rom.effects import candidates
 from rom.model import Model
 from rom.quality import Doubt
 from rom.residuals import summarise
 
 MOST_EFFECTS = 3
-_FITTED = 5  # of the screened effects
-_PROMISING, _WORTH = 0.3, 0.4  # of what an effect must explain; of what the first one does
 _MATTERS = 0.02  # of the force error on held-out records
 _TOLD = 3.0  # standard errors
-_QUIET, _LEFT = 1.2, 0.03  # mean square that counts as noise; of what was beyond it
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +144,8 @@ def _best(
     probes: Sequence[Sequence[Probe]], state: Unbalanced, stage: Stages
 ) -> tuple[_Found | None, Unbalanced | None]:
     """Fit what the screen promises; the effect that explains most beyond chance, and the state with it."""
-    tell, tried = stage("fitting effects"), _worth_fitting(probes, state)
+    left = float(np.sum(state.residual[state.balances.training] ** 2))
+    tell, tried = stage("fitting effects"), worth_fitting(probes, left)
     fits = []
     for one in tried:
         fits.append(explain_forces(one, state))
@@ -161,21 +159,6 @@ def _best(
     return _Found(best, tuple(sorted(rivals, key=lambda one: -merit(one)))), after
 
 
-def _worth_fitting(probes: Sequence[Sequence[Probe]], state: Unbalanced) -> list[Sequence[Probe]]:
-    """The first effects of the screen, and what shares a class and place with the very first."""
-    cost = float(np.sum(state.residual[state.balances.training] ** 2))
-    least = _PROMISING * MATERIAL * cost
-    if not probes or probes[0][0].gain < least:
-        return []
-    first = probes[0][0]
-    near = [one for one in probes if one[0].gain >= max(_WORTH * first.gain, least)]
-    alike = look_alikes(first.effect.name)
-    in_class = [
-        one for one in probes if one[0].effect.name in alike and one[0].effect.enters == first.effect.enters
-    ]
-    return [*near[:_FITTED], *(one for one in in_class if one not in near[:_FITTED])]
-
-
 def _together(state: Unbalanced) -> Unbalanced:
     """All effects of a state fitted again beside each other."""
     if len(state.effects) < 2:
@@ -184,7 +167,7 @@ def _together(state: Unbalanced) -> Unbalanced:
 
 
 def _verdict(first: _Stage, last: _Stage, found: bool) -> Verdict:
-    if last.level - 1 > max(_QUIET - 1, _LEFT * (first.level - 1)):
+    if not is_quiet(last.level, first.level):
         return "unexplained"
     return "closed" if found else "no-effect"
 

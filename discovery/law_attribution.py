@@ -15,16 +15,17 @@ import numpy as np
 from discovery.law_likelihood import (
     LawCandidate,
     LawProblem,
+    changes_of,
     course,
     law_candidate,
     names_of,
     resimulated,
 )
-from discovery.likelihood import State
+from discovery.likelihood import State, tau
 from discovery.motion import Frozen
-from discovery.tension_data import Data, Gained, Pair, at_bounds, limited, limited_number
+from discovery.tension_data import Data, Gained, Misfit, Pair, at_bounds, limited, limited_number
 from rom.channels import FloatArray
-from rom.effects import CATALOGUE, Added, Member
+from rom.effects import CATALOGUE, Added, LawChange, Member
 from rom.laws import Parameter
 from rom.own_numbers import own_names
 
@@ -33,6 +34,7 @@ _STRENGTHS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times a default
 _FRESH = np.array([np.log(0.5), 0.0])  # scatter to start from
 _ROUGHLY = (0.5, 8)  # gain of a step and number of steps: enough to screen by
 _ROUNDS = 2  # of correction by re-simulation
+_UNTOLD = 2  # directions of a course that may oscillate with the motion
 _U_STARTS = (0.0, -1.0, 1.0, -3.0)
 
 
@@ -50,6 +52,17 @@ class Slow:
         """Cost of the training records."""
         return self.state.deviance
 
+    @property
+    def misfit(self) -> Misfit:
+        """What the law leaves over of the training courses.
+
+        Every course has two directions that nothing is told of, and a rate of its own.
+        """
+        information = (self.state.slope**2).sum(axis=1)
+        told = information / (information + 1 / tau(self.state.scatter, self.problem.frozen.initial) ** 2)
+        rows = self.state.residual.shape[1] - _UNTOLD - told
+        return Misfit(float((self.state.residual**2).sum() / rows.sum()), float(rows.sum()))
+
 
 @dataclass(eq=False)
 class LawSearch:
@@ -62,7 +75,10 @@ class LawSearch:
 
     def baseline(self) -> Slow:
         """Fit the law as it is."""
-        return self._refined(self._fitted(law_candidate(self.data.model, None, self.free), None))
+        model = self.data.model
+        alone = [place for place, change in enumerate(changes_of(model, None)) if change.adds]
+        fits = [self._fitted(law_candidate(model, None, self.free, k), None) for k in (None, *alone)]
+        return self._refined(min(fits, key=lambda fit: fit.training))
 
     def explained(
         self, effects: Sequence[Pair], base: Slow, report: Callable[[], None]
@@ -154,15 +170,18 @@ class LawSearch:
 
     def _screened(self, member: Member, effect: Added, base: Slow) -> Slow:
         """Fit with an effect from the best of several starts, corrected as the baseline is."""
-        identified = law_candidate(self.data.model, effect, self.free)
         own = {name: p.value for name, p in base.candidate.parameters.items() if name in base.candidate.free}
-        refitted = identified.with_values({n: v for n, v in own.items() if n in identified.parameters})
         names, offsets = names_of(effect), base.problem.offsets
         train = self.data.part(hold_out=False)
         fresh = replace(base, state=replace(base.state, u=np.zeros(len(train)), scatter=_FRESH))
-        fits = []
+        pairs = []
         # a baseline that lacks an effect can be far astray: what was identified case by case is a start too
-        for candidate, start in ((refitted, base), (identified, fresh)):
+        for sharing in self._sharings(effect, base):
+            identified = law_candidate(self.data.model, effect, self.free, sharing)
+            refitted = identified.with_values({n: v for n, v in own.items() if n in identified.parameters})
+            pairs += [(refitted, base), (identified, fresh)]
+        fits = []
+        for candidate, start in pairs:
             trials: list[tuple[float, int, LawCandidate]] = []
             for point in _starts(member, effect):
                 trial = candidate.with_values({names[n]: v for n, v in point.items()})
@@ -172,13 +191,22 @@ class LawSearch:
             fits.append(self._fitted(min(trials)[2], start, roughly=True))
         return min(fits, key=lambda fit: fit.training)
 
+    def _sharings(self, effect: Added, base: Slow) -> tuple[int | None, ...]:
+        """An effect may scatter from test to test as the law does, or be the same in all."""
+        known = base.candidate.sharing
+        if known is not None or not (isinstance(effect, LawChange) and effect.adds):
+            return (known,)
+        return (None, len(changes_of(self.data.model, None)))
+
     def _gained(self, effect: Added, slow: Slow, base: Slow) -> Gained:
         if slow.training > base.training:  # as the full simulation has it, the law alone does better
             return Gained(_silent(effect), np.zeros_like(base.costs))
         names, numbers, errors = names_of(effect), slow.candidate.parameters, _errors(slow)
         found = effect.with_values(**{name: numbers[path].value for name, path in names.items()})
         told = limited(found, {name: float(errors[path]) for name, path in names.items()})
-        return Gained(told, base.costs - slow.costs, at_bounds(told), self._beside(slow, errors))
+        return Gained(
+            told, base.costs - slow.costs, at_bounds(told), self._beside(slow, errors), slow.misfit.level
+        )
 
     def _beside(self, slow: Slow, errors: Mapping[str, float]) -> dict[str, Parameter]:
         """Numbers of the model's own law as the fit has them."""
@@ -196,7 +224,9 @@ class LawSearch:
         (name,) = own_names(effect)
         low, high = effect.parameters[name].bounds
         typical = effect.with_values(**{name: float(np.clip(self.drift, low, high))})
-        return Gained(typical, base.costs - slow.costs, (), self._beside(slow, _errors(slow)))
+        return Gained(
+            typical, base.costs - slow.costs, (), self._beside(slow, _errors(slow)), slow.misfit.level
+        )
 
 
 def _errors(slow: Slow) -> dict[str, float]:

@@ -19,6 +19,7 @@ from discovery.motion import Frozen
 from discovery.terms import Candidate
 from rom.channels import FloatArray
 from rom.effects import Added, LawChange, Motion, Reading, SensorFault
+from rom.effects.law_change import prefix_of
 from rom.laws import Law, Parameter, free_form_law
 from rom.model import Model
 
@@ -45,11 +46,14 @@ class LawCandidate(Candidate):
         A reading or a fault of the gauge, linear in time or not; what changes the law is in the law.
     moved : tuple of str
         Names in the law, and those in the effect.
+    sharing : int or None
+        As for `law_candidate`.
     """
 
     rate: Law | None = None
     effect: Added | None = None
     moved: tuple[str, ...] = ()
+    sharing: int | None = None
 
     @property
     def acting(self) -> Law:
@@ -84,7 +88,9 @@ class LawCandidate(Candidate):
         return replace(self, rate=self.acting.with_values(**of_law), effect=effect)
 
 
-def law_candidate(model: Model, effect: Added | None, baseline: tuple[str, ...]) -> LawCandidate:
+def law_candidate(
+    model: Model, effect: Added | None, baseline: tuple[str, ...], sharing: int | None = None
+) -> LawCandidate:
     """Return a model's tension law, with one more effect, the numbers of both free.
 
     Parameters
@@ -95,27 +101,40 @@ def law_candidate(model: Model, effect: Added | None, baseline: tuple[str, ...])
         A change of the law, a reading or a fault.
     baseline : tuple of str
         Numbers of the model's own law that are free.
+    sharing : int or None
+        How many of the changes, in order, share the law's scatter from test to test; those after them are
+        the same in every test. None: all of them.
     """
-    link = model.structure.bolted_links[0]
-    changed = model.with_effect(effect) if isinstance(effect, LawChange) else model
-    law = changed.acting_laws[link].tension_rate
-    assert law is not None
-    every = {**law.parameters, _OWN: Parameter(1.0, "1")}
-    rate = free_form_law(f"{law.name}, own rate", f"{_OWN} * ({law.equation})", "tension rate", every)
-    first = model.link_laws[link].tension_rate
+    first = model.link_laws[model.structure.bolted_links[0]].tension_rate
     assert first is not None
-    own = tuple(name for name in law.parameters if name in baseline or name not in first.parameters)
+    changes = changes_of(model, effect)
+    law = first
+    for place, change in enumerate(changes):
+        law = _scattering(law) if place == sharing else law
+        law = change.changed(law, prefix_of(change), first)
+    rate = law if _OWN in law.parameters else _scattering(law)
+    own = tuple(n for n in rate.parameters if n != _OWN and (n in baseline or n not in first.parameters))
     beside = None if isinstance(effect, LawChange) else effect
     added = tuple(beside.parameters) if beside is not None else ()
-    return LawCandidate(rate.name, (), (), rate=rate, effect=beside, moved=(*own, *added))
+    return LawCandidate(rate.name, (), (), rate=rate, effect=beside, moved=(*own, *added), sharing=sharing)
+
+
+def _scattering(law: Law) -> Law:
+    """The law with a factor of its own in every test."""
+    every = {**law.parameters, _OWN: Parameter(1.0, "1")}
+    return free_form_law(f"{law.name}, own rate", f"{_OWN} * ({law.equation})", "tension rate", every)
+
+
+def changes_of(model: Model, effect: Added | None) -> tuple[LawChange, ...]:
+    """Changes of a model's tension law in order, with one more effect."""
+    return tuple(one for one in (*model.effects, effect) if isinstance(one, LawChange))
 
 
 def names_of(effect: Added) -> Mapping[str, str]:
     """Names of an effect's numbers among a candidate's, by their names in the effect."""
     if not isinstance(effect, LawChange):
         return {name: name for name in effect.parameters}
-    prefix = f"{effect.name.replace('-', '_')}_"
-    return {name: prefix + name for name in effect.parameters}
+    return {name: prefix_of(effect) + name for name in effect.parameters}
 
 
 @dataclass(eq=False)

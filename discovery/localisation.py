@@ -24,6 +24,7 @@ _BANDS = (
 )
 _PRELOADS = (30.0, 100.0, 300.0, 1000.0)  # [N]
 _AMPLITUDES = (10.0, 50.0, 100.0, 200.0)  # [um]
+COURSES = "tension_courses"
 Profile = tuple[tuple[str, float], ...]  # label and residual's mean square over that of the noise floor
 
 
@@ -40,7 +41,8 @@ class Localisation:
     total : float
         Mean square over all.
     numbers : tuple of (str, float)
-        Errors beside those of the contract, by name: of campaigns that drive their bodies or links.
+        Errors beside those of the contract, by name: of campaigns that drive their bodies or links, and the
+        mean square of what the law leaves over of the tension's courses, 1 being noise.
     """
 
     by_channel: Profile
@@ -61,8 +63,8 @@ class Localisation:
         }  # fmt: skip
 
 
-def localise(evidence: Evidence) -> Localisation:
-    """Return where the residual on training records lives."""
+def localise(evidence: Evidence, numbers: Mapping[str, float] | None = None) -> Localisation:
+    """Return where the residual on training records lives; other ``numbers`` that tell of it are kept."""
     rows = evidence.residual
     squares, pairs, first = [], [], 0
     for trace, part, linear in evidence.parts:
@@ -84,6 +86,7 @@ def localise(evidence: Evidence) -> Localisation:
         by_amplitude=_mean_squares((_class(_peak(t), _AMPLITUDES, "um"), m) for t, _, m in squares),
         whiteness_p=_whiteness(pairs),
         total=float(np.mean(np.concatenate([m.ravel() for _, _, m in squares]) ** 2)),
+        numbers=tuple((numbers or {}).items()),
     )
 
 

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from joblib import Parallel, delayed
 from scipy import stats
 
-from discovery.acceptance import ALIKE, MATERIAL, is_alike, is_sure, matters, merit, spread_of
-from discovery.attribution import Probe, explain, explanation, motion_channels, screen
+from discovery.acceptance import (
+    ALIKE,
+    QUIET,
+    is_alike,
+    is_quiet,
+    is_sure,
+    matters,
+    merit,
+    spread_of,
+)
+from discovery.at_rest import explain_at_rest
+from discovery.attribution import Probe, explain, explanation, motion_channels, screen, worth_fitting
 from discovery.closure import Closure, FoundEffect, LookAlike, Screened, Step, Verdict
 from discovery.explanation import Explanation
 from discovery.force_loop import close_forces
 from discovery.free_form import free_forms
-from discovery.localisation import localise
+from discovery.localisation import COURSES, localise
 from discovery.separating import separating_tests
 from discovery.state import (
     Stages,
@@ -31,19 +41,16 @@ from discovery.state import (
     with_law,
 )
 from discovery.tension_attribution import explain_tension
+from discovery.tension_data import Misfit
 from discovery.tracing import Evidence, gather, starting, weigh
 from rom.campaign import Campaign
 from rom.driven import is_driven
-from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, candidates, look_alikes
+from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, candidates
 from rom.flexures import unlikely
 from rom.identification import Identification, identify_campaign, reidentified
 from rom.spectra import SpectralRecord
 
 MOST_EFFECTS = 3
-_FITTED = 5  # of the screened effects
-_PROMISING, _WORTH = 0.3, 0.4  # of what an effect must explain; of what the first one does
-_QUIET = 1.2  # mean square of the residual that still counts as noise
-_LEFT = 0.03  # of what was beyond noise
 _FAR_LESS = 0.7
 
 
@@ -77,10 +84,11 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     found = identify_campaign(campaign, jobs, stage("identifying"))
     loop = _Loop(campaign, found, jobs, stage)
     first = loop.start()
-    path = loop.in_motion(first)
+    rested = loop.at_rest(first)
+    path = loop.in_motion(rested)
     if not _is_quiet(path):
-        formed = loop.formed(first, seed)
-        path = path if formed is None else _better(path, loop.in_motion(first, formed))
+        formed = loop.formed(rested.states[-1], seed)
+        path = path if formed is None else _better(path, loop.in_motion(rested, formed))
     path = loop.in_tension(path)
     last = path.states[-1]
     labels = ["", *(_label(one.best.effect) for one in path.chosen)]
@@ -89,8 +97,8 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
         effects=tuple(_found(one, last) for one in path.chosen),
         model=last.model,
         steps=tuple(Step(label, state.errors) for label, state in zip(labels, path.states, strict=True)),
-        residual_before=localise(first.evidence),
-        residual_after=localise(last.evidence),
+        residual_before=localise(first.evidence, _courses(path.tension[:1])),
+        residual_after=localise(last.evidence, _courses(path.tension[1:])),
         screened=path.screened,
         set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in found.set_aside),
         warnings=(*found.warnings, *(line for line in _doubts(path) if line not in found.warnings)),
@@ -112,6 +120,7 @@ class _Path:
     states: tuple[State, ...]
     chosen: tuple[_Chosen, ...]
     screened: tuple[Screened, ...]
+    tension: tuple[Misfit, ...] = ()  # of the courses, first and last
 
     def longer(self, one: _Chosen, state: State) -> _Path:
         """The path with one more effect."""
@@ -137,11 +146,22 @@ class _Loop:
     def _settled(self, evidence: Evidence, *, learned: bool = False) -> State:
         return settled(self.campaign, self.found, evidence, self.jobs, self.stage, learned=learned)
 
-    def in_motion(self, state: State, given: _Chosen | None = None) -> _Path:
-        """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
+    def at_rest(self, state: State) -> _Path:
+        """Add faults of sensors that show before the hits, and would pass for noise."""
         path = _Path((state,), (), ())
         while len(path.chosen) < MOST_EFFECTS:
-            one = given if not path.chosen else None
+            last = path.states[-1]
+            one = _chosen(explain_at_rest(last.evidence))
+            if one is None:
+                break
+            path = path.longer(one, self.adopt(last, one, floors_too=True))
+        return path
+
+    def in_motion(self, path: _Path, given: _Chosen | None = None) -> _Path:
+        """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
+        known = len(path.chosen)
+        while len(path.chosen) < MOST_EFFECTS:
+            one = given if len(path.chosen) == known else None
             if one is None:
                 evidence = path.states[-1].evidence
                 probes = screen(evidence, self.jobs, self.stage("screening effects"))
@@ -175,15 +195,21 @@ class _Loop:
         return sorted(pairs, key=lambda pair: sum(pair[1].evidence.costs(pair[1].evidence.residual).values()))
 
     def in_tension(self, path: _Path) -> _Path:
-        """Add effects in the tension and its gauge, which hardly show in the motion, until none helps."""
-        while len(path.chosen) < MOST_EFFECTS:
+        """Add effects in the tension and its gauge, which hardly show in the motion, until none helps.
+
+        They are told along the motion, so where that is not explained nothing is asked.
+        """
+        if not _is_quiet(path):
+            return path
+        while True:
             last = path.states[-1]
             tell = self.stage("tension")
-            one = _chosen(explain_tension(self.campaign, last.found, last.model, self.jobs, tell))
-            if one is None:
-                break
+            told = explain_tension(self.campaign, last.found, last.model, self.jobs, tell)
+            path = replace(path, tension=(*(path.tension or (told.misfit,))[:1], told.misfit))
+            one = _chosen(told.explanations)
+            if one is None or len(path.chosen) >= MOST_EFFECTS:
+                return path
             path = path.longer(one, self.adopt(last, one))
-        return path
 
     def _without_needless(self, path: _Path) -> _Path:
         """Drop an earlier effect that explains nothing beside the last one."""
@@ -217,7 +243,8 @@ class _Loop:
     def _explained(self, probes: Sequence[Sequence[Probe]], evidence: Evidence) -> list[Explanation]:
         """Fit what the screen promises."""
         tell = self.stage("fitting effects")
-        tried = _worth_fitting(probes, evidence)
+        left = evidence.beyond(evidence.residual)
+        tried = worth_fitting(probes, float(left @ left))
         tasks = (delayed(explain)(one, evidence) for one in tried)
         explanations: list[Explanation] = []
         for one in Parallel(n_jobs=self.jobs, prefer="threads", return_as="generator")(tasks):
@@ -226,14 +253,18 @@ class _Loop:
                 tell(len(explanations), len(tried))
         return explanations
 
-    def adopt(self, state: State, chosen: _Chosen) -> State:
-        """Add an effect, trace all records anew and refit everything together."""
+    def adopt(self, state: State, chosen: _Chosen, *, floors_too: bool = False) -> State:
+        """Add an effect, trace all records anew and refit everything together.
+
+        ``floors_too``: what was in the noise before the hits is not any more.
+        """
         effect, near = chosen.best.effect, state.evidence.baseline
         if isinstance(effect, LawChange | Reading):  # the motion does not see it
             beside = replace(near, model=effect.added_to(with_law(state.model, chosen.best.beside)))
             evidence = replace(state.evidence, baseline=beside)
         else:
-            model, aside, floors = effect.added_to(near.model), set_aside(self.found), state.evidence.floors
+            model, aside = effect.added_to(near.model), set_aside(self.found)
+            floors = None if floors_too else state.evidence.floors
             if isinstance(effect, Effect):  # first along the motion as the old model has it traced
                 near = self._fitted(approached(state.evidence, effect)).baseline
                 model = near.model
@@ -247,7 +278,7 @@ class _Loop:
         A model that lacked the effect may have been far from its plant, where steps do not lead back.
         """
         after = refitted(evidence)
-        if level(after) <= _QUIET:
+        if level(after) <= QUIET:
             return after
         records: dict[str, list[SpectralRecord]] = {}
         for trace, part, _ in after.parts:
@@ -281,29 +312,16 @@ def _of_training(one: Explanation) -> Explanation:
     )
 
 
-def _worth_fitting(probes: Sequence[Sequence[Probe]], evidence: Evidence) -> list[Sequence[Probe]]:
-    """The first effects of the screen, and what shares a class and place with the very first.
-
-    Not those that explain next to nothing of the residual, or far less than the first.
-    """
-    left = evidence.beyond(evidence.residual)
-    least = _PROMISING * MATERIAL * float(left @ left)
-    first = probes[0][0] if probes else None
-    if first is None or first.gain < least:
-        return []
-    alike = look_alikes(first.effect.name)
-
-    def in_class(one: Sequence[Probe]) -> bool:
-        return one[0].effect.name in alike and one[0].effect.enters == first.effect.enters
-
-    near = [one for one in probes if one[0].gain >= max(_WORTH * first.gain, least)]
-    return [*near[:_FITTED], *(one for one in near[_FITTED:] if in_class(one))]
-
-
 def _is_quiet(path: _Path) -> bool:
     """Whether noise alone is left, or next to nothing of what was beyond it."""
-    beyond = path.states[-1].level - 1
-    return beyond <= max(_QUIET - 1, _LEFT * (path.states[0].level - 1))
+    return is_quiet(path.states[-1].level, path.states[0].level)
+
+
+def _tension_is_quiet(path: _Path) -> bool:
+    """Whether courses of the tension differ by no more than noise from the law's, or next to nothing more."""
+    if not path.tension or path.tension[-1].is_noise:
+        return True
+    return is_quiet(path.tension[-1].level, path.tension[0].level)
 
 
 def _better(path: _Path, other: _Path) -> _Path:
@@ -319,8 +337,13 @@ def _doubts(path: _Path) -> tuple[str, ...]:
     return unlikely(last.model, last.evidence.baseline.ties)
 
 
+def _courses(misfit: Sequence[Misfit]) -> Mapping[str, float]:
+    """The last misfit of the tension's courses by its name in result files."""
+    return {COURSES: misfit[-1].level} if misfit else {}
+
+
 def _verdict(path: _Path) -> Verdict:
-    if not _is_quiet(path) or (path.chosen and _doubts(path)):
+    if not _is_quiet(path) or not _tension_is_quiet(path) or (path.chosen and _doubts(path)):
         return "unexplained"
     return "closed" if path.chosen else "no-effect"
 

@@ -8,14 +8,15 @@ Slow part: the course of the tension after each hit under a law, its case-to-cas
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from discovery.explanation import Explanation
 from discovery.gauge_attribution import explained_by_gauge
-from discovery.law_attribution import LawSearch
+from discovery.law_attribution import LawSearch, Slow
 from discovery.law_likelihood import slow_reading
-from discovery.tension_data import Data, Gained, Pair
+from discovery.tension_data import Data, Gained, Misfit, Pair
 from discovery.tension_rows import frozen_of, noises, read_tensions, with_noise
 from rom.campaign import Campaign
 from rom.channels import FloatArray
@@ -30,13 +31,21 @@ _ALLOWED_DRIFT = 0.005  # [N/s]; half the smallest plausible one
 _FAST = 8  # about so many numbers tell a record's fast part
 
 
+@dataclass(frozen=True)
+class TensionFindings:
+    """What effects explain of the tension, and what the model's own law leaves over of the courses."""
+
+    explanations: tuple[Explanation, ...]
+    misfit: Misfit
+
+
 def explain_tension(
     campaign: Campaign,
     found: Identification,
     model: Model,
     jobs: int = 1,
     progress: Progress | None = None,
-) -> tuple[Explanation, ...]:
+) -> TensionFindings:
     """Return what every effect in the tension or its gauge explains that a model does not hold yet.
 
     Parameters
@@ -54,19 +63,20 @@ def explain_tension(
 
     Returns
     -------
-    tuple of Explanation
-        One for each effect, those that take most from the training cost first; none where the model has not
-        one bolted link, or too few training records have a tension and a hit.
+    TensionFindings
+        One explanation for each effect, those that take most from the training cost first; none where the
+        model has not one bolted link, or too few training records have a tension and a hit.
     """
+    nothing = TensionFindings((), Misfit(1.0, 0.0))
     if len(model.structure.bolted_links) != 1:
-        return ()
+        return nothing
     seen = read_tensions(campaign, model, jobs)
     if sum(s.settings.test == "loosening" and not s.settings.hold_out for s in seen) < _FEWEST:
-        return ()
+        return nothing
     ordered = tuple(sorted(seen, key=lambda s: s.settings.hold_out))
     noise_of = noises(ordered, _ALLOWED_DRIFT)
     if noise_of is None:
-        return ()
+        return nothing
     steady, drifting = noise_of
     held = {effect.path for effect in model.effects}
     drifts = any(isinstance(e, Reading) and own_names(e) for e in model.effects)
@@ -90,7 +100,7 @@ def explain_tension(
 
 def _explained(
     data: Data, search: LawSearch, effects: Sequence[Pair], progress: Progress | None
-) -> tuple[Explanation, ...]:
+) -> TensionFindings:
     slow = [pair for pair in effects if _of_course(*pair)]
     done = iter(range(1, len(slow) + 1))
 
@@ -101,11 +111,13 @@ def _explained(
     base = search.baseline()
     by_gauge, fast = explained_by_gauge(data, [pair for pair in effects if pair not in slow])
     by_course, base = search.explained(slow, base, report)
-    return _explanations(data, [*by_course, *by_gauge], base.costs + fast)
+    return TensionFindings(_explanations(data, [*by_course, *by_gauge], base, fast), base.misfit)
 
 
-def _explanations(data: Data, gained: Sequence[Gained], before: FloatArray) -> tuple[Explanation, ...]:
-    files, training = data.files, data.training
+def _explanations(
+    data: Data, gained: Sequence[Gained], base: Slow, fast: FloatArray
+) -> tuple[Explanation, ...]:
+    files, training, before = data.files, data.training, base.costs + fast
     count = data.frozen.change.shape[1] + _FAST
     found = [
         Explanation(
@@ -117,6 +129,7 @@ def _explanations(data: Data, gained: Sequence[Gained], before: FloatArray) -> t
             len(one.effect.parameters) - len(own_names(one.effect)),
             one.at_bound,
             one.beside,
+            base.misfit.level if one.left is None else one.left,
         )
         for one in gained
     ]

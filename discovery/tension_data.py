@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import stats
 
 from discovery.motion import Frozen
 from discovery.tension_rows import Seen
@@ -16,6 +17,8 @@ from rom.model import Model
 
 Pair = tuple[Member, Added]
 _Z95 = 1.959964
+_CHANCE = 1e-3
+_NEARLY_NOISE = 1.5  # mean square: a motion that is known to a few percent shifts courses by as much
 _AT_BOUND = 1e-6  # of a range
 
 
@@ -45,17 +48,34 @@ class Data:
         return whole.subset(range(*ends))
 
 
+@dataclass(frozen=True)
+class Misfit:
+    """Mean square of what a law leaves over of the courses, 1 being noise, of so many free numbers."""
+
+    level: float
+    numbers: float
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether chance alone would leave as much in one campaign of a thousand, or nearly so."""
+        if self.numbers <= 0:
+            return True
+        return self.level <= max(_NEARLY_NOISE, float(stats.chi2.isf(_CHANCE, self.numbers)) / self.numbers)
+
+
 @dataclass(frozen=True, eq=False)
 class Gained:
     """An effect, the cost that it takes from each record, and its numbers that are at a bound.
 
-    `beside` holds the numbers of the tension law that were fitted with it, where any were.
+    `beside` holds the numbers of the tension law that were fitted with it, where any were, `left` the mean
+    square of what is then left over of the courses.
     """
 
     effect: Added
     gains: FloatArray
     at_bound: tuple[str, ...] = ()
     beside: Mapping[str, Parameter] = field(default_factory=dict)
+    left: float | None = None
 
 
 def limited(effect: Added, errors: Mapping[str, float]) -> Added:

@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from discovery.acceptance import QUIET
 from discovery.baseline import Baseline
 from discovery.traces import Progress, Trace, trace_records
 from rom.campaign import Campaign
@@ -30,7 +31,6 @@ from rom.ties import ALIGNED
 
 MOTION_TESTS = ("uncoupled", "coupled", "loosening")
 _SUBSTEPS = 2
-_QUIET = 1.2  # mean square of a residual that counts as noise
 _MEDIAN_SQUARE = 0.4549  # of a normal number
 
 
@@ -111,7 +111,7 @@ class Evidence:
         if ties:
             slopes = self.jacobian[self.training]
             basis = _orthonormal(slopes / np.maximum(np.linalg.norm(slopes, axis=0), 1e-300))
-            beyond = float(np.sum((mine - basis @ (basis.T @ mine)) ** 2)) - _QUIET * len(mine)
+            beyond = float(np.sum((mine - basis @ (basis.T @ mine)) ** 2)) - QUIET * len(mine)
         if not ties or beyond <= 0:
             return np.zeros((0, len(self.names))), np.zeros(0)
         rows = np.array([[tie.factors.get(name, 0.0) / tie.error for name in self.names] for tie in ties])

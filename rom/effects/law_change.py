@@ -56,6 +56,12 @@ class LawChange(Added):
     follows the law that none has changed.
     """
 
+    @property
+    def adds(self) -> bool:
+        """Whether the change is a rate of its own beside the law's, not a factor on it."""
+        body = _text(self.equation)
+        return isinstance(body, ast.BinOp) and isinstance(body.op, ast.Add | ast.Sub)
+
     def changed(self, law: Law, prefix: str = "", first: Law | None = None) -> Law:
         """The changed law, an ordinary tension law that keeps the parameters of the first one.
 
@@ -89,12 +95,17 @@ def _changed(change: str, law: str, first: str, parameters: tuple[str, ...], pre
     return ast.unparse(_replaced(change, {**names, "rate": _text(law), "follow": _follow(first)}))
 
 
+def prefix_of(change: Added) -> str:
+    """What stands before the names of a change's parameters in the changed law."""
+    return f"{change.name.replace('-', '_')}_"
+
+
 def change_law(law: Law, changes: Iterable[LawChange]) -> tuple[Law, Mapping[str, str]]:
     """A tension law after all changes, and the names of their parameters in it by path in the model."""
     names: dict[str, str] = {}
     first = law
     for change in changes:
-        prefix = f"{change.name.replace('-', '_')}_"
+        prefix = prefix_of(change)
         law = change.changed(law, prefix, first)
         names |= {f"{change.path}.{name}": prefix + name for name in change.parameters}
     return law, names

@@ -189,7 +189,7 @@ def test_an_effect_of_the_rig_comes_first(tmp_path: Path, name: str, place: str)
     run(tmp_path / "c", 12, 1.0, 3, 1, duration_s=2.5, undeclared=(Undeclared(name, place, {}),))
     campaign = rom.read_campaign(tmp_path / "c")
     found = identify_campaign(campaign)
-    first, second, *_ = explain_tension(campaign, found, found.model)
+    first, second, *_ = explain_tension(campaign, found, found.model).explanations
     assert first.effect.name == name
     assert first.gains(hold_out=False).sum() > second.gains(hold_out=False).sum() + 20
     assert first.gains(hold_out=True).sum() > 0

@@ -1,0 +1,161 @@
+"""Faults of sensors that show while nothing moves, told by what precedes the hits: an offset, the mains.
+
+The noise floor comes from there too (`rom.noise_floor`), so what is always there would pass for noise.
+
+    theta_i = (C'C)^-1 C' y_i,   gain_i = (theta_i' theta_i - |theta_i - found_i|^2) / s^2
+
+y_i: samples of record i before its hit; C: what the fault of strength one adds to them. A number that all
+records share is ``found`` in the training records, and s is what it scatters by from one to the next. One of
+each record's own, such as the phase of the mains, is ``found`` in the first half of these samples and judged
+in the second, and s is what the same fault finds where there is none: beside its frequency.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy import optimize
+
+from discovery.attribution import motion_channels
+from discovery.explanation import Explanation
+from discovery.tension_data import limited
+from discovery.tracing import Evidence
+from rom.channels import FloatArray
+from rom.effects import Added, Member, SensorFault, candidates
+from rom.own_numbers import own_names
+from rom.processing import Measurement
+
+_GUARD_S = 2e-3  # before the impact
+_SHORTEST_S = 0.2
+_STEP_HZ = 0.05
+_ABOUT_HZ = _STEP_HZ * np.arange(-3, 4)  # the mains are known so well
+_BESIDE_HZ = (-9.0, -7.0, -5.0, 5.0, 7.0, 9.0)
+_FEWEST = 4  # training records
+_MEDIAN_SQUARE = 0.4549  # of a normal number
+_ALLOWED = 0.1  # of the smallest plausible strength: no amplifier is free of it
+
+
+@dataclass(frozen=True, eq=False)
+class _Still:
+    """Samples of a channel before the hits, (records, samples), as many of each record as all have."""
+
+    files: tuple[str, ...]
+    training: npt.NDArray[np.bool_]
+    samples: FloatArray
+    rate_hz: float
+
+
+def explain_at_rest(evidence: Evidence) -> tuple[Explanation, ...]:
+    """Return what every fault that shows at rest explains, the noise of all records before the hits known.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Traces of all records; faults that its model holds are taken out of them.
+    """
+    model, found = evidence.baseline.model, []
+    known = {effect.path for effect in model.effects}
+    for member, effect in candidates(model, motion_channels(evidence)):
+        if not isinstance(effect, SensorFault) or effect.path in known or not _shows(member, effect):
+            continue
+        still = _before_hits(evidence, effect.channel)
+        if still is not None and still.training.sum() >= _FEWEST:
+            told = _of_each(member, effect, still) if own_names(effect) else _of_all(member, effect, still)
+            found += [told] if told is not None else []
+    return tuple(found)
+
+
+def _shows(member: Member, effect: SensorFault) -> bool:
+    """Whether a channel at rest would show the fault."""
+    zero = np.zeros(64)
+    return bool(not effect.other and np.any(effect.with_values(**member.strengths).apply(zero, 1e3)))
+
+
+def _before_hits(evidence: Evidence, channel: str) -> _Still | None:
+    """Samples of an accelerometer; of a hammer's force nothing is kept but its contacts."""
+    quantity, _, body = channel.partition("_")
+    found = [
+        (trace, np.asarray(motion.samples[:stop], dtype=np.float64))
+        for trace in evidence.traces
+        if (motion := trace.measurement.motion.get(body)) is not None and motion.kind == quantity
+        and (stop := _quiet(trace.measurement)) >= _SHORTEST_S * trace.measurement.rate_hz
+    ]  # fmt: skip
+    if len({trace.measurement.rate_hz for trace, _ in found}) != 1:
+        return None
+    shortest = min(len(samples) for _, samples in found)
+    return _Still(
+        tuple(trace.settings.file for trace, _ in found),
+        np.array([not trace.settings.hold_out for trace, _ in found]),
+        np.stack([samples[:shortest] for _, samples in found]),
+        found[0][0].measurement.rate_hz,
+    )
+
+
+def _quiet(measurement: Measurement) -> int:
+    return int(((measurement.impact_s or 0.0) - _GUARD_S) * measurement.rate_hz)
+
+
+def _coefficients(
+    fault: SensorFault, units: Mapping[str, float], still: _Still, part: slice = slice(None)
+) -> FloatArray:
+    """Numbers of a fault of which the samples of a part are free, by least squares, (records, numbers)."""
+    none, zero = fault.with_values(**dict.fromkeys(units, 0.0)), np.zeros(still.samples.shape[1])
+    columns = [none.with_values(**{n: s}).apply(zero, still.rate_hz) / s for n, s in units.items()]
+    return np.asarray(still.samples[:, part] @ np.linalg.pinv(np.stack(columns, axis=1)[part]).T)
+
+
+def _of_all(member: Member, effect: SensorFault, still: _Still) -> Explanation | None:
+    table = _coefficients(effect, member.strengths, still)
+    train = table[still.training]
+    mean, scatter = train.mean(axis=0), np.maximum(train.std(axis=0, ddof=1), 1e-300)
+    before, after = ((((table - at) / scatter) ** 2).sum(axis=1) for at in (0.0, mean))
+    values = dict(zip(member.strengths, mean.tolist(), strict=True))
+    errors = dict(zip(member.strengths, (scatter / np.sqrt(len(train))).tolist(), strict=True))
+    return _told(member, limited(effect.with_values(**values), errors), still, before, after)
+
+
+def _of_each(member: Member, effect: SensorFault, still: _Still) -> Explanation | None:
+    own = own_names(effect)
+    units = {name: member.strengths[name] for name in own}
+    (inner,) = [name for name in effect.parameters if name not in own]
+    level = replace(still, samples=still.samples - still.samples.mean(axis=1, keepdims=True))
+    middle = still.samples.shape[1] // 2
+
+    def halves(at: float) -> tuple[FloatArray, FloatArray]:
+        fault = effect.with_values(**{inner: at})
+        first, second = (_coefficients(fault, units, level, p) for p in (slice(middle), slice(middle, None)))
+        return first, second
+
+    def unexplained(at: float) -> float:
+        first, second = halves(at)
+        return float((((second - first) ** 2) - second**2)[still.training].sum())
+
+    grid = [float(nominal + step) for nominal in member.inner[inner] for step in _ABOUT_HZ]
+    rough = min(grid, key=unexplained)
+    reach = (rough - _STEP_HZ, rough + _STEP_HZ)
+    at = float(optimize.minimize_scalar(unexplained, bounds=reach, method="bounded").x)
+    beside = np.concatenate([halves(at + step)[1][still.training] for step in _BESIDE_HZ])
+    noise = float(np.median(beside**2)) / _MEDIAN_SQUARE
+    first, second = halves(at)
+    before, after = ((rows**2).sum(axis=1) / noise for rows in (second, second - first))
+    typical = np.sqrt((first[still.training] ** 2).mean(axis=0))  # a phase is each record's own
+    values = dict(zip(own, typical.tolist(), strict=True))
+    return _told(member, effect.with_values(**values, **{inner: at}), still, before, after)
+
+
+def _told(
+    member: Member, effect: Added, still: _Still, before: FloatArray, after: FloatArray
+) -> Explanation | None:
+    if all(abs(effect.parameters[n].value) < _ALLOWED * s for n, s in member.strengths.items()):
+        return None
+    return Explanation(
+        effect,
+        dict(zip(still.files, before.tolist(), strict=True)),
+        dict(zip(still.files, after.tolist(), strict=True)),
+        dict.fromkeys(still.files, len(member.strengths)),
+        frozenset(file for file, training in zip(still.files, still.training, strict=True) if not training),
+        len(effect.parameters) - len(own_names(effect)),
+    )
