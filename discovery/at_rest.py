@@ -7,7 +7,8 @@ The noise floor comes from there too (`rom.noise_floor`), so what is always ther
 y_i: samples of record i before its hit; C: what the fault of strength one adds to them. A number that all
 records share is ``found`` in the training records, and s is what it scatters by from one to the next. One of
 each record's own, such as the phase of the mains, is ``found`` in the first half of these samples and judged
-in the second, and s is what the same fault finds where there is none: beside its frequency.
+in the second, and s is what the same fault finds where there is none: beside its frequency, which all
+records share.
 """
 
 from __future__ import annotations
@@ -98,13 +99,17 @@ def _quiet(measurement: Measurement) -> int:
     return int(((measurement.impact_s or 0.0) - _GUARD_S) * measurement.rate_hz)
 
 
+def _columns(fault: SensorFault, units: Mapping[str, float], still: _Still) -> FloatArray:
+    """What a fault of strength one adds, a row for each of its numbers, (numbers, samples)."""
+    none, zero = fault.with_values(**dict.fromkeys(units, 0.0)), np.zeros(still.samples.shape[1])
+    return np.stack([none.with_values(**{n: s}).apply(zero, still.rate_hz) / s for n, s in units.items()])
+
+
 def _coefficients(
     fault: SensorFault, units: Mapping[str, float], still: _Still, part: slice = slice(None)
 ) -> FloatArray:
-    """Numbers of a fault of which the samples of a part are free, by least squares, (records, numbers)."""
-    none, zero = fault.with_values(**dict.fromkeys(units, 0.0)), np.zeros(still.samples.shape[1])
-    columns = [none.with_values(**{n: s}).apply(zero, still.rate_hz) / s for n, s in units.items()]
-    return np.asarray(still.samples[:, part] @ np.linalg.pinv(np.stack(columns, axis=1)[part]).T)
+    """Numbers of a fault that suit the samples of a part best, by least squares, (records, numbers)."""
+    return np.asarray(still.samples[:, part] @ np.linalg.pinv(_columns(fault, units, still)[:, part]))
 
 
 def _of_all(member: Member, effect: SensorFault, still: _Still) -> Explanation | None:
@@ -119,27 +124,30 @@ def _of_all(member: Member, effect: SensorFault, still: _Still) -> Explanation |
 
 def _of_each(member: Member, effect: SensorFault, still: _Still) -> Explanation | None:
     own = own_names(effect)
-    units = {name: member.strengths[name] for name in own}
     (inner,) = [name for name in effect.parameters if name not in own]
     level = replace(still, samples=still.samples - still.samples.mean(axis=1, keepdims=True))
     middle = still.samples.shape[1] // 2
+    units = {name: member.strengths[name] for name in own}
 
-    def halves(at: float) -> tuple[FloatArray, FloatArray]:
-        fault = effect.with_values(**{inner: at})
-        first, second = (_coefficients(fault, units, level, p) for p in (slice(middle), slice(middle, None)))
-        return first, second
+    def lines(of: _Still, at: float, part: slice = slice(None)) -> FloatArray:
+        return _coefficients(effect.with_values(**{inner: at}), units, of, part)
 
-    def unexplained(at: float) -> float:
-        first, second = halves(at)
-        return float((((second - first) ** 2) - second**2)[still.training].sum())
+    def without(at: float) -> FloatArray:
+        return level.samples - lines(level, at) @ _columns(effect.with_values(**{inner: at}), units, still)
 
+    def left(at: float) -> float:
+        return float((without(at).var(axis=1) / variance)[still.training].sum())
+
+    variance = level.samples.var(axis=1)
     grid = [float(nominal + step) for nominal in member.inner[inner] for step in _ABOUT_HZ]
-    rough = min(grid, key=unexplained)
+    rough = min(grid, key=left)
+    variance = without(rough).var(axis=1)
     reach = (rough - _STEP_HZ, rough + _STEP_HZ)
-    at = float(optimize.minimize_scalar(unexplained, bounds=reach, method="bounded").x)
-    beside = np.concatenate([halves(at + step)[1][still.training] for step in _BESIDE_HZ])
-    noise = float(np.median(beside**2)) / _MEDIAN_SQUARE
-    first, second = halves(at)
+    at = float(optimize.minimize_scalar(left, bounds=reach, method="bounded").x)
+    bare = replace(level, samples=without(at))
+    beside = np.concatenate([lines(bare, at + hz, slice(middle, None)) for hz in _BESIDE_HZ], axis=1)
+    noise = np.median(beside**2, axis=1) / _MEDIAN_SQUARE
+    first, second = (lines(level, at, part) for part in (slice(middle), slice(middle, None)))
     before, after = ((rows**2).sum(axis=1) / noise for rows in (second, second - first))
     typical = np.sqrt((first[still.training] ** 2).mean(axis=0))  # a phase is each record's own
     values = dict(zip(own, typical.tolist(), strict=True))
