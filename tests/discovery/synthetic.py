@@ -84,6 +84,8 @@ def measured(
         f"joint.tension_rate.{name}": value * np.exp(deviations)
         for name, value in zip(true.coefficient_names, true.coefficients, strict=True)
     }
+    if "own_rate" in true.parameters:  # what scatters of a general law
+        vary["joint.tension_rate.own_rate"] = np.exp(deviations)
     tension = model_with(true).mean_tensions(
         peaks[:, None] * pulse, RATE_HZ, initial, edges, vary, "lo", tension_rate_hz=TENSION_RATE_HZ
     )

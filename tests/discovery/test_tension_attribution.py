@@ -14,7 +14,7 @@ from discovery.law_likelihood import course, law_candidate, resimulated, slow_re
 from discovery.motion import Frozen, freeze
 from discovery.prediction import predict
 from discovery.tension_attribution import explain_tension
-from discovery.tension_data import Data, at_bounds, limited
+from discovery.tension_data import Data, Misfit, at_bounds, limited
 from discovery.tension_rows import Seen, thinned
 from discovery.terms import baseline
 from rom.campaign import RecordSettings
@@ -103,12 +103,32 @@ def test_what_changes_the_law_is_found_beside_the_refitted_law() -> None:
     assert effect.parameters["g_x"].value == pytest.approx(0.5, rel=0.5)
 
 
+@pytest.mark.parametrize("sharing", [None, 0])
+def test_a_change_may_scatter_with_the_law_or_be_the_same_in_every_test(sharing: int | None) -> None:
+    true = law_candidate(rom.paper_model(), _STRONG, _NUMBERS, sharing)
+    preloads = (8.0, 20.0, 60.0, 150.0, 300.0, 700.0, 1500.0, 3000.0)
+    held = whole(freeze(rom.paper_model(), measured(true, preloads=preloads, scatter=0.7)))
+    seen = tuple(seen_of(held, case) for case in range(len(held)))
+    search = LawSearch(Data(held.model, seen, held, len(seen), np.ones(len(seen))), _NUMBERS, held, 0.0)
+    base = search.baseline()
+    member = CATALOGUE[_STRONG.name]
+    (found,), base = search.explained([(member, member.at("tension"))], base, lambda: None)
+    assert not base.misfit.is_noise
+    assert found.left == pytest.approx(1.0, abs=0.4)
+    assert found.effect.parameters["g_x"].value == pytest.approx(0.5, rel=0.35)
+    changed = replace(rom.paper_model(), effects=(_STRONG,))
+    again = LawSearch(replace(search.data, model=changed), _NUMBERS, held, 0.0).baseline()
+    assert again.candidate.sharing == sharing
+    assert again.misfit.is_noise
+
+
 def test_nothing_explains_courses_of_the_law_itself() -> None:
     of = data()
     search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
     member = CATALOGUE["loosening-displacement"]
     (one,), _ = search.explained([(member, member.at("tension"))], search.baseline(), lambda: None)
     assert -1 <= one.gains[: of.training].sum() < 12
+    assert search.baseline().misfit.is_noise
 
 
 def test_a_baseline_that_was_not_fitted_well_lends_no_effect_its_loss() -> None:
@@ -169,6 +189,12 @@ def test_a_reading_at_rest_is_averaged_over_bins() -> None:
     edges = np.array([0.0, 0.1, 1.0])
     whole = -0.1 * ((1 + edges / 0.1) * np.log1p(edges / 0.1) - edges / 0.1)
     assert slow_reading(reading, edges) == pytest.approx(np.diff(whole) / np.diff(edges), rel=2e-3)
+
+
+def test_a_misfit_of_few_numbers_may_be_larger_by_chance() -> None:
+    assert Misfit(1.9, 20.0).is_noise
+    assert not Misfit(1.9, 200.0).is_noise
+    assert Misfit(9.0, 0.0).is_noise  # nothing is told
 
 
 def test_limits_stay_within_the_range_and_ends_are_told() -> None:

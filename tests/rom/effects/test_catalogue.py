@@ -239,3 +239,8 @@ def test_the_printed_catalogue_tells_every_parameter_with_its_range(name):
         low, high = number.bounds
         reach = re.escape(f"({low:g} to {high:g})")
         assert re.search(rf"\b{parameter}(\*\*)? \S+ {reach}", row), row
+
+
+def test_a_change_of_the_law_adds_a_rate_or_is_a_factor_on_it():
+    adds = {name for name, member in CATALOGUE.items() if getattr(member.at("tension"), "adds", False)}
+    assert adds == {"loosening-displacement", "loosening-dissipation", "loosening-ratchet", "tightening"}

@@ -1,0 +1,78 @@
+"""Faults of sensors that show before the hits, found in records of noise alone."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rom
+from discovery.acceptance import is_sure
+from discovery.at_rest import explain_at_rest
+from discovery.explanation import Explanation
+from rom.channels import FloatArray
+
+_RATE_HZ, _HIT_S, _RECORDS = 4800.0, 0.5, 10
+
+
+def still(
+    added: FloatArray | float = 0.0, *, seed: int = 0, scatter: float = 0.0, hit_s: float = _HIT_S
+) -> Any:
+    """Evidence of records that hold an accelerometer's noise, and what is added to it in every record."""
+    generator = np.random.default_rng(seed)
+    samples = 0.01 * generator.standard_normal((_RECORDS, round(2 * hit_s * _RATE_HZ)))
+    samples += added + scatter * generator.standard_normal((_RECORDS, 1))
+    traces = [
+        SimpleNamespace(
+            settings=SimpleNamespace(file=f"{k}.h5", hold_out=k >= 8),
+            measurement=SimpleNamespace(
+                motion={"so": SimpleNamespace(kind="acceleration", samples=rows)}, force={},
+                impact_s=hit_s, rate_hz=_RATE_HZ,
+            ),
+        )
+        for k, rows in enumerate(samples)
+    ]  # fmt: skip
+    return SimpleNamespace(traces=traces, baseline=SimpleNamespace(model=rom.paper_model()))
+
+
+def sure(evidence: Any) -> list[Explanation]:
+    return [one for one in explain_at_rest(evidence) if is_sure(one)]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_alone_has_no_fault(seed: int) -> None:
+    assert not sure(still(seed=seed))
+
+
+def test_an_offset_that_all_records_share_is_found_with_its_limits() -> None:
+    (found,) = sure(still(0.03))
+    offset = found.effect.parameters["b"]
+    assert (found.effect.name, found.effect.enters) == ("acceleration-bias", "sensor:acceleration_so")
+    assert offset.low is not None
+    assert offset.high is not None
+    assert offset.low < 0.03 < offset.high
+    assert found.gains(hold_out=True).min() > 0
+
+
+def test_offsets_of_every_record_s_own_are_none() -> None:
+    assert not sure(still(scatter=0.05))
+
+
+def test_an_offset_that_no_amplifier_is_free_of_is_none() -> None:
+    assert not sure(still(0.001, seed=3))
+
+
+def test_the_mains_are_found_whatever_their_phase_and_their_frequency_to_a_mhz() -> None:
+    time = np.arange(round(2 * _HIT_S * _RATE_HZ)) / _RATE_HZ
+    phase = np.random.default_rng(1).uniform(0, 2 * np.pi, (_RECORDS, 1))
+    (found,) = sure(still(0.03 * np.sin(2 * np.pi * 59.93 * time + phase)))
+    assert found.effect.name == "hum"
+    assert found.effect.parameters["f"].value == pytest.approx(59.93, abs=5e-3)
+    size = np.hypot(found.effect.parameters["A"].value, found.effect.parameters["B"].value)
+    assert size == pytest.approx(0.03, rel=0.05)
+
+
+def test_records_that_are_hit_at_once_tell_nothing() -> None:
+    assert not explain_at_rest(still(0.03, hit_s=0.1))
