@@ -17,6 +17,7 @@ ALIKE = 12.0
 """Difference in cost within chance."""
 _NEAR = 0.05  # of the gain: what a slightly wrong form of the right effect may lose
 _MATTERS = 0.02  # of an error
+_HARM = 1.5  # times an error
 _LEFT = 0.03  # of what was beyond noise
 
 
@@ -73,6 +74,20 @@ def matters(before: ErrorsByKind, after: ErrorsByKind) -> bool:
         if (old := _error(before[kind], name)) and (new := _error(after[kind], name)) is not None
     ]
     return bool(ratios) and min(ratios) <= 1 - _MATTERS and max(ratios) <= 1 + _MATTERS
+
+
+def harms(before: ErrorsByKind, after: ErrorsByKind) -> bool:
+    """Whether an effect in the tension makes the model worse where it is simulated on.
+
+    Losses scatter from test to test by about a factor of two, so an error may rise a little by chance; what
+    suits courses each with a rate of its own can still ruin the law that all share.
+    """
+    kind: Kind = "hold_out" if before["hold_out"]["tension_rmse_n"] is not None else "training"
+    return any(
+        (old := _error(before[kind], name)) is not None
+        and ((new := _error(after[kind], name)) is None or new > _HARM * old)
+        for name in ("tension_rmse_n", "motion_nrmse")
+    )
 
 
 def _error(errors: Errors, name: str) -> float | None:

@@ -175,11 +175,12 @@ class LawSearch:
         train = self.data.part(hold_out=False)
         fresh = replace(base, state=replace(base.state, u=np.zeros(len(train)), scatter=_FRESH))
         pairs = []
-        # a baseline that lacks an effect can be far astray: what was identified case by case is a start too
         for sharing in self._sharings(effect, base):
             identified = law_candidate(self.data.model, effect, self.free, sharing)
             refitted = identified.with_values({n: v for n, v in own.items() if n in identified.parameters})
-            pairs += [(refitted, base), (identified, fresh)]
+            pairs.append((refitted, base))
+            if not base.misfit.is_noise:  # then it can be far astray: what was identified case by case is one
+                pairs.append((identified, fresh))
         fits = []
         for candidate, start in pairs:
             trials: list[tuple[float, int, LawCandidate]] = []

@@ -12,6 +12,7 @@ from scipy import stats
 from discovery.acceptance import (
     ALIKE,
     QUIET,
+    harms,
     is_alike,
     is_quiet,
     is_sure,
@@ -207,9 +208,10 @@ class _Loop:
             told = explain_tension(self.campaign, last.found, last.model, self.jobs, tell)
             path = replace(path, tension=(*(path.tension or (told.misfit,))[:1], told.misfit))
             one = _chosen(told.explanations)
-            if one is None or len(path.chosen) >= MOST_EFFECTS:
+            after = self.adopt(last, one) if one is not None and len(path.chosen) < MOST_EFFECTS else None
+            if one is None or after is None or harms(last.errors, after.errors):
                 return path
-            path = path.longer(one, self.adopt(last, one))
+            path = path.longer(one, after)
 
     def _without_needless(self, path: _Path) -> _Path:
         """Drop an earlier effect that explains nothing beside the last one."""
