@@ -118,3 +118,17 @@ def test_the_loop_closes_on_a_cubic_flexure() -> None:
     assert after["motion_nrmse"] is not None
     assert after["motion_nrmse"] < 0.7 * before["motion_nrmse"]
     assert closure.residual_after.total < 1.2 < closure.residual_before.total
+
+
+def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
+    with TemporaryDirectory() as scratch:
+        wrong_zero = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 0.0, "c_2": 0.0})
+        campaign = measured(Path(scratch) / "campaign", (wrong_zero,))
+        found = identify_campaign(campaign)
+        left = refitted(gather(campaign, starting(found, found.model)))
+    (lowest,) = [r.file for r in campaign.select("loosening") if r.preload_n == 6.0]
+    assert [line for line in found.warnings if line.startswith(f"{lowest}: the gauge shows -")]
+    assert lowest not in [course.file for course in found.courses]
+    assert min(estimate.tension for estimate in found.joint) == 0.0
+    assert lowest in [trace.settings.file for trace in left.traces]  # its motion tells as much as before
+    assert np.isfinite(left.residual).all()
