@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy import stats
 
 from discovery.acceptance import ALIKE, MATERIAL, is_alike, is_sure, matters, merit, spread_of
 from discovery.attribution import Probe, explain, explanation, motion_channels, screen
+from discovery.baseline import Baseline
 from discovery.closure import Closure, FoundEffect, LookAlike, Screened, Step, Verdict
 from discovery.explanation import Explanation
 from discovery.force_loop import close_forces
@@ -35,8 +36,9 @@ from discovery.tracing import Evidence, gather, starting, weigh
 from rom.campaign import Campaign
 from rom.driven import is_driven
 from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, candidates, look_alikes
-from rom.flexures import unlikely
+from rom.flexures import as_uncoupled, unlikely
 from rom.identification import Identification, identify_campaign, reidentified
+from rom.noise_floor import Group, NoiseFloor
 from rom.spectra import SpectralRecord
 
 MOST_EFFECTS = 3
@@ -130,9 +132,26 @@ class _Loop:
 
         An effect may pass for damping in the identification, which is free to scale what it weighs.
         """
-        baseline = starting(self.found, self.found.model)
-        evidence = gather(self.campaign, baseline, set_aside(self.found), progress=self.stage("tracing"))
-        return self._settled(refitted(evidence))
+        evidence = refitted(self._gathered(starting(self.found, self.found.model)))
+        return self._settled(self._nearer(evidence))
+
+    def _nearer(self, evidence: Evidence) -> Evidence:
+        """Start from the uncoupled tests instead, where that leaves far less.
+
+        An identification takes what it leaves over for noise: misfit, alike in all coupled records, may lead
+        its links anywhere, too far for steps to lead back.
+        """
+        ties = self.found.linear.ties if self.found.linear is not None else ()
+        if level(evidence) <= _QUIET or not ties:
+            return evidence
+        baseline = starting(self.found, as_uncoupled(self.found.model, ties))
+        other = refitted(self._gathered(baseline, evidence.floors))
+        if level(other) >= _FAR_LESS * level(evidence):
+            return evidence
+        return refitted(self._gathered(other.baseline))
+
+    def _gathered(self, baseline: Baseline, floors: Mapping[Group, NoiseFloor] | None = None) -> Evidence:
+        return gather(self.campaign, baseline, set_aside(self.found), floors, self.stage("tracing"))
 
     def _settled(self, evidence: Evidence, *, learned: bool = False) -> State:
         return settled(self.campaign, self.found, evidence, self.jobs, self.stage, learned=learned)
@@ -233,12 +252,12 @@ class _Loop:
             beside = replace(near, model=effect.added_to(with_law(state.model, chosen.best.beside)))
             evidence = replace(state.evidence, baseline=beside)
         else:
-            model, aside, floors = effect.added_to(near.model), set_aside(self.found), state.evidence.floors
+            model = effect.added_to(near.model)
             if isinstance(effect, Effect):  # first along the motion as the old model has it traced
                 near = self._fitted(approached(state.evidence, effect)).baseline
                 model = near.model
             beside = replace(near, model=model)
-            evidence = self._fitted(gather(self.campaign, beside, aside, floors, self.stage("tracing")))
+            evidence = self._fitted(self._gathered(beside, state.evidence.floors))
         return self._settled(evidence, learned=bool(chosen.best.beside))
 
     def _fitted(self, evidence: Evidence) -> Evidence:
