@@ -23,6 +23,7 @@ from experiments.studies.rig import Undeclared
 from rom.effects import CATALOGUE
 from rom.identification import identify_campaign
 
+GAIN = Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1})
 CUBIC = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
 
 
@@ -117,6 +118,16 @@ def test_the_loop_closes_on_a_cubic_flexure() -> None:
     assert before["motion_nrmse"] is not None
     assert after["motion_nrmse"] is not None
     assert after["motion_nrmse"] < 0.7 * before["motion_nrmse"]
+    assert closure.residual_after.total < 1.2 < closure.residual_before.total
+
+
+@pytest.mark.slow
+def test_a_wrong_gain_that_leads_the_identification_astray_is_found() -> None:
+    closure = closed(GAIN)
+    (found,) = closure.effects
+    assert (found.effect.name, found.effect.enters) == ("acceleration-gain", "sensor:acceleration_so")
+    assert found.effect.parameters["g"].value == pytest.approx(0.1, rel=0.05)
+    assert closure.verdict == "closed"
     assert closure.residual_after.total < 1.2 < closure.residual_before.total
 
 
