@@ -25,6 +25,7 @@ from discovery.state import (
     cost,
     level,
     refitted,
+    retold,
     set_aside,
     settled,
     silent,
@@ -35,10 +36,11 @@ from discovery.tension_attribution import explain_tension
 from discovery.tracing import Evidence, gather, starting, weigh
 from rom.campaign import Campaign
 from rom.driven import is_driven
-from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, candidates, look_alikes
+from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, SensorFault, candidates, look_alikes
 from rom.flexures import as_uncoupled, unlikely
 from rom.identification import Identification, identify_campaign, reidentified
 from rom.noise_floor import Group, NoiseFloor
+from rom.own_numbers import own_names
 from rom.spectra import SpectralRecord
 
 MOST_EFFECTS = 3
@@ -182,7 +184,7 @@ class _Loop:
         one = _chosen(explained)
         pairs = [] if one is None else [(one, self.adopt(state, one))]
         first = max(explained, key=lambda e: float(e.gains(hold_out=False).sum()), default=None)
-        if first is not None and (one is None or first is not one.best) and is_sure(_of_training(first)):
+        if first is not None and (one is None or first is not one.best) and is_sure(first.of_training()):
             after = self.adopt(state, _Chosen(first, ()))
             fitted = replace(
                 first,
@@ -258,6 +260,9 @@ class _Loop:
                 model = near.model
             beside = replace(near, model=model)
             evidence = self._fitted(self._gathered(beside, state.evidence.floors))
+            if isinstance(effect, SensorFault) and not own_names(effect):  # told from afar so far
+                again = refitted(self._gathered(retold(evidence, effect), evidence.floors))
+                evidence = min(evidence, again, key=cost)
         return self._settled(evidence, learned=bool(chosen.best.beside))
 
     def _fitted(self, evidence: Evidence) -> Evidence:
@@ -290,14 +295,6 @@ def _chosen(explanations: Sequence[Explanation]) -> _Chosen | None:
     best = max(sure, key=merit)
     rivals = [one for one in explanations if one is not best and is_alike(one, best)]
     return _Chosen(best, tuple(sorted(rivals, key=lambda one: -merit(one))))
-
-
-def _of_training(one: Explanation) -> Explanation:
-    """The explanation without what it says of held-out records."""
-    kept = [file for file in one.before if file not in one.hold_out]
-    return replace(
-        one, before={file: one.before[file] for file in kept}, after={file: one.after[file] for file in kept}
-    )
 
 
 def _worth_fitting(probes: Sequence[Sequence[Probe]], evidence: Evidence) -> list[Sequence[Probe]]:
