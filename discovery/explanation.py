@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -64,6 +64,12 @@ class Explanation:
         files = self._files(hold_out)
         whole = sum(self.before[file] for file in files)
         return float(self.gains(hold_out=hold_out).sum() / whole) if whole > 0 else 0.0
+
+    def of_training(self) -> Explanation:
+        """The same without what it says of held-out records."""
+        kept = self._files(hold_out=False)
+        before, after = ({file: costs[file] for file in kept} for costs in (self.before, self.after))
+        return replace(self, before=before, after=after)
 
     def _files(self, hold_out: bool) -> Sequence[str]:
         return [file for file in self.before if (file in self.hold_out) == hold_out]

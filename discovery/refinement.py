@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from joblib import Parallel, delayed
-from scipy import stats
 
 from discovery.acceptance import (
-    ALIKE,
     QUIET,
     harms,
     is_alike,
@@ -18,16 +16,16 @@ from discovery.acceptance import (
     is_sure,
     matters,
     merit,
-    spread_of,
 )
 from discovery.at_rest import explain_at_rest
-from discovery.attribution import Probe, explain, explanation, motion_channels, screen, worth_fitting
-from discovery.closure import Closure, FoundEffect, LookAlike, Screened, Step, Verdict
+from discovery.attribution import Probe, explain, explanation, screen, worth_fitting
+from discovery.baseline import Baseline
+from discovery.closure import Closure, Screened, Step, Verdict
 from discovery.explanation import Explanation
 from discovery.force_loop import close_forces
+from discovery.found_effects import found_effect, label_of, screened
 from discovery.free_form import free_forms
 from discovery.localisation import COURSES, localise
-from discovery.separating import separating_tests
 from discovery.state import (
     Stages,
     State,
@@ -35,6 +33,7 @@ from discovery.state import (
     cost,
     level,
     refitted,
+    retold,
     set_aside,
     settled,
     silent,
@@ -46,9 +45,11 @@ from discovery.tension_data import Misfit
 from discovery.tracing import Evidence, gather, starting, weigh
 from rom.campaign import Campaign
 from rom.driven import is_driven
-from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, candidates
-from rom.flexures import unlikely
+from rom.effects import CATALOGUE, Effect, LawChange, Reading, SensorFault
+from rom.flexures import as_uncoupled, unlikely
 from rom.identification import Identification, identify_campaign, reidentified
+from rom.noise_floor import Group, NoiseFloor
+from rom.own_numbers import own_names
 from rom.spectra import SpectralRecord
 
 MOST_EFFECTS = 3
@@ -92,10 +93,10 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
         path = path if formed is None else _better(path, loop.in_motion(rested, formed))
     path = loop.in_tension(path)
     last = path.states[-1]
-    labels = ["", *(_label(one.best.effect) for one in path.chosen)]
+    labels = ["", *(label_of(one.best.effect) for one in path.chosen)]
     return Closure(
         verdict=_verdict(path),
-        effects=tuple(_found(one, last) for one in path.chosen),
+        effects=tuple(found_effect(one.best, one.rivals, last) for one in path.chosen),
         model=last.model,
         steps=tuple(Step(label, state.errors) for label, state in zip(labels, path.states, strict=True)),
         residual_before=localise(first.evidence, _courses(path.tension[:1])),
@@ -140,9 +141,26 @@ class _Loop:
 
         An effect may pass for damping in the identification, which is free to scale what it weighs.
         """
-        baseline = starting(self.found, self.found.model)
-        evidence = gather(self.campaign, baseline, set_aside(self.found), progress=self.stage("tracing"))
-        return self._settled(refitted(evidence))
+        evidence = refitted(self._gathered(starting(self.found, self.found.model)))
+        return self._settled(self._nearer(evidence))
+
+    def _nearer(self, evidence: Evidence) -> Evidence:
+        """Start from the uncoupled tests instead, where that leaves far less.
+
+        An identification takes what it leaves over for noise: misfit, alike in all coupled records, may lead
+        its links anywhere, too far for steps to lead back.
+        """
+        ties = self.found.linear.ties if self.found.linear is not None else ()
+        if level(evidence) <= QUIET or not ties:
+            return evidence
+        baseline = starting(self.found, as_uncoupled(self.found.model, ties))
+        other = refitted(self._gathered(baseline, evidence.floors))
+        if level(other) >= _FAR_LESS * level(evidence):
+            return evidence
+        return refitted(self._gathered(other.baseline))
+
+    def _gathered(self, baseline: Baseline, floors: Mapping[Group, NoiseFloor] | None = None) -> Evidence:
+        return gather(self.campaign, baseline, set_aside(self.found), floors, self.stage("tracing"))
 
     def _settled(self, evidence: Evidence, *, learned: bool = False) -> State:
         return settled(self.campaign, self.found, evidence, self.jobs, self.stage, learned=learned)
@@ -166,7 +184,7 @@ class _Loop:
             if one is None:
                 evidence = path.states[-1].evidence
                 probes = screen(evidence, self.jobs, self.stage("screening effects"))
-                path = replace(path, screened=path.screened or _screened(probes, evidence))
+                path = replace(path, screened=path.screened or screened(probes, evidence))
                 pairs = self._adopted(path.states[-1], self._explained(probes, evidence))
             else:
                 pairs = [(one, self.adopt(path.states[-1], one))]
@@ -184,7 +202,7 @@ class _Loop:
         one = _chosen(explained)
         pairs = [] if one is None else [(one, self.adopt(state, one))]
         first = max(explained, key=lambda e: float(e.gains(hold_out=False).sum()), default=None)
-        if first is not None and (one is None or first is not one.best) and is_sure(_of_training(first)):
+        if first is not None and (one is None or first is not one.best) and is_sure(first.of_training()):
             after = self.adopt(state, _Chosen(first, ()))
             fitted = replace(
                 first,
@@ -265,13 +283,15 @@ class _Loop:
             beside = replace(near, model=effect.added_to(with_law(state.model, chosen.best.beside)))
             evidence = replace(state.evidence, baseline=beside)
         else:
-            model, aside = effect.added_to(near.model), set_aside(self.found)
-            floors = None if floors_too else state.evidence.floors
+            model, floors = effect.added_to(near.model), None if floors_too else state.evidence.floors
             if isinstance(effect, Effect):  # first along the motion as the old model has it traced
                 near = self._fitted(approached(state.evidence, effect)).baseline
                 model = near.model
             beside = replace(near, model=model)
-            evidence = self._fitted(gather(self.campaign, beside, aside, floors, self.stage("tracing")))
+            evidence = self._fitted(self._gathered(beside, floors))
+            if isinstance(effect, SensorFault) and not (floors_too or own_names(effect)):  # from afar so far
+                again = refitted(self._gathered(retold(evidence, effect), evidence.floors))
+                evidence = min(evidence, again, key=cost)
         return self._settled(evidence, learned=bool(chosen.best.beside))
 
     def _fitted(self, evidence: Evidence) -> Evidence:
@@ -304,14 +324,6 @@ def _chosen(explanations: Sequence[Explanation]) -> _Chosen | None:
     best = max(sure, key=merit)
     rivals = [one for one in explanations if one is not best and is_alike(one, best)]
     return _Chosen(best, tuple(sorted(rivals, key=lambda one: -merit(one))))
-
-
-def _of_training(one: Explanation) -> Explanation:
-    """The explanation without what it says of held-out records."""
-    kept = [file for file in one.before if file not in one.hold_out]
-    return replace(
-        one, before={file: one.before[file] for file in kept}, after={file: one.after[file] for file in kept}
-    )
 
 
 def _is_quiet(path: _Path) -> bool:
@@ -348,52 +360,3 @@ def _verdict(path: _Path) -> Verdict:
     if not _is_quiet(path) or not _tension_is_quiet(path) or (path.chosen and _doubts(path)):
         return "unexplained"
     return "closed" if path.chosen else "no-effect"
-
-
-def _found(chosen: _Chosen, state: State) -> FoundEffect:
-    best = chosen.best
-    gained = float(best.gains(hold_out=False).sum())
-    tried = len(candidates(state.model, (*motion_channels(state.evidence), "tension")))
-    effect = next(
-        (e for e in state.model.effects if (e.name, e.enters) == (best.effect.name, best.effect.enters)),
-        best.effect,
-    )
-    tests = separating_tests(effect, [one.effect for one in chosen.rivals], state.evidence, ALIKE)
-    limited = {
-        name: replace(p, low=_moved(old.low, p.value - old.value), high=_moved(old.high, p.value - old.value))
-        for (name, p), old in zip(effect.parameters.items(), best.effect.parameters.values(), strict=True)
-    }
-    gains = best.gains(hold_out=True)
-    costs = best.cost(hold_out=True)
-    return FoundEffect(
-        effect=replace(effect, parameters=limited),
-        look_alikes=tuple(
-            LookAlike(
-                one.effect.name, one.effect.enters, one.cost(hold_out=True) / costs if costs else 1.0, test
-            )
-            for one, test in zip(chosen.rivals, tests, strict=True)
-        ),
-        source="catalogue" if best.effect.name in CATALOGUE else "free-form",
-        share=best.share(),
-        p_value=min(1.0, tried * float(stats.chi2.sf(gained / spread_of(best), max(best.free_numbers, 1)))),
-        wins=(int((gains > 0).sum()), len(gains)),
-    )
-
-
-def _moved(limit: float | None, shift: float) -> float | None:
-    return None if limit is None else limit + shift
-
-
-def _label(effect: Added) -> str:
-    return f"{effect.name} ({effect.enters})"
-
-
-def _screened(probes: Iterable[Sequence[Probe]], evidence: Evidence) -> tuple[Screened, ...]:
-    left = evidence.beyond(evidence.residual)
-    cost = float(left @ left)
-    found = []
-    for best, *_ in probes:
-        strength = next(iter(best.member.strengths))
-        value = best.effect.parameters[strength].value * best.amplitude
-        found.append(Screened(best.effect.name, best.effect.enters, best.gain / cost, value))
-    return tuple(found)

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discovery.attribution import free_numbers, output_of, slopes_of
-from discovery.baseline import effect_number, size_of
+from discovery.attribution import Probe, explain, free_numbers, output_of, slopes_of
+from discovery.baseline import Baseline, effect_number, size_of
 from discovery.closure import ErrorsByKind
 from discovery.tracing import Evidence, weigh
 from rom.campaign import Campaign
 from rom.comparison import judge
-from rom.effects import CATALOGUE, Effect
+from rom.effects import CATALOGUE, Effect, SensorFault
 from rom.identification import Identification, relearned
 from rom.laws import Parameter
 from rom.model import Model
@@ -123,6 +123,24 @@ def approached(evidence: Evidence, effect: Effect) -> Evidence:
             return beside
     same = replace(evidence.baseline, model=effect.added_to(evidence.baseline.model))
     return weigh(evidence.traces, same, evidence.floors)
+
+
+def retold(evidence: Evidence, fault: SensorFault) -> Baseline:
+    """Return the baseline with a fault of its model moved to where the records that it corrects want it.
+
+    What is left of a fault that is small adds to it; from afar, slopes by all numbers are off.
+    """
+    member, baseline = CATALOGUE[fault.name], evidence.baseline
+    none = fault.with_values(**dict.fromkeys(member.strengths, 0.0))
+    more = explain([Probe(member, none, 0.0, 1.0, 1.0)], evidence).effect
+    values = {
+        name: float(np.clip(p.value + more.parameters[name].value, *p.bounds))
+        for name, p in fault.parameters.items()
+        if name in member.strengths
+    }
+    moved = fault.with_values(**values)
+    effects = tuple(moved if e.path == fault.path else e for e in baseline.model.effects)
+    return replace(baseline, model=replace(baseline.model, effects=effects))
 
 
 def with_law(model: Model, numbers: Mapping[str, Parameter]) -> Model:

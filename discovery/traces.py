@@ -180,8 +180,8 @@ def _own_gammas(
     cases = []
     for one in measurements:
         tension = one.tension
-        if one.test != "loosening" or tension is None or not one.force:
-            continue
+        if one.test != "loosening" or tension is None or not one.force or tension.initial <= 0:
+            continue  # a slack bolt stays slack
         body = max(one.force, key=lambda name: float(np.abs(one.force[name]).max()))
         final = max(tension.final, _LEAST_FINAL * tension.initial)
         cases.append(

@@ -288,7 +288,7 @@ def _loosening_cases(records: Sequence[ReducedRecord]) -> tuple[LooseningCase, .
         LooseningCase(r.settings.file, r.struck, r.force, r.rate_hz, r.tensions.initial,
                       max(r.tensions.final, noise * r.tensions.slope), noise * r.tensions.slope)
         for r in with_tension
-        if r.tensions is not None and r.force is not None and r.struck
+        if r.tensions is not None and r.force is not None and r.struck and r.tensions.initial > 0
     )  # fmt: skip
 
 

@@ -72,12 +72,14 @@ def joint_estimates(
 def _tension_of(record: ReducedRecord) -> float | None:
     """Return the tension at which a record's joint was seen [N]: the mean of before and after, or the nominal
     one.
+
+    A gauge with a wrong zero may show less than none, a bolt may not.
     """
     if record.tensions is None:
         return record.settings.preload_n
     if record.settings.test == "loosening":  # the bolt has lost its tension before the ringing that tells
         return max(record.tensions.final, 0.0)
-    return 0.5 * (record.tensions.initial + record.tensions.final)
+    return max(0.5 * (record.tensions.initial + record.tensions.final), 0.0)
 
 
 def _joint_estimate(

@@ -115,7 +115,7 @@ def reduce_sound(record: Record, campaign: Campaign) -> ReducedRecord:
     )
     return ReducedRecord(
         record.settings,
-        warnings=() if tension is None else tension.warnings,
+        warnings=() if tension is None else (*tension.warnings, *_slack(measurement, tension)),
         cutoff_hz=measurement.chain.cutoff_hz if measurement.motion else None,
         spectra=_spectra(measurement, settings) if linear and measurement.motion else (),
         first_mode=_first_mode(measurement) if measurement.test == "coupled" else None,
@@ -131,14 +131,28 @@ def reduce_sound(record: Record, campaign: Campaign) -> ReducedRecord:
     )
 
 
+def _slack(measurement: Measurement, tension: TensionRecord) -> Iterator[str]:
+    """Yield a line for a loosening test whose bolt is slack before the hit, if its gauge is right."""
+    if measurement.test == "loosening" and tension.initial <= 0:
+        yield (
+            f"{measurement.file}: the gauge shows {tension.initial:.3g} N before the hit: a slack bolt "
+            "tells of no loosening, and a gauge that shows one may have a wrong zero"
+        )
+
+
 def tension_courses(
     records: Sequence[ReducedRecord], noise: CourseNoise | None, settings: CampaignSettings
 ) -> tuple[TensionCourse, ...]:
-    """Return the course of the tension of every loosening record that holds one, with its covariance."""
+    """Return the course of the tension of every loosening record that holds one, with its covariance.
+
+    Not of a bolt that its gauge shows slack before the hit: that has nothing to lose.
+    """
     found = []
     for record in records:
         bins, tensions, force, impact_s = record.bins, record.tensions, record.force, record.impact_s
         if noise is None or bins is None or tensions is None or force is None or impact_s is None:
+            continue
+        if tensions.initial <= 0:
             continue
         covariance = noise.covariance(bins)
         preload = record.settings.preload_n

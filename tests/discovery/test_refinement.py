@@ -23,6 +23,7 @@ from experiments.studies.rig import Undeclared
 from rom.effects import CATALOGUE
 from rom.identification import identify_campaign
 
+GAIN = Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1})
 CUBIC = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
 
 
@@ -118,3 +119,27 @@ def test_the_loop_closes_on_a_cubic_flexure() -> None:
     assert after["motion_nrmse"] is not None
     assert after["motion_nrmse"] < 0.7 * before["motion_nrmse"]
     assert closure.residual_after.total < 1.2 < closure.residual_before.total
+
+
+@pytest.mark.slow
+def test_a_wrong_gain_that_leads_the_identification_astray_is_found() -> None:
+    closure = closed(GAIN)
+    (found,) = closure.effects
+    assert (found.effect.name, found.effect.enters) == ("acceleration-gain", "sensor:acceleration_so")
+    assert found.effect.parameters["g"].value == pytest.approx(0.1, rel=0.05)
+    assert closure.verdict == "closed"
+    assert closure.residual_after.total < 1.2 < closure.residual_before.total
+
+
+def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
+    with TemporaryDirectory() as scratch:
+        wrong_zero = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 0.0, "c_2": 0.0})
+        campaign = measured(Path(scratch) / "campaign", (wrong_zero,))
+        found = identify_campaign(campaign)
+        left = refitted(gather(campaign, starting(found, found.model)))
+    (lowest,) = [r.file for r in campaign.select("loosening") if r.preload_n == 6.0]
+    assert [line for line in found.warnings if line.startswith(f"{lowest}: the gauge shows -")]
+    assert lowest not in [course.file for course in found.courses]
+    assert min(estimate.tension for estimate in found.joint) == 0.0
+    assert lowest in [trace.settings.file for trace in left.traces]  # its motion tells as much as before
+    assert np.isfinite(left.residual).all()

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from rom.flexures import constants, of_stiffness, unlikely, unsettled
+from rom.flexures import as_uncoupled, constants, of_stiffness, unlikely, unsettled
 from rom.identification import Identification, identify_campaign
 from rom.laws import constant_stiffness
 from rom.model import Model
@@ -79,6 +79,20 @@ def test_flexures_stay_near_the_plant_under_a_wrong_force_gain(gain: float) -> N
     assert any(one.systematic > 0 for one in found.linear.misfits)
     assert found.settled
     assert max(map(abs, errors(found.model).values())) < 0.15
+
+
+def test_a_model_that_went_astray_is_brought_back_to_the_uncoupled_tests() -> None:
+    found = identified(1.0)
+    assert found.linear is not None
+    astray = found.model.with_values({f"flexure_{body}.stiffness.k": 1e-5 for body in MASSES})
+    astray = astray.with_values({f"flexure_{body}.damping.c": 500.0 for body in MASSES})
+    values = constants(as_uncoupled(astray, found.linear.ties))
+    for body in MASSES:
+        for name in ("stiffness", "stiffness.uncoupled"):
+            assert values[f"flexure_{body}.{name}"] == pytest.approx(STIFF[body], rel=0.02)
+        assert values[f"flexure_{body}.damping"] == pytest.approx(DAMPING[body], rel=0.2)
+    joint = found.model.link_laws["joint"]
+    assert as_uncoupled(astray, found.linear.ties).link_laws["joint"] == joint
 
 
 def test_masses_stay_as_they_are_declared() -> None:

@@ -1,0 +1,68 @@
+"""How an effect that was found is told: its numbers, its look-alikes, and how sure it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+from scipy import stats
+
+from discovery.acceptance import ALIKE, spread_of
+from discovery.attribution import Probe, motion_channels
+from discovery.closure import FoundEffect, LookAlike, Screened
+from discovery.explanation import Explanation
+from discovery.separating import separating_tests
+from discovery.state import State
+from discovery.tracing import Evidence
+from rom.effects import CATALOGUE, Added, candidates
+
+
+def found_effect(best: Explanation, rivals: Sequence[Explanation], state: State) -> FoundEffect:
+    """An effect with its numbers as the state's model has them, what is like it, and how sure it is."""
+    gained = float(best.gains(hold_out=False).sum())
+    tried = len(candidates(state.model, (*motion_channels(state.evidence), "tension")))
+    effect = next(
+        (e for e in state.model.effects if (e.name, e.enters) == (best.effect.name, best.effect.enters)),
+        best.effect,
+    )
+    tests = separating_tests(effect, [one.effect for one in rivals], state.evidence, ALIKE)
+    limited = {
+        name: replace(p, low=_moved(old.low, p.value - old.value), high=_moved(old.high, p.value - old.value))
+        for (name, p), old in zip(effect.parameters.items(), best.effect.parameters.values(), strict=True)
+    }
+    gains = best.gains(hold_out=True)
+    costs = best.cost(hold_out=True)
+    return FoundEffect(
+        effect=replace(effect, parameters=limited),
+        look_alikes=tuple(
+            LookAlike(
+                one.effect.name, one.effect.enters, one.cost(hold_out=True) / costs if costs else 1.0, test
+            )
+            for one, test in zip(rivals, tests, strict=True)
+        ),
+        source="catalogue" if best.effect.name in CATALOGUE else "free-form",
+        share=best.share(),
+        p_value=min(1.0, tried * float(stats.chi2.sf(gained / spread_of(best), max(best.free_numbers, 1)))),
+        wins=(int((gains > 0).sum()), len(gains)),
+    )
+
+
+def _moved(limit: float | None, shift: float) -> float | None:
+    return None if limit is None else limit + shift
+
+
+def label_of(effect: Added) -> str:
+    """Name and place of an effect."""
+    return f"{effect.name} ({effect.enters})"
+
+
+def screened(probes: Iterable[Sequence[Probe]], evidence: Evidence) -> tuple[Screened, ...]:
+    """The best probe of every effect, and the share of the residual that it could explain."""
+    left = evidence.beyond(evidence.residual)
+    cost = float(left @ left)
+    found = []
+    for best, *_ in probes:
+        strength = next(iter(best.member.strengths))
+        value = best.effect.parameters[strength].value * best.amplitude
+        found.append(Screened(best.effect.name, best.effect.enters, best.gain / cost, value))
+    return tuple(found)
