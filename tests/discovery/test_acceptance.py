@@ -1,0 +1,82 @@
+"""What makes an explanation sure, alike another, or harmful."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import pytest
+
+from discovery.acceptance import harms, is_alike, is_quiet, is_sure
+from discovery.closure import ErrorsByKind
+from discovery.explanation import Explanation
+from rom.effects import CATALOGUE
+
+
+def explained(
+    training: float, held_out: float, *, place: str = "tension", left: float | None = None
+) -> Explanation:
+    """An effect that takes so much from the cost of 200 training and 50 held-out numbers."""
+    name = "relaxation-log" if place == "tension" else "cubic-stiffness"
+    return Explanation(
+        CATALOGUE[name].at(place),
+        {"t.h5": 400.0, "h.h5": 100.0},
+        {"t.h5": 400.0 - training, "h.h5": 100.0 - held_out},
+        {"t.h5": 200, "h.h5": 50},
+        frozenset({"h.h5"}),
+        2,
+        left=left,
+    )
+
+
+def errors(tension: float | None, motion: float, training: float = 1.0) -> ErrorsByKind:
+    of_training = {"tension_rmse_n": training, "motion_nrmse": training}
+    return cast(
+        ErrorsByKind,
+        {"hold_out": {"tension_rmse_n": tension, "motion_nrmse": motion}, "training": of_training},
+    )
+
+
+def test_an_effect_of_the_tension_is_sure_beyond_chance_and_on_tests_unseen() -> None:
+    assert is_sure(explained(30.0, 5.0, left=1.0))
+    assert not is_sure(explained(15.0, 5.0, left=1.0))
+    assert not is_sure(explained(30.0, -1.0, left=1.0))
+
+
+def test_what_is_left_makes_a_gain_less_telling() -> None:
+    assert not is_sure(explained(30.0, 5.0, left=3.0))
+
+
+def test_in_the_tension_training_tests_may_tell_two_effects_apart() -> None:
+    best = explained(90.0, 10.0, left=1.0)
+    assert is_alike(explained(85.0, 2.0, left=1.0), best)
+    assert not is_alike(explained(20.0, 9.0, left=1.0), best)
+    assert not is_alike(explained(89.0, -9.0, left=1.0), best)
+
+
+def test_in_the_motion_unseen_records_tell_them_apart() -> None:
+    best = explained(90.0, 40.0, place="joint")
+    assert is_alike(explained(60.0, 35.0, place="joint"), best)
+    assert not is_alike(explained(89.0, 9.0, place="joint"), best)
+
+
+@pytest.mark.parametrize(
+    ("after", "harm"),
+    [
+        (errors(1.2, 0.02), False),
+        (errors(1.6, 0.02), True),
+        (errors(0.5, 0.04), True),
+        (errors(None, 0.02), True),  # its simulations did not finish
+    ],
+)
+def test_an_effect_that_ruins_what_is_simulated_on_harms(after: ErrorsByKind, harm: bool) -> None:
+    assert harms(errors(1.0, 0.02), after) is harm
+
+
+def test_without_held_out_tests_training_tests_tell_of_harm() -> None:
+    assert harms(errors(None, 0.02), errors(None, 0.02, training=2.0))
+
+
+def test_noise_is_quiet_and_so_is_next_to_nothing_of_much() -> None:
+    assert is_quiet(1.19, 1.0)
+    assert not is_quiet(1.3, 5.0)
+    assert is_quiet(1.3, 20.0)
