@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,9 +15,9 @@ import rom
 from discovery.attribution import explain, output_of, screen
 from discovery.closure import Closure
 from discovery.localisation import localise
-from discovery.refinement import close_loop
+from discovery.refinement import _Loop, close_loop
 from discovery.separating import separating_tests
-from discovery.state import refitted
+from discovery.state import level, refitted, silent
 from discovery.tracing import Evidence, gather, starting
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
@@ -122,13 +123,27 @@ def test_the_loop_closes_on_a_cubic_flexure() -> None:
 
 
 @pytest.mark.slow
-def test_a_wrong_gain_that_leads_the_identification_astray_is_found() -> None:
+def test_the_loop_closes_on_a_wrong_gain_and_tells_it_exactly() -> None:
     closure = closed(GAIN)
     (found,) = closure.effects
     assert (found.effect.name, found.effect.enters) == ("acceleration-gain", "sensor:acceleration_so")
-    assert found.effect.parameters["g"].value == pytest.approx(0.1, rel=0.05)
+    assert found.effect.parameters["g"].value == pytest.approx(0.1, rel=0.01)
     assert closure.verdict == "closed"
     assert closure.residual_after.total < 1.2 < closure.residual_before.total
+
+
+@pytest.mark.slow
+def test_a_start_without_stiffness_is_left_for_the_uncoupled_tests() -> None:
+    flexures = {f"flexure_{body}.stiffness.k": 1e-5 for body in ("lo", "so")}
+    with TemporaryDirectory() as scratch:
+        campaign = measured(Path(scratch) / "campaign", (GAIN,))
+        found = identify_campaign(campaign)
+        astray = replace(found, model=found.model.with_values(flexures))
+        far = refitted(gather(campaign, starting(astray, astray.model)))
+        start = _Loop(campaign, astray, 1, silent).start()
+    assert start.level < 0.5 * level(far)
+    assert start.model.parameter("flexure_so.stiffness.k").value == pytest.approx(91800, rel=0.1)
+    assert screen(start.evidence)[0][0].effect.name == "acceleration-gain"
 
 
 def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
