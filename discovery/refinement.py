@@ -54,6 +54,7 @@ from rom.spectra import SpectralRecord
 
 MOST_EFFECTS = 3
 _FAR_LESS = 0.7
+_WORSE = 1.05  # times a mean square
 
 
 def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None, seed: int = 0) -> Closure:
@@ -216,20 +217,24 @@ class _Loop:
     def in_tension(self, path: _Path) -> _Path:
         """Add effects in the tension and its gauge, which hardly show in the motion, until none helps.
 
-        They are told along the motion, so where that is not explained nothing is asked.
+        They are told along the motion, so where that is not explained nothing is asked. One that makes the
+        simulated errors or the misfit of the courses worse is not kept.
         """
         if not _is_quiet(path):
             return path
+        before = path
         while True:
             last = path.states[-1]
             tell = self.stage("tension")
             told = explain_tension(self.campaign, last.found, last.model, self.jobs, tell)
+            if path.tension and told.misfit.level > _WORSE * path.tension[-1].level:
+                return before
             path = replace(path, tension=(*(path.tension or (told.misfit,))[:1], told.misfit))
             one = _chosen(told.explanations)
             after = self.adopt(last, one) if one is not None and len(path.chosen) < MOST_EFFECTS else None
             if one is None or after is None or harms(last.errors, after.errors):
                 return path
-            path = path.longer(one, after)
+            before, path = path, path.longer(one, after)
 
     def _without_needless(self, path: _Path) -> _Path:
         """Drop an earlier effect that explains nothing beside the last one."""

@@ -31,6 +31,7 @@ from rom.ties import ALIGNED
 
 MOTION_TESTS = ("uncoupled", "coupled", "loosening")
 _SUBSTEPS = 2
+_SAME = 1e-9  # of the largest singular value: directions that the slopes do not tell
 _MEDIAN_SQUARE = 0.4549  # of a normal number
 
 
@@ -83,20 +84,24 @@ class Evidence:
             owner=np.searchsorted(kept, self.owner[rows]),
         )
 
-    @cached_property
+    @property
     def _basis(self) -> FloatArray:
         """Orthonormal basis of the slopes on training rows, and on those of the ties."""
-        return _orthonormal(self._stacked[0])
+        return self._factors[0]
 
     @cached_property
-    def _stacked(self) -> tuple[FloatArray, FloatArray]:
-        """Slopes on training rows and, below, of the ties, by numbers in units that make them one; the units.
+    def _factors(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Singular vectors and values of the slopes on training rows and, below, of the ties; their units.
 
-        A number that only a tie knows, its record being left out, counts like all others.
+        In units that make all numbers' slopes one: a number that only a tie knows, its record being left out,
+        counts like all others.
         """
         stacked = np.concatenate([self.jacobian[self.training], self._tied[0]])
         unit = np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
-        return stacked / unit, unit
+        stacked /= unit
+        left, size, right = np.linalg.svd(stacked, full_matrices=False)
+        kept = int(np.sum(size > _SAME * size.max(initial=0.0)))
+        return left[:, :kept], size[:kept], right[:kept], unit
 
     @cached_property
     def _tied(self) -> tuple[FloatArray, FloatArray]:
@@ -110,8 +115,9 @@ class Evidence:
         mine = self.residual[self.training]
         if ties:
             slopes = self.jacobian[self.training]
-            basis = _orthonormal(slopes / np.maximum(np.linalg.norm(slopes, axis=0), 1e-300))
-            beyond = float(np.sum((mine - basis @ (basis.T @ mine)) ** 2)) - QUIET * len(mine)
+            slopes /= np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
+            told = np.linalg.lstsq(slopes, mine, rcond=_SAME)[0]
+            beyond = float(np.sum((mine - slopes @ told) ** 2)) - QUIET * len(mine)
         if not ties or beyond <= 0:
             return np.zeros((0, len(self.names))), np.zeros(0)
         rows = np.array([[tie.factors.get(name, 0.0) / tie.error for name in self.names] for tie in ties])
@@ -132,12 +138,9 @@ class Evidence:
 
         Damped ones are shorter where rows tell little: by ``damping`` of the square of a number's slopes.
         """
-        matrix, unit = self._stacked
-        right = np.concatenate([rows[self.training], self._tied[1]])
-        if damping:
-            matrix = np.concatenate([matrix, np.sqrt(damping) * np.eye(len(unit))])
-            right = np.concatenate([right, np.zeros(len(unit))])
-        found = np.linalg.lstsq(matrix, right, rcond=1e-9)[0] / unit
+        left, size, turned, unit = self._factors
+        along = left.T @ np.concatenate([rows[self.training], self._tied[1]])
+        found = turned.T @ (along * size / (size**2 + damping)) / unit
         return dict(zip(self.names, found.tolist(), strict=True))
 
     def left_over(self, rows: FloatArray) -> FloatArray:
@@ -234,8 +237,8 @@ def weigh(traces: Sequence[Trace], baseline: Baseline, floors: Mapping[Group, No
             first, last = part.samples
             seconds = (last - first) / trace.measurement.rate_hz
             linear = linearise(driven, values, floors[trace.group].whitener(part, values, seconds))
-            parts.append((trace, driven, linear))
             columns.append(_slopes(linear, baseline, trace.level))
+            parts.append((trace, driven, linear.thin()))
     names = tuple(dict.fromkeys(name for slopes in columns for name in slopes))
     places = {id(trace): place for place, trace in enumerate(traces)}
     return Evidence(
@@ -255,11 +258,6 @@ def weigh(traces: Sequence[Trace], baseline: Baseline, floors: Mapping[Group, No
             [np.full(len(linear.residual), places[id(trace)]) for trace, _, linear in parts]
         ),
     )
-
-
-def _orthonormal(columns: FloatArray) -> FloatArray:
-    left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, size > 1e-9 * size[0]]) if size.size else left
 
 
 def _slopes(linear: Linearised, baseline: Baseline, level: float) -> dict[str, FloatArray]:

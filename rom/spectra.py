@@ -12,7 +12,7 @@ eliminated for each record, and carry a free decay's initial state.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -85,6 +85,11 @@ class Linearised:
     inverse: FloatArray = field(repr=False)
     whitener: ComplexArray = field(repr=False)
 
+    def thin(self) -> Linearised:
+        """Return the same without what only a fit of this record alone needs, for many are kept."""
+        none = np.zeros((0, 0))
+        return replace(self, jacobian=none, columns=(), unweighted=none.astype(np.complex128))
+
     def projected(self, change: ComplexArray) -> FloatArray:
         """Return a change of the output (lines, channels) whitened, the end states projected out."""
         white = _whitened(change, self.whitener)
@@ -122,7 +127,7 @@ def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Com
     prior = np.eye(ends.shape[2])[ends.shape[2] - len(spread) :]
     columns = np.concatenate([_whitened(ends, whitener), prior])
     white = np.concatenate([_whitened(record.motion - forced, whitener), np.zeros(len(spread))])
-    inverse = _left_inverse(columns)
+    inverse = _inverse_gram(columns)
     states, left_over = _projected_out(columns, inverse, white)
     residual = record.motion - forced - ends @ states
     free = [term for term in record.terms if term.free]
@@ -237,20 +242,20 @@ def _sensor_ends(s: ComplexArray, corner: float, orders: Sequence[int]) -> Compl
     return out
 
 
-def _left_inverse(columns: FloatArray) -> FloatArray:
-    """Return (A^T A)^-1 A^T of tall A, its columns scaled; a fifth of the work of an orthogonal basis."""
+def _inverse_gram(columns: FloatArray) -> FloatArray:
+    """Return (A^T A)^-1 of tall A, its columns scaled; a fifth of the work of an orthogonal basis."""
     size = np.sqrt(np.einsum("ij,ij->j", columns, columns)) + np.finfo(float).tiny
-    unit = columns / size
-    return np.asarray(np.linalg.pinv(unit.T @ unit, rcond=1e-13, hermitian=True) @ unit.T / size[:, None])
+    gram = (columns.T @ columns) / np.multiply.outer(size, size)
+    return np.asarray(np.linalg.pinv(gram, rcond=1e-13, hermitian=True) / np.multiply.outer(size, size))
 
 
 def _projected_out(
     columns: FloatArray, inverse: FloatArray, values: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the coefficients of `values` in the columns and what is left; twice, for the digits."""
-    first = inverse @ values
+    first = inverse @ (columns.T @ values)
     left = values - columns @ first
-    second = inverse @ left
+    second = inverse @ (columns.T @ left)
     return first + second, left - columns @ second
 
 
