@@ -21,6 +21,7 @@ from discovery.at_rest import explain_at_rest
 from discovery.attribution import Probe, explain, explanation, screen, worth_fitting
 from discovery.baseline import Baseline
 from discovery.closure import Closure, Screened, Step, Verdict
+from discovery.disturbances import explain_disturbances
 from discovery.explanation import Explanation
 from discovery.force_loop import close_forces
 from discovery.found_effects import found_effect, label_of, screened
@@ -167,11 +168,11 @@ class _Loop:
         return settled(self.campaign, self.found, evidence, self.jobs, self.stage, learned=learned)
 
     def at_rest(self, state: State) -> _Path:
-        """Add faults of sensors that show before the hits, and would pass for noise."""
+        """Add what shows before the hits, and would pass for noise: faults of sensors, then disturbances."""
         path = _Path((state,), (), ())
         while len(path.chosen) < MOST_EFFECTS:
             last = path.states[-1]
-            one = _chosen(explain_at_rest(last.evidence))
+            one = _chosen(explain_at_rest(last.evidence)) or _chosen(explain_disturbances(last.evidence))
             if one is None:
                 break
             path = path.longer(one, self.adopt(last, one, floors_too=True))
@@ -179,16 +180,18 @@ class _Loop:
 
     def in_motion(self, path: _Path, given: _Chosen | None = None) -> _Path:
         """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
-        known = len(path.chosen)
-        while len(path.chosen) < MOST_EFFECTS:
-            one = given if len(path.chosen) == known else None
-            if one is None:
-                evidence = path.states[-1].evidence
-                probes = screen(evidence, self.jobs, self.stage("screening effects"))
-                path = replace(path, screened=path.screened or screened(probes, evidence))
-                pairs = self._adopted(path.states[-1], self._explained(probes, evidence))
-            else:
-                pairs = [(one, self.adopt(path.states[-1], one))]
+        if given is not None:
+            after = self.adopt(path.states[-1], given)
+            if not matters(path.states[-1].errors, after.errors):
+                return path
+            path = path.longer(given, after)
+        for _ in range(2 * MOST_EFFECTS):
+            if len(path.chosen) >= MOST_EFFECTS:
+                break
+            evidence = path.states[-1].evidence
+            probes = screen(evidence, self.jobs, self.stage("screening effects"))
+            path = replace(path, screened=path.screened or screened(probes, evidence))
+            pairs = self._adopted(path.states[-1], self._explained(probes, evidence))
             if not pairs or not matters(path.states[-1].errors, pairs[0][1].errors):
                 break
             path = self._without_needless(path.longer(*pairs[0]))
@@ -237,9 +240,12 @@ class _Loop:
             before, path = path, path.longer(one, after)
 
     def _without_needless(self, path: _Path) -> _Path:
-        """Drop an earlier effect that explains nothing beside the last one."""
+        """Drop an effect that explains nothing beside the others.
+
+        The last one too: the fit that it came with may be better by the model's own numbers alone.
+        """
         last = path.states[-1]
-        for place, one in enumerate(path.chosen[:-1]):
+        for place, one in enumerate(path.chosen):
             effect, baseline = one.best.effect, last.evidence.baseline
             if not isinstance(effect, Effect) or effect.name not in CATALOGUE:
                 continue
@@ -289,7 +295,7 @@ class _Loop:
             evidence = replace(state.evidence, baseline=beside)
         else:
             model, floors = effect.added_to(near.model), None if floors_too else state.evidence.floors
-            if isinstance(effect, Effect):  # first along the motion as the old model has it traced
+            if isinstance(effect, Effect) and not floors_too:  # first along the old model's traces
                 near = self._fitted(approached(state.evidence, effect)).baseline
                 model = near.model
             beside = replace(near, model=model)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy import fft, ndimage
 
 from discovery.baseline import Baseline
 from rom.campaign import Campaign, RecordSettings
@@ -16,6 +17,7 @@ from rom.linear import STRIDES, spectral_records
 from rom.loosening import LooseningCase, identify_gamma
 from rom.model import Model
 from rom.noise_floor import Group
+from rom.own_numbers import own_names
 from rom.processing import Measurement, process
 from rom.replay import Replay, replay
 from rom.signals import ac_coupled
@@ -24,6 +26,8 @@ from rom.spectra import CORNER, ComplexArray, SpectralRecord, spectrum
 _LEAST_FINAL = 0.01
 _SAMPLES = 4.0  # at the highest line of a spectrum: what else folds back there is below the noise
 _HALF_LINE = 1e-6
+_FEWEST_QUIET = 64  # samples before the hit
+_LINES = 9  # so many tell the power to a third
 Progress = Callable[[int, int], None]
 
 
@@ -42,6 +46,8 @@ class Trace:
         Of the bolted link, shape (samples of the motion,) [N].
     level : float
         Tension at which the linear part of the model is taken [N]: the last one.
+    own : mapping of str to mapping of str to float
+        Numbers of the model's effects that are this record's own, by path of the effect.
     """
 
     settings: RecordSettings
@@ -52,6 +58,7 @@ class Trace:
     tension: FloatArray
     level: float
     stride: int
+    own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def seen(self) -> Measurement:
         """The measurement in double precision, to calculate with."""
@@ -140,7 +147,18 @@ def _traced(campaign: Campaign, baseline: Baseline, settings: RecordSettings, ru
     for body in bodies:
         displacement[body], velocity[body] = (m[kept].copy() for m in _motion_of(seen, run, body, corner))
     stored = replace(seen.as_type(np.float32), link={})
-    return Trace(settings, stored, parts, displacement, velocity, tension[kept].copy(), level, stride)
+    return Trace(
+        settings, stored, parts, displacement, velocity, tension[kept].copy(), level, stride, _own(run.model)
+    )
+
+
+def _own(model: Model) -> dict[str, dict[str, float]]:
+    """Numbers of a record's own in the model as it is in that record."""
+    return {
+        effect.path: {name: effect.parameters[name].value for name in own_names(effect)}
+        for effect in model.effects
+        if isinstance(effect, Effect) and own_names(effect)
+    }
 
 
 def _stride(parts: Sequence[SpectralRecord], rate_hz: float) -> int:
@@ -158,6 +176,7 @@ def _motion_of(seen: Measurement, run: Replay, body: str, corner: float) -> tupl
         simulated = ac_coupled(simulated, seen.rate_hz, corner)
     beyond = motion.samples - simulated
     quiet = beyond[: max(int((seen.impact_s or 0.0) * 0.8 * seen.rate_hz), 1)]
+    beyond = quiet.mean() + _above_noise(beyond - quiet.mean(), quiet - quiet.mean())
     times = {"acceleration": 2, "velocity": 1, "displacement": 0}[motion.kind]
     found = []
     for quantity, integrations in (("displacement", times), ("velocity", times - 1)):
@@ -169,6 +188,20 @@ def _motion_of(seen: Measurement, run: Replay, body: str, corner: float) -> tupl
             extra = seen.chain.integrated(beyond - quiet.mean(), seen.rate_hz, integrations)
         found.append(getattr(response, quantity)[body] + extra)
     return found[0], found[1]
+
+
+def _above_noise(samples: FloatArray, quiet: FloatArray) -> FloatArray:
+    """What samples show beyond the noise that ``quiet`` has, by Wiener's filter max(0, 1 - 2 N / S).
+
+    Forces of a stiff gap or a slider along a motion with all its noise would be mostly noise. N is white, the
+    median line of what is quiet: neither the mains nor a mode that rings raise it. S is a mean of lines.
+    """
+    if len(quiet) < _FEWEST_QUIET:
+        return samples
+    noise = float(np.median(np.abs(fft.rfft(quiet)[1:]) ** 2)) / np.log(2) / len(quiet) * len(samples)
+    lines = fft.rfft(samples)
+    power = np.maximum(ndimage.uniform_filter1d(np.abs(lines) ** 2, _LINES, mode="nearest"), 1e-300)
+    return np.asarray(fft.irfft(np.maximum(1 - 2 * noise / power, 0.0) * lines, len(samples)))
 
 
 def _own_gammas(

@@ -20,12 +20,13 @@ from discovery.baseline import Baseline
 from discovery.traces import Progress, Trace, trace_records
 from rom.campaign import Campaign
 from rom.channels import FloatArray
-from rom.effects import Effect
+from rom.effects import Added, Effect
 from rom.flexures import constants, of_stiffness
 from rom.identification import Identification
 from rom.kernels.prescribed import force_of_effects
 from rom.model import Model
 from rom.noise_floor import Group, NoiseFloor, before_hit, noise_floors, quiet_seconds
+from rom.own_numbers import own_names
 from rom.spectra import CORNER, ComplexArray, Linearised, SpectralRecord, linearise
 from rom.ties import ALIGNED
 
@@ -65,6 +66,16 @@ class Evidence:
     def training(self) -> npt.NDArray[np.bool_]:
         """Rows of records that are not held out."""
         return ~np.array([trace.settings.hold_out for trace in self.traces])[self.owner]
+
+    def with_own(self, path: str, own: Mapping[str, Mapping[str, float]]) -> Evidence:
+        """The same with numbers of an effect that are each record's own, by file and name."""
+        traces = [
+            replace(t, own={**t.own, path: own[t.settings.file]}) if t.settings.file in own else t
+            for t in self.traces
+        ]
+        new = {id(old): trace for old, trace in zip(self.traces, traces, strict=True)}
+        parts = tuple((new[id(trace)], part, linear) for trace, part, linear in self.parts)
+        return replace(self, traces=tuple(traces), parts=parts)
 
     def of_training(self) -> Evidence:
         """The same without the records that are held out."""
@@ -192,7 +203,7 @@ def gather(
     """
     records = [r for r in campaign.select(MOTION_TESTS) if r.file not in set_aside]
     traces = trace_records(campaign, baseline, records, progress)
-    return weigh(traces, baseline, _floors(campaign, baseline, traces) if floors is None else floors)
+    return weigh(traces, baseline, _floors(baseline, traces) if floors is None else floors)
 
 
 def starting(found: Identification, model: Model) -> Baseline:
@@ -203,16 +214,16 @@ def starting(found: Identification, model: Model) -> Baseline:
     return Baseline(replace(model, identification=None), corners, ties)
 
 
-def _floors(campaign: Campaign, baseline: Baseline, traces: Sequence[Trace]) -> Mapping[Group, NoiseFloor]:
+def _floors(baseline: Baseline, traces: Sequence[Trace]) -> Mapping[Group, NoiseFloor]:
     """Floors from before the hits; a body struck alone gets what its own residual asks for, if more.
 
     There a hit accelerates the sensor's body at once, faster than samples follow, and no joint is seen.
     """
     seconds = quiet_seconds([trace.measurement for trace in traces])
-    quiet = [
-        before_hit(t.seen(), campaign.settings, t.parts[0], baseline.values(t.parts[0], t.level), seconds)
-        for t in traces
-    ]
+    quiet = []
+    for t in traces:
+        force = lasting_force(t, baseline.model.effects, int(seconds * t.measurement.rate_hz))
+        quiet.append(before_hit(t.seen(), t.bodies, t.parts[0], baseline.values(t.parts[0], t.level), force))
     floors = noise_floors(quiet)
     alone = [trace for trace in traces if trace.measurement.test == "uncoupled"]
     if not alone:
@@ -295,6 +306,7 @@ def effect_force(trace: Trace, effect: Effect, model: Model) -> tuple[FloatArray
         return None
     if link is not None and link.law == "bolted" and trace.measurement.test == "uncoupled":
         return None
+    effect = effect.with_values(**trace.own.get(effect.path, {}))
     x, v = trace.relative(ends)
     stiffness = damping = np.zeros_like(x)
     if link is not None:
@@ -307,3 +319,20 @@ def effect_force(trace: Trace, effect: Effect, model: Model) -> tuple[FloatArray
     motion = np.stack([x, v, trace.tension, stiffness, damping])
     force = force_of_effects(table, effect.values, motion, 1 / trace.rate_hz, _SUBSTEPS, start, 0.0)
     return np.asarray(force), ends
+
+
+def lasting_force(trace: Trace, effects: Sequence[Added], samples: int) -> FloatArray:
+    """Force [N] of a record's first samples on its bodies that acts all the time, (samples, bodies).
+
+    That of effects with numbers of each record's own; others wait for the hit.
+    """
+    out = np.zeros((samples, len(trace.bodies)))
+    for effect in effects:
+        body = effect.enters.partition(":")[2]
+        if isinstance(effect, Effect) and own_names(effect) and body in trace.bodies:
+            own = effect.with_values(**trace.own.get(effect.path, {}))
+            table, still = np.array([[own.address, 0, 0]]), np.zeros((5, samples))
+            step_s = 1 / trace.measurement.rate_hz
+            force = force_of_effects(table, own.values, still, step_s, 1, np.zeros(own.states + 1), 0.0)
+            out[:, trace.bodies.index(body)] -= np.asarray(force)
+    return out

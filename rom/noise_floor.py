@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rom.campaign import CampaignSettings
 from rom.output_error import ambient_forces, sensor_noise
 from rom.processing import Measurement
 from rom.spectra import ComplexArray, FloatArray, Linearised, SpectralRecord, linearise, spectrum, transfer
@@ -55,23 +54,41 @@ class Quiet:
     seconds: float
 
 
+def segment_before_hit(
+    measurement: Measurement,
+    bodies: Sequence[str],
+    like: SpectralRecord,
+    force: FloatArray,
+    highest_hz: float = _HIGHEST_HZ,
+) -> SpectralRecord:
+    """Return the spectra of a record's first samples, as many as ``force`` (samples, bodies) [N] has.
+
+    The force acts all the time, such as that of a ground that moves; no hammer has struck yet.
+    """
+    motion = np.stack([measurement.motion[body].samples[: len(force)] for body in bodies], axis=1)
+    band = (measurement.chain.cutoff_hz, min(highest_hz, 0.4 * measurement.rate_hz))
+    frequency, lines = spectrum(motion - motion.mean(axis=0), measurement.rate_hz, band)
+    driving = spectrum(force, measurement.rate_hz, band)[1]
+    return SpectralRecord(
+        like.file, "before", frequency, driving, lines, like.orders, like.terms, like.local,
+        samples=(0, len(force)),
+    )  # fmt: skip
+
+
 def before_hit(
     measurement: Measurement,
-    settings: CampaignSettings,
+    bodies: tuple[str, ...],
     like: SpectralRecord,
     values: Mapping[str, float],
-    seconds: float,
+    force: FloatArray,
 ) -> Quiet:
-    """Return the motion of the first ``seconds`` of a record, its end states projected out."""
-    bodies = tuple(body for body in settings.body_names if body in measurement.motion)
-    stop = int(seconds * measurement.rate_hz)
-    motion = np.stack([measurement.motion[body].samples[:stop] for body in bodies], axis=1)
-    band = (measurement.chain.cutoff_hz, min(_HIGHEST_HZ, 0.4 * measurement.rate_hz))
-    frequency, lines = spectrum(motion - motion.mean(axis=0), measurement.rate_hz, band)
-    segment = SpectralRecord(
-        like.file, "before", frequency, np.zeros_like(lines), lines, like.orders, like.terms, like.local
-    )
-    return Quiet((measurement.test, bodies), linearise(segment, values, _plain(lines)), frequency, seconds)
+    """Return the motion of a record's first samples less what a force makes of it, end states projected out.
+
+    See `segment_before_hit`.
+    """
+    segment = segment_before_hit(measurement, bodies, like, force)
+    quiet = linearise(segment, values, _plain(segment.motion))
+    return Quiet((measurement.test, bodies), quiet, segment.frequency, len(force) / measurement.rate_hz)
 
 
 def quiet_seconds(measurements: Sequence[Measurement]) -> float:

@@ -1,0 +1,57 @@
+"""Forces that act all the time, found on campaigns of the virtual rig from what precedes the hits."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+
+import rom
+from discovery.acceptance import is_sure
+from discovery.disturbances import explain_disturbances
+from discovery.state import refitted
+from discovery.tracing import Evidence, gather, lasting_force, starting
+from experiments.studies import rig
+from experiments.studies.rig import Undeclared
+from rom.effects import CATALOGUE
+from rom.identification import identify_campaign
+
+SHAKEN = Undeclared("ground-motion", "body:lo", {"F_a": 0.02, "F_b": 0.0, "f": 11.3})
+
+
+@cache
+def evidence(*undeclared: Undeclared) -> Evidence:
+    with TemporaryDirectory() as scratch:
+        rig.run(Path(scratch) / "c", 5, 1.0, 4, 1, duration_s=2.5, hold_out_every=4, undeclared=undeclared)
+        campaign = rom.read_campaign(Path(scratch) / "c")
+        found = identify_campaign(campaign)
+        return refitted(gather(campaign, starting(found, found.model)))
+
+
+def test_a_ground_that_moves_is_found_with_its_frequency() -> None:
+    sure = [one for one in explain_disturbances(evidence(SHAKEN)) if is_sure(one)]
+    best = max(sure, key=lambda one: float(one.gains(hold_out=False).sum()))
+    assert best.effect.path == "body:lo.ground-motion"
+    assert best.effect.parameters["f"].value == pytest.approx(11.3, abs=0.02)
+    assert best.gains(hold_out=True).sum() > 0
+
+
+def test_noise_alone_has_none() -> None:
+    assert not [one for one in explain_disturbances(evidence()) if is_sure(one)]
+
+
+def test_a_record_s_own_numbers_drive_its_bodies() -> None:
+    shaken = CATALOGUE["ground-motion"].at("body:lo").with_values(F_a=0.0, F_b=0.0, f=10.0)
+    found = evidence()
+    file = next(t.settings.file for t in found.traces if set(t.bodies) == {"lo", "so"})
+    own = found.with_own(shaken.path, {file: {"F_a": 0.5, "F_b": 0.0}})
+    for trace in own.traces:
+        force = lasting_force(trace, [shaken], 100)
+        assert force.any() == (trace.settings.file == file)
+    (mine,) = [t for t in own.traces if t.settings.file == file]
+    time = np.arange(100) / mine.measurement.rate_hz
+    of_lo = lasting_force(mine, [shaken], 100)[:, mine.bodies.index("lo")]
+    np.testing.assert_allclose(of_lo, 0.5 * np.cos(2 * np.pi * 10.0 * time), atol=1e-12)

@@ -1,0 +1,40 @@
+"""What of a measured motion forces are evaluated along: what it shows beyond its noise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discovery.traces import _above_noise
+
+_RATE_HZ, _QUIET, _ALL = 4800.0, 2000, 12000
+
+
+def _noisy(amplitude: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    noise = 0.05 * np.random.default_rng(seed).standard_normal(_ALL)
+    time = np.arange(_ALL - _QUIET) / _RATE_HZ
+    ringing = np.zeros(_ALL)
+    ringing[_QUIET:] = amplitude * np.exp(-time / 0.3) * np.sin(2 * np.pi * 16 * time)
+    return ringing, ringing + noise
+
+
+def test_noise_alone_is_hardly_let_through() -> None:
+    _, seen = _noisy(0.0)
+    assert np.mean(_above_noise(seen, seen[:_QUIET]) ** 2) < 0.02 * np.mean(seen**2)
+
+
+def test_what_is_far_above_the_noise_passes_and_most_noise_does_not() -> None:
+    ringing, seen = _noisy(2.0)
+    found = _above_noise(seen, seen[:_QUIET])
+    assert np.std(found - ringing) < 0.4 * np.std(seen - ringing)
+
+
+def test_the_mains_before_the_hit_do_not_raise_the_noise() -> None:
+    ringing, seen = _noisy(2.0)
+    mains = 0.5 * np.sin(2 * np.pi * 50 * np.arange(_ALL) / _RATE_HZ)
+    found = _above_noise(seen + mains, (seen + mains)[:_QUIET])
+    assert np.std(found - ringing - mains) < 0.5 * np.std(seen - ringing)
+
+
+def test_nothing_is_taken_off_where_nothing_precedes_the_hit() -> None:
+    _, seen = _noisy(1.0)
+    np.testing.assert_array_equal(_above_noise(seen, seen[:10]), seen)
