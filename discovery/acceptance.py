@@ -16,7 +16,7 @@ QUIET = 1.2
 ALIKE = 12.0
 """Difference in cost within chance."""
 _NEAR = 0.05  # of the gain: what a slightly wrong form of the right effect may lose
-_MATTERS = 0.02  # of an error
+_MATTERS, _MATTERS_MORE = 0.02, 0.1  # of an error
 _HARM = 1.5  # times an error
 _LEFT = 0.03  # of what was beyond noise
 
@@ -65,15 +65,20 @@ def is_alike(one: Explanation, best: Explanation) -> bool:
     return True
 
 
-def matters(before: ErrorsByKind, after: ErrorsByKind) -> bool:
-    """Whether an effect in the motion lowers an error there that people care for."""
+def matters(before: ErrorsByKind, after: ErrorsByKind, *, settled: bool = False) -> bool:
+    """Whether an effect in the motion lowers an error there that people care for.
+
+    ``settled``: more than noise is left, but next to nothing of what was; a force that is a per cent wrong
+    leaves as much, and an effect that only mends another one's form lowers errors a little.
+    """
+    least = _MATTERS_MORE if settled else _MATTERS
     kind: Kind = "hold_out" if before["hold_out"]["motion_nrmse"] is not None else "training"
     ratios = [
         new / old
         for name in ("motion_nrmse", "relative_motion_nrmse")
         if (old := _error(before[kind], name)) and (new := _error(after[kind], name)) is not None
     ]
-    return bool(ratios) and min(ratios) <= 1 - _MATTERS and max(ratios) <= 1 + _MATTERS
+    return bool(ratios) and min(ratios) <= 1 - least and max(ratios) <= 1 + _MATTERS
 
 
 def harms(before: ErrorsByKind, after: ErrorsByKind) -> bool:

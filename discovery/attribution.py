@@ -19,6 +19,7 @@ from discovery.traces import Progress, Trace
 from discovery.tracing import Evidence, effect_force
 from rom.channels import FloatArray
 from rom.effects import Added, Effect, Member, SensorFault, candidates, look_alikes
+from rom.own_numbers import own_names
 from rom.spectra import ComplexArray, Linearised, SpectralRecord
 
 _ITERATIONS = 12
@@ -120,6 +121,7 @@ def screen(
         for member, effect in candidates(model, motion_channels(evidence))
         if member.kind in ("force", "sensor")
         and effect.enters != "sensor:tension"
+        and not own_names(effect)  # those show before the hits
         and (effect.name, effect.enters) not in known
     ]
     rough = _probed_all(there, evidence.of(_telling(evidence)), jobs, progress)

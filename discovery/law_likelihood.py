@@ -205,6 +205,11 @@ def slow_reading(effect: Reading, edges: FloatArray) -> FloatArray:
     return np.asarray(added.reshape(-1, _PER_BIN).mean(axis=1))
 
 
+def acts_at_rest(reading: Reading) -> bool:
+    """Whether a reading adds anything while nothing moves."""
+    return bool(np.any(slow_reading(reading, np.array([0.0, 0.1, 1.0]))))
+
+
 def resimulated(candidate: LawCandidate, frozen: Frozen, u: FloatArray, model: Model) -> FloatArray:
     """Changes of the measured tension [N] by full simulation, (cases, bins); nan where it diverged."""
     link, effect = frozen.link, candidate.effect

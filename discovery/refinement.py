@@ -26,6 +26,7 @@ from discovery.explanation import Explanation
 from discovery.force_loop import close_forces
 from discovery.found_effects import found_effect, label_of, screened
 from discovery.free_form import free_forms
+from discovery.law_likelihood import acts_at_rest
 from discovery.localisation import COURSES, localise
 from discovery.state import (
     Stages,
@@ -46,7 +47,7 @@ from discovery.tension_data import Misfit
 from discovery.tracing import Evidence, gather, starting, weigh
 from rom.campaign import Campaign
 from rom.driven import is_driven
-from rom.effects import CATALOGUE, Effect, LawChange, Reading, SensorFault
+from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, SensorFault
 from rom.flexures import as_uncoupled, unlikely
 from rom.identification import Identification, identify_campaign, reidentified
 from rom.noise_floor import Group, NoiseFloor
@@ -55,7 +56,6 @@ from rom.spectra import SpectralRecord
 
 MOST_EFFECTS = 3
 _FAR_LESS = 0.7
-_WORSE = 1.05  # times a mean square
 
 
 def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None, seed: int = 0) -> Closure:
@@ -192,7 +192,8 @@ class _Loop:
             probes = screen(evidence, self.jobs, self.stage("screening effects"))
             path = replace(path, screened=path.screened or screened(probes, evidence))
             pairs = self._adopted(path.states[-1], self._explained(probes, evidence))
-            if not pairs or not matters(path.states[-1].errors, pairs[0][1].errors):
+            settled = _is_quiet(path) and path.states[-1].level > QUIET
+            if not pairs or not matters(path.states[-1].errors, pairs[0][1].errors, settled=settled):
                 break
             path = self._without_needless(path.longer(*pairs[0]))
         return path
@@ -200,11 +201,14 @@ class _Loop:
     def _adopted(self, state: State, explained: Sequence[Explanation]) -> list[tuple[_Chosen, State]]:
         """Add what explains most, and the state that it leads to, what leaves least first.
 
-        Far from the plant held-out costs, told by straight lines in the model's numbers, may be wrong: what
-        suits the training records better than all others is then tried too, and judged where its fit ends.
+        Far from the plant, where more than noise is left, held-out costs, told by straight lines in the
+        model's numbers, may be wrong: what suits the training records better than all others is then tried
+        too, and judged where its fit ends.
         """
         one = _chosen(explained)
         pairs = [] if one is None else [(one, self.adopt(state, one))]
+        if state.level <= QUIET:
+            return pairs
         first = max(explained, key=lambda e: float(e.gains(hold_out=False).sum()), default=None)
         if first is not None and (one is None or first is not one.best) and is_sure(first.of_training()):
             after = self.adopt(state, _Chosen(first, ()))
@@ -221,19 +225,25 @@ class _Loop:
         """Add effects in the tension and its gauge, which hardly show in the motion, until none helps.
 
         They are told along the motion, so where that is not explained nothing is asked. One that makes the
-        simulated errors or the misfit of the courses worse is not kept.
+        simulated errors worse, or the courses by more than it explains, is not kept; nor is a law believed
+        that only a reading brought up which follows the motion.
         """
         if not _is_quiet(path):
             return path
-        before = path
+        before, sure = path, set[str]()
         while True:
             last = path.states[-1]
             tell = self.stage("tension")
             told = explain_tension(self.campaign, last.found, last.model, self.jobs, tell)
-            if path.tension and told.misfit.level > _WORSE * path.tension[-1].level:
+            if path.tension and path.tension[-1].loss_to(told.misfit) > _training_gain(path.chosen[-1]):
                 return before
             path = replace(path, tension=(*(path.tension or (told.misfit,))[:1], told.misfit))
-            one = _chosen(told.explanations)
+            apart = path.chosen and _is_apart(path.chosen[-1].best.effect)
+            known = [
+                e for e in told.explanations if not isinstance(e.effect, LawChange) or e.effect.path in sure
+            ]
+            one = _chosen(known if apart else told.explanations)
+            sure = {e.effect.path for e in told.explanations if is_sure(e)}
             after = self.adopt(last, one) if one is not None and len(path.chosen) < MOST_EFFECTS else None
             if one is None or after is None or harms(last.errors, after.errors):
                 return path
@@ -335,6 +345,16 @@ def _chosen(explanations: Sequence[Explanation]) -> _Chosen | None:
     best = max(sure, key=merit)
     rivals = [one for one in explanations if one is not best and is_alike(one, best)]
     return _Chosen(best, tuple(sorted(rivals, key=lambda one: -merit(one))))
+
+
+def _is_apart(effect: Added) -> bool:
+    """Whether an effect is a reading that courses are blind to: nothing of a law can hang on it."""
+    return isinstance(effect, Reading) and not acts_at_rest(effect)
+
+
+def _training_gain(one: _Chosen) -> float:
+    """What an effect takes from the cost of the training records."""
+    return float(one.best.gains(hold_out=False).sum())
 
 
 def _is_quiet(path: _Path) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from discovery.explanation import Explanation
 from discovery.gauge_attribution import explained_by_gauge
 from discovery.law_attribution import LawSearch, Slow
-from discovery.law_likelihood import slow_reading
+from discovery.law_likelihood import acts_at_rest
 from discovery.tension_data import Data, Gained, Misfit, Pair
 from discovery.tension_rows import frozen_of, noises, read_tensions, with_noise
 from rom.campaign import Campaign
@@ -142,7 +142,7 @@ def _of_course(member: Member, effect: Added) -> bool:
         return True
     probe = member.at(effect.enters)
     if isinstance(probe, Reading):
-        return bool(np.abs(slow_reading(probe, np.array([0.0, 0.1, 1.0]))).max() > 0)
+        return acts_at_rest(probe)
     assert isinstance(probe, SensorFault)
     level = np.full(64, 100.0)
     return not own_names(effect) and not np.allclose(probe.apply(level, 1e3), level)

@@ -62,6 +62,10 @@ class Misfit:
             return True
         return self.level <= max(_NEARLY_NOISE, float(stats.chi2.isf(_CHANCE, self.numbers)) / self.numbers)
 
+    def loss_to(self, after: Misfit) -> float:
+        """How much more of the courses another model leaves, as a cost."""
+        return (after.level - self.level) * after.numbers
+
 
 @dataclass(frozen=True, eq=False)
 class Gained:

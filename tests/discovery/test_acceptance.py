@@ -6,7 +6,7 @@ from typing import cast
 
 import pytest
 
-from discovery.acceptance import harms, is_alike, is_quiet, is_sure
+from discovery.acceptance import harms, is_alike, is_quiet, is_sure, matters
 from discovery.closure import ErrorsByKind
 from discovery.explanation import Explanation
 from rom.effects import CATALOGUE
@@ -80,3 +80,14 @@ def test_noise_is_quiet_and_so_is_next_to_nothing_of_much() -> None:
     assert is_quiet(1.19, 1.0)
     assert not is_quiet(1.3, 5.0)
     assert is_quiet(1.3, 20.0)
+
+
+def test_an_effect_that_follows_a_strong_one_must_lower_an_error_by_more() -> None:
+    def motion(error: float) -> ErrorsByKind:
+        told = {"motion_nrmse": error, "relative_motion_nrmse": 2 * error}
+        return cast(ErrorsByKind, {"hold_out": told, "training": told})
+
+    assert matters(motion(1.0), motion(0.95))
+    assert not matters(motion(1.0), motion(0.99))
+    assert not matters(motion(1.0), motion(0.95), settled=True)
+    assert matters(motion(1.0), motion(0.8), settled=True)

@@ -16,9 +16,9 @@ from discovery.tension_data import Misfit
 from rom.effects import CATALOGUE
 
 
-def explained() -> Explanation:
-    effect = CATALOGUE["relaxation-log"].at("tension")
-    return Explanation(effect, {"t.h5": 400.0}, {"t.h5": 300.0}, {"t.h5": 200}, frozenset(), 2, left=1.0)
+def explained(name: str = "relaxation-log", gain: float = 100.0) -> Explanation:
+    effect, cost = CATALOGUE[name].at("tension"), 400.0
+    return Explanation(effect, {"t.h5": cost}, {"t.h5": cost - gain}, {"t.h5": 200}, frozenset(), 2, left=1.0)
 
 
 def state(tension: float, level: float = 1.0) -> Any:
@@ -27,10 +27,15 @@ def state(tension: float, level: float = 1.0) -> Any:
 
 
 def led(
-    monkeypatch: pytest.MonkeyPatch, levels: list[float], errors: list[float], motion: float = 1.0
+    monkeypatch: pytest.MonkeyPatch,
+    levels: list[float],
+    errors: list[float],
+    motion: float = 1.0,
+    explanations: list[tuple[Explanation, ...]] | None = None,
 ) -> _Path:
     """The path where an effect is explained as often as there are levels, and adopted with these errors."""
-    told = iter([TensionFindings((explained(),), Misfit(x, 100.0)) for x in levels])
+    found = explanations or [(explained(),)] * len(levels)
+    told = iter([TensionFindings(e, Misfit(x, 100.0)) for e, x in zip(found, levels, strict=True)])
     nothing = TensionFindings((), Misfit(levels[-1], 100.0))
     after = iter(errors[1:])
     monkeypatch.setattr(refinement, "explain_tension", lambda *_: next(told, nothing))
@@ -45,10 +50,23 @@ def test_effects_are_added_until_none_explains_more(monkeypatch: pytest.MonkeyPa
     assert [one.level for one in path.tension] == [9.0, 1.0]
 
 
-def test_one_that_makes_the_courses_worse_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    path = led(monkeypatch, [1.02, 1.17], [1.0, 0.99, 0.98])
+def test_one_that_costs_the_courses_more_than_it_explains_is_taken_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    path = led(monkeypatch, [1.02, 2.17], [1.0, 0.99, 0.98])
     assert not path.chosen
     assert path.tension[-1].level == 1.02
+    assert led(monkeypatch, [1.02, 1.4], [1.0, 0.99, 0.98]).chosen
+
+
+@pytest.mark.parametrize(("reading", "count"), [("tension-follows-displacement", 1), ("relaxation-log", 2)])
+def test_a_law_must_not_hang_on_a_reading_that_courses_do_not_see(
+    monkeypatch: pytest.MonkeyPatch, reading: str, count: int
+) -> None:
+    before = (explained(reading), explained("loosening-ratchet", 5.0))
+    after = (explained("loosening-ratchet", 50.0),)
+    path = led(monkeypatch, [1.0, 1.1], [1.0, 0.99, 0.98, 0.97], explanations=[before, after])
+    assert len(path.chosen) == count
 
 
 def test_one_that_ruins_an_error_is_not_added(monkeypatch: pytest.MonkeyPatch) -> None:
