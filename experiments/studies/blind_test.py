@@ -25,6 +25,7 @@ from zlib import crc32
 
 import numpy as np
 
+from discovery.localisation import COURSES
 from experiments.results import plain, writable, write_result
 from experiments.studies import rig
 from experiments.studies.blind_tables import tables
@@ -199,11 +200,21 @@ def _measured(trial: Trial, scratch: Path) -> tuple[Path, dict[str, Any]]:
 
 
 def _closed(folder: Path) -> dict[str, Any]:
-    """What `discovery.close_loop` says of a folder, as ``closure.json`` has it."""
+    """What `discovery.close_loop` says of a folder, as ``closure.json`` has it, as far as tables need it."""
     import discovery
     from experiments.studies.close import closure_section
 
-    return closure_section(discovery.close_loop(read_campaign(folder)))
+    closure = closure_section(discovery.close_loop(read_campaign(folder)))
+    levels = {
+        when: {name: closure["residual"][when].get(name) for name in ("total", COURSES)}
+        for when in ("before", "after")
+    }
+    return {
+        "verdict": closure["verdict"],
+        "effects": closure["effects"],
+        "errors": {"hold_out": closure["errors"]["hold_out"]},
+        "residual": levels,
+    }
 
 
 def _oracle(
