@@ -44,10 +44,15 @@ def explain_disturbances(evidence: Evidence) -> tuple[Explanation, ...]:
     if seconds == 0:
         return ()
     for member, effect in candidates(evidence.baseline.model, motion_channels(evidence)):
-        if isinstance(effect, Effect) and own_names(effect) and effect.path not in known:
+        if isinstance(effect, Effect) and _lasts(member, effect) and effect.path not in known:
             told = _Disturbance(member, effect, evidence, seconds).explained()
             found += [told] if told is not None else []
     return tuple(found)
+
+
+def _lasts(member: Member, effect: Effect) -> bool:
+    """Whether a force on a body has numbers of each record's own, and a frequency that all share."""
+    return bool(own_names(effect)) and len(member.inner) == 1 and effect.enters.startswith("body:")
 
 
 class _Disturbance:
@@ -74,12 +79,12 @@ class _Disturbance:
         grid = np.arange(low, high, 1 / (_STEPS_PER_LINE * self.seconds))
         gains = [self._before(at)[1] for at in grid]
         chance = len(own_names(self.effect)) * sum(not t.settings.hold_out for t, _, _ in self.rest)
-        if max(gains) < _PROMISING * chance:
+        if not chance or max(gains) < _PROMISING * chance:
             return None
         rough = float(grid[int(np.argmax(gains))])
         near = np.arange(rough - _REACH_HZ, rough + _REACH_HZ, _STEP_HZ)
         best = max((float(at) for at in near if low <= at <= high), key=self._after)
-        reach = (best - _STEP_HZ, best + _STEP_HZ)
+        reach = (max(best - _STEP_HZ, low), min(best + _STEP_HZ, high))
         at = optimize.minimize_scalar(lambda hz: -self._after(float(hz)), bounds=reach, method="bounded").x
         own = self._before(float(at))[0]
         sizes = np.array([list(numbers.values()) for numbers in own.values()])
