@@ -305,3 +305,8 @@ def test_the_truth_stays_sealed_until_the_loop_is_closed(
     found = blind_test._examined(Trial("clean", 0), tmp_path)
     assert order == ["closed"]
     assert found["oracle"]["hold_out"] == errors(0.1)
+
+
+def test_the_stored_tables_are_those_of_the_stored_results() -> None:
+    stored = Path(__file__).parents[2] / "docs" / "blind"
+    assert (stored / "tables.md").read_text(encoding="utf-8") == tables(read_results(stored)) + "\n"
