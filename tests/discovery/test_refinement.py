@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.attribution import explain, output_of, screen
+from discovery.attribution import explain, explanation, output_of, screen
 from discovery.closure import Closure
 from discovery.localisation import localise
-from discovery.refinement import _Loop, close_loop
+from discovery.refinement import _Chosen, _Loop, _Path, close_loop
 from discovery.separating import separating_tests
 from discovery.state import level, refitted, silent
-from discovery.tracing import Evidence, gather, starting
+from discovery.tracing import Evidence, gather, starting, weigh
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 from rom.effects import CATALOGUE
@@ -144,6 +144,24 @@ def test_a_start_without_stiffness_is_left_for_the_uncoupled_tests() -> None:
     assert start.level < 0.5 * level(far)
     assert start.model.parameter("flexure_so.stiffness.k").value == pytest.approx(91800, rel=0.1)
     assert screen(start.evidence)[0][0].effect.name == "acceleration-gain"
+
+
+@pytest.mark.parametrize(("undeclared", "kept"), [((), False), ((CUBIC,), True)])
+def test_an_effect_is_dropped_where_the_model_does_as_well_without(
+    undeclared: tuple[Undeclared, ...], kept: bool
+) -> None:
+    with TemporaryDirectory() as scratch:
+        campaign = measured(Path(scratch) / "campaign", undeclared)
+        loop = _Loop(campaign, identify_campaign(campaign), 1, silent)
+        first, member = loop.start(), CATALOGUE["cubic-stiffness"]
+        effect = member.at("flexure_lo", ground=True).with_values(k3=1e9 if kept else 0.0)
+        held = replace(first.evidence.baseline, model=effect.added_to(first.model))
+        last = replace(
+            first, model=held.model, evidence=weigh(first.evidence.traces, held, first.evidence.floors)
+        )
+        one = _Chosen(explanation(effect, member, first.evidence), ())
+        path = loop._without_needless(_Path((first,), (), ()).longer(one, last))
+    assert len(path.chosen) == len(path.states) - 1 == len(path.states[-1].model.effects) == int(kept)
 
 
 def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
