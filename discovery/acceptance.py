@@ -65,13 +65,16 @@ def is_alike(one: Explanation, best: Explanation) -> bool:
     return True
 
 
-def matters(before: ErrorsByKind, after: ErrorsByKind, *, settled: bool = False) -> bool:
+def matters(
+    before: ErrorsByKind, after: ErrorsByKind, *, settled: bool = False, closes: bool = False
+) -> bool:
     """Whether an effect in the motion lowers an error there that people care for.
 
     ``settled``: more than noise is left, but next to nothing of what was; a force that is a per cent wrong
-    leaves as much, and an effect that only mends another one's form lowers errors a little.
+    leaves as much, and an effect that only mends another one's form lowers errors a little. ``closes``:
+    nothing but noise is left with the effect, more without; that errors do not rise is enough then.
     """
-    least = _MATTERS_MORE if settled else _MATTERS
+    least = _MATTERS_MORE if settled else -_MATTERS if closes else _MATTERS
     kind: Kind = "hold_out" if before["hold_out"]["motion_nrmse"] is not None else "training"
     ratios = [
         new / old

@@ -101,10 +101,27 @@ class Trace:
         return out
 
     def lines(self, samples: FloatArray, part: SpectralRecord, stride: int = 1) -> ComplexArray:
-        """Spectrum of samples, of the record or of every ``stride``-th, at the lines of a part."""
+        """Spectrum of samples, of the record or of every ``stride``-th, at the lines of a part.
+
+        Lines of samples that end elsewhere than they began depend on the step: those of a ramp with the same
+        ends are taken off, and added again with the record's own step, which the measured spectra have.
+        """
         first, last = (place // stride for place in part.samples)
         band = (part.frequency[0] - _HALF_LINE, part.frequency[-1] + _HALF_LINE)
-        return spectrum(samples[first:last], self.measurement.rate_hz / stride, band)[1]
+        rate = self.measurement.rate_hz
+        lines = spectrum(samples[first:last], rate / stride, band)[1]
+        if stride == 1:
+            return lines
+        end = samples[last] if last < len(samples) else 3 * samples[-1] - 3 * samples[-2] + samples[-3]
+        rise = end - samples[first]
+        return np.asarray(
+            lines + rise * (_ramp(part.frequency, stride / rate) - _ramp(part.frequency, 1 / rate))
+        )
+
+
+def _ramp(frequency: FloatArray, step_s: float) -> ComplexArray:
+    """Fourier sums of samples that fall evenly by one, at lines that are whole periods of them."""
+    return np.asarray(step_s / (1 - np.exp(-2j * np.pi * frequency * step_s)))
 
 
 def trace_records(

@@ -60,6 +60,7 @@ MOTION = 3.0  # tolerance of velocities and states over that of tensions: their 
 NEGLIGIBLE = 1e-9  # a change of tension, relative to it, below which errors are not measured against it
 CHUNK = 16  # samples whose sizes stand for their running sum
 SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no hit above this share of the peak velocity
+PATIENCE, CALM = 32, 8  # blocks: the longest wait for a longer one; after so many more the next wait is short
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)
@@ -189,7 +190,7 @@ def _open(task: Task, level: int, tick: int, least: float) -> int:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _run(  # noqa: C901 - the loop over the blocks, in one place
+def _run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
     program: Program, p: Any, task: Task, scale: Any, sums: Any, report: Any, total: Any, out: Any
 ) -> None:
     """Integrate over a record with errors relative to ``scale``: a velocity [m/s] and a tension [N]."""
@@ -198,6 +199,7 @@ def _run(  # noqa: C901 - the loop over the blocks, in one place
     total[:] = 0.0
     tick, level, sample, mobility = 0, 0, 1.0 / task.rate, 0.0
     end, bin = TICKS * (task.edges[-1] - 1), 0
+    wait, patience = 0, 1  # where sweeps did not converge longer blocks are not tried again at once
     for i in range(program.size[0]):
         mobility = max(mobility, 1.0 / p[i])
     if out.size:
@@ -221,6 +223,8 @@ def _run(  # noqa: C901 - the loop over the blocks, in one place
         error = max(impulse * mobility / scale[0] / MOTION, tension / scale[1], state / MOTION)
         if level > 0 and not (solved and error <= allowed):
             level -= 1
+            if not solved:
+                patience = wait = min(2 * patience, PATIENCE)
             continue
         if not _finite(block, error):
             return
@@ -234,8 +238,10 @@ def _run(  # noqa: C901 - the loop over the blocks, in one place
         if drifted(block, DRIFT):
             linearise(program, p, block, tables)
             _restart(program, p, block, tick * sample / TICKS)
-        if error * 40.0 < allowed and level < LEVELS - 1:
+        wait -= 1
+        if wait <= 0 and error * 40.0 < allowed and level < LEVELS - 1:
             level += 1
+            patience = 1 if wait < -CALM else patience
     report[REACHED] += 1.0
 
 

@@ -82,11 +82,18 @@ def test_noise_is_quiet_and_so_is_next_to_nothing_of_much() -> None:
     assert is_quiet(1.3, 20.0)
 
 
-def test_an_effect_that_follows_a_strong_one_must_lower_an_error_by_more() -> None:
-    def motion(error: float) -> ErrorsByKind:
-        told = {"motion_nrmse": error, "relative_motion_nrmse": 2 * error}
-        return cast(ErrorsByKind, {"hold_out": told, "training": told})
+def motion(error: float) -> ErrorsByKind:
+    told = {"motion_nrmse": error, "relative_motion_nrmse": 2 * error}
+    return cast(ErrorsByKind, {"hold_out": told, "training": told})
 
+
+def test_an_effect_that_leaves_noise_alone_need_not_lower_errors_but_must_not_raise_them() -> None:
+    assert matters(motion(1.0), motion(0.999), closes=True)
+    assert not matters(motion(1.0), motion(1.05), closes=True)
+    assert not matters(motion(1.0), motion(0.999), settled=True, closes=True)
+
+
+def test_an_effect_that_follows_a_strong_one_must_lower_an_error_by_more() -> None:
     assert matters(motion(1.0), motion(0.95))
     assert not matters(motion(1.0), motion(0.99))
     assert not matters(motion(1.0), motion(0.95), settled=True)

@@ -15,10 +15,11 @@ import rom
 from discovery.attribution import explain, explanation, output_of, screen
 from discovery.closure import Closure
 from discovery.localisation import localise
-from discovery.refinement import _Chosen, _Loop, _Path, close_loop
+from discovery.refinement import _Loop, close_loop
 from discovery.separating import separating_tests
 from discovery.state import level, refitted, silent
 from discovery.tracing import Evidence, gather, starting, weigh
+from discovery.trail import Chosen, Trail
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 from rom.effects import CATALOGUE
@@ -159,8 +160,8 @@ def test_an_effect_is_dropped_where_the_model_does_as_well_without(
         last = replace(
             first, model=held.model, evidence=weigh(first.evidence.traces, held, first.evidence.floors)
         )
-        one = _Chosen(explanation(effect, member, first.evidence), ())
-        path = loop._without_needless(_Path((first,), (), ()).longer(one, last))
+        one = Chosen(explanation(effect, member, first.evidence), ())
+        path = loop._without_needless(Trail((first,)).longer(one, last))
     assert len(path.chosen) == len(path.states) - 1 == len(path.states[-1].model.effects) == int(kept)
 
 

@@ -9,10 +9,11 @@ import pytest
 
 from discovery import refinement
 from discovery.explanation import Explanation
-from discovery.refinement import _Loop, _Path
+from discovery.refinement import _Loop
 from discovery.state import silent
 from discovery.tension_attribution import TensionFindings
 from discovery.tension_data import Misfit
+from discovery.trail import Trail
 from rom.effects import CATALOGUE
 
 
@@ -32,7 +33,7 @@ def led(
     errors: list[float],
     motion: float = 1.0,
     explanations: list[tuple[Explanation, ...]] | None = None,
-) -> _Path:
+) -> Trail:
     """The path where an effect is explained as often as there are levels, and adopted with these errors."""
     found = explanations or [(explained(),)] * len(levels)
     told = iter([TensionFindings(e, Misfit(x, 100.0)) for e, x in zip(found, levels, strict=True)])
@@ -41,7 +42,7 @@ def led(
     monkeypatch.setattr(refinement, "explain_tension", lambda *_: next(told, nothing))
     monkeypatch.setattr(_Loop, "adopt", lambda *_: state(next(after)))
     loop = _Loop(None, None, 1, silent)  # type: ignore[arg-type]
-    return loop.in_tension(_Path((state(errors[0], motion),), (), ()))
+    return loop.in_tension(Trail((state(errors[0], motion),)))
 
 
 def test_effects_are_added_until_none_explains_more(monkeypatch: pytest.MonkeyPatch) -> None:

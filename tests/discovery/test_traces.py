@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
+from types import SimpleNamespace
+from typing import Any
 
-from discovery.traces import _above_noise
+import numpy as np
+import pytest
+
+from discovery.traces import Trace, _above_noise
+from rom.spectra import spectrum
 
 _RATE_HZ, _QUIET, _ALL = 4800.0, 2000, 12000
 
@@ -38,3 +43,19 @@ def test_the_mains_before_the_hit_do_not_raise_the_noise() -> None:
 def test_nothing_is_taken_off_where_nothing_precedes_the_hit() -> None:
     _, seen = _noisy(1.0)
     np.testing.assert_array_equal(_above_noise(seen, seen[:10]), seen)
+
+
+@pytest.mark.parametrize("frequency_hz", [28.4, 5.3])
+@pytest.mark.parametrize("whole", [True, False])
+def test_every_eighth_sample_of_a_force_that_does_not_end_as_it_began_has_the_lines_of_all(
+    frequency_hz: float, whole: bool
+) -> None:
+    first, last, rate, stride = 80, 4080, 19200.0, 8
+    count = last if whole else last + 800
+    force = np.cos(2 * np.pi * frequency_hz * np.arange(count) / rate)
+    part: Any = SimpleNamespace(samples=(first, last), frequency=rate / (last - first) * np.arange(2, 200))
+    trace: Any = SimpleNamespace(measurement=SimpleNamespace(rate_hz=rate))
+    every, eighth = Trace.lines(trace, force, part), Trace.lines(trace, force[::stride], part, stride)
+    band = (part.frequency[0] - 1e-6, part.frequency[-1] + 1e-6)
+    plain = spectrum(force[first:last:stride], rate / stride, band)[1]
+    assert np.abs(eighth - every).max() < 0.05 * np.abs(plain - every).max()

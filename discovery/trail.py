@@ -1,0 +1,114 @@
+"""The models of a closed loop, one after the other, and what is to be said of the last one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from discovery.acceptance import QUIET, is_alike, is_quiet, is_sure, matters, merit
+from discovery.closure import Screened, Verdict
+from discovery.explanation import Explanation
+from discovery.localisation import COURSES
+from discovery.state import State
+from discovery.tension_data import Misfit
+from rom.flexures import unlikely
+
+FAR_LESS = 0.7
+"""Of a level: one that is no matter of chance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """The effect that explains most, and the others that do nearly as well."""
+
+    best: Explanation
+    rivals: tuple[Explanation, ...]
+
+    @property
+    def training_gain(self) -> float:
+        """What the effect takes from the cost of the training records."""
+        return float(self.best.gains(hold_out=False).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Trail:
+    """Models one after the other, the declared one first, and the effects that lead from each to the next."""
+
+    states: tuple[State, ...]
+    chosen: tuple[Chosen, ...] = ()
+    screened: tuple[Screened, ...] = ()
+    tension: tuple[Misfit, ...] = ()  # of the courses, first and last
+
+    @property
+    def last(self) -> State:
+        """The model so far."""
+        return self.states[-1]
+
+    def longer(self, one: Chosen, state: State) -> Trail:
+        """The trail with one more effect."""
+        return replace(self, states=(*self.states, state), chosen=(*self.chosen, one))
+
+    def ending(self, state: State) -> Trail:
+        """The trail with another last model of the same effects."""
+        return replace(self, states=(*self.states[:-1], state))
+
+    def without(self, place: int, state: State) -> Trail:
+        """The trail without one of its effects; ``state`` is its last model then."""
+        return replace(
+            self,
+            states=(*self.states[:place], *self.states[place + 1 : -1], state),
+            chosen=(*self.chosen[:place], *self.chosen[place + 1 :]),
+        )
+
+    @property
+    def is_quiet(self) -> bool:
+        """Whether noise alone is left, or next to nothing of what was beyond it."""
+        return is_quiet(self.last.level, self.states[0].level)
+
+    @property
+    def tension_is_quiet(self) -> bool:
+        """Whether courses of the tension differ from the law's by noise, or next to nothing more."""
+        if not self.tension or self.tension[-1].is_noise:
+            return True
+        return is_quiet(self.tension[-1].level, self.tension[0].level)
+
+    def improves(self, after: State) -> bool:
+        """Whether a state is better than the last one by what matters, or makes loud residuals quiet."""
+        loud = self.last.level > QUIET
+        return matters(
+            self.last.errors,
+            after.errors,
+            settled=loud and self.is_quiet,
+            closes=loud and is_quiet(after.level, self.last.level),
+        )
+
+    def or_better(self, other: Trail) -> Trail:
+        """That which leaves noise alone; where neither does, this one unless the other leaves far less."""
+        if other.is_quiet or other.last.level < FAR_LESS * self.last.level:
+            return replace(other, screened=self.screened)
+        return self
+
+    def doubts(self) -> tuple[str, ...]:
+        """Reasons to doubt that the last model is near its plant: numbers that uncoupled tests deny."""
+        return unlikely(self.last.model, self.last.evidence.baseline.ties)
+
+    def verdict(self) -> Verdict:
+        """What is to be said of the declared model."""
+        if not self.is_quiet or not self.tension_is_quiet or (self.chosen and self.doubts()):
+            return "unexplained"
+        return "closed" if self.chosen else "no-effect"
+
+
+def chosen(explanations: Sequence[Explanation]) -> Chosen | None:
+    """The effect that explains most beyond chance, and what is like it; None where there is none."""
+    sure = [one for one in explanations if is_sure(one)]
+    if not sure:
+        return None
+    best = max(sure, key=merit)
+    rivals = [one for one in explanations if one is not best and is_alike(one, best)]
+    return Chosen(best, tuple(sorted(rivals, key=lambda one: -merit(one))))
+
+
+def courses(misfit: Sequence[Misfit]) -> Mapping[str, float]:
+    """The last misfit of the tension's courses by its name in result files."""
+    return {COURSES: misfit[-1].level} if misfit else {}
