@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
-from discovery.acceptance import QUIET, harms, is_sure, matters, merit
+from discovery.acceptance import QUIET, harms, is_sure, merit
 from discovery.at_rest import explain_at_rest
 from discovery.attribution import Probe, explain, explanation, screen, worth_fitting
 from discovery.baseline import Baseline
@@ -151,7 +151,7 @@ class _Loop:
         """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
         if given is not None:
             after = self.adopt(path.last, given.best)
-            if not matters(path.last.errors, after.errors):
+            if not path.improves(after):
                 return path
             path = path.longer(given, after)
         for _ in range(2 * MOST_EFFECTS):

@@ -23,6 +23,7 @@ from experiments.studies.blind_scores import (
 )
 
 _FELT = 3.0  # influence [%] that strengths are drawn to have at least, where the plausible range allows it
+_TELLS = 3.0  # of a held-out error [%]: the declared model's own numbers make up for what lowers it by less
 _STRONG = 10.0  # influence on the motion [%] from which after / before is asked for
 
 
@@ -84,6 +85,8 @@ def summary(groups: Mapping[str, Sequence[Result]], faults: int = 0) -> str:
         ("one effect: kind of place", ">= 95 %", _share(s.kind_of_place for s in scores)),
         ("one effect: the very place", "", _share(s.place for s in scores)),
         ("one effect: missed, verdict no-effect", "", _share(answer(r) == "no-effect" for r in one)),
+        (f"the same, though the true effect lowers the error by more than {_TELLS:g} %", "",
+         _share(answer(r) == "no-effect" and ratio(r, "oracle") > 1 + _TELLS / 100 for r in one)),
         (f"one effect: felt by less than {_FELT:g} %", "", _share(felt(r) < _FELT for r in one)),
         ("one effect: after / oracle, held out", "<= 1.1", median(ratio(r, "oracle") for r in one)),
         (f"motion changed by > {_STRONG:g} %: after / before, motion", "<= 0.25",
@@ -100,7 +103,7 @@ def summary(groups: Mapping[str, Sequence[Result]], faults: int = 0) -> str:
         ("two effects: both found", ">= 60 %", _share(how_many_found(r) == 2 for r in two)),
         ("two effects: one found", "", _share(how_many_found(r) == 1 for r in two)),
         ("two effects: after / oracle, held out", "<= 1.3", median(ratio(r, "oracle") for r in two)),
-        ("time of a closure [s]", "240 (records of 8.5 s)", median((r["closing_s"] for r in every), ".0f")),
+        ("CPU time of a closure [s]", "", median((r["closing_s"] for r in every), ".0f")),
         ("peak memory [MB]", "< 2000", median((r["peak_mb"] for r in every), ".0f")),
         ("faults of the program", "0", faults),
     ]  # fmt: skip
@@ -142,7 +145,7 @@ def effect_table(results: Sequence[Result]) -> str:
     """Return a row for every core effect that was hidden alone."""
     header = (
         "effect", "seeds", "influence [%]", "name first", "class first", "listed", "wrong unwarned",
-        "kind of place", "place", "verdicts", "after/before", "after/oracle", "time [s]",
+        "kind of place", "place", "verdicts", "after/before", "after/oracle", "CPU [s]",
         "else named first",
     )  # fmt: skip
     grouped = _grouped(results, lambda r: str(r["truth"][0]["name"]))
@@ -178,7 +181,7 @@ def outside_table(results: Sequence[Result]) -> str:
     """Return a row for every effect outside the catalogue."""
     header = (
         "effect", "seeds", "influence [%]", "verdicts", "closed by nearest", "closed by another",
-        "after/before", "after/oracle", "time [s]",
+        "after/before", "after/oracle", "CPU [s]",
     )  # fmt: skip
     rows = [
         (

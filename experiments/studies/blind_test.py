@@ -38,6 +38,8 @@ Place = tuple[str, str]
 PRELOADS = 20
 DURATION_S = 2.5
 HOLD_OUT_EVERY = 5
+UNFELT = ("sensor:force_so",)
+"""A hammer that strikes in one test alone, with one body, changes nothing of the others."""
 ATTEMPTS = 5
 """Draws of strengths before two effects that diverge together are given up."""
 
@@ -106,7 +108,7 @@ def planned(
         trials += [Trial("clean", seed, (), noise)] * (number < clean)
         for name, place in every:
             group: Group = "outside" if rig.KINDS[name].outside else "one"
-            places = (place,) if place else rig.KINDS[name].allowed
+            places = (place,) if place else _places(name)
             hidden = ((name, places[seed % len(places)]),)
             wanted = number < (outside if group == "outside" else each)
             trials += [Trial(group, seed, hidden, noise)] * wanted
@@ -132,7 +134,12 @@ def _pair(seed: int) -> tuple[Place, ...]:
     one = core[rng.integers(len(core))]
     apart = [name for name in core if not {*CATALOGUE[one].classes} & {*CATALOGUE[name].classes}]
     names = one, apart[rng.integers(len(apart))]
-    return tuple((n, rig.KINDS[n].allowed[rng.integers(len(rig.KINDS[n].allowed))]) for n in names)
+    return tuple((n, _places(n)[rng.integers(len(_places(n)))]) for n in names)
+
+
+def _places(name: str) -> tuple[str, ...]:
+    """Where an effect can enter and be felt."""
+    return tuple(place for place in rig.KINDS[name].allowed if place not in UNFELT)
 
 
 def run_trial(trial: Trial, out: Path) -> str:
@@ -161,9 +168,9 @@ def run_trial(trial: Trial, out: Path) -> str:
 
 def _examined(trial: Trial, scratch: Path) -> dict[str, Any]:
     folder, options = _measured(trial, scratch)
-    started = time.perf_counter()
+    started = time.process_time()  # in this process alone; the clock on the wall tells of other work too
     closure = _closed(folder)
-    seconds = time.perf_counter() - started
+    seconds = time.process_time() - started
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     truth = json.loads(rig.truth_path(folder).read_text(encoding="utf-8"))["undeclared"]
     found = {"truth": truth, "closure": closure, "closing_s": seconds, "peak_mb": peak}
@@ -246,7 +253,9 @@ def _line(trial: Trial, content: dict[str, Any]) -> str:
         return f"{trial.label}, seed {trial.seed}: {content['fault']}"
     closure = content["closure"]
     found = ", ".join(f"{one['name']}@{one['enters']}" for one in closure["effects"]) or "nothing"
-    return f"{trial.label}, seed {trial.seed}: {closure['verdict']}, {found}, {content['closing_s']:.0f} s"
+    return (
+        f"{trial.label}, seed {trial.seed}: {closure['verdict']}, {found}, {content['closing_s']:.0f} CPU-s"
+    )
 
 
 def read_results(out: Path) -> list[dict[str, Any]]:
