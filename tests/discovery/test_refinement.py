@@ -165,6 +165,27 @@ def test_an_effect_is_dropped_where_the_model_does_as_well_without(
     assert len(path.chosen) == len(path.states) - 1 == len(path.states[-1].model.effects) == int(kept)
 
 
+def test_a_fit_that_was_stuck_goes_on_from_where_one_with_a_further_effect_ended() -> None:
+    with TemporaryDirectory() as scratch:
+        campaign = measured(Path(scratch) / "campaign")
+        loop = _Loop(campaign, identify_campaign(campaign), 1, silent)
+        right, member = loop.start(), CATALOGUE["cubic-stiffness"]
+        further = member.at("flexure_lo", ground=True).with_values(k3=1e5)
+        off = {"flexure_lo.stiffness.k": 0.99 * right.model.parameter("flexure_lo.stiffness.k").value}
+        stuck, beside = (
+            weigh(right.evidence.traces, replace(right.evidence.baseline, model=model), right.evidence.floors)
+            for model in (right.model.with_values(off), further.added_to(right.model))
+        )
+        one = Chosen(explanation(further, member, right.evidence), ())
+        far = replace(right, model=stuck.baseline.model, evidence=stuck)
+        path = Trail((right,)).longer(one, far)
+        freed = loop._freed(path, further, beside)
+        assert far.level > 1.2 > freed.last.level
+        assert not freed.last.model.effects
+        assert len(freed.states) == len(path.states)
+        assert loop._freed(Trail((far,)), further, beside).last is far  # only beside effects found before
+
+
 def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
     with TemporaryDirectory() as scratch:
         wrong_zero = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 0.0, "c_2": 0.0})

@@ -236,6 +236,8 @@ def test_every_core_effect_is_planned_once_for_every_seed() -> None:
 def test_places_are_visited_in_turn_unless_one_is_named() -> None:
     turns = planned(each=3, names=["cubic-stiffness"])
     assert [t.hidden[0][1] for t in turns] == ["joint", "flexure_lo", "flexure_so"]
+    hammers = planned(each=2, names=["force-gain"])
+    assert [t.hidden[0][1] for t in hammers] == ["sensor:force_lo"] * 2  # so is struck in one test alone
     named = planned(each=2, names=["cubic-stiffness@flexure_so"])
     assert [t.hidden[0][1] for t in named] == ["flexure_so"] * 2
     with pytest.raises(ValueError, match="cubic-stiffness"):
