@@ -72,9 +72,9 @@ def matters(
 
     ``settled``: more than noise is left, but next to nothing of what was; a force that is a per cent wrong
     leaves as much, and an effect that only mends another one's form lowers errors a little. ``closes``:
-    nothing but noise is left with the effect, more without; that errors do not rise is enough then.
+    nothing but noise is left with the effect, much more without; no error need fall by much then.
     """
-    least = _MATTERS_MORE if settled else -_MATTERS if closes else _MATTERS
+    least = _MATTERS_MORE if settled else 0.0 if closes else _MATTERS
     kind: Kind = "hold_out" if before["hold_out"]["motion_nrmse"] is not None else "training"
     ratios = [
         new / old

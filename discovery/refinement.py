@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
-from discovery.acceptance import QUIET, harms, is_sure, merit
+from discovery.acceptance import MATERIAL, QUIET, harms, is_sure, merit
 from discovery.at_rest import explain_at_rest
 from discovery.attribution import Probe, explain, explanation, screen, worth_fitting
 from discovery.baseline import Baseline
@@ -164,10 +164,17 @@ class _Loop:
             if found is None:
                 break
             one, beside = found
-            path, after = self._freed(path, one.best.effect, beside), self._settled(beside)
-            if not path.improves(after):
+            freed = self._freed(path, one.best.effect, beside)
+            one = (
+                replace(one, best=_told(one.best, freed.last.evidence, beside)) if freed is not path else one
+            )
+            state = self._settled(beside) if is_sure(one.best) else freed.last
+            if freed.improves(state):
+                path = self._without_needless(freed.longer(one, state))
+            elif freed is path:
                 break
-            path = self._without_needless(path.longer(one, after))
+            else:
+                path = freed  # with another residual, to be screened anew
         return path
 
     def _freed(self, path: Trail, effect: Added, beside: Evidence) -> Trail:
@@ -178,7 +185,9 @@ class _Loop:
         if not path.chosen or not isinstance(effect, Effect):
             return path
         anew = refitted(_lacking(beside, effect))
-        return path.ending(self._settled(anew)) if cost(anew) < cost(path.last.evidence) else path
+        if cost(anew) > (1 - MATERIAL) * cost(path.last.evidence):
+            return path
+        return path.ending(self._settled(anew))
 
     def _best_beside(self, state: State, explained: Sequence[Explanation]) -> tuple[Chosen, Evidence] | None:
         """The effect that leaves least where everything is refitted beside it, and what it leaves.
@@ -187,13 +196,13 @@ class _Loop:
         told by straight lines in the model's numbers, may be wrong: what suits the training records better
         than all others is then tried too, and judged where its fit ends.
         """
-        one, here = chosen(explained), state.evidence
+        one = chosen(explained)
         found = [] if one is None else [(one, self._beside(state, one.best))]
         first = max(explained, key=lambda e: float(e.gains(hold_out=False).sum()), default=None)
         loud = state.level > QUIET and first is not None and is_sure(first.of_training())
         if loud and first is not None and (one is None or first is not one.best):
             after = self._beside(state, first)
-            fitted = replace(first, before=here.costs(here.residual), after=after.costs(after.residual))
+            fitted = _told(first, state.evidence, after)
             found += [(Chosen(fitted, ()), after)] if is_sure(fitted) else []
         return min(found, key=lambda pair: float(np.sum(pair[1].residual ** 2)), default=None)
 
@@ -294,7 +303,7 @@ class _Loop:
         whose numbers uncoupled tests deny still is.
         """
         after = refitted(evidence)
-        if level(after) <= QUIET and not unlikely(after.baseline.model, after.baseline.ties):
+        if level(after) <= QUIET and not _denied(after):
             return after
         records: dict[str, list[SpectralRecord]] = {}
         for trace, part, _ in after.parts:
@@ -307,7 +316,17 @@ class _Loop:
             return after
         model = replace(anew, effects=near.effects, identification=None)
         other = refitted(weigh(after.traces, replace(after.baseline, model=model), after.floors))
-        return min(after, other, key=cost)
+        return min(after, other, key=lambda e: cost(e) * (1 + MATERIAL * bool(_denied(e))))
+
+
+def _told(one: Explanation, before: Evidence, after: Evidence) -> Explanation:
+    """What an effect explains by fits of everything without it and with it."""
+    return replace(one, before=before.costs(before.residual), after=after.costs(after.residual))
+
+
+def _denied(evidence: Evidence) -> tuple[str, ...]:
+    """Numbers of a model that uncoupled tests deny."""
+    return unlikely(evidence.baseline.model, evidence.baseline.ties)
 
 
 def _lacking(evidence: Evidence, effect: Effect) -> Evidence:

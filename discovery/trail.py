@@ -15,6 +15,8 @@ from rom.flexures import unlikely
 
 FAR_LESS = 0.7
 """Of a level: one that is no matter of chance."""
+CLOSES = 0.2
+"""Of what was beyond noise: an effect that leaves no more closes the residual."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +55,11 @@ class Trail:
         return replace(self, states=(*self.states[:-1], state))
 
     def without(self, place: int, state: State) -> Trail:
-        """The trail without one of its effects; ``state`` is its last model then."""
+        """The trail without one of its effects and the model that it led to; ``state`` is then the last."""
+        kept = min(place + 1, len(self.chosen) - 1)
         return replace(
             self,
-            states=(*self.states[:place], *self.states[place + 1 : -1], state),
+            states=(*self.states[:kept], *self.states[kept + 1 : -1], state),
             chosen=(*self.chosen[:place], *self.chosen[place + 1 :]),
         )
 
@@ -73,13 +76,14 @@ class Trail:
         return is_quiet(self.tension[-1].level, self.tension[0].level)
 
     def improves(self, after: State) -> bool:
-        """Whether a state is better than the last one by what matters, or makes loud residuals quiet."""
-        loud = self.last.level > QUIET
+        """Whether a state is better than the last one by what matters, or leaves noise alone at last."""
+        before = self.last.level
+        loud = before > QUIET
         return matters(
             self.last.errors,
             after.errors,
             settled=loud and self.is_quiet,
-            closes=loud and is_quiet(after.level, self.last.level),
+            closes=loud and after.level <= QUIET and after.level - 1 <= CLOSES * (before - 1),
         )
 
     def or_better(self, other: Trail) -> Trail:

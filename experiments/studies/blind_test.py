@@ -173,7 +173,7 @@ def _examined(trial: Trial, scratch: Path) -> dict[str, Any]:
     seconds = time.process_time() - started
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     truth = json.loads(rig.truth_path(folder).read_text(encoding="utf-8"))["undeclared"]
-    found = {"truth": truth, "closure": closure, "closing_s": seconds, "peak_mb": peak}
+    found = {"truth": truth, "closure": closure, "closing_cpu_s": seconds, "peak_mb": peak}
     return found | {"oracle": _oracle(trial, folder, truth, closure, options)}
 
 
@@ -253,9 +253,8 @@ def _line(trial: Trial, content: dict[str, Any]) -> str:
         return f"{trial.label}, seed {trial.seed}: {content['fault']}"
     closure = content["closure"]
     found = ", ".join(f"{one['name']}@{one['enters']}" for one in closure["effects"]) or "nothing"
-    return (
-        f"{trial.label}, seed {trial.seed}: {closure['verdict']}, {found}, {content['closing_s']:.0f} CPU-s"
-    )
+    cpu_s = content["closing_cpu_s"]
+    return f"{trial.label}, seed {trial.seed}: {closure['verdict']}, {found}, {cpu_s:.0f} CPU-s"
 
 
 def read_results(out: Path) -> list[dict[str, Any]]:

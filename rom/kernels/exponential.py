@@ -199,7 +199,11 @@ def _run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
     total[:] = 0.0
     tick, level, sample, mobility = 0, 0, 1.0 / task.rate, 0.0
     end, bin = TICKS * (task.edges[-1] - 1), 0
-    wait, patience = 0, 1  # where sweeps did not converge longer blocks are not tried again at once
+    longer, wait, patience = (
+        False,
+        0,
+        1,
+    )  # where longer blocks do not converge they are not tried again at once
     for i in range(program.size[0]):
         mobility = max(mobility, 1.0 / p[i])
     if out.size:
@@ -223,8 +227,9 @@ def _run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
         error = max(impulse * mobility / scale[0] / MOTION, tension / scale[1], state / MOTION)
         if level > 0 and not (solved and error <= allowed):
             level -= 1
-            if not solved:
+            if longer and not solved:
                 patience = wait = min(2 * patience, PATIENCE)
+            longer = False
             continue
         if not _finite(block, error):
             return
@@ -239,9 +244,10 @@ def _run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
             linearise(program, p, block, tables)
             _restart(program, p, block, tick * sample / TICKS)
         wait -= 1
-        if wait <= 0 and error * 40.0 < allowed and level < LEVELS - 1:
+        patience = 1 if wait < -CALM else patience
+        longer = wait <= 0 and error * 40.0 < allowed and level < LEVELS - 1
+        if longer:
             level += 1
-            patience = 1 if wait < -CALM else patience
     report[REACHED] += 1.0
 
 

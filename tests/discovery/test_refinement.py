@@ -167,23 +167,28 @@ def test_an_effect_is_dropped_where_the_model_does_as_well_without(
 
 def test_a_fit_that_was_stuck_goes_on_from_where_one_with_a_further_effect_ended() -> None:
     with TemporaryDirectory() as scratch:
-        campaign = measured(Path(scratch) / "campaign")
+        campaign = measured(Path(scratch) / "campaign", (CUBIC,))
         loop = _Loop(campaign, identify_campaign(campaign), 1, silent)
-        right, member = loop.start(), CATALOGUE["cubic-stiffness"]
-        further = member.at("flexure_lo", ground=True).with_values(k3=1e5)
-        off = {"flexure_lo.stiffness.k": 0.99 * right.model.parameter("flexure_lo.stiffness.k").value}
-        stuck, beside = (
-            weigh(right.evidence.traces, replace(right.evidence.baseline, model=model), right.evidence.floors)
-            for model in (right.model.with_values(off), further.added_to(right.model))
-        )
-        one = Chosen(explanation(further, member, right.evidence), ())
-        far = replace(right, model=stuck.baseline.model, evidence=stuck)
-        path = Trail((right,)).longer(one, far)
-        freed = loop._freed(path, further, beside)
+        first, cubic = loop.start(), CATALOGUE["cubic-stiffness"].at("flexure_lo", ground=True)
+        drag = CATALOGUE["quadratic-damping"].at("joint").with_values(c2=1e-3)
+
+        def weighed(model: rom.Model) -> Evidence:
+            return weigh(
+                first.evidence.traces, replace(first.evidence.baseline, model=model), first.evidence.floors
+            )
+
+        right = refitted(weighed(cubic.with_values(k3=1e9).added_to(first.model))).baseline.model
+        off = {"flexure_lo.stiffness.k": 0.99 * right.parameter("flexure_lo.stiffness.k").value}
+        stuck, beside = weighed(right.with_values(off)), weighed(drag.added_to(right))
+        far = replace(first, model=stuck.baseline.model, evidence=stuck)
+        one = Chosen(explanation(cubic, CATALOGUE["cubic-stiffness"], first.evidence), ())
+        path = Trail((first,)).longer(one, far)
+        freed = loop._freed(path, drag, beside)
         assert far.level > 1.2 > freed.last.level
-        assert not freed.last.model.effects
+        assert [effect.name for effect in freed.last.model.effects] == ["cubic-stiffness"]
         assert len(freed.states) == len(path.states)
-        assert loop._freed(Trail((far,)), further, beside).last is far  # only beside effects found before
+        assert loop._freed(freed, drag, beside) is freed  # no better than it is
+        assert loop._freed(Trail((far,)), drag, beside).last is far  # only beside effects found before
 
 
 def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:

@@ -71,7 +71,7 @@ def result(
         "truth": truth,
         "closure": {"verdict": verdict, "effects": effects, "errors": {"hold_out": held_out}},
         "oracle": {"hold_out": errors(0.04, 0.25)},
-        "closing_s": 60.0,
+        "closing_cpu_s": 60.0,
         "peak_mb": 1300.0,
     }
 

@@ -1,0 +1,59 @@
+"""The models of a closed loop, one after the other: which are kept, which are better, and the verdict."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+import rom
+from discovery.trail import Trail
+
+
+def state(level: float, error: float = 1.0) -> Any:
+    held = {"motion_nrmse": error, "relative_motion_nrmse": error}
+    evidence = SimpleNamespace(baseline=SimpleNamespace(ties=()))
+    return SimpleNamespace(
+        level=level, errors={"hold_out": held, "training": held}, model=rom.paper_model(), evidence=evidence
+    )
+
+
+@pytest.mark.parametrize(
+    ("place", "kept"),
+    [(0, ["declared", "c", "end"]), (1, ["declared", "a", "end"]), (2, ["declared", "a", "end"])],
+)
+def test_with_an_effect_goes_the_model_that_it_led_to(place: int, kept: list[str]) -> None:
+    names: Any = ("declared", "a", "b" if place else "c", "d")
+    path = Trail(names, ("one", "two", "three")).without(place, "end")  # type: ignore[arg-type]
+    assert list(path.states) == kept
+    assert len(path.chosen) == len(path.states) - 1
+
+
+def test_the_only_effect_leaves_the_model_without_any() -> None:
+    assert Trail(("declared", "a"), ("one",)).without(0, "end").states == ("end",)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "error", "better"),
+    [
+        (6.6, 1.02, 0.999, True),  # noise alone is left
+        (6.6, 1.02, 1.01, False),  # but every error rose
+        (6.6, 1.5, 0.999, False),  # more than noise is left
+        (1.25, 1.18, 0.999, False),  # hardly less than before
+        (1.1, 1.0, 0.999, False),  # it was noise before
+        (1.1, 1.0, 0.97, True),
+        (6.6, 5.0, 0.97, True),
+    ],
+)
+def test_a_better_state_lowers_an_error_or_leaves_noise_alone(
+    before: float, after: float, error: float, better: bool
+) -> None:
+    assert Trail((state(before),)).improves(state(after, error)) is better
+
+
+def test_the_verdict_is_that_of_the_last_model() -> None:
+    declared = Trail((state(1.0),))
+    assert declared.verdict() == "no-effect"
+    assert Trail((state(5.0),)).verdict() == "unexplained"
+    assert Trail((state(5.0), state(1.0)), ("one",)).verdict() == "closed"  # type: ignore[arg-type]
