@@ -164,10 +164,7 @@ class _Loop:
             if found is None:
                 break
             one, beside = found
-            freed = self._freed(path, one.best.effect, beside)
-            one = (
-                replace(one, best=_told(one.best, freed.last.evidence, beside)) if freed is not path else one
-            )
+            freed, one = self._freed(path, one, beside)
             state = self._settled(beside) if is_sure(one.best) else freed.last
             if freed.improves(state):
                 path = self._without_needless(freed.longer(one, state))
@@ -177,17 +174,17 @@ class _Loop:
                 path = freed  # with another residual, to be screened anew
         return path
 
-    def _freed(self, path: Trail, effect: Added, beside: Evidence) -> Trail:
+    def _freed(self, path: Trail, one: Chosen, beside: Evidence) -> tuple[Trail, Chosen]:
         """Refit the last model from where a fit beside one more effect ended, if that leaves less.
 
-        A fit that was stuck may be freed by any further effect, which then gets the credit for it.
+        A fit that was stuck may be freed by any further effect, which would get the credit for it.
         """
-        if not path.chosen or not isinstance(effect, Effect):
-            return path
-        anew = refitted(_lacking(beside, effect))
+        if not path.chosen or not isinstance(one.best.effect, Effect):
+            return path, one
+        anew = refitted(_lacking(beside, one.best.effect))
         if cost(anew) > (1 - MATERIAL) * cost(path.last.evidence):
-            return path
-        return path.ending(self._settled(anew))
+            return path, one
+        return path.ending(self._settled(anew)), replace(one, best=_told(one.best, anew, beside))
 
     def _best_beside(self, state: State, explained: Sequence[Explanation]) -> tuple[Chosen, Evidence] | None:
         """The effect that leaves least where everything is refitted beside it, and what it leaves.
@@ -229,10 +226,10 @@ class _Loop:
             ]
             one = chosen(known if apart else told.explanations)
             sure = {e.effect.path for e in told.explanations if is_sure(e)}
-            after = (
-                self.adopt(last, one.best) if one is not None and len(path.chosen) < MOST_EFFECTS else None
-            )
-            if one is None or after is None or harms(last.errors, after.errors):
+            if one is None or len(path.chosen) >= MOST_EFFECTS:
+                return path
+            after = self.adopt(last, one.best)
+            if harms(last.errors, after.errors):
                 return path
             before, path = path, path.longer(one, after)
 

@@ -181,14 +181,17 @@ def test_a_fit_that_was_stuck_goes_on_from_where_one_with_a_further_effect_ended
         off = {"flexure_lo.stiffness.k": 0.99 * right.parameter("flexure_lo.stiffness.k").value}
         stuck, beside = weighed(right.with_values(off)), weighed(drag.added_to(right))
         far = replace(first, model=stuck.baseline.model, evidence=stuck)
-        one = Chosen(explanation(cubic, CATALOGUE["cubic-stiffness"], first.evidence), ())
-        path = Trail((first,)).longer(one, far)
-        freed = loop._freed(path, drag, beside)
+        path = Trail((first,)).longer(
+            Chosen(explanation(cubic, CATALOGUE["cubic-stiffness"], first.evidence), ()), far
+        )
+        further = Chosen(explanation(drag, CATALOGUE["quadratic-damping"], stuck), ())
+        freed, told = loop._freed(path, further, beside)
         assert far.level > 1.2 > freed.last.level
         assert [effect.name for effect in freed.last.model.effects] == ["cubic-stiffness"]
         assert len(freed.states) == len(path.states)
-        assert loop._freed(freed, drag, beside) is freed  # no better than it is
-        assert loop._freed(Trail((far,)), drag, beside).last is far  # only beside effects found before
+        assert told.best.share() < 0.01  # the credit is not its own
+        assert loop._freed(freed, further, beside) == (freed, further)  # no better than it is
+        assert loop._freed(Trail((far,)), further, beside)[0].last is far  # only beside effects found before
 
 
 def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
