@@ -13,7 +13,7 @@ from discovery.closure import ErrorsByKind
 from discovery.state import refitted, set_aside, settled
 from discovery.tracing import Evidence, gather, starting
 from rom.campaign import Campaign
-from rom.effects import Added, candidates
+from rom.effects import Added, LawChange, candidates
 from rom.identification import identify_campaign
 
 __all__ = ["declared_errors", "oracle_errors"]
@@ -35,6 +35,8 @@ def oracle_errors(campaign: Campaign, twin: Campaign, truths: Sequence[Truth]) -
     The fit starts from the true effects and from the model that is identified from a twin: an undeclared
     effect can lead the identification itself astray, and what starts from there is no oracle. Numbers of the
     model, of forces and of gamma(T) are refitted; faults of sensors and changes of the tension law stay true.
+    Beside such a change gamma(T) is the twin's: learned test by test, as it is, it would be that of what a
+    change which brings nearly all of a loss leaves over, of either sign.
 
     Parameters
     ----------
@@ -59,7 +61,8 @@ def oracle_errors(campaign: Campaign, twin: Campaign, truths: Sequence[Truth]) -
     for truth in truths:
         model = _true(truth, declared).added_to(model)
     evidence = gather(campaign, replace(baseline, model=model), aside, declared.floors)
-    return settled(campaign, found, refitted(evidence)).errors
+    changed = any(isinstance(effect, LawChange) for effect in model.effects)
+    return settled(campaign, found, refitted(evidence), learned=changed).errors
 
 
 def _true(truth: Truth, evidence: Evidence) -> Added:
