@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
-from discovery.acceptance import MATERIAL, QUIET, harms, is_sure, merit
+from discovery.acceptance import MATERIAL, QUIET, harms, is_quiet, is_sure, merit
 from discovery.at_rest import explain_at_rest
 from discovery.attribution import Probe, explain, explanation, screen, worth_fitting
 from discovery.baseline import Baseline
-from discovery.closure import Closure, Step
+from discovery.closure import Closure, Screened, Step
 from discovery.disturbances import explain_disturbances
 from discovery.explanation import Explanation
 from discovery.force_loop import close_forces
@@ -157,10 +157,8 @@ class _Loop:
         for _ in range(2 * MOST_EFFECTS):
             if len(path.chosen) >= MOST_EFFECTS:
                 break
-            evidence = path.last.evidence
-            probes = screen(evidence, self.jobs, self.stage("screening effects"))
-            path = replace(path, screened=path.screened or screened(probes, evidence))
-            found = self._best_beside(path.last, self._explained(probes, evidence))
+            found, first = self._most_helpful(path.last)
+            path = replace(path, screened=path.screened or first)
             if found is None:
                 break
             one, beside = found
@@ -173,6 +171,23 @@ class _Loop:
             else:
                 path = freed  # with another residual, to be screened anew
         return path
+
+    def _most_helpful(self, state: State) -> tuple[tuple[Chosen, Evidence] | None, tuple[Screened, ...]]:
+        """The effect that leaves least, what it leaves, and the first screen.
+
+        Far from the plant by slopes that hold from afar; where that leaves more than next to nothing by those
+        nearby too, since a law of the tension is far from linear in its numbers.
+        """
+        found, first = None, tuple[Screened, ...]()
+        for evidence in (state.evidence, replace(state.evidence, from_afar=None)):
+            probes = screen(evidence, self.jobs, self.stage("screening effects"))
+            first = first or screened(probes, evidence)
+            explained = self._explained(probes, evidence)
+            other = self._best_beside(replace(state, evidence=evidence), explained)
+            found = min((one for one in (found, other) if one), key=_left, default=None)
+            if state.evidence.from_afar is None or (found and is_quiet(level(found[1]), state.level)):
+                break
+        return found, first
 
     def _freed(self, path: Trail, one: Chosen, beside: Evidence) -> tuple[Trail, Chosen]:
         """Refit the last model from where a fit beside one more effect ended, if that leaves less.
@@ -201,7 +216,7 @@ class _Loop:
             after = self._beside(state, first)
             fitted = _told(first, state.evidence, after)
             found += [(Chosen(fitted, ()), after)] if is_sure(fitted) else []
-        return min(found, key=lambda pair: float(np.sum(pair[1].residual ** 2)), default=None)
+        return min(found, key=_left, default=None)
 
     def in_tension(self, path: Trail) -> Trail:
         """Add effects in the tension and its gauge, which hardly show in the motion, until none helps.
@@ -314,6 +329,11 @@ class _Loop:
         model = replace(anew, effects=near.effects, identification=None)
         other = refitted(weigh(after.traces, replace(after.baseline, model=model), after.floors))
         return min(after, other, key=lambda e: cost(e) * (1 + MATERIAL * bool(_denied(e))))
+
+
+def _left(one: tuple[Chosen, Evidence]) -> float:
+    """Cost of what an effect leaves, of all records."""
+    return float(np.sum(one[1].residual ** 2))
 
 
 def _told(one: Explanation, before: Evidence, after: Evidence) -> Explanation:

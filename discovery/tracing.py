@@ -4,11 +4,19 @@ The output error of the motion is taken in the frequency domain, where neither f
 (`rom.spectra`): linear parts of the model stand in its transfer function, everything else (a tension that
 falls during the test, effects) is a force along the motion that was measured. So the residual is linear in
 the strength of a missing effect however large that is, and stays in phase.
+
+The same holds for the model's own numbers. Along the measured motion Y, whatever the model,
+
+    Z(theta + d) Y = F   <=>   Y - H(theta) F = -H(theta) (Z(theta + d) - Z(theta)) Y
+
+so slopes along Y hold for changes d of any size, while those of H, which are along the model's own motion,
+hold nearby alone. But Y has the sensors' noise in it, which a regression takes for less slope (errors in
+variables; L. Ljung, System Identification, 1999, section 7.6): where noise alone is left, those of H count.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -27,11 +35,22 @@ from rom.kernels.prescribed import force_of_effects
 from rom.model import Model
 from rom.noise_floor import Group, NoiseFloor, before_hit, noise_floors, quiet_seconds
 from rom.own_numbers import own_names
-from rom.spectra import CORNER, ComplexArray, Linearised, SpectralRecord, linearise
+from rom.spectra import (
+    CORNER,
+    STRUCTURAL,
+    ComplexArray,
+    Linearised,
+    SpectralRecord,
+    Term,
+    key,
+    linearise,
+    step_unit,
+)
 from rom.ties import ALIGNED
 
 MOTION_TESTS = ("uncoupled", "coupled", "loosening")
 _SUBSTEPS = 2
+_AFAR = 10.0  # times noise: what integrating and filtering do to the measured motion is less
 _SAME = 1e-9  # of the largest singular value: directions that the slopes do not tell
 _MEDIAN_SQUARE = 0.4549  # of a normal number
 
@@ -51,6 +70,8 @@ class Evidence:
         Slopes of the output by the numbers named in `names`.
     owner : ndarray of int, shape (rows,)
         Place in `traces` of every row's record; `training` tells rows that may be fitted to.
+    from_afar : ndarray, shape (rows, numbers), or None
+        Slopes along the measured motion, used in place of `jacobian` where far more than noise is left.
     """
 
     traces: tuple[Trace, ...]
@@ -61,6 +82,12 @@ class Evidence:
     jacobian: FloatArray
     names: tuple[str, ...]
     owner: npt.NDArray[np.int64]
+    from_afar: FloatArray | None = None
+
+    @property
+    def slopes(self) -> FloatArray:
+        """Slopes that suit the distance from the plant."""
+        return self.jacobian if self.from_afar is None else self.from_afar
 
     @cached_property
     def training(self) -> npt.NDArray[np.bool_]:
@@ -92,6 +119,7 @@ class Evidence:
             parts=tuple(one for one in self.parts if one[0].settings.file in files),
             residual=self.residual[rows],
             jacobian=self.jacobian[rows],
+            from_afar=None if self.from_afar is None else self.from_afar[rows],
             owner=np.searchsorted(kept, self.owner[rows]),
         )
 
@@ -107,7 +135,7 @@ class Evidence:
         In units that make all numbers' slopes one: a number that only a tie knows, its record being left out,
         counts like all others.
         """
-        stacked = np.concatenate([self.jacobian[self.training], self._tied[0]])
+        stacked = np.concatenate([self.slopes[self.training], self._tied[0]])
         unit = np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
         stacked /= unit
         left, size, right = np.linalg.svd(stacked, full_matrices=False)
@@ -125,7 +153,7 @@ class Evidence:
         ties = [tie for tie in self.baseline.ties if tie.factors.keys() <= values.keys()]
         mine = self.residual[self.training]
         if ties:
-            slopes = self.jacobian[self.training]
+            slopes = self.slopes[self.training]
             slopes /= np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
             told = np.linalg.lstsq(slopes, mine, rcond=_SAME)[0]
             beyond = float(np.sum((mine - slopes @ told) ** 2)) - QUIET * len(mine)
@@ -157,7 +185,7 @@ class Evidence:
     def left_over(self, rows: FloatArray) -> FloatArray:
         """All rows, held-out ones too, less what the numbers that suit the training rows explain."""
         steps = self.steps(rows)
-        return np.asarray(rows - self.jacobian @ np.array([steps[name] for name in self.names]))
+        return np.asarray(rows - self.slopes @ np.array([steps[name] for name in self.names]))
 
     def costs(self, rows: FloatArray) -> dict[str, float]:
         """Squares of whitened rows by record."""
@@ -248,34 +276,71 @@ def weigh(traces: Sequence[Trace], baseline: Baseline, floors: Mapping[Group, No
             first, last = part.samples
             seconds = (last - first) / trace.measurement.rate_hz
             linear = linearise(driven, values, floors[trace.group].whitener(part, values, seconds))
-            columns.append(_slopes(linear, baseline, trace.level))
+            terms = zip(linear.columns, linear.jacobian.T, strict=True)
+            columns.append(_by_number(terms, baseline, trace.level))
             parts.append((trace, driven, linear.thin()))
     names = tuple(dict.fromkeys(name for slopes in columns for name in slopes))
     places = {id(trace): place for place, trace in enumerate(traces)}
-    return Evidence(
+    owner = [np.full(len(linear.residual), places[id(trace)]) for trace, _, linear in parts]
+    evidence = Evidence(
         traces=tuple(traces),
         baseline=baseline,
         floors=floors,
         parts=tuple(parts),
         residual=np.concatenate([linear.residual for _, _, linear in parts]),
-        jacobian=np.concatenate(
-            [
-                np.stack([slopes.get(n, np.zeros(len(linear.residual))) for n in names], axis=1)
-                for (_, _, linear), slopes in zip(parts, columns, strict=True)
-            ]
-        ),
+        jacobian=_stacked(columns, names, owner),
         names=names,
-        owner=np.concatenate(
-            [np.full(len(linear.residual), places[id(trace)]) for trace, _, linear in parts]
-        ),
+        owner=np.concatenate(owner),
+    )
+    if np.sum(evidence.residual[evidence.training] ** 2) <= _AFAR * evidence.training.sum():
+        return evidence
+    afar = [_along_measured(*part, baseline) for part in parts]
+    every = [near | far for near, far in zip(columns, afar, strict=True)]
+    return replace(evidence, from_afar=_stacked(every, names, owner))
+
+
+def _stacked(
+    columns: Sequence[Mapping[str, FloatArray]], names: Sequence[str], rows: Sequence[npt.NDArray[np.int64]]
+) -> FloatArray:
+    """Slopes of all records by all numbers, (rows, numbers); none by those that a record does not have."""
+    return np.concatenate(
+        [
+            np.stack([slopes.get(name, np.zeros(len(own))) for name in names], axis=1)
+            for slopes, own in zip(columns, rows, strict=True)
+        ]
     )
 
 
-def _slopes(linear: Linearised, baseline: Baseline, level: float) -> dict[str, FloatArray]:
+def _along_measured(
+    trace: Trace, part: SpectralRecord, linear: Linearised, baseline: Baseline
+) -> dict[str, FloatArray]:
+    """Slopes along the motion that was measured, by the numbers of springs, dashpots and masses."""
+    values = baseline.values(part, trace.level)
+    moved = [
+        np.stack([trace.lines(motion[body], part, trace.stride) for body in trace.bodies], axis=1)
+        for motion in (trace.displacement, trace.velocity)
+    ]
+    motions = [*moved, 2j * np.pi * part.frequency[:, None] * moved[1]]  # but for the ends, projected out
+
+    def change(term: Term) -> FloatArray:
+        along = (motions[term.power] @ term.direction)[:, None]
+        return linear.projected(-(linear.gain @ term.direction) * along)
+
+    terms = [term for term in part.terms if term.free and term.matrix in STRUCTURAL]
+    names = [key(part, term) for term in terms]
+    units = [step_unit(term.name, values[name]) for term, name in zip(terms, names, strict=True)]
+    slopes = (change(term) * unit for term, unit in zip(terms, units, strict=True))
+    return _by_number(zip(names, slopes, strict=True), baseline, trace.level)
+
+
+def _by_number(
+    terms: Iterable[tuple[str, FloatArray]], baseline: Baseline, level: float
+) -> dict[str, FloatArray]:
+    """Slopes by the model's numbers of slopes by a record's coefficients."""
     found: dict[str, FloatArray] = {}
-    for column, name in enumerate(linear.columns):
-        for number, slope in baseline.slopes(name, level).items():
-            found[number] = found.get(number, 0.0) + slope * linear.jacobian[:, column]
+    for term, along in terms:
+        for number, slope in baseline.slopes(term, level).items():
+            found[number] = found.get(number, 0.0) + slope * along
     return found
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rom.output_error import ambient_forces, sensor_noise
+from rom.output_error import ambient_forces, sensor_noise, whitener
 from rom.processing import Measurement
 from rom.spectra import ComplexArray, FloatArray, Linearised, SpectralRecord, linearise, spectrum, transfer
 
@@ -40,8 +40,7 @@ class NoiseFloor:
         """Return S^-1/2 at the lines of a record's spectra over so many seconds."""
         nearest = np.clip(np.searchsorted(self.frequency, record.frequency), 0, len(self.frequency) - 1)
         gain = transfer(record, values)
-        ambient = gain @ self.ambient[nearest] @ gain.conj().swapaxes(1, 2)
-        return np.linalg.inv(np.linalg.cholesky((ambient + np.diag(self.sensor)) * seconds / 2))
+        return whitener(gain, self.ambient[nearest] * seconds / 2, self.sensor * seconds / 2)
 
 
 @dataclass(frozen=True)

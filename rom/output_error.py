@@ -74,10 +74,19 @@ def _whiteners(records: Sequence[SpectralRecord], parts: Sequence[Linearised]) -
         sensor = sensor_noise([parts[i] for i in members])
         ambient = ambient_forces(records[members[0]].frequency, [parts[i] for i in members], sensor)
         for i in members:
-            gain = parts[i].gain
-            total = gain @ ambient @ gain.conj().swapaxes(1, 2) + np.diag(sensor)
-            out[i] = np.linalg.inv(np.linalg.cholesky(total / 2))
+            out[i] = whitener(parts[i].gain, ambient / 2, sensor / 2)
     return out
+
+
+def whitener(gain: ComplexArray, ambient: ComplexArray, sensor: FloatArray) -> ComplexArray:
+    """Return S^-1/2 at every line with S = G Q G^H + R, (lines, channels, channels).
+
+    By the root of Q: where G is nearly singular, rounding would leave S less than no power.
+    """
+    level, direction = np.linalg.eigh(ambient)
+    answer = gain @ (direction * np.sqrt(np.maximum(level, 0.0))[:, None, :])
+    power = answer @ answer.conj().swapaxes(1, 2) + np.diag(sensor)
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(power)))
 
 
 def sensor_noise(parts: Sequence[Linearised]) -> FloatArray:

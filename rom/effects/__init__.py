@@ -11,6 +11,8 @@ from pkgutil import iter_modules
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from rom.effects.effect import Added, Effect, Motion, Reading, SensorFault
 from rom.effects.free_form import FREE_FORM, free_form
 from rom.effects.law_change import LawChange
@@ -119,7 +121,8 @@ def candidates(
 
 
 def _with_stiffness(member: Member, effect: Added, model: Model) -> Added:
-    """The effect with those parameters that are the stiffness law's own."""
+    """The effect with those parameters that are the stiffness law's own, as far as they are plausible."""
     laws = model.link_laws.get(effect.enters)
     law = laws.stiffness.parameters if laws is not None else {}
-    return effect.with_values(**{name: law[name].value for name in member.of_stiffness if name in law})
+    own = {name: law[name].value for name in member.of_stiffness if name in law}
+    return effect.with_values(**{n: float(np.clip(v, *effect.parameters[n].bounds)) for n, v in own.items()})

@@ -52,7 +52,7 @@ MEMBERS = (
         "Den Hartog, Mechanical Vibrations (1956), section 3.2",
         _extra_mode,
         state_units=("m", "m/s"),
-        inner={"f3": (80.0, 120.0, 180.0, 250.0, 350.0, 500.0, 700.0)},
+        inner={"f3": tuple(60.0 * 1.08**step for step in range(36))},
         passive=True,
     ),
     Member(

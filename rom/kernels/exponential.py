@@ -199,11 +199,7 @@ def _run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
     total[:] = 0.0
     tick, level, sample, mobility = 0, 0, 1.0 / task.rate, 0.0
     end, bin = TICKS * (task.edges[-1] - 1), 0
-    longer, wait, patience = (
-        False,
-        0,
-        1,
-    )  # where longer blocks do not converge they are not tried again at once
+    longer, wait, patience = False, 0, 1  # longer blocks that do not converge are not tried again at once
     for i in range(program.size[0]):
         mobility = max(mobility, 1.0 / p[i])
     if out.size:

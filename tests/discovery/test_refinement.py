@@ -95,6 +95,35 @@ def test_what_the_model_s_numbers_imitate_is_no_evidence() -> None:
     assert found.steps(0.01 * stiffer)["flexure_lo.stiffness"] == pytest.approx(0.01, rel=1e-6)
 
 
+def test_a_step_along_the_measured_motion_is_right_from_afar_where_one_along_the_model_s_is_not() -> None:
+    near = evidence()
+    far = weigh(near.traces, near.baseline.moved({"flexure_lo.stiffness": 0.3}), near.floors)
+    assert near.from_afar is None  # beside noise alone, noise in the motion would count
+    assert far.from_afar is not None
+    back, short = (
+        one.steps(one.residual)["flexure_lo.stiffness"] for one in (far, replace(far, from_afar=None))
+    )
+    assert back == pytest.approx(1 / 1.3 - 1, abs=0.01)
+    assert short != pytest.approx(1 / 1.3 - 1, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        Undeclared("one-sided-gap", "flexure_lo", {"k_g": 51e3, "delta": 3.35e-4, "side": 1.0}),
+        Undeclared("extra-mode", "body:so", {"m3": 0.05, "f3": 166.0, "zeta3": 0.013}),
+    ],
+)
+def test_an_effect_that_leads_the_first_fit_far_astray_is_told_by_what_holds_from_afar(
+    hidden: Undeclared,
+) -> None:
+    found = evidence(hidden)
+    assert level(found) > 100
+    first = screen(found)[0]
+    assert (first[0].effect.name, first[0].effect.enters) == (hidden.name, hidden.enters)
+    assert explain(first, found).share() > 0.95
+
+
 def test_a_test_is_proposed_that_tells_two_effects_apart_and_none_for_one_and_the_same() -> None:
     found = evidence(CUBIC)
     cubic = CATALOGUE["cubic-stiffness"].at("flexure_lo", ground=True).with_values(k3=1e9)

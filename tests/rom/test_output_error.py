@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rom.output_error import OutputErrorFit, fit_output_error
+from rom.output_error import OutputErrorFit, fit_output_error, whitener
 from rom.spectra import CORNER, DERIVATIVE_ORDER, SpectralRecord, Term, spectrum
 from tests.rom.lumped import noisy, pulse, random_force, respond
 
@@ -99,3 +99,17 @@ def test_samples_too_far_apart_for_the_pulse_widen_the_limits_and_shift_nothing(
 def test_no_record_is_refused() -> None:
     with pytest.raises(ValueError, match="at least one record"):
         fit_output_error([])
+
+
+def test_ambient_forces_through_bodies_that_hardly_move_apart_leave_power_on_all_channels() -> None:
+    rng = np.random.default_rng(0)
+    both, apart = rng.normal(size=(2, 200, 2, 1)) + 1j * rng.normal(size=(2, 200, 2, 1))
+    gain = both @ np.ones((1, 2)) + 1e-9 * apart @ np.array([[1.0, -1.0]])
+    ambient = np.broadcast_to(1e12 * np.array([[1.0, -1.0], [-1.0, 1.0]]) + np.eye(2), gain.shape)
+    sensor = np.array([3e-7, 8e-7])
+    found = whitener(gain, ambient.astype(complex), sensor)
+    assert np.isfinite(found).all()
+    together = np.linalg.norm(found @ gain @ np.ones(2) / np.sqrt(2), axis=1)
+    assert together.max() < 1.0 + 1e-6  # a unit of power that S holds
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(gain @ ambient @ gain.conj().swapaxes(1, 2) + np.diag(sensor))

@@ -98,6 +98,10 @@ def test_the_oscillating_stiffness_goes_along_the_law_of_its_joint():
     effect = next(e for m, e in candidates(model) if m.name == "oscillating-tension-stiffness")
     assert effect.parameters["alpha"].value == -0.03
     assert effect.parameters["beta"].value == 15.0
+    astray = replace(joint, stiffness=logistic_stiffness(8e5, -0.03, -5e7))
+    far = replace(model, link_laws={**model.link_laws, "joint": astray})
+    effect = next(e for m, e in candidates(far) if m.name == "oscillating-tension-stiffness")
+    assert effect.parameters["beta"].value == effect.parameters["beta"].bounds[0]
 
 
 def test_an_effects_parameters_vary_in_the_fast_path():
