@@ -47,6 +47,7 @@ from rom.own_numbers import own_names
 from rom.spectra import SpectralRecord
 
 MOST_EFFECTS = 3
+_AFAR = 10.0  # times noise: what integrating and filtering do to the measured motion is less
 
 
 def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None, seed: int = 0) -> Closure:
@@ -157,7 +158,7 @@ class _Loop:
         for _ in range(2 * MOST_EFFECTS):
             if len(path.chosen) >= MOST_EFFECTS:
                 break
-            found, first = self._most_helpful(path.last)
+            found, first = self._most_helpful(path)
             path = replace(path, screened=path.screened or first)
             if found is None:
                 break
@@ -172,20 +173,21 @@ class _Loop:
                 path = freed  # with another residual, to be screened anew
         return path
 
-    def _most_helpful(self, state: State) -> tuple[tuple[Chosen, Evidence] | None, tuple[Screened, ...]]:
+    def _most_helpful(self, path: Trail) -> tuple[tuple[Chosen, Evidence] | None, tuple[Screened, ...]]:
         """The effect that leaves least, what it leaves, and the first screen.
 
         Far from the plant by slopes that hold from afar; where that leaves more than next to nothing by those
         nearby too, since a law of the tension is far from linear in its numbers.
         """
-        found, first = None, tuple[Screened, ...]()
-        for evidence in (state.evidence, replace(state.evidence, from_afar=None)):
+        state, found, first = path.last, None, tuple[Screened, ...]()
+        for from_afar in (True, False) if state.level > _AFAR and not path.is_quiet else (False,):
+            evidence = replace(state.evidence, from_afar=from_afar)
             probes = screen(evidence, self.jobs, self.stage("screening effects"))
             first = first or screened(probes, evidence)
             explained = self._explained(probes, evidence)
             other = self._best_beside(replace(state, evidence=evidence), explained)
             found = min((one for one in (found, other) if one), key=_left, default=None)
-            if state.evidence.from_afar is None or (found and is_quiet(level(found[1]), state.level)):
+            if found and is_quiet(level(found[1]), state.level):
                 break
         return found, first
 

@@ -94,14 +94,12 @@ def settled(
 def refitted(evidence: Evidence) -> Evidence:
     """Gauss-Newton steps in all numbers of a model, those of its effects among them, on training records.
 
-    By slopes nearby, since those from afar are of another cost. Damped steps where a free one does not lower
-    the cost, none where that does not help either.
+    Damped ones where a free one does not lower the cost, none where that does not help either.
     """
     for _ in range(_REFITS):
         beside = with_effects(evidence)
-        near = replace(beside, from_afar=None)
         trials = (
-            weigh(evidence.traces, evidence.baseline.moved(near.steps(near.residual, d)), evidence.floors)
+            weigh(evidence.traces, evidence.baseline.moved(beside.steps(beside.residual, d)), evidence.floors)
             for d in _DAMPINGS
         )
         better = next((one for one in trials if cost(one) < cost(evidence)), None)
@@ -163,7 +161,7 @@ def cost(evidence: Evidence) -> float:
 
 def with_effects(evidence: Evidence) -> Evidence:
     """The same with slopes by the numbers of the model's own forces."""
-    columns, names = [], list(evidence.names)
+    columns, names = [evidence.jacobian], list(evidence.names)
     for effect in evidence.baseline.model.effects:
         if isinstance(effect, Effect):
             member = CATALOGUE.get(effect.name)
@@ -171,10 +169,7 @@ def with_effects(evidence: Evidence) -> Evidence:
             sizes = np.array([size_of(effect.parameters[name].value) for name in free])
             columns.append(slopes_of(effect, free, sizes, evidence))
             names += [effect_number(effect, name) for name in free]
-    near, afar = np.concatenate([evidence.jacobian, *columns], axis=1), evidence.from_afar
-    if afar is not None:
-        afar = np.concatenate([afar, *columns], axis=1)
-    return replace(evidence, jacobian=near, from_afar=afar, names=tuple(names))
+    return replace(evidence, jacobian=np.concatenate(columns, axis=1), names=tuple(names))
 
 
 def level(evidence: Evidence) -> float:

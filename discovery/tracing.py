@@ -50,7 +50,6 @@ from rom.ties import ALIGNED
 
 MOTION_TESTS = ("uncoupled", "coupled", "loosening")
 _SUBSTEPS = 2
-_AFAR = 10.0  # times noise: what integrating and filtering do to the measured motion is less
 _SAME = 1e-9  # of the largest singular value: directions that the slopes do not tell
 _MEDIAN_SQUARE = 0.4549  # of a normal number
 
@@ -70,8 +69,8 @@ class Evidence:
         Slopes of the output by the numbers named in `names`.
     owner : ndarray of int, shape (rows,)
         Place in `traces` of every row's record; `training` tells rows that may be fitted to.
-    from_afar : ndarray, shape (rows, numbers), or None
-        Slopes along the measured motion, used in place of `jacobian` where far more than noise is left.
+    from_afar : bool
+        Whether `slopes` are those along the measured motion, right for changes of any size, or `jacobian`.
     """
 
     traces: tuple[Trace, ...]
@@ -82,12 +81,19 @@ class Evidence:
     jacobian: FloatArray
     names: tuple[str, ...]
     owner: npt.NDArray[np.int64]
-    from_afar: FloatArray | None = None
+    from_afar: bool = False
 
-    @property
+    @cached_property
     def slopes(self) -> FloatArray:
-        """Slopes that suit the distance from the plant."""
-        return self.jacobian if self.from_afar is None else self.from_afar
+        """Slopes of the output by the numbers, that suit the distance from the plant; (rows, numbers)."""
+        if not self.from_afar:
+            return self.jacobian
+        found, place, done = self.jacobian.copy(), {name: k for k, name in enumerate(self.names)}, 0
+        for trace, part, linear in self.parts:
+            rows = slice(done, done := done + len(linear.residual))
+            for name, slope in _along_measured(trace, part, linear, self.baseline).items():
+                found[rows, place[name]] = slope
+        return found
 
     @cached_property
     def training(self) -> npt.NDArray[np.bool_]:
@@ -119,7 +125,6 @@ class Evidence:
             parts=tuple(one for one in self.parts if one[0].settings.file in files),
             residual=self.residual[rows],
             jacobian=self.jacobian[rows],
-            from_afar=None if self.from_afar is None else self.from_afar[rows],
             owner=np.searchsorted(kept, self.owner[rows]),
         )
 
@@ -281,33 +286,22 @@ def weigh(traces: Sequence[Trace], baseline: Baseline, floors: Mapping[Group, No
             parts.append((trace, driven, linear.thin()))
     names = tuple(dict.fromkeys(name for slopes in columns for name in slopes))
     places = {id(trace): place for place, trace in enumerate(traces)}
-    owner = [np.full(len(linear.residual), places[id(trace)]) for trace, _, linear in parts]
-    evidence = Evidence(
+    return Evidence(
         traces=tuple(traces),
         baseline=baseline,
         floors=floors,
         parts=tuple(parts),
         residual=np.concatenate([linear.residual for _, _, linear in parts]),
-        jacobian=_stacked(columns, names, owner),
+        jacobian=np.concatenate(
+            [
+                np.stack([slopes.get(n, np.zeros(len(linear.residual))) for n in names], axis=1)
+                for (_, _, linear), slopes in zip(parts, columns, strict=True)
+            ]
+        ),
         names=names,
-        owner=np.concatenate(owner),
-    )
-    if np.sum(evidence.residual[evidence.training] ** 2) <= _AFAR * evidence.training.sum():
-        return evidence
-    afar = [_along_measured(*part, baseline) for part in parts]
-    every = [near | far for near, far in zip(columns, afar, strict=True)]
-    return replace(evidence, from_afar=_stacked(every, names, owner))
-
-
-def _stacked(
-    columns: Sequence[Mapping[str, FloatArray]], names: Sequence[str], rows: Sequence[npt.NDArray[np.int64]]
-) -> FloatArray:
-    """Slopes of all records by all numbers, (rows, numbers); none by those that a record does not have."""
-    return np.concatenate(
-        [
-            np.stack([slopes.get(name, np.zeros(len(own))) for name in names], axis=1)
-            for slopes, own in zip(columns, rows, strict=True)
-        ]
+        owner=np.concatenate(
+            [np.full(len(linear.residual), places[id(trace)]) for trace, _, linear in parts]
+        ),
     )
 
 
