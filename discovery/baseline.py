@@ -103,7 +103,9 @@ class Baseline:
 
 
 def _within(law: Law, parameter: str, value: float) -> Law:
+    """The law with a value cut to its bounds; a step beyond all numbers, of a law gone astray, is none."""
     low, high = law.parameters[parameter].bounds
+    value = value if np.isfinite(value) else law.parameters[parameter].value
     return law.with_values(**{parameter: float(np.clip(value, low, high))})
 
 

@@ -71,3 +71,11 @@ def test_what_a_tie_holds_is_not_taken_off_a_residual() -> None:
 def test_moved_numbers_keep_their_ties() -> None:
     baseline = evidence(0.0).baseline
     assert baseline.moved({NAMES[0]: 0.1}).ties == baseline.ties
+
+
+def test_a_step_beyond_all_numbers_is_none() -> None:
+    baseline = Baseline(rom.paper_model(), {})
+    moved = baseline.moved({"joint.stiffness:alpha": np.inf, "joint.stiffness:beta": 0.1})
+    before, after = (one.model.link_laws["joint"].stiffness.parameters for one in (baseline, moved))
+    assert after["alpha"].value == before["alpha"].value
+    assert after["beta"].value == pytest.approx(1.1 * before["beta"].value)
