@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 import rom
+from discovery import refinement
 from discovery.baseline import Baseline
+from discovery.state import State, silent
 from discovery.tracing import Evidence
+from discovery.trail import Trail
 from rom.ties import Tie
 
 ROWS = 4000
@@ -79,3 +82,25 @@ def test_a_step_beyond_all_numbers_is_none() -> None:
     before, after = (one.model.link_laws["joint"].stiffness.parameters for one in (baseline, moved))
     assert after["alpha"].value == before["alpha"].value
     assert after["beta"].value == pytest.approx(1.1 * before["beta"].value)
+
+
+def test_slopes_from_afar_are_asked_only_far_from_the_plant_and_those_nearby_then_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[bool] = []
+
+    def screen(shown: Evidence, *_: object) -> tuple[()]:
+        asked.append(shown.from_afar)
+        return ()
+
+    def asked_at(*misfits: float) -> list[bool]:
+        asked.clear()
+        nothing: Any = None
+        states = (State(nothing, evidence(misfit), nothing, nothing) for misfit in misfits)
+        refinement._Loop(nothing, nothing, 1, silent)._most_helpful(Trail(tuple(states)))
+        return list(asked)
+
+    monkeypatch.setattr(refinement, "screen", screen)
+    assert asked_at(0.0) == asked_at(1.0) == [False]
+    assert asked_at(20.0) == [True, False]
+    assert asked_at(60.0, 5.0) == [False]  # next to nothing of what was there
