@@ -52,6 +52,14 @@ class Quiet:
     frequency: FloatArray
     seconds: float
 
+    def between(self, first: int, end: int) -> Quiet:
+        """Return the same with some of its lines."""
+        lines = slice(first, end)
+        left_over = replace(
+            self.left_over, unweighted=self.left_over.unweighted[lines], gain=self.left_over.gain[lines]
+        )
+        return replace(self, left_over=left_over, frequency=self.frequency[lines])
+
 
 def segment_before_hit(
     measurement: Measurement,
@@ -98,9 +106,10 @@ def quiet_seconds(measurements: Sequence[Measurement]) -> float:
 
 def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseFloor]:
     """Return the floor of every group; ambient forces of a body come from a group of quiet sensors."""
-    members: dict[Group, list[Quiet]] = {}
+    groups: dict[Group, list[Quiet]] = {}
     for one in quiet:
-        members.setdefault(one.group, []).append(one)
+        groups.setdefault(one.group, []).append(one)
+    members = {group: _alike(ones) for group, ones in groups.items()}
     sensors = {
         group: sensor_noise([one.left_over for one in ones]) / ones[0].seconds
         for group, ones in members.items()
@@ -115,6 +124,14 @@ def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseFloor]:
         density = ambient[:, place][:, :, place] / ones[0].seconds
         found[group] = NoiseFloor(group[1], sensors[group], ones[0].frequency, density)
     return found
+
+
+def _alike(quiet: Sequence[Quiet]) -> list[Quiet]:
+    """Return the same with the lines that all of them have: each is filtered for its own first mode."""
+    lowest = max(one.frequency[0] for one in quiet)
+    first = [int(np.argmin(np.abs(one.frequency - lowest))) for one in quiet]
+    count = min(len(one.frequency) - at for one, at in zip(quiet, first, strict=True))
+    return [one.between(at, at + count) for one, at in zip(quiet, first, strict=True)]
 
 
 def _source(
