@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from discovery.closure import ErrorsByKind, Kind
 from discovery.explanation import Explanation
 from rom.residuals import Errors
@@ -17,6 +19,7 @@ ALIKE = 12.0
 """Difference in cost within chance."""
 _NEAR = 0.05  # of the gain: what a slightly wrong form of the right effect may lose
 _MATTERS, _MATTERS_MORE = 0.02, 0.1  # of an error
+_SCATTER = 0.2  # of an error of few records that is noise for the most part
 _HARM = 1.5  # times an error
 _LEFT = 0.03  # of what was beyond noise
 
@@ -39,10 +42,15 @@ def merit(one: Explanation) -> float:
 
 
 def is_sure(one: Explanation) -> bool:
-    """Whether an effect explains more than any of the catalogue would by chance, on held-out records too."""
+    """Whether an effect explains more than any of the catalogue would by chance, on held-out records too.
+
+    One in the motion must not suit a few of these, whose tension may be misread, at the cost of most others.
+    """
     trained, held_out = _OF_TENSION if in_tension(one) else _OF_MOTION
     spread, unseen = spread_of(one), one.gains(hold_out=True)
     if float(one.gains(hold_out=False).sum()) / spread <= trained or one.share() <= MATERIAL:
+        return False
+    if not in_tension(one) and 2 * int(np.sum(unseen > 0)) < unseen.size:
         return False
     return not unseen.size or float(unseen.sum()) / spread > held_out
 
@@ -72,7 +80,8 @@ def matters(
 
     ``settled``: more than noise is left, but next to nothing of what was; a force that is a per cent wrong
     leaves as much, and an effect that only mends another one's form lowers errors a little. ``closes``:
-    nothing but noise is left with the effect, much more without; no error need fall by much then.
+    nothing but noise is left with the effect, much more without; no error need fall by much then, and one of
+    a few records, themselves near their noise, may rise.
     """
     least = _MATTERS_MORE if settled else 0.0 if closes else _MATTERS
     kind: Kind = "hold_out" if before["hold_out"]["motion_nrmse"] is not None else "training"
@@ -81,7 +90,7 @@ def matters(
         for name in ("motion_nrmse", "relative_motion_nrmse")
         if (old := _error(before[kind], name)) and (new := _error(after[kind], name)) is not None
     ]
-    return bool(ratios) and min(ratios) <= 1 - least and max(ratios) <= 1 + _MATTERS
+    return bool(ratios) and min(ratios) <= 1 - least and max(ratios) <= 1 + (_SCATTER if closes else _MATTERS)
 
 
 def harms(before: ErrorsByKind, after: ErrorsByKind) -> bool:

@@ -8,7 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from rom.effects import Added
+from rom.effects import Added, with_stiffness
+from rom.flexures import without_modes
 from rom.laws import Law
 from rom.linear import UNCOUPLED
 from rom.model import LinkLaws, Model
@@ -88,7 +89,13 @@ class Baseline:
                 model = _with_effect_step(model, name, step)
             else:
                 model = _with_step(model, name, step)
+        model = replace(model, effects=tuple(with_stiffness(effect, model) for effect in model.effects))
         return replace(self, model=model, corners=corners)
+
+    @cached_property
+    def believed(self) -> tuple[Tie, ...]:
+        """The ties that hold beside the model's effects: a link's own test shows what acts in it too."""
+        return without_modes(self.ties, {effect.enters for effect in self.model.effects})
 
     @cached_property
     def _masses(self) -> dict[str, float]:

@@ -35,11 +35,11 @@ from discovery.state import (
     with_law,
 )
 from discovery.tension_attribution import explain_tension
-from discovery.tracing import Evidence, gather, starting, weigh
+from discovery.tracing import Evidence, gather, noise_of, starting, weigh
 from discovery.trail import FAR_LESS, Chosen, Trail, chosen, courses
 from rom.campaign import Campaign
 from rom.driven import is_driven
-from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, SensorFault
+from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, SensorFault, with_stiffness
 from rom.flexures import as_uncoupled, unlikely
 from rom.identification import Identification, identify_campaign, reidentified
 from rom.noise_floor import Group, NoiseFloor
@@ -47,6 +47,7 @@ from rom.own_numbers import own_names
 from rom.spectra import SpectralRecord
 
 MOST_EFFECTS = 3
+_LOUDER = 2.0  # in power
 _AFAR = 10.0  # times noise: what integrating and filtering do to the measured motion is less
 
 
@@ -151,7 +152,7 @@ class _Loop:
     def in_motion(self, path: Trail, given: Chosen | None = None) -> Trail:
         """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
         if given is not None:
-            after = self.adopt(path.last, given.best)
+            after = self._settled(_sharpened(self._beside(path.last, given.best)))
             if not path.improves(after):
                 return path
             path = path.longer(given, after)
@@ -164,7 +165,7 @@ class _Loop:
                 break
             one, beside = found
             freed, one = self._freed(path, one, beside)
-            state = self._settled(beside) if is_sure(one.best) else freed.last
+            state = self._settled(_sharpened(beside)) if is_sure(one.best) else freed.last
             if freed.improves(state):
                 path = self._without_needless(freed.longer(one, state))
             elif freed is path:
@@ -325,12 +326,23 @@ class _Loop:
                 records.setdefault(trace.settings.file, []).append(part)
         near, parts = after.baseline.model, [tuple(parts) for parts in records.values()]
         try:
-            anew = reidentified(self.found, parts, self.campaign.settings)
+            anew = reidentified(
+                self.found, parts, self.campaign.settings, {effect.enters for effect in near.effects}
+            )
         except np.linalg.LinAlgError:  # forces along a motion that is nowhere near the measured one
             return after
-        model = replace(anew, effects=near.effects, identification=None)
+        effects = tuple(with_stiffness(effect, anew) for effect in near.effects)
+        model = replace(anew, effects=effects, identification=None)
         other = refitted(weigh(after.traces, replace(after.baseline, model=model), after.floors))
         return min(after, other, key=lambda e: cost(e) * (1 + MATERIAL * bool(_denied(e))))
+
+
+def _sharpened(evidence: Evidence) -> Evidence:
+    """Refit beside the noise of bodies struck alone as it is now, where an effect had passed for it."""
+    floors = noise_of(evidence.baseline, evidence.traces)
+    if all(old.sensor.max() < _LOUDER * floors[group].sensor.max() for group, old in evidence.floors.items()):
+        return evidence
+    return refitted(weigh(evidence.traces, evidence.baseline, floors))
 
 
 def _left(one: tuple[Chosen, Evidence]) -> float:
@@ -345,7 +357,7 @@ def _told(one: Explanation, before: Evidence, after: Evidence) -> Explanation:
 
 def _denied(evidence: Evidence) -> tuple[str, ...]:
     """Numbers of a model that uncoupled tests deny."""
-    return unlikely(evidence.baseline.model, evidence.baseline.ties)
+    return unlikely(evidence.baseline.model, evidence.baseline.believed)
 
 
 def _lacking(evidence: Evidence, effect: Effect) -> Evidence:

@@ -155,7 +155,7 @@ class Evidence:
         a change of the model's numbers.
         """
         values = constants(self.baseline.model)
-        ties = [tie for tie in self.baseline.ties if tie.factors.keys() <= values.keys()]
+        ties = [tie for tie in self.baseline.believed if tie.factors.keys() <= values.keys()]
         mine = self.residual[self.training]
         if ties:
             slopes = self.slopes[self.training]
@@ -236,7 +236,7 @@ def gather(
     """
     records = [r for r in campaign.select(MOTION_TESTS) if r.file not in set_aside]
     traces = trace_records(campaign, baseline, records, progress)
-    return weigh(traces, baseline, _floors(baseline, traces) if floors is None else floors)
+    return weigh(traces, baseline, noise_of(baseline, traces) if floors is None else floors)
 
 
 def starting(found: Identification, model: Model) -> Baseline:
@@ -247,7 +247,7 @@ def starting(found: Identification, model: Model) -> Baseline:
     return Baseline(replace(model, identification=None), corners, ties)
 
 
-def _floors(baseline: Baseline, traces: Sequence[Trace]) -> Mapping[Group, NoiseFloor]:
+def noise_of(baseline: Baseline, traces: Sequence[Trace]) -> Mapping[Group, NoiseFloor]:
     """Floors from before the hits; a body struck alone gets what its own residual asks for, if more.
 
     There a hit accelerates the sensor's body at once, faster than samples follow, and no joint is seen.

@@ -94,7 +94,7 @@ class Trail:
 
     def doubts(self) -> tuple[str, ...]:
         """Reasons to doubt that the last model is near its plant: numbers that uncoupled tests deny."""
-        return unlikely(self.last.model, self.last.evidence.baseline.ties)
+        return unlikely(self.last.model, self.last.evidence.baseline.believed)
 
     def verdict(self) -> Verdict:
         """What is to be said of the declared model."""

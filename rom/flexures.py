@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -124,6 +124,11 @@ def of_stiffness(ties: Sequence[Tie]) -> tuple[Tie, ...]:
     """Return the ties of stiffnesses alone: an effect that the model lacks may well pass for damping."""
     dampings = LinearNames.damping("")
     return tuple(tie for tie in ties if not any(name.endswith(dampings) for name in tie.factors))
+
+
+def without_modes(ties: Sequence[Tie], links: Collection[str]) -> tuple[Tie, ...]:
+    """Return the ties but those to the modes of some links, which are not linear."""
+    return tuple(tie for tie in ties if len(tie.leaning) > 1 or tie.leaning[0].partition(".")[0] not in links)
 
 
 def constants(model: Model) -> Mapping[str, float]:

@@ -8,7 +8,7 @@ mode shapes do not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ from rom import shown
 from rom.campaign import Campaign, CampaignSettings
 from rom.courses import CourseNoise, TensionCourse, course_noise
 from rom.driven import SOUND, balances_of, declared_model, is_driven, noise_share
-from rom.flexures import fit_near, flexure_ties, unsettled
+from rom.flexures import fit_near, flexure_ties, unsettled, without_modes
 from rom.joint import (
     LEAST_FOR_A_CURVE,
     JointEstimate,
@@ -319,16 +319,20 @@ def relearned(found: Identification, model: Model) -> Identification:
 
 
 def reidentified(
-    found: Identification, records: Sequence[tuple[SpectralRecord, ...]], settings: CampaignSettings
+    found: Identification,
+    records: Sequence[tuple[SpectralRecord, ...]],
+    settings: CampaignSettings,
+    acted_in: Collection[str] = (),
 ) -> Model:
     """Return the model with its linear links and joint curves fitted anew, started from the records alone.
 
     Ties, tensions and the rest are those of `found`. `records` hold the parts of every record; their forces
-    may be more than was measured, such as an effect's beside.
+    may be more than was measured, such as an effect's beside. Links that effects act in, ``acted_in``, are
+    not tied to their modes, which are not linear.
     """
     assert found.linear is not None
     parts = with_starts(records, settings)
-    linear = fit_near(parts, found.linear.ties)
+    linear = fit_near(parts, without_modes(found.linear.ties, acted_in))
     files = {part.file for part in parts}
     joint = [estimate for estimate in found.joint if estimate.file in files]
     curves = joint_curves(joint, linear, settings)

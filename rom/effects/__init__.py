@@ -37,6 +37,7 @@ __all__ = [
     "make",
     "places",
     "register",
+    "with_stiffness",
 ]
 
 _members: dict[str, Member] = {}
@@ -112,7 +113,7 @@ def candidates(
         Only members that are marked as core.
     """
     return tuple(
-        (member, _with_stiffness(member, member.at(enters, ground=kind == "ground"), model))
+        (member, with_stiffness(member.at(enters, ground=kind == "ground"), model))
         for member in CATALOGUE.values()
         if member.core or not core
         for enters, kind in places(model, channels).items()
@@ -120,9 +121,11 @@ def candidates(
     )
 
 
-def _with_stiffness(member: Member, effect: Added, model: Model) -> Added:
+def with_stiffness(effect: Added, model: Model) -> Added:
     """The effect with those parameters that are the stiffness law's own, as far as they are plausible."""
-    laws = model.link_laws.get(effect.enters)
-    law = laws.stiffness.parameters if laws is not None else {}
+    laws, member = model.link_laws.get(effect.enters), CATALOGUE.get(effect.name)
+    if laws is None or member is None:
+        return effect
+    law = laws.stiffness.parameters
     own = {name: law[name].value for name in member.of_stiffness if name in law}
     return effect.with_values(**{n: float(np.clip(v, *effect.parameters[n].bounds)) for n, v in own.items()})

@@ -121,7 +121,7 @@ MEMBERS = (
         "Segalman, SAND2002-3828; equations as in tmdsimpy (jenkins)",
         _jenkins,
         state_units=("m",),
-        inner={"mu": (0.05, 0.12, 0.3)},
+        inner={"mu": (0.05, 0.12, 0.3), "F_s": (0.03, 0.1, 0.3, 1.0)},
         linear=False,
         passive=True,
         ground={

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import cast
 
 import pytest
@@ -40,6 +41,27 @@ def test_an_effect_of_the_tension_is_sure_beyond_chance_and_on_tests_unseen() ->
     assert is_sure(explained(30.0, 5.0, left=1.0))
     assert not is_sure(explained(15.0, 5.0, left=1.0))
     assert not is_sure(explained(30.0, -1.0, left=1.0))
+
+
+@pytest.mark.parametrize(
+    ("gains", "place", "sure"),
+    [
+        ((90.0, 90.0, -1.0, -1.0), "joint", True),
+        ((180.0, -0.5, -0.5, -0.5), "joint", False),
+        ((180.0, -0.5, -0.5, -0.5), "tension", True),  # few tests loosen much
+    ],
+)
+def test_in_the_motion_a_few_records_do_not_outvote_the_others(
+    gains: tuple[float, ...], place: str, sure: bool
+) -> None:
+    one, files = explained(300.0, 0.0, place=place, left=1.0), [f"h{i}.h5" for i in range(len(gains))]
+    several = replace(
+        one,
+        before={"t.h5": 400.0} | dict.fromkeys(files, 200.0),
+        after={"t.h5": 100.0} | {file: 200.0 - gain for file, gain in zip(files, gains, strict=True)},
+        hold_out=frozenset(files),
+    )
+    assert is_sure(several) is sure
 
 
 def test_what_is_left_makes_a_gain_less_telling() -> None:
@@ -91,6 +113,15 @@ def test_an_effect_that_leaves_noise_alone_need_not_lower_errors_but_must_not_ra
     assert matters(motion(1.0), motion(0.999), closes=True)
     assert not matters(motion(1.0), motion(1.05), closes=True)
     assert not matters(motion(1.0), motion(0.999), settled=True, closes=True)
+
+
+def test_an_error_of_a_few_records_may_rise_a_little_where_noise_alone_is_left() -> None:
+    def after(other: float) -> ErrorsByKind:
+        return cast(ErrorsByKind, {"hold_out": motion(1.0)["hold_out"] | {"relative_motion_nrmse": other}})
+
+    assert matters(motion(1.0), after(2 * 1.12), closes=True)
+    assert not matters(motion(1.0), after(2 * 1.3), closes=True)
+    assert not matters(motion(1.0), after(2 * 1.12))
 
 
 def test_an_effect_that_follows_a_strong_one_must_lower_an_error_by_more() -> None:

@@ -15,7 +15,7 @@ import rom
 from discovery.attribution import explain, explanation, output_of, screen
 from discovery.closure import Closure
 from discovery.localisation import localise
-from discovery.refinement import _Loop, close_loop
+from discovery.refinement import _Loop, _sharpened, close_loop
 from discovery.separating import separating_tests
 from discovery.state import level, refitted, silent
 from discovery.tracing import Evidence, gather, starting, weigh
@@ -219,6 +219,24 @@ def test_a_fit_that_was_stuck_goes_on_from_where_one_with_a_further_effect_ended
         assert told.best.share() < 0.01  # the credit is not its own
         assert loop._freed(freed, further, beside) == (freed, further)  # no better than it is
         assert loop._freed(Trail((far,)), further, beside)[0].last is far  # only beside effects found before
+
+
+def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_it() -> None:
+    numbers = {"F_c": 0.2, "mu": 0.0, "v_s": 1e-3}
+    with TemporaryDirectory() as scratch:
+        campaign = measured(
+            Path(scratch) / "campaign", (Undeclared("coulomb-friction", "flexure_so", numbers),)
+        )
+        first = _Loop(campaign, identify_campaign(campaign), 1, silent).start()
+        friction = CATALOGUE["coulomb-friction"].at("flexure_so", ground=True).with_values(**numbers)
+        told = replace(first.evidence.baseline, model=friction.added_to(first.model))
+        beside = refitted(weigh(first.evidence.traces, told, first.evidence.floors))
+        sharp = _sharpened(beside)
+    alone = ("uncoupled", ("so",))
+    assert sharp.floors[alone].sensor.max() < 0.1 * first.evidence.floors[alone].sensor.max()
+    assert level(sharp) < 1.2
+    assert _sharpened(sharp) is sharp
+    assert _sharpened(first.evidence) is first.evidence
 
 
 def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:

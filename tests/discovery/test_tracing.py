@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +15,7 @@ from discovery.baseline import Baseline
 from discovery.state import State, silent
 from discovery.tracing import Evidence
 from discovery.trail import Trail
+from rom.effects import CATALOGUE
 from rom.ties import Tie
 
 ROWS = 4000
@@ -74,6 +76,24 @@ def test_what_a_tie_holds_is_not_taken_off_a_residual() -> None:
 def test_moved_numbers_keep_their_ties() -> None:
     baseline = evidence(0.0).baseline
     assert baseline.moved({NAMES[0]: 0.1}).ties == baseline.ties
+
+
+def test_what_a_link_s_own_test_says_of_it_holds_only_where_no_effect_acts_in_it() -> None:
+    alike = evidence(0.0).baseline.ties
+    modes = tuple(Tie({name: 1.0}, 9.0, 0.02, (name,), name) for name in NAMES)
+    baseline = Baseline(rom.paper_model(), {}, modes + alike)
+    assert baseline.believed == baseline.ties
+    cubic = CATALOGUE["cubic-stiffness"].at("flexure_so", ground=True)
+    assert replace(baseline, model=cubic.added_to(baseline.model)).believed == (modes[0], *alike)
+
+
+def test_an_effect_s_numbers_that_are_the_stiffness_law_s_own_move_with_it() -> None:
+    effect = CATALOGUE["oscillating-tension-stiffness"].at("joint")
+    moved = Baseline(effect.added_to(rom.paper_model()), {}).moved({"joint.stiffness:alpha": 0.1})
+    law = moved.model.link_laws["joint"].stiffness.parameters
+    (own,) = (one.parameters for one in moved.model.effects)
+    assert own["alpha"].value == law["alpha"].value == pytest.approx(0.9 * effect.parameters["alpha"].value)
+    assert own["a"] == effect.parameters["a"]
 
 
 def test_a_step_beyond_all_numbers_is_none() -> None:

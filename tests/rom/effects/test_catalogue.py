@@ -77,6 +77,15 @@ def test_a_link_to_ground_has_ranges_of_its_own():
     assert by_place["joint"].parameters["k3"].value == 4.5e12
 
 
+@pytest.mark.parametrize("stiffness", [9e3, 9e4])
+def test_sliders_in_a_flexure_are_tried_near_any_slip_displacement(stiffness):
+    member = CATALOGUE["jenkins-slip"]
+    probes = [one.values for one in member.probes(member.at("flexure_lo", ground=True))]
+    slips = np.array([limit / (kappa * stiffness) for kappa, limit, _ in probes])
+    motions = np.geomspace(5e-5, 5e-4, 20)
+    assert np.abs(np.log(slips[:, None] / motions)).min(axis=0).max() < np.log(2.1)
+
+
 def test_probes_are_weak_one_strength_at_a_time_over_the_grid():
     for member, effect in candidates(paper_model(), CHANNELS, core=False):
         probes = member.probes(effect)
