@@ -128,7 +128,8 @@ class Member:
         """The effect at its smallest plausible strengths, one at a time, over the grid of the others.
 
         What screening needs: the output of a probe minus that without effect, over the strength, is the
-        sensitivity at zero strength. Strengths and grid go with the defaults of the place.
+        sensitivity at zero strength. Strengths and grid go with the defaults of the place; what is zero at
+        the joint alone or in a link to ground alone stays so there.
 
         Parameters
         ----------
@@ -143,7 +144,10 @@ class Member:
 
         none = dict.fromkeys(self.strengths, 0.0)
         grid = [
-            {name: there(name, value) for name, value in zip(self.inner, point, strict=True)}
+            {
+                name: 0.0 if name in self.ground and not effect.parameters[name].value else there(name, value)
+                for name, value in zip(self.inner, point, strict=True)
+            }
             for point in product(*self.inner.values())
         ]
         least = {name: there(name, value) for name, value in self.strengths.items()}

@@ -81,6 +81,7 @@ def test_a_link_to_ground_has_ranges_of_its_own():
 def test_sliders_in_a_flexure_are_tried_near_any_slip_displacement(stiffness):
     member = CATALOGUE["jenkins-slip"]
     probes = [one.values for one in member.probes(member.at("flexure_lo", ground=True))]
+    assert len(member.probes(member.at("joint"))) == 3  # at limits that go with the tension
     slips = np.array([limit / (kappa * stiffness) for kappa, limit, _ in probes])
     motions = np.geomspace(5e-5, 5e-4, 20)
     assert np.abs(np.log(slips[:, None] / motions)).min(axis=0).max() < np.log(2.1)
