@@ -53,8 +53,9 @@ def oracle_errors(campaign: Campaign, twin: Campaign, truths: Sequence[Truth]) -
         If an effect cannot enter there, or nothing can be identified.
     """
     own, sound = identify_campaign(campaign), identify_campaign(twin)
-    found = replace(own, model=sound.model, linear=sound.linear)
-    baseline = starting(found, sound.model)
+    plant = replace(sound.model, filter_cutoff_hz=own.model.filter_cutoff_hz)  # errors as a closure has them
+    found = replace(own, model=plant, linear=sound.linear)
+    baseline = starting(found, plant)
     aside = set_aside(own)
     declared = gather(campaign, baseline, aside)
     model = baseline.model
