@@ -13,7 +13,7 @@ from discovery.trail import Trail
 
 def state(level: float, error: float = 1.0) -> Any:
     held = {"motion_nrmse": error, "relative_motion_nrmse": error}
-    evidence = SimpleNamespace(baseline=SimpleNamespace(ties=()))
+    evidence = SimpleNamespace(baseline=SimpleNamespace(believed=()))
     return SimpleNamespace(
         level=level, errors={"hold_out": held, "training": held}, model=rom.paper_model(), evidence=evidence
     )
