@@ -94,7 +94,7 @@ class Baseline:
 
     @cached_property
     def believed(self) -> tuple[Tie, ...]:
-        """The ties that hold beside the model's effects: a link's own test shows what acts in it too."""
+        """The ties that hold beside the model's effects, which show in a body's own test too."""
         return without_modes(self.ties, {effect.enters for effect in self.model.effects})
 
     @cached_property

@@ -126,9 +126,17 @@ def of_stiffness(ties: Sequence[Tie]) -> tuple[Tie, ...]:
     return tuple(tie for tie in ties if not any(name.endswith(dampings) for name in tie.factors))
 
 
-def without_modes(ties: Sequence[Tie], links: Collection[str]) -> tuple[Tie, ...]:
-    """Return the ties but those to the modes of some links, which are not linear."""
-    return tuple(tie for tie in ties if len(tie.leaning) > 1 or tie.leaning[0].partition(".")[0] not in links)
+def without_modes(ties: Sequence[Tie], acted_in: Collection[str]) -> tuple[Tie, ...]:
+    """Return the ties but those to modes of links and bodies, ``body:NAME``, that effects act in or on."""
+    masses = {
+        LinearNames.mass(place.removeprefix("body:")) for place in acted_in if place.startswith("body:")
+    }
+
+    def holds(tie: Tie) -> bool:
+        link, *others = {name.partition(".")[0] for name in tie.leaning}
+        return bool(others) or (link not in acted_in and not masses & tie.factors.keys())
+
+    return tuple(tie for tie in ties if holds(tie))
 
 
 def constants(model: Model) -> Mapping[str, float]:

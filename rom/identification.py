@@ -327,8 +327,8 @@ def reidentified(
     """Return the model with its linear links and joint curves fitted anew, started from the records alone.
 
     Ties, tensions and the rest are those of `found`. `records` hold the parts of every record; their forces
-    may be more than was measured, such as an effect's beside. Links that effects act in, ``acted_in``, are
-    not tied to their modes, which are not linear.
+    may be more than was measured, such as an effect's beside. What effects act in or on, ``acted_in``, is not
+    tied to its own mode.
     """
     assert found.linear is not None
     parts = with_starts(records, settings)

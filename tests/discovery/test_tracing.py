@@ -80,11 +80,17 @@ def test_moved_numbers_keep_their_ties() -> None:
 
 def test_what_a_link_s_own_test_says_of_it_holds_only_where_no_effect_acts_in_it() -> None:
     alike = evidence(0.0).baseline.ties
-    modes = tuple(Tie({name: 1.0}, 9.0, 0.02, (name,), name) for name in NAMES)
+    masses = ("body.lo.mass", "body.so.mass")
+    modes = tuple(
+        Tie({name: 1.0, mass: -1.0}, 9.0, 0.02, (name,), name)
+        for name, mass in zip(NAMES, masses, strict=True)
+    )
     baseline = Baseline(rom.paper_model(), {}, modes + alike)
     assert baseline.believed == baseline.ties
     cubic = CATALOGUE["cubic-stiffness"].at("flexure_so", ground=True)
+    further = CATALOGUE["extra-mode"].at("body:lo")
     assert replace(baseline, model=cubic.added_to(baseline.model)).believed == (modes[0], *alike)
+    assert replace(baseline, model=further.added_to(baseline.model)).believed == (modes[1], *alike)
 
 
 def test_an_effect_s_numbers_that_are_the_stiffness_law_s_own_move_with_it() -> None:
