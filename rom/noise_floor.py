@@ -71,7 +71,19 @@ def segment_before_hit(
     """Return the spectra of a record's first samples, as many as ``force`` (samples, bodies) [N] has.
 
     The force acts all the time, such as that of a ground that moves; no hammer has struck yet.
+
+    Raises
+    ------
+    ValueError
+        Where there are no such samples.
     """
+    if not len(force):
+        found = "no hit" if measurement.impact_s is None else f"a hit after {measurement.impact_s:.3g} s"
+        raise ValueError(
+            f"noise is told by at least {_SHORTEST_S + _MARGIN_S:g} s before the hit in every record that "
+            f"moves, found less ({measurement.file}: {found}): record a longer pre-trigger, or leave "
+            "records that are hit sooner out of the campaign"
+        )
     motion = np.stack([measurement.motion[body].samples[: len(force)] for body in bodies], axis=1)
     band = (measurement.chain.cutoff_hz, min(highest_hz, 0.4 * measurement.rate_hz))
     frequency, lines = spectrum(motion - motion.mean(axis=0), measurement.rate_hz, band)

@@ -239,6 +239,15 @@ def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_
     assert _sharpened(first.evidence) is first.evidence
 
 
+def test_hits_that_come_too_soon_to_tell_noise_by_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("discovery.tracing.quiet_seconds", lambda _: 0.0)
+    with TemporaryDirectory() as scratch:
+        campaign = measured(Path(scratch) / "campaign")
+        found = identify_campaign(campaign)
+        with pytest.raises(ValueError, match=r"at least 0\.22 s before the hit .* longer pre-trigger"):
+            gather(campaign, starting(found, found.model))
+
+
 def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
     with TemporaryDirectory() as scratch:
         wrong_zero = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 0.0, "c_2": 0.0})
