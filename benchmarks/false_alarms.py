@@ -1,0 +1,112 @@
+"""What a whole catalogue explains where nothing is missing: ``python -m benchmarks.false_alarms``.
+
+Campaigns of the virtual rig without undeclared effect (20 preloads, records of 2.5 s, one preload in five
+held out) at several levels of noise. The effects in the motion that promise most are fitted, whether or not a
+closure would find them worth it, and all in the tension and its gauge; the table gives the largest gain in
+cost of any of them, in units of what is left over. That is the null distribution that the thresholds of
+``discovery.acceptance`` have to stand above.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from discovery.acceptance import is_sure, spread_of
+from discovery.attribution import explain, screen
+from discovery.explanation import Explanation
+from discovery.state import refitted, set_aside
+from discovery.tension_attribution import explain_tension
+from discovery.tracing import gather, starting
+from experiments.studies import rig
+from rom.campaign import read_campaign
+from rom.identification import identify_campaign
+
+PRELOADS, DURATION_S, HOLD_OUT_EVERY = 20, 2.5, 5
+PARTS = ("motion", "tension")
+FITTED = 8
+"""Effects in the motion, in the order of the screen."""
+
+
+@dataclass(frozen=True)
+class Null:
+    """The effect of a catalogue that gains most where there is none, and how many would pass for sure."""
+
+    effects: int
+    name: str
+    training: float
+    hold_out: float
+    sure: int
+
+
+def null_of(explanations: Sequence[Explanation]) -> Null:
+    """Summarise all fits of a catalogue to one campaign."""
+    gains = [
+        tuple(float(one.gains(hold_out=held).sum() / spread_of(one)) for held in (False, True))
+        for one in explanations
+    ]
+    best = int(np.argmax([training for training, _ in gains]))
+    return Null(
+        len(gains), explanations[best].effect.path, *gains[best], sum(is_sure(one) for one in explanations)
+    )
+
+
+def nulls(noise: float, seed: int, folder: Path) -> tuple[Null, Null]:
+    """Fit the catalogue to one campaign that lacks nothing: motion, tension."""
+    rig.run(
+        folder, cases=PRELOADS, duration_s=DURATION_S, hold_out_every=HOLD_OUT_EVERY, noise=noise, seed=seed
+    )
+    campaign = read_campaign(folder)
+    found = identify_campaign(campaign)
+    evidence = refitted(gather(campaign, starting(found, found.model), set_aside(found)))
+    in_motion = [explain(probes, evidence) for probes in screen(evidence)[:FITTED]]
+    in_tension = explain_tension(campaign, found, evidence.baseline.model).explanations
+    return null_of(in_motion), null_of(in_tension)
+
+
+def rows(noise: float, found: Sequence[tuple[Null, Null]]) -> Iterator[tuple[str, ...]]:
+    """Rows of the table for one level of noise."""
+    for part, ones in zip(PARTS, zip(*found, strict=True), strict=True):
+        training = [one.training for one in ones]
+        first = ones[int(np.argmax(training))]
+        yield (
+            f"{noise:g}", part, f"{len(ones)}", f"{np.median([one.effects for one in ones]):.0f}",
+            f"{np.median(training):.1f}", f"{np.quantile(training, 0.9):.1f}",
+            f"{first.training:.1f} ({first.name})", f"{first.hold_out:.1f}",
+            f"{sum(one.sure > 0 for one in ones)}",
+        )  # fmt: skip
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table, a level of noise after the other."""
+    parser = argparse.ArgumentParser("python -m benchmarks.false_alarms", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=20, metavar="N", help="campaigns at each level of noise")
+    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="the first seed")
+    parser.add_argument("--noise", type=float, nargs="+", default=(0.5, 1.0, 2.0), metavar="X")
+    options = parser.parse_args(arguments)
+    console = Console(width=140)
+    table = Table(title="Gains in cost by chance: the largest of all effects in a campaign, training records")
+    for name in ("noise x", "part", "campaigns", "fitted", "median", "90 %", "most", "held out then", "sure"):
+        table.add_column(name)
+    for noise in options.noise:
+        found = []
+        for seed in range(options.first, options.first + options.seeds):
+            with tempfile.TemporaryDirectory() as scratch:
+                found.append(nulls(noise, seed, Path(scratch) / "campaign"))
+            for part, one in zip(PARTS, found[-1], strict=True):
+                gains = f"{one.training:.1f}, {one.hold_out:.1f} held out"
+                console.print(f"noise {noise:g}, seed {seed}, {part}: {one.name} {gains}")
+        for row in rows(noise, found):
+            table.add_row(*row)
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()
