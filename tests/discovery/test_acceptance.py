@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import cast
 
 import pytest
 
+sys.path.append(str(Path(__file__).parents[2]))
+
+from benchmarks.false_alarms import null_of, rows
 from discovery.acceptance import harms, is_alike, is_quiet, is_sure, matters
 from discovery.closure import ErrorsByKind
 from discovery.explanation import Explanation
@@ -129,3 +134,16 @@ def test_an_effect_that_follows_a_strong_one_must_lower_an_error_by_more() -> No
     assert not matters(motion(1.0), motion(0.99))
     assert not matters(motion(1.0), motion(0.95), settled=True)
     assert matters(motion(1.0), motion(0.8), settled=True)
+
+
+def test_the_largest_gain_by_chance_is_told_by_its_training_records() -> None:
+    fits = [explained(*gains, left=1.0) for gains in ((3.0, 9.0), (30.0, 5.0), (15.0, 2.0))]
+    found = null_of(fits)
+    assert (found.effects, found.training, found.hold_out, found.sure) == (3, 30.0, 5.0, 1)
+    quiet = null_of(fits[::2])
+    table = list(rows(2.0, [(quiet, found), (quiet, quiet)]))
+    assert [(row[:4], row[-1]) for row in table] == [
+        (("2", "motion", "2", "2"), "0"),
+        (("2", "tension", "2", "2"), "1"),
+    ]
+    assert table[1][4] == "22.5"
