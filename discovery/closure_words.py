@@ -6,17 +6,40 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
+from discovery.force_pictures import (
+    DISPLACEMENT,
+    FORCE,
+    VELOCITY,
+    Data,
+    draw_loop,
+    draw_map,
+    pair,
+    scale_of,
+    told,
+)
 from discovery.localisation import COURSES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
     from discovery.closure import Closure, FoundEffect, Kind
     from discovery.localisation import Localisation
     from rom.laws import Parameter
 
-_VIEWS = {"by_test": "kind of test"}  # others are said as they are named
+_VIEWS = {  # others are said as they are named
+    "by_test": "kind of test",
+    "by_time": "time since the impact",
+    "by_harmonic": "harmonic of the dominant frequency",
+    "by_place": "place of a missing force",
+    "by_sign": "sign of the joint's displacement",
+}
+_PLACED = {  # what is said before a label where it stands out
+    "by_time": "after the impact",
+    "by_harmonic": "",
+    "by_place": "as a force,",
+    "by_sign": "displacement of the joint",
+}
 _MEASURES = (
     ("motion_nrmse", "the displacement", 100.0, " %"),
     ("relative_motion_nrmse", "the relative displacement of the joint", 100.0, " %"),
@@ -28,6 +51,7 @@ _STANDS_OUT = 1.3  # times the smallest of its view
 _NAMED = 3
 _SURE = 0.01
 _SAME = 0.02
+_TELLS = 0.1  # of the force's variance: a map that explains less is not worth words
 
 
 def paragraph(closure: Closure) -> str:
@@ -144,7 +168,7 @@ def _changed(closure: Closure) -> Iterator[str]:
         dict(one.numbers).get(f"force_error_{kind}")
         for one in (closure.residual_before, closure.residual_after)
     ]
-    told = [
+    changes = [
         f"the balance of forces from {_number(100 * old, 3)} to {_number(100 * new, 3)} %"
         for old, new in [balance]
         if old is not None and new is not None
@@ -153,8 +177,8 @@ def _changed(closure: Closure) -> Iterator[str]:
         for key, words, factor, unit in _MEASURES
         if _known(old := before.get(key)) and _known(new := after.get(key))
     ]
-    if told:
-        yield f"on {where} the errors go: {'; '.join(told)}."
+    if changes:
+        yield f"on {where} the errors go: {'; '.join(changes)}."
 
 
 def _remains(closure: Closure) -> Iterator[str]:
@@ -188,26 +212,54 @@ def _left(after: Localisation) -> Iterator[str]:
     places = list(lives_in(after))
     where = f"It is largest at: {'; '.join(places)}" if places else "It stands out in no view"
     yield f"What is left is more than noise. {where}."
+    yield from _as_force(after)
+    repeats = dict(after.repeats)
+    if repeats:
+        alike, chance = (_number(repeats[key], 2) for key in ("repeatability", "repeatability_chance"))
+        yield f"Tests that repeat each other leave residuals that correlate by {alike} (noise: {chance})."
+
+
+def _as_force(after: Localisation) -> Iterator[str]:
+    """Say how much of the force that is left is a function of the motion, where it is most."""
+    one = max(after.forces, key=lambda force: told(force.as_dict()), default=None)
+    if one is None or one.explained_p > _SURE or one.explained < _TELLS:
+        return
+    kind = "even" if one.elastic >= 0.5 else "odd"
+    share = _percent(one.elastic if one.elastic >= 0.5 else 1 - one.elastic)
+    yield (
+        f"As a force on {_place(one.place)} {_percent(one.explained)} of it is one function of displacement "
+        f"and velocity, {kind} in velocity by {share}; {_percent(one.rest)} is memory, or differs from "
+        "record to record."
+    )
+
+
+def _place(name: str) -> str:
+    return f"the {name}" if name.startswith("body ") else f"the link {name}"
 
 
 def _views(residual: Localisation) -> Mapping[str, Mapping[str, float]]:
-    """Mean squares by label, by view in words."""
+    """Mean squares by label, by view."""
     return {
-        _VIEWS.get(view, view.removeprefix("by_").replace("_", " ")): profile
+        view: profile
         for view, profile in residual.as_dict().items()
         if isinstance(profile, Mapping) and profile
     }
 
 
+def _view_words(view: str) -> str:
+    return _VIEWS.get(view, view.removeprefix("by_").replace("_", " "))
+
+
 def lives_in(residual: Localisation) -> Iterator[str]:
     """Yield where a residual stands out, a phrase for each view in which it does."""
-    for words, profile in _views(residual).items():
+    for view, profile in _views(residual).items():
         known = {label: value for label, value in profile.items() if _known(value)}
         if len(known) < 2:
             continue
         label = max(known, key=lambda name: known[name])
         if known[label] > 1.0 and known[label] > _STANDS_OUT * min(known.values()):
-            yield f"{words} {label} ({_number(known[label])} times noise)"
+            words = f"{_PLACED.get(view, _view_words(view))} {label}".strip()
+            yield f"{words} ({_number(known[label])} times noise)"
 
 
 def _known(value: object) -> bool:
@@ -229,22 +281,53 @@ def _chance(p: float) -> str:
 
 
 def figure(closure: Closure) -> Figure:
-    """Draw the mean square of the residual along every view, before and after, over that of noise."""
+    """Draw the mean square of the residual along every view, before and after, over that of noise.
+
+    Below, where there are such, the force left unbalanced at the place where most was left: maps over
+    displacement and velocity with one scale, and loops in the first cycles.
+    """
     from matplotlib.figure import Figure
 
-    before, after = _views(closure.residual_before), _views(closure.residual_after)
-    rows = max(-(-len(before) // 2), 1)
-    made = Figure(figsize=(10, 2.6 * rows), layout="constrained")
+    before, after = closure.residual_before, closure.residual_after
+    rows = max(-(-len(_views(before)) // 2), 1)
+    forces = pair(*([one.as_dict() for one in side.forces] for side in (before, after)))
+    heights = (2.6 * rows, 3.4)
+    made = Figure(figsize=(10, sum(heights) if forces else heights[0]), layout="constrained")
+    if forces is None:
+        _draw_views(made, rows, before, after)
+    else:
+        upper, lower = made.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
+        _draw_views(upper, rows, before, after)
+        _draw_forces(lower, *forces)
+    return made
+
+
+def _draw_views(made: Figure | SubFigure, rows: int, before: Localisation, after: Localisation) -> None:
+    old, new = _views(before), _views(after)
     axes = made.subplots(rows, 2, squeeze=False)
-    for ax, (words, profile) in zip(axes.flat, before.items(), strict=False):
-        _draw_view(ax, profile, after.get(words, {}))
-        ax.set_title(f"by {words}", loc="left", fontsize="medium")
-    for ax in axes.flat[len(before) :]:
+    for ax, (view, profile) in zip(axes.flat, old.items(), strict=False):
+        _draw_view(ax, profile, new.get(view, {}))
+        ax.set_title(f"by {_view_words(view)}", loc="left", fontsize="medium")
+    for ax in axes.flat[len(old) :]:
         ax.remove()
-    if before:
+    if old:
         axes[0, 0].legend(frameon=False)
     made.supxlabel("mean square of the residual over that of noise [1]", fontsize="medium")
-    return made
+
+
+def _draw_forces(made: Figure | SubFigure, before: Data, after: Data) -> None:
+    axes = made.subplots(1, 3, squeeze=False)[0]
+    limit = scale_of(before, after)
+    for ax, one, when in zip(axes, (before, after), ("before", "after"), strict=False):
+        mesh = draw_map(ax, one, limit)
+        ax.set_title(f"force left at {one['place']}, {when}", loc="left", fontsize="medium")
+        ax.set_xlabel(DISPLACEMENT)
+    axes[0].set_ylabel(VELOCITY)
+    made.colorbar(mesh, ax=axes[:2]).ax.set_title("[N]", fontsize="medium")
+    for one, colour, when in ((before, "C1", "before"), (after, "C0", "after")):
+        draw_loop(axes[2], one, colour, when)
+    axes[2].set_title("first cycles of the largest motion", loc="left", fontsize="medium")
+    axes[2].set(xlabel=DISPLACEMENT, ylabel=FORCE)
 
 
 def _draw_view(ax: Axes, before: Mapping[str, float], after: Mapping[str, float]) -> None:

@@ -1,4 +1,6 @@
-"""Where a residual lives: in which channel and test, at which frequency, tension and amplitude."""
+"""Where a residual lives: in which channel and test, at which frequency, tension and amplitude, when, and at
+which place as a force.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +11,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
+from discovery.residual_views import (
+    Profile,
+    by_harmonic,
+    by_place,
+    by_time,
+    places,
+    repeatability,
+    training_lines,
+)
+from discovery.unbalanced import ForceMap, force_maps
 from rom.channels import FloatArray
 
 if TYPE_CHECKING:
     from discovery.traces import Trace
     from discovery.tracing import Evidence
     from rom.spectra import SpectralRecord
+
+__all__ = ["COURSES", "Localisation", "Profile", "localise"]
 
 _BANDS = (
     ("0 to 30 Hz", 0.0, 30.0),
@@ -25,7 +39,6 @@ _BANDS = (
 _PRELOADS = (30.0, 100.0, 300.0, 1000.0)  # [N]
 _AMPLITUDES = (10.0, 50.0, 100.0, 200.0)  # [um]
 COURSES = "tension_courses"
-Profile = tuple[tuple[str, float], ...]  # label and residual's mean square over that of the noise floor
 
 
 @dataclass(frozen=True)
@@ -36,6 +49,10 @@ class Localisation:
     ----------
     by_channel, by_test, by_frequency, by_preload, by_amplitude : tuple of (str, float)
         A label and the mean square there.
+    by_time, by_harmonic, by_place, by_sign : tuple of (str, float)
+        The same by time since the impact, by harmonics of each record's dominant frequency, as a force on
+        each body or in the bolted link, and of that link's force where its displacement is positive and
+        negative (`discovery.residual_views`, `discovery.unbalanced`). Empty where bodies are driven.
     whiteness_p : float
         Chance of so much correlation with the force where nothing is left but noise.
     total : float
@@ -43,6 +60,10 @@ class Localisation:
     numbers : tuple of (str, float)
         Errors beside those of the contract, by name: of campaigns that drive their bodies or links, and the
         mean square of what the law leaves over of the tension's courses, 1 being noise.
+    repeats : tuple of (str, float)
+        How alike the residuals of tests are that repeat each other; empty where none does.
+    forces : tuple of ForceMap
+        The force left unbalanced at every place, over the motion there.
     """
 
     by_channel: Profile
@@ -53,27 +74,30 @@ class Localisation:
     whiteness_p: float
     total: float
     numbers: Profile = ()
+    by_time: Profile = ()
+    by_harmonic: Profile = ()
+    by_place: Profile = ()
+    by_sign: Profile = ()
+    repeats: Profile = ()
+    forces: tuple[ForceMap, ...] = ()
 
     def as_dict(self) -> Mapping[str, object]:
-        """Return plain values for a result file."""
+        """Return plain values for a result file; what only some campaigns have is left out by others."""
         views = ("by_channel", "by_test", "by_frequency", "by_preload", "by_amplitude")
-        plain = ("whiteness_p", "total")
-        return {view: dict(getattr(self, view)) for view in views} | {
-            **{k: getattr(self, k) for k in plain}, **dict(self.numbers)
-        }  # fmt: skip
+        more = ("by_time", "by_harmonic", "by_place", "by_sign")
+        found: dict[str, object] = {view: dict(getattr(self, view)) for view in views}
+        found |= {view: dict(profile) for view in more if (profile := getattr(self, view))}
+        found |= {"whiteness_p": self.whiteness_p, "total": self.total, **dict(self.numbers)}
+        found |= dict(self.repeats)
+        return found | ({"forces": [one.as_dict() for one in self.forces]} if self.forces else {})
 
 
 def localise(evidence: Evidence, numbers: Mapping[str, float] | None = None) -> Localisation:
     """Return where the residual on training records lives; other ``numbers`` that tell of it are kept."""
-    rows = evidence.residual
-    squares, pairs, first = [], [], 0
-    for trace, part, linear in evidence.parts:
-        count = 2 * part.motion.size
-        mine = rows[first : first + count].reshape(2, *part.motion.shape)
-        first += len(linear.residual)
-        if not trace.settings.hold_out:
-            squares.append((trace, part.frequency, mine))
-            pairs.append((part, mine))
+    parts = training_lines(evidence)
+    squares = [(one.trace, one.part.frequency, one.rows) for one in parts]
+    where = places(evidence)
+    forces = tuple(force_maps(where, parts))
     return Localisation(
         by_channel=_mean_squares(
             (body, m[:, :, k]) for t, _, m in squares for k, body in enumerate(t.bodies)
@@ -84,10 +108,23 @@ def localise(evidence: Evidence, numbers: Mapping[str, float] | None = None) -> 
         ),
         by_preload=_mean_squares((_class(t.level, _PRELOADS, "N"), m) for t, _, m in squares),
         by_amplitude=_mean_squares((_class(_peak(t), _AMPLITUDES, "um"), m) for t, _, m in squares),
-        whiteness_p=_whiteness(pairs),
+        by_time=by_time(parts),
+        by_harmonic=by_harmonic(parts),
+        by_place=by_place(parts, where),
+        by_sign=_by_sign(forces, [place.name for place in where if place.bolted]),
+        whiteness_p=_whiteness([(one.part, one.rows) for one in parts]),
         total=float(np.mean(np.concatenate([m.ravel() for _, _, m in squares]) ** 2)),
         numbers=tuple((numbers or {}).items()),
+        repeats=repeatability(parts),
+        forces=forces,
     )
+
+
+def _by_sign(forces: Sequence[ForceMap], links: Sequence[str]) -> Profile:
+    """Mean square of the force of the first bolted link that has moved, by the sign of its displacement."""
+    one = next((force for force in forces if force.place in links), None)
+    sides = () if one is None else (("positive", one.level_positive), ("negative", one.level_negative))
+    return tuple((label, value) for label, value in sides if np.isfinite(value))
 
 
 def _mean_squares(parts: Iterable[tuple[str, FloatArray]]) -> Profile:

@@ -11,6 +11,12 @@ CAPTIONS: dict[str, tuple[str, str]] = {
         "Mean square of what the model leaves, over that of noise, along several views: hollow before, "
         "filled after. At the dashed line only noise is left.",
     ),
+    "closure-force": (
+        "The force that is left",
+        "Force that the model leaves unbalanced where most of it is a function of motion: its mean over "
+        "displacement and velocity, classes in even ratios, red where it pulls back, grey where no motion "
+        "was; below, over the first three cycles of the record with the largest motion.",
+    ),
     "closure-screened": (
         "What could explain the residual",
         "Share of the first residual that each effect alone could take away beyond what other numbers of the "

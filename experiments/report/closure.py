@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from experiments.report.closures import class_words, effects_of, place_words, view_words
+from discovery.force_pictures import DISPLACEMENT, FORCE, VELOCITY, draw_loop, draw_map, scale_of
+from experiments.report.closures import class_words, effects_of, forces, place_words, view_words
 from experiments.report.style import (
     BACKGROUND,
     BLUE,
@@ -26,6 +27,7 @@ from experiments.report.wording import number, trimmed
 Data = Mapping[str, Any]
 
 _BEFORE, _AFTER = VERMILLION, BLUE
+_WHENS = ("Before", "After")
 _MEASURES = (
     ("motion_nrmse", "Displacement [%]", 100.0),
     ("relative_motion_nrmse", "Relative motion [%]", 100.0),
@@ -44,6 +46,7 @@ def closure_figures(data: Data) -> dict[str, Figure]:
     made: dict[str, tuple[object, Callable[[Data], Figure]]] = {
         "closure-errors": (len(data.get("steps") or ()) > 1 and _measured(data), errors_by_step),
         "closure-residual": (_views(data), residual_by_view),
+        "closure-force": (forces(data), unbalanced_force),
         "closure-screened": (_screened(data), leader_board),
         "closure-effects": (_curves(data), effects),
     }
@@ -85,6 +88,38 @@ def residual_by_view(data: Data) -> Figure:
     last.set_xlabel("Residual, mean square over that of noise [1]")
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
+
+
+@styled
+def unbalanced_force(data: Data) -> Figure:
+    """Force left unbalanced where most was a function of motion: maps with one scale, and first cycles."""
+    both = forces(data)
+    assert both is not None  # else there is no such figure
+    shown = both if effects_of(data) else both[1:]
+    figure = panels(height_mm=105.0)[0]
+    figure.clear()
+    upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.15, 1.0))[:, 0]
+    _maps(upper, shown)
+    ax = lower.subplots()
+    for one, colour, when in zip(shown, (_BEFORE, _AFTER)[-len(shown) :], _WHENS, strict=False):
+        draw_loop(ax, one, colour, when)
+    ax.set_title("First cycles")
+    ax.set(xlabel=DISPLACEMENT, ylabel=FORCE)
+    if len(shown) > 1:
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)
+    return figure
+
+
+def _maps(figure: SubFigure, shown: Sequence[Data]) -> None:
+    """Draw forces over motion side by side with one scale of colours."""
+    axes = figure.subplots(1, len(shown), squeeze=False, sharey=True)[0]
+    limit = scale_of(*shown)
+    for ax, one, when in zip(axes, shown, _WHENS, strict=False):
+        mesh = draw_map(ax, one, limit)
+        ax.set_title(f"{when}, {class_words(one['place'])}" if len(shown) > 1 else class_words(one["place"]))
+        ax.set_xlabel(DISPLACEMENT)
+    axes[0].set_ylabel(VELOCITY)
+    figure.colorbar(mesh, ax=axes, location="top", aspect=40, shrink=0.8).set_label(FORCE)
 
 
 def _view(ax: Axes, labels: Sequence[str], before: Data, after: Data) -> list[float]:

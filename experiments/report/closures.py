@@ -9,6 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from discovery.force_pictures import pair
 from experiments.report import equations
 from experiments.report.answers import Answer, Headline
 from experiments.report.tables import MEASURES, Table, error_rows, parameter_rows
@@ -32,7 +33,28 @@ _LEGEND = {
 _SINGLE = {
     "whiteness_p": "Chance of so much dependence if only noise were left [1]",
     "total": "All",
+    "repeatability": "Correlation of residuals of tests that repeat each other [1]",
+    "repeatability_chance": "What noise exceeds there in one case of twenty [1]",
+    "repeatability_pairs": "Pairs of such tests",
 }
+_VIEWS = {
+    "by_test": "Kind of test",
+    "by_time": "Time since the impact",
+    "by_harmonic": "Harmonic",
+    "by_place": "As a force",
+    "by_sign": "Displacement of the joint",
+}
+_OF_FORCE = (
+    ("level", "Mean square over that of noise [1]", 1.0),
+    ("explained", "A function of displacement and velocity [%]", 100.0),
+    ("explained_p", "Chance of so much from noise [1]", 1.0),
+    ("elastic", "Even in velocity, of that function [%]", 100.0),
+    ("rest", "Memory, or differs from record to record [%]", 100.0),
+    ("work_per_cycle_j", "Work in a cycle, first three [mJ]", 1e3),
+    ("cosine_displacement", "Cosine of the angle to displacement [1]", 1.0),
+    ("cosine_velocity", "Cosine of the angle to velocity [1]", 1.0),
+    ("cosine_chance", "What noise exceeds in one case of twenty [1]", 1.0),
+)
 
 
 @dataclass(frozen=True)
@@ -104,7 +126,7 @@ def place_words(enters: object) -> str:
 
 def view_words(view: str) -> str:
     """Return what a view of the residual goes along: "by_preload" is "Preload"."""
-    return "Kind of test" if view == "by_test" else label(view.removeprefix("by_"))
+    return _VIEWS.get(view) or label(view.removeprefix("by_"))
 
 
 def class_words(text: object) -> str:
@@ -143,8 +165,8 @@ def blocks(data: Data) -> list[Block]:
     look-alikes.
     """
     found = [Block("Errors before and after", tables=tuple(_error_tables(data)))]
-    most = _most(data)
-    found += [Block("Where the residual lived", tables=(most,))] if most.rows else []
+    lived = tuple(table for table in (_most(data), _force(data)) if table.rows)
+    found += [Block("Where the residual lived", tables=lived)] if lived else []
     found += [_effect_block(effect) for effect in effects_of(data)]
     return [block for block in found if block.tables or block.shown]
 
@@ -199,6 +221,29 @@ def _most(data: Data) -> Table:
         rows.append(("All", "", _cell(before["total"]), _cell(after.get("total"))))
     note = "Mean square of the whitened residual, 1: noise alone. All classes are listed under details."
     return Table("", ("Along", "Most was left at", "Before", "After"), tuple(rows), note=note)
+
+
+def forces(data: Data) -> tuple[Data, Data] | None:
+    """Return what is told of the unbalanced force, before and after, at the place of most."""
+    residual = _mapping(data.get("residual"))
+    before, after = (_mapping(residual.get(when)).get("forces") for when in ("before", "after"))
+    return pair(_mappings(before), _mappings(after))
+
+
+def _force(data: Data) -> Table:
+    """Return how much of the unbalanced force is a function of motion, what it does, and what is left."""
+    both = forces(data)
+    if both is None:
+        return Table("", (), ())
+    rows = tuple(
+        (words, *(_scaled(one.get(key), factor) for one in both))
+        for key, words, factor in _OF_FORCE
+        if both[0].get(key) is not None
+    )
+    note = "Equation error of the training records, in the band of their spectra, back in time."
+    return Table(
+        f"The force left at {class_words(both[0]['place'])}", ("", "Before", "After"), rows, note=note
+    )
 
 
 def _effect_block(effect: Data) -> Block:
@@ -269,6 +314,8 @@ def _residual(data: Data) -> Table:
     rows: list[tuple[str | Markup, ...]] = []
     for view in dict.fromkeys((*before, *after)):
         old, new = before.get(view), after.get(view)
+        if view == "forces":
+            continue
         if isinstance(old, Mapping) or isinstance(new, Mapping):
             name = view_words(view)
             parts = dict.fromkeys((*_mapping(old), *_mapping(new)))

@@ -8,6 +8,7 @@ import numpy as np
 
 from discovery.closure import Closure, FoundEffect, LookAlike, Screened, Step
 from discovery.localisation import Localisation, Profile
+from discovery.unbalanced import ForceMap
 from rom.effects import CATALOGUE, Added, free_form
 from rom.laws import Parameter
 from rom.parameters.he_2025 import paper_model
@@ -46,6 +47,21 @@ def localisation(scale: float, p: float) -> Localisation:
         whiteness_p=p,
         total=scale,
     )
+
+
+def force_map(place: str, scale: float = 1.0) -> ForceMap:
+    """A force that is friction for the most part; where both are negative there was no motion."""
+    edges = np.array([-30.0, -10.0, -3.0, -1.0, 1.0, 3.0, 10.0, 30.0])
+    centres = (edges[1:] + edges[:-1]) / 2
+    force = np.tanh(scale * np.subtract.outer(centres, 0.05 * centres))
+    force[:2, :2] = np.nan
+    phase = np.linspace(0.0, 19.0, 100)
+    loop = {"displacement_m": 1e-5 * np.sin(phase), "force_n": scale * np.tanh(3 * np.cos(phase))}
+    return ForceMap(
+        place, 1e-6 * edges, 1e-3 * edges, force, level=10.0 * scale, level_positive=9.0, level_negative=11.0,
+        explained=0.8, explained_p=0.001, elastic=0.1, rest=0.1, work_per_cycle_j=4e-5,
+        cosine_displacement=0.0, cosine_velocity=0.8, cosine_chance=0.05, loop=loop,
+    )  # fmt: skip
 
 
 def with_limits(effect: Added, width: float = 0.1) -> Added:

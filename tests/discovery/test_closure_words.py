@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from dataclasses import replace
@@ -14,6 +15,7 @@ from discovery.closure_words import lives_in, paragraph, place_words, sections
 from tests.discovery.sound_closure import (
     LADDER,
     closure,
+    force_map,
     friction,
     localisation,
     skew,
@@ -130,6 +132,61 @@ def test_the_figure_shows_every_view_before_and_after() -> None:
     before, after = (list(line.get_xdata()) for line in axes[0].get_lines()[:2])
     assert before == [value for _, value in found.residual_before.by_channel]
     assert after == [value for _, value in found.residual_after.by_channel]
+
+
+def test_the_views_of_time_harmonic_place_and_sign_are_said_and_drawn() -> None:
+    after = replace(
+        localisation(4.7, 1e-9),
+        by_time=(("0 to 0.1 s", 9.0), ("0.1 to 0.35 s", 1.0)),
+        by_harmonic=(("1st harmonic", 2.0), ("3rd harmonic", 7.0)),
+        by_place=(("joint", 2.0), ("body so", 6.0)),
+        by_sign=(("positive", 5.0), ("negative", 1.0)),
+        repeats=(("repeatability", 0.9), ("repeatability_chance", 0.02), ("repeatability_pairs", 3.0)),
+        forces=(force_map("joint"), replace(force_map("body so"), explained=0.05)),
+    )
+    found = replace(closure(friction(), verdict="unexplained"), residual_before=after, residual_after=after)
+    remains = sections(found)["remains"]
+    for part in (
+        "after the impact 0 to 0.1 s (9 times noise)",
+        "; 3rd harmonic (7 times noise)",
+        "as a force, body so (6 times noise)",
+        "displacement of the joint positive (5 times noise)",
+        "As a force on the link joint 80 % of it is one function of displacement and velocity, odd in "
+        "velocity by 90 %; 10 % is memory",
+        "correlate by 0.9 (noise: 0.02)",
+    ):
+        assert part in remains, part
+    figure = found.plot()
+    titles = [ax.get_title(loc="left") for ax in figure.axes]
+    assert titles[5:9] == [
+        "by time since the impact",
+        "by harmonic of the dominant frequency",
+        "by place of a missing force",
+        "by sign of the joint's displacement",
+    ]
+    assert titles[9:12] == [
+        "force left at joint, before",
+        "force left at joint, after",
+        "first cycles of the largest motion",
+    ]
+    first, second = (figure.axes[place].collections[0] for place in (9, 10))
+    assert first.get_clim() == second.get_clim()
+    figure.draw_without_rendering()
+
+
+def test_a_force_that_noise_explains_is_not_said_to_be_a_function() -> None:
+    chance = replace(force_map("joint"), explained_p=0.3)
+    after = replace(localisation(4.7, 1e-9), forces=(chance,))
+    found = replace(closure(friction(), verdict="unexplained"), residual_after=after)
+    assert "As a force on" not in found.summary()
+
+
+def test_what_a_campaign_does_not_have_is_not_in_its_file() -> None:
+    plain = localisation(2.0, 0.5).as_dict()
+    assert not {"by_time", "by_harmonic", "by_place", "by_sign", "forces", "repeatability"} & set(plain)
+    more = replace(localisation(2.0, 0.5), forces=(force_map("joint"),), repeats=(("repeatability", 0.5),))
+    assert json.loads(json.dumps(more.as_dict(), allow_nan=False))["forces"][0]["force_n"][0][0] is None
+    assert list(more.as_dict())[: len(plain)] == list(plain)
 
 
 def test_a_residual_without_views_still_has_a_figure() -> None:

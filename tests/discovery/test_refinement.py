@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from functools import cache
@@ -63,6 +64,19 @@ def test_a_missing_effect_stands_out_where_it_acts() -> None:
     assert dict(after.by_test)["loosening"] > 1.5
     assert dict(after.by_test)["coupled"] < 1.2
     assert after.whiteness_p < 1e-6
+    for view in (before.by_time, before.by_place, before.by_sign):
+        assert view
+        assert all(square == pytest.approx(1.0, abs=0.5) for _, square in view), view
+    assert dict(after.by_time)["0 to 0.1 s"] > 1.5
+    assert dict(after.by_harmonic)["3rd harmonic"] > 1.5 * dict(after.by_harmonic)["2nd harmonic"]
+    lacking = {one.place: one for one in after.forces}["body lo"]
+    assert lacking.explained > 0.1
+    assert lacking.explained_p <= 0.01
+    assert lacking.elastic > 0.8
+    assert {one.place: one.explained_p > 0.01 for one in before.forces} == dict.fromkeys(
+        ("joint", "body lo", "body so"), True
+    )
+    json.dumps(after.as_dict(), allow_nan=False)
 
 
 def test_the_true_effect_explains_the_residual_and_its_strength_comes_out() -> None:

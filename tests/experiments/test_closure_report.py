@@ -6,6 +6,7 @@ import html
 import json
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,15 @@ from experiments.results import plain
 from experiments.studies import report
 from experiments.studies.close import closure_section, model_section
 from rom.effects import CATALOGUE
-from tests.discovery.sound_closure import LADDER, closure, friction, skew, threshold, unknown_force
+from tests.discovery.sound_closure import (
+    LADDER,
+    closure,
+    force_map,
+    friction,
+    skew,
+    threshold,
+    unknown_force,
+)
 
 ALL = {"closure-errors", "closure-residual", "closure-screened", "closure-effects"}
 COMMAND = "boltlaw close campaign"
@@ -114,6 +123,40 @@ def test_the_residual_is_drawn_before_and_after_and_once_where_nothing_changed()
         assert lines[when.capitalize()] == list(data["residual"][when]["by_channel"].values())
     same = closure_figures(content(closure(verdict="no-effect")))["closure-residual"].axes[0]
     assert [line.get_label() for line in same.get_lines()] == ["Noise alone", "Residual"]
+
+
+def with_forces(found: Closure) -> Closure:
+    """The same with the force that is left, before and after."""
+    before, after = (
+        replace(residual, forces=(force_map("body so", scale), force_map("joint", 2 * scale)))
+        for residual, scale in ((found.residual_before, 1.0), (found.residual_after, 0.01))
+    )
+    return replace(found, residual_before=before, residual_after=after)
+
+
+def test_the_force_left_is_drawn_with_one_scale_and_as_loops() -> None:
+    figure = closure_figures(content(with_forces(closure(friction()))))["closure-force"]
+    figure.draw_without_rendering()
+    first, second, bar, loops = figure.axes
+    assert [ax.get_title(loc="left") for ax in (first, second)] == ["Before, joint", "After, joint"]
+    assert first.collections[0].get_clim() == second.collections[0].get_clim()
+    assert [line.get_label() for line in loops.get_lines()] == ["Before", "After"]
+    for ax in (first, loops):
+        assert "[µm]" in ax.get_xlabel()
+    assert bar.get_xlabel() == "Force [N]"
+    alone = closure_figures(content(with_forces(closure(verdict="no-effect"))))["closure-force"]
+    assert len(alone.axes) == 3
+
+
+def test_the_page_tells_the_force_that_is_left(tmp_path: Path) -> None:
+    words = shown(content(with_forces(closure(friction()))), tmp_path)
+    for part in (
+        "The force left at joint Before After Mean square over that of noise [1] 20.0 0.200",
+        "A function of displacement and velocity [%] 80.0 80.0",
+        "Work in a cycle, first three [mJ] 0.0400 0.0400",
+    ):
+        assert part in words, part
+    assert "force_n" not in words
 
 
 def test_errors_are_drawn_step_by_step() -> None:
