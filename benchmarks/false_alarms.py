@@ -3,9 +3,10 @@
 Campaigns of the virtual rig without undeclared effect (20 preloads, records of 2.5 s, one preload in five
 held out) at several levels of noise. The effects in the motion that promise most are fitted, whether or not a
 closure would find them worth it, and all in the tension and its gauge; the table gives the largest gain in
-cost of any of them, in units of what is left over. That is the null distribution that the thresholds of
-``discovery.acceptance`` have to stand above. In the tension it is too wide, if anything: the rig's gauge has
-a reading of its own, 5 N/mm, which is an effect.
+cost of any of them, in units of what is left over and as a share of the cost, and in how many campaigns signs
+of records drawn anew let it pass (``discovery.chance``). The conditions of ``discovery.acceptance`` have to
+stand above. In the tension gains are too large, if anything: the rig's gauge has a reading of its own,
+5 N/mm, which is an effect.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from rich.console import Console
 from rich.table import Table
 
 from discovery.acceptance import is_sure, spread_of
-from discovery.attribution import explain, screen
+from discovery.attribution import by_chance, explain, screen
+from discovery.chance import FALSE_ALARMS
 from discovery.explanation import Explanation
 from discovery.state import refitted, set_aside
 from discovery.tension_attribution import explain_tension
@@ -44,6 +46,8 @@ class Null:
     name: str
     training: float
     hold_out: float
+    share: float
+    passes: bool
     sure: int
 
 
@@ -54,9 +58,11 @@ def null_of(explanations: Sequence[Explanation]) -> Null:
         for one in explanations
     ]
     best = int(np.argmax([training for training, _ in gains]))
+    first = explanations[best]
     return Null(
-        len(gains), explanations[best].effect.path, *gains[best], sum(is_sure(one) for one in explanations)
-    )
+        len(gains), first.effect.path, *gains[best], first.share(),
+        first.p_value is not None and first.p_value <= FALSE_ALARMS, sum(is_sure(e) for e in explanations),
+    )  # fmt: skip
 
 
 def nulls(noise: float, seed: int, folder: Path) -> tuple[Null, Null]:
@@ -67,7 +73,8 @@ def nulls(noise: float, seed: int, folder: Path) -> tuple[Null, Null]:
     campaign = read_campaign(folder)
     found = identify_campaign(campaign)
     evidence = refitted(gather(campaign, starting(found, found.model), set_aside(found)))
-    in_motion = [explain(probes, evidence) for probes in screen(evidence)[:FITTED]]
+    screened = screen(evidence)
+    in_motion = [explain(probes, evidence, by_chance(screened)) for probes in screened[:FITTED]]
     in_tension = explain_tension(campaign, found, evidence.baseline.model).explanations
     return null_of(in_motion), null_of(in_tension)
 
@@ -81,6 +88,7 @@ def rows(noise: float, found: Sequence[tuple[Null, Null]]) -> Iterator[tuple[str
             f"{noise:g}", part, f"{len(ones)}", f"{np.median([one.effects for one in ones]):.0f}",
             f"{np.median(training):.1f}", f"{np.quantile(training, 0.9):.1f}",
             f"{first.training:.1f} ({first.name})", f"{first.hold_out:.1f}",
+            f"{max(100 * one.share for one in ones):.2g} %", f"{sum(one.passes for one in ones)}",
             f"{sum(one.sure > 0 for one in ones)}",
         )  # fmt: skip
 
@@ -94,7 +102,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     console = Console(width=140)
     table = Table(title="Gains in cost by chance: the largest of all effects in a campaign, training records")
-    for name in ("noise x", "part", "campaigns", "fitted", "median", "90 %", "most", "held out then", "sure"):
+    columns = ("noise x", "part", "campaigns", "fitted", "median", "90 %", "most", "held out then")
+    for name in (*columns, "share", "by signs", "sure"):
         table.add_column(name)
     for noise in options.noise:
         found = []

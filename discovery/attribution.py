@@ -14,6 +14,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from discovery.acceptance import MATERIAL
+from discovery.chance import FEWEST_RECORDS, by_record, largest_by_chance, p_value
 from discovery.explanation import Explanation
 from discovery.traces import Progress, Trace
 from discovery.tracing import Evidence, effect_force
@@ -38,7 +39,8 @@ class Probe:
     """An effect at a small strength, and how much of the residual it explains at its best strength.
 
     `gain` is the cost taken away from the training records, `amplitude` the best multiple of the probe's
-    strength, `kept` the share of its output that no number of the model can imitate.
+    strength, `kept` the share of its output that no number of the model can imitate, `scores` what each
+    record tells of it (`discovery.chance`).
     """
 
     member: Member
@@ -46,6 +48,7 @@ class Probe:
     gain: float
     amplitude: float
     kept: float
+    scores: FloatArray | None = None
 
 
 def motion_channels(evidence: Evidence) -> tuple[str, ...]:
@@ -171,7 +174,9 @@ def _probed(
         along = float(beyond @ left)
         amplitude = float(np.clip(along / size, *_reach(member, probe)))
         gain = amplitude * (2 * along - amplitude * size)
-        found.append(Probe(member, probe, gain, amplitude, float(np.sqrt(size / whole))))
+        kept = float(np.sqrt(size / whole))
+        scores = by_record(beyond, left, evidence.owner[evidence.training], len(evidence.traces))
+        found.append(Probe(member, probe, gain, amplitude, kept, scores))
     return tuple(sorted(found, key=lambda probe: -probe.gain))
 
 
@@ -180,6 +185,18 @@ def _reach(member: Member, probe: Added) -> tuple[float, float]:
     numbers = [probe.parameters[name] for name in member.strengths if probe.parameters[name].value]
     ends = [sorted(bound / number.value for bound in number.bounds) for number in numbers]
     return max(low for low, _ in ends), min(high for _, high in ends)
+
+
+def by_chance(probes: Sequence[Sequence[Probe]]) -> FloatArray | None:
+    """The largest gain of any effect of a screen under draws of the records' signs, (draws,).
+
+    Effects that a rough screen left out explain so little whatever the signs that they change next to none of
+    these. None where there are too few records for their signs to tell anything.
+    """
+    scores = [one.scores for ones in probes for one in ones if one.scores is not None]
+    if not scores or len(scores[0]) < FEWEST_RECORDS:
+        return None
+    return largest_by_chance(np.stack(scores))
 
 
 def worth_fitting(probes: Sequence[Sequence[Probe]], left: float) -> list[Sequence[Probe]]:
@@ -200,12 +217,16 @@ def worth_fitting(probes: Sequence[Sequence[Probe]], left: float) -> list[Sequen
     return [*near[:_TRIED], *(one for one in near[_TRIED:] if in_class(one))]
 
 
-def explain(probes: Sequence[Probe], evidence: Evidence) -> Explanation:
-    """Fit an effect and the model's numbers together, from its best probes."""
+def explain(probes: Sequence[Probe], evidence: Evidence, largest: FloatArray | None = None) -> Explanation:
+    """Fit an effect and the model's numbers together, from its best probes.
+
+    Its chance is that of its best probe among the ``largest`` gains that the screen makes by chance.
+    """
     training = evidence.of_training()
     fits = [_fitted(start, training) for start in _starts(probes)]
     effect = min(fits, key=lambda fit: fit[1])[0]
-    return explanation(effect, probes[0].member, evidence)
+    found = explanation(effect, probes[0].member, evidence)
+    return found if largest is None else replace(found, p_value=p_value(probes[0].gain, largest))
 
 
 def _starts(probes: Sequence[Probe]) -> list[tuple[Member, Added]]:

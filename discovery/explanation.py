@@ -38,6 +38,9 @@ class Explanation:
     left : float or None
         Mean square of what the training records' misfit is with the effect, 1 being noise; None where the
         cost itself tells it.
+    p_value : float or None
+        Chance that any effect of the catalogue explains as much of this campaign's residuals by the signs of
+        records alone; None where no signs were drawn.
     """
 
     effect: Added
@@ -49,6 +52,7 @@ class Explanation:
     at_bound: tuple[str, ...] = ()
     beside: Mapping[str, Parameter] = field(default_factory=dict)
     left: float | None = None
+    p_value: float | None = None
 
     def gains(self, *, hold_out: bool) -> FloatArray:
         """Cost taken away from each record of a kind, (records,)."""

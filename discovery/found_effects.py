@@ -19,8 +19,6 @@ from rom.effects import CATALOGUE, Added, candidates
 
 def found_effect(best: Explanation, rivals: Sequence[Explanation], state: State) -> FoundEffect:
     """An effect with its numbers as the state's model has them, what is like it, and how sure it is."""
-    gained = float(best.gains(hold_out=False).sum())
-    tried = len(candidates(state.model, (*motion_channels(state.evidence), "tension")))
     effect = next(
         (e for e in state.model.effects if (e.name, e.enters) == (best.effect.name, best.effect.enters)),
         best.effect,
@@ -42,9 +40,16 @@ def found_effect(best: Explanation, rivals: Sequence[Explanation], state: State)
         ),
         source="catalogue" if best.effect.name in CATALOGUE else "free-form",
         share=best.share(),
-        p_value=min(1.0, tried * float(stats.chi2.sf(gained / spread_of(best), max(best.free_numbers, 1)))),
+        p_value=_nominal(best, state) if best.p_value is None else best.p_value,
         wins=(int((gains > 0).sum()), len(gains)),
     )
+
+
+def _nominal(best: Explanation, state: State) -> float:
+    """Chance of a gain by the likelihood ratio, times the number of effects that were tried."""
+    gained = float(best.gains(hold_out=False).sum())
+    tried = len(candidates(state.model, (*motion_channels(state.evidence), "tension")))
+    return min(1.0, tried * float(stats.chi2.sf(gained / spread_of(best), max(best.free_numbers, 1))))
 
 
 def _moved(limit: float | None, shift: float) -> float | None:

@@ -14,7 +14,7 @@ from rom.channels import FloatArray
 from rom.effects import Effect, SensorFault
 from rom.laws import power_loosening
 from rom.linear import STRIDES, spectral_records
-from rom.loosening import LooseningCase, identify_gamma
+from rom.loosening import LooseningCase, matching_gammas
 from rom.model import Model
 from rom.noise_floor import Group
 from rom.own_numbers import own_names
@@ -26,6 +26,7 @@ from rom.spectra import CORNER, ComplexArray, SpectralRecord, spectrum
 _LEAST_FINAL = 0.01
 _SAMPLES = 4.0  # at the highest line of a spectrum: what else folds back there is below the noise
 _HALF_LINE = 1e-6
+_AS_MEASURED = 1e-6  # of asinh(gamma): noise tells a loss less closely
 _FEWEST_QUIET = 64  # samples before the hit
 _LINES = 9  # so many tell the power to a third
 Progress = Callable[[int, int], None]
@@ -238,7 +239,10 @@ def _own_gammas(
             LooseningCase(one.file, body, one.applied_force[body], one.rate_hz, tension.initial, final,
                           max(tension.final_error, 1e-3))
         )  # fmt: skip
-    return {found.file: max(found.gamma, 0.0) for found in identify_gamma(model, cases, window_s)}
+    if not cases:
+        return {}
+    gammas, _ = matching_gammas(model, cases, window_s, tolerance=_AS_MEASURED)
+    return {case.file: max(float(gamma), 0.0) for case, gamma in zip(cases, gammas, strict=True)}
 
 
 def _with_gamma(model: Model, gamma: float | None) -> Model:

@@ -76,7 +76,12 @@ class Trail:
         return is_quiet(self.tension[-1].level, self.tension[0].level)
 
     def improves(self, after: State) -> bool:
-        """Whether a state is better than the last one by what matters, or leaves noise alone at last."""
+        """Whether a state is better than the last one by what matters, or leaves noise alone at last.
+
+        None is with which a record cannot be simulated any more.
+        """
+        if len(after.evidence.traces) < len(self.last.evidence.traces):
+            return False
         before = self.last.level
         loud = before > QUIET
         return matters(

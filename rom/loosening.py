@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 from scipy import optimize
 from scipy.optimize import elementwise
 
@@ -89,9 +90,29 @@ def identify_gamma(
     """Return gamma per case such that simulated and measured final tension agree; bounds +-1e10."""
     if not cases:
         return ()
-    link = model.structure.bolted_links[0]
-    laws = replace(model.link_laws[link], tension_rate=power_loosening(1.0, exponent))
-    trial = replace(model, link_laws={**model.link_laws, link: laws})
+    trial = _with_power(model, exponent)
+    gamma, at_bound = matching_gammas(model, cases, window_s, exponent)
+    step = 1e-3 * np.abs(gamma)
+    slope = np.abs(
+        final_tensions(trial, cases, window_s, gamma + step)
+        - final_tensions(trial, cases, window_s, gamma - step)
+    ) / (2e-3)
+    error = np.array([case.loss_error for case in cases]) / np.maximum(slope, 1e-12)
+    return tuple(
+        GammaEstimate(c.file, c.initial, c.final, c.loss_error, float(g), float(e), bool(b))
+        for c, g, e, b in zip(cases, gamma, error, at_bound, strict=True)
+    )
+
+
+def matching_gammas(
+    model: Model,
+    cases: Sequence[LooseningCase],
+    window_s: tuple[float, float],
+    exponent: float = 4.0,
+    tolerance: float = 1e-10,
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Return gammas [s^3/m^4] to a tolerance of asinh(gamma), (cases,), and which of them are at a bound."""
+    trial = _with_power(model, exponent)
     measured = np.array([case.final for case in cases])
 
     def simulated(place: FloatArray, index: FloatArray) -> FloatArray:
@@ -113,21 +134,18 @@ def identify_gamma(
         miss,
         bracket.bracket,
         args=(index,),
-        tolerances={"xatol": 0.0, "xrtol": 1e-10, "fatol": 1e-10, "frtol": 0.0},
+        tolerances={"xatol": 0.0, "xrtol": tolerance, "fatol": 1e-10, "frtol": 0.0},
     )
     at_bound = ~np.asarray(bracket.success)
     ends = np.where(guess > 0, limit, -limit)
-    gamma = np.sinh(np.where(at_bound, ends, found.x))
-    step = 1e-3 * np.abs(gamma)
-    slope = np.abs(
-        final_tensions(trial, cases, window_s, gamma + step)
-        - final_tensions(trial, cases, window_s, gamma - step)
-    ) / (2e-3)
-    error = np.array([case.loss_error for case in cases]) / np.maximum(slope, 1e-12)
-    return tuple(
-        GammaEstimate(c.file, c.initial, c.final, c.loss_error, float(g), float(e), bool(b))
-        for c, g, e, b in zip(cases, gamma, error, at_bound, strict=True)
-    )
+    return np.sinh(np.where(at_bound, ends, found.x)), at_bound
+
+
+def _with_power(model: Model, exponent: float) -> Model:
+    """The model with ``gamma |v|^n T`` for its tension's law."""
+    link = model.structure.bolted_links[0]
+    laws = replace(model.link_laws[link], tension_rate=power_loosening(1.0, exponent))
+    return replace(model, link_laws={**model.link_laws, link: laws})
 
 
 def _small_loss_gamma(

@@ -11,9 +11,9 @@ import rom
 from discovery.trail import Trail
 
 
-def state(level: float, error: float = 1.0) -> Any:
+def state(level: float, error: float = 1.0, records: int = 3) -> Any:
     held = {"motion_nrmse": error, "relative_motion_nrmse": error}
-    evidence = SimpleNamespace(baseline=SimpleNamespace(believed=()))
+    evidence = SimpleNamespace(baseline=SimpleNamespace(believed=()), traces=("record",) * records)
     return SimpleNamespace(
         level=level, errors={"hold_out": held, "training": held}, model=rom.paper_model(), evidence=evidence
     )
@@ -50,6 +50,11 @@ def test_a_better_state_lowers_an_error_or_leaves_noise_alone(
     before: float, after: float, error: float, better: bool
 ) -> None:
     assert Trail((state(before),)).improves(state(after, error)) is better
+
+
+def test_a_model_with_which_a_record_diverges_is_no_better() -> None:
+    assert Trail((state(6.6),)).improves(state(1.0, 0.5))
+    assert not Trail((state(6.6),)).improves(state(1.0, 0.5, records=2))
 
 
 def test_the_verdict_is_that_of_the_last_model() -> None:

@@ -1,0 +1,71 @@
+"""Signs of records drawn anew: what a catalogue explains of a residual by chance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from discovery.acceptance import is_sure
+from discovery.attribution import Probe, by_chance
+from discovery.chance import FALSE_ALARMS, FEWEST_RECORDS, by_record, largest_by_chance, p_value
+from discovery.explanation import Explanation
+from rom.effects import CATALOGUE
+
+RECORDS, ROWS, EFFECTS = 20, 50, 30
+
+
+def _scores(rng: np.random.Generator, strength: float = 0.0, alike: float = 0.0) -> np.ndarray:
+    """Scores of random effects, the first of which is in the residual, every record with a misfit too."""
+    outputs = rng.standard_normal((EFFECTS, RECORDS * ROWS))
+    owner = np.repeat(np.arange(RECORDS), ROWS)
+    misfit = np.repeat(rng.standard_normal(RECORDS), ROWS) * outputs[1]
+    residual = rng.standard_normal(RECORDS * ROWS) + strength * outputs[0] + alike * misfit
+    return np.stack([by_record(output, residual, owner, RECORDS) for output in outputs])
+
+
+def test_the_scores_of_records_add_up_to_what_an_effect_explains():
+    rng = np.random.default_rng(0)
+    output, residual = rng.standard_normal((2, 60))
+    scores = by_record(output, residual, np.repeat(np.arange(3), 20), 3)
+    assert scores.sum() ** 2 == pytest.approx((output @ residual) ** 2 / (output @ output))
+
+
+def test_rows_of_ties_tell_of_no_record():
+    rng = np.random.default_rng(0)
+    output, residual = rng.standard_normal((2, 70))
+    assert by_record(output, residual, np.repeat(np.arange(3), 20), 3).shape == (3,)
+
+
+@pytest.mark.parametrize("alike", [0.0, 0.5], ids=["noise", "misfit of each record's own"])
+def test_false_alarms_of_the_whole_catalogue_are_as_many_as_are_asked(alike):
+    alarms = 0
+    for seed in range(100):
+        scores = _scores(np.random.default_rng(seed), alike=alike)
+        best = float(np.max(scores.sum(axis=1) ** 2))
+        alarms += p_value(best, largest_by_chance(scores)) <= FALSE_ALARMS
+    assert alarms <= 11  # binomial: more come with a chance below 1 %
+
+
+def test_what_all_records_tell_alike_is_no_chance():
+    scores = _scores(np.random.default_rng(1), strength=0.3)
+    assert p_value(float(scores[0].sum() ** 2), largest_by_chance(scores)) == 0.001
+
+
+def _probe(scores: np.ndarray) -> Probe:
+    member = CATALOGUE["cubic-stiffness"]
+    return Probe(member, member.at("joint"), float(scores.sum() ** 2), 1.0, 1.0, scores)
+
+
+def test_the_signs_of_few_records_tell_nothing():
+    few = np.ones(FEWEST_RECORDS - 1)
+    assert by_chance([[_probe(few)]]) is None
+    assert by_chance([[_probe(np.ones(FEWEST_RECORDS))]]) is not None
+    assert by_chance([]) is None
+
+
+@pytest.mark.parametrize(("chance", "sure"), [(None, True), (0.001, True), (0.2, False)])
+def test_an_effect_that_chance_explains_is_not_sure(chance, sure):
+    effect = CATALOGUE["cubic-stiffness"].at("joint")
+    before, after = {"a": 2000.0, "b": 2000.0}, {"a": 1000.0, "b": 1000.0}
+    one = Explanation(effect, before, after, {"a": 1000, "b": 1000}, frozenset("b"), 1, p_value=chance)
+    assert is_sure(one) is sure
