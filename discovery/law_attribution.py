@@ -255,7 +255,8 @@ def _starts(member: Member, effect: Added) -> list[dict[str, float]]:
 
 
 def _silent(effect: Added) -> Added:
-    return effect.with_values(**dict.fromkeys(CATALOGUE[effect.name].strengths, 0.0))
+    member = CATALOGUE.get(effect.name)  # of a free form all numbers are strengths
+    return effect.with_values(**dict.fromkeys(effect.parameters if member is None else member.strengths, 0.0))
 
 
 def _predictive(problem: LawProblem, at: State) -> State:

@@ -181,7 +181,7 @@ def course(candidate: LawCandidate, frozen: Frozen, u: FloatArray) -> FloatArray
     true = effect.remove(initial, 1.0) if isinstance(effect, SensorFault) else initial
     true = np.maximum(true, 0.0)
     means = np.empty_like(frozen.change)
-    edges = _edges(frozen)
+    edges = bin_edges(frozen)
     highest = _HIGHEST * max(float(true.max()), 1.0)
     follow_courses(law.address, p, frozen.nodes[:5], frozen.starts, edges, true, highest, means)
     means = np.nan_to_num(means, nan=_NEVER)
@@ -191,7 +191,7 @@ def course(candidate: LawCandidate, frozen: Frozen, u: FloatArray) -> FloatArray
     return np.asarray(means - np.maximum(initial, 0.0)[:, None] + added)
 
 
-def _edges(frozen: Frozen) -> FloatArray:
+def bin_edges(frozen: Frozen) -> FloatArray:
     """Edges of the bins [s] from the hit: those of one record, to a sample those of all."""
     return np.asarray(frozen.courses[0].edges_s - frozen.courses[0].impact_s)
 
@@ -231,5 +231,5 @@ def resimulated(candidate: LawCandidate, frozen: Frozen, u: FloatArray, model: M
         )  # fmt: skip
     if isinstance(effect, SensorFault):
         return np.asarray(effect.apply(out, 1.0) - measured[:, None])
-    added = slow_reading(effect, _edges(frozen)) if isinstance(effect, Reading) else 0.0
+    added = slow_reading(effect, bin_edges(frozen)) if isinstance(effect, Reading) else 0.0
     return np.asarray(out - np.maximum(measured, 0.0)[:, None] + added)

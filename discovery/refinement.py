@@ -10,7 +10,7 @@ from joblib import Parallel, delayed
 
 from discovery.acceptance import MATERIAL, QUIET, harms, is_quiet, is_sure, merit
 from discovery.at_rest import explain_at_rest
-from discovery.attribution import Probe, explain, explanation, screen, worth_fitting
+from discovery.attribution import Probe, by_chance, explain, explanation, screen, worth_fitting
 from discovery.baseline import Baseline
 from discovery.closure import Closure, Screened, Step
 from discovery.disturbances import explain_disturbances
@@ -18,6 +18,7 @@ from discovery.explanation import Explanation
 from discovery.force_loop import close_forces
 from discovery.found_effects import found_effect, label_of, screened
 from discovery.free_form import free_forms
+from discovery.free_tension import with_free_form
 from discovery.law_likelihood import acts_at_rest
 from discovery.localisation import localise
 from discovery.state import (
@@ -34,7 +35,7 @@ from discovery.state import (
     with_effects,
     with_law,
 )
-from discovery.tension_attribution import explain_tension
+from discovery.tension_attribution import explain_freely, explain_tension
 from discovery.tracing import Evidence, gather, noise_of, starting, weigh
 from discovery.trail import FAR_LESS, Chosen, Trail, chosen, courses
 from rom.campaign import Campaign
@@ -86,7 +87,7 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     if not path.is_quiet:
         formed = loop.formed(rested.states[-1], seed)
         path = path if formed is None else path.or_better(loop.in_motion(rested, formed))
-    path = loop.in_tension(path)
+    path = loop.in_tension(path, seed)
     last = path.last
     labels = ["", *(label_of(one.best.effect) for one in path.chosen)]
     return Closure(
@@ -221,8 +222,21 @@ class _Loop:
             found += [(Chosen(fitted, ()), after)] if is_sure(fitted) else []
         return min(found, key=_left, default=None)
 
-    def in_tension(self, path: Trail) -> Trail:
-        """Add effects in the tension and its gauge, which hardly show in the motion, until none helps.
+    def in_tension(self, path: Trail, seed: int = 0) -> Trail:
+        """Add effects in the tension and its gauge; a free form where the catalogue leaves too much."""
+        named = self._named_in_tension(path)
+        if named.tension_is_quiet:
+            return named
+        starts = [path, named] if len(named.chosen) > len(path.chosen) else [path]
+        return with_free_form(
+            named,
+            [start for start in starts if len(start.chosen) < MOST_EFFECTS],
+            lambda state: explain_freely(self.campaign, state.found, state.model, self.jobs, seed),
+            self.adopt,
+        )
+
+    def _named_in_tension(self, path: Trail) -> Trail:
+        """Add effects of the catalogue in the tension, which hardly show in the motion, until none helps.
 
         They are told along the motion, so where that is not explained nothing is asked. One that makes the
         simulated errors worse, or the courses by more than it explains, is not kept; nor is a law believed
@@ -279,8 +293,8 @@ class _Loop:
         """Fit what the screen promises."""
         tell = self.stage("fitting effects")
         left = evidence.beyond(evidence.residual)
-        tried = worth_fitting(probes, float(left @ left))
-        tasks = (delayed(explain)(one, evidence) for one in tried)
+        tried, largest = worth_fitting(probes, float(left @ left)), by_chance(probes)
+        tasks = (delayed(explain)(one, evidence, largest) for one in tried)
         explanations: list[Explanation] = []
         for one in Parallel(n_jobs=self.jobs, prefer="threads", return_as="generator")(tasks):
             explanations.append(one)
@@ -340,14 +354,15 @@ class _Loop:
 def _sharpened(evidence: Evidence) -> Evidence:
     """Refit beside the noise of bodies struck alone as it is now, where an effect had passed for it."""
     floors = noise_of(evidence.baseline, evidence.traces)
-    if all(old.sensor.max() < _LOUDER * floors[group].sensor.max() for group, old in evidence.floors.items()):
+    both = evidence.floors.keys() & floors.keys()  # none of a group's records may be simulable any more
+    if all(evidence.floors[one].sensor.max() < _LOUDER * floors[one].sensor.max() for one in both):
         return evidence
     return refitted(weigh(evidence.traces, evidence.baseline, floors))
 
 
-def _left(one: tuple[Chosen, Evidence]) -> float:
-    """Cost of what an effect leaves, of all records."""
-    return float(np.sum(one[1].residual ** 2))
+def _left(one: tuple[Chosen, Evidence]) -> tuple[int, float]:
+    """Records that can be simulated with an effect, most first, then the cost of what it leaves of all."""
+    return -len(one[1].traces), float(np.sum(one[1].residual ** 2))
 
 
 def _told(one: Explanation, before: Evidence, after: Evidence) -> Explanation:

@@ -7,20 +7,25 @@ Slow part: the course of the tension after each hit under a law, its case-to-cas
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from discovery.acceptance import is_sure, spread_of
 from discovery.explanation import Explanation
+from discovery.free_rate import PRICE, free_rates
 from discovery.gauge_attribution import explained_by_gauge
 from discovery.law_attribution import LawSearch, Slow
 from discovery.law_likelihood import acts_at_rest
+from discovery.localisation import Profile
 from discovery.tension_data import Data, Gained, Misfit, Pair
 from discovery.tension_rows import frozen_of, noises, read_tensions, with_noise
+from discovery.tension_views import tension_views
 from rom.campaign import Campaign
 from rom.channels import FloatArray
 from rom.effects import Added, LawChange, Member, Reading, SensorFault, candidates
+from rom.effects.free_form import FREE_FORM
 from rom.identification import Identification
 from rom.model import Model
 from rom.own_numbers import own_names
@@ -33,10 +38,25 @@ _FAST = 8  # about so many numbers tell a record's fast part
 
 @dataclass(frozen=True)
 class TensionFindings:
-    """What effects explain of the tension, and what the model's own law leaves over of the courses."""
+    """What effects explain of the tension, and what the model's own law leaves over of the courses.
+
+    Attributes
+    ----------
+    explanations : tuple of Explanation
+        Those that take most from the training cost first.
+    misfit : Misfit
+        Mean square of what the law leaves over of the training courses.
+    views : mapping of str to tuple of (str, float)
+        The same along ``by_preload``, ``by_velocity`` and ``by_time``, see `tension_views`; empty where there
+        are no courses.
+    """
 
     explanations: tuple[Explanation, ...]
     misfit: Misfit
+    views: Mapping[str, Profile] = field(default_factory=dict)
+
+
+_NOTHING = TensionFindings((), Misfit(1.0, 0.0))
 
 
 def explain_tension(
@@ -67,40 +87,85 @@ def explain_tension(
         One explanation for each effect, those that take most from the training cost first; none where the
         model has not one bolted link, or too few training records have a tension and a hit.
     """
-    nothing = TensionFindings((), Misfit(1.0, 0.0))
-    if len(model.structure.bolted_links) != 1:
-        return nothing
-    seen = read_tensions(campaign, model, jobs)
-    if sum(s.settings.test == "loosening" and not s.settings.hold_out for s in seen) < _FEWEST:
-        return nothing
-    ordered = tuple(sorted(seen, key=lambda s: s.settings.hold_out))
-    noise_of = noises(ordered, _ALLOWED_DRIFT)
-    if noise_of is None:
-        return nothing
-    steady, drifting = noise_of
+    search = _search(campaign, found, model, jobs)
+    if search is None:
+        return _NOTHING
     held = {effect.path for effect in model.effects}
-    drifts = any(isinstance(e, Reading) and own_names(e) for e in model.effects)
-    noise = drifting if drifts else steady
-    data = Data(
-        model, ordered, frozen_of(ordered, noise, model), sum(not s.settings.hold_out for s in ordered),
-        np.array([s.settings.test == "loosening" for s in ordered]),
-    )  # fmt: skip
     effects = [
         (member, effect)
         for member, effect in candidates(model, ["tension"])
         if effect.enters in ("tension", "sensor:tension") and effect.path not in held
         and isinstance(effect, (LawChange, Reading, SensorFault))
     ]  # fmt: skip
+    return _explained(search, effects, search.baseline(), progress)
+
+
+def explain_freely(
+    campaign: Campaign, found: Identification, model: Model, jobs: int = 1, seed: int = 0
+) -> TensionFindings:
+    """Return what the best sum of terms beside a model's tension law explains: a form found from the courses.
+
+    Parameters
+    ----------
+    campaign, found, model, jobs
+        As for `explain_tension`.
+    seed : int
+        Of the ensembles of the sparse fits.
+
+    Returns
+    -------
+    TensionFindings
+        One explanation at most: of the sums that explain more than chance, on held-out records too, the one
+        of lowest cost with a price for every term. None where the courses are at noise, or the model has a
+        free form in its tension already.
+    """
+    search = _search(campaign, found, model, jobs)
+    if search is None:
+        return _NOTHING
+    base = search.baseline()
+    if base.misfit.is_noise or any(isinstance(e, LawChange) and e.name == FREE_FORM for e in model.effects):
+        return TensionFindings((), base.misfit, tension_views(base))
+    told = _explained(search, free_rates(search.data, seed), base)
+    sure = [one for one in told.explanations if _is_told_by_unseen(one)]
+    spread = min((spread_of(one) for one in sure), default=1.0)
+    sure.sort(key=lambda one: one.cost(hold_out=False) / spread + PRICE * one.free_numbers)
+    return replace(told, explanations=tuple(sure[:1]))
+
+
+def _is_told_by_unseen(one: Explanation) -> bool:
+    """Whether held-out records ask for a sum too: of so many sums one suits training records by chance."""
+    unseen = one.gains(hold_out=True)
+    return is_sure(one) and (not unseen.size or float(unseen.sum()) / spread_of(one) > PRICE)
+
+
+def _search(campaign: Campaign, found: Identification, model: Model, jobs: int) -> LawSearch | None:
+    """Read the courses; None where there are too few, or none."""
+    if len(model.structure.bolted_links) != 1:
+        return None
+    seen = read_tensions(campaign, model, jobs)
+    if sum(s.settings.test == "loosening" and not s.settings.hold_out for s in seen) < _FEWEST:
+        return None
+    ordered = tuple(sorted(seen, key=lambda s: s.settings.hold_out))
+    noise_of = noises(ordered, _ALLOWED_DRIFT)
+    if noise_of is None:
+        return None
+    steady, drifting = noise_of
+    drifts = any(isinstance(e, Reading) and own_names(e) for e in model.effects)
+    noise = drifting if drifts else steady
+    data = Data(
+        model, ordered, frozen_of(ordered, noise, model), sum(not s.settings.hold_out for s in ordered),
+        np.array([s.settings.test == "loosening" for s in ordered]),
+    )  # fmt: skip
     free = tuple(found.gamma_fit.free) if found.gamma_fit is not None else ()
     slope = 1.0 if drifting.of_tension else float(np.median([s.bins.slope for s in ordered]))
     size = slope * float(np.sqrt(drifting.drift))
-    search = LawSearch(data, free, with_noise(data.frozen, ordered, noise, drifting), size)
-    return _explained(data, search, effects, progress)
+    return LawSearch(data, free, with_noise(data.frozen, ordered, noise, drifting), size)
 
 
 def _explained(
-    data: Data, search: LawSearch, effects: Sequence[Pair], progress: Progress | None
+    search: LawSearch, effects: Sequence[Pair], base: Slow, progress: Progress | None = None
 ) -> TensionFindings:
+    data = search.data
     slow = [pair for pair in effects if _of_course(*pair)]
     done = iter(range(1, len(slow) + 1))
 
@@ -108,10 +173,10 @@ def _explained(
         if progress is not None:
             progress(next(done), len(slow))
 
-    base = search.baseline()
     by_gauge, fast = explained_by_gauge(data, [pair for pair in effects if pair not in slow])
     by_course, base = search.explained(slow, base, report)
-    return TensionFindings(_explanations(data, [*by_course, *by_gauge], base, fast), base.misfit)
+    found = _explanations(data, [*by_course, *by_gauge], base, fast)
+    return TensionFindings(found, base.misfit, tension_views(base))
 
 
 def _explanations(

@@ -40,6 +40,7 @@ def led(
     nothing = TensionFindings((), Misfit(levels[-1], 100.0))
     after = iter(errors[1:])
     monkeypatch.setattr(refinement, "explain_tension", lambda *_: next(told, nothing))
+    monkeypatch.setattr(refinement, "explain_freely", lambda *_: nothing)
     monkeypatch.setattr(_Loop, "adopt", lambda *_: state(next(after)))
     loop = _Loop(None, None, 1, silent)  # type: ignore[arg-type]
     return loop.in_tension(Trail((state(errors[0], motion),)))
