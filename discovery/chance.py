@@ -1,5 +1,6 @@
-"""What a whole catalogue explains by chance of the residuals of this very campaign: signs drawn by record.
+"""What a whole catalogue explains by chance of the residuals of this very campaign.
 
+In the motion, signs are drawn by record.
 Of a residual r, what effect e explains is (sum_i a_i)^2, a_i = (s_e . r)_i / |s_e| over the rows of record i
 (s_e its output, both without what the model's numbers imitate). Where no effect is missing, records err to
 either side alike, so that r with the signs of whole records drawn anew is as likely as r itself: neither
@@ -41,6 +42,22 @@ def largest_by_chance(scores: FloatArray) -> FloatArray:
     """
     signs = np.random.default_rng(_SEED).choice((-1.0, 1.0), size=(scores.shape[1], _DRAWS))
     return np.asarray(np.max((scores @ signs) ** 2, axis=0, initial=0.0))
+
+
+def largest_of_noise(shapes: FloatArray, spread: float) -> FloatArray:
+    """Return the largest gain of any effect in normal numbers, (draws,).
+
+    Parameters
+    ----------
+    shapes : ndarray, shape (effects, rows)
+        What each effect takes off whitened residuals.
+    spread : float
+        Mean square of the numbers: what is left over may be more than noise.
+    """
+    sizes = np.linalg.norm(shapes, axis=1)
+    shapes = shapes[sizes > 0] / sizes[sizes > 0, None]
+    drawn = np.random.default_rng(_SEED).standard_normal((shapes.shape[1], _DRAWS))
+    return np.asarray(spread * np.max((shapes @ drawn) ** 2, axis=0, initial=0.0))
 
 
 def p_value(gain: float, largest: FloatArray) -> float:

@@ -57,9 +57,10 @@ class FoundEffect:
     share : float
         Share of the residual's whitened square that it took away on training records.
     p_value : float
-        Chance that any effect of the catalogue explains as much of this campaign's residuals, the signs of
-        its records drawn anew (`discovery.chance`; 0.001 at least). In the tension, of what shows before the
-        hits, and for few records: by the likelihood ratio were all noise normal, times the effects tried.
+        Chance that any effect of the catalogue explains as much of this campaign's residuals by chance
+        (`discovery.chance`; 0.001 at least): the signs of records drawn anew in the motion, noise and scatter
+        in the tension. Of what shows before the hits, in the gauge's fast part, and for few records: by the
+        likelihood ratio were all noise normal, times the effects tried.
     wins : tuple of int
         Held-out records that it explains better than the model without it, and how many there are.
     """

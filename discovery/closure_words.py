@@ -33,12 +33,18 @@ _VIEWS = {  # others are said as they are named
     "by_harmonic": "harmonic of the dominant frequency",
     "by_place": "place of a missing force",
     "by_sign": "sign of the joint's displacement",
+    "tension_by_preload": "preload, of the tension's courses",
+    "tension_by_velocity": "relative velocity, of the tension's courses",
+    "tension_by_time": "time since the impact, of the tension's courses",
 }
 _PLACED = {  # what is said before a label where it stands out
     "by_time": "after the impact",
     "by_harmonic": "",
     "by_place": "as a force,",
     "by_sign": "displacement of the joint",
+    "tension_by_preload": "courses of the tension at",
+    "tension_by_velocity": "courses of the tension at",
+    "tension_by_time": "courses of the tension after",
 }
 _MEASURES = (
     ("motion_nrmse", "the displacement", 100.0, " %"),

@@ -39,8 +39,8 @@ class Explanation:
         Mean square of what the training records' misfit is with the effect, 1 being noise; None where the
         cost itself tells it.
     p_value : float or None
-        Chance that any effect of the catalogue explains as much of this campaign's residuals by the signs of
-        records alone; None where no signs were drawn.
+        Chance that any effect of the catalogue explains as much of this campaign's residuals where none is
+        missing (`discovery.chance`); None where nothing was drawn.
     """
 
     effect: Added

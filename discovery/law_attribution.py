@@ -12,6 +12,7 @@ from itertools import product
 
 import numpy as np
 
+from discovery.chance import largest_of_noise, p_value
 from discovery.law_likelihood import (
     LawCandidate,
     LawProblem,
@@ -96,7 +97,16 @@ class LawSearch:
         for rank, (effect, slow) in enumerate(screened):
             final = self._refined(slow) if rank < _REFINED else self._with_costs(slow, self.data.frozen)
             gained.append(self._gained(effect, final, base))
-        return gained, base
+        return self._judged(gained, [slow for _, slow in screened], base), base
+
+    def _judged(self, gained: Sequence[Gained], fits: Sequence[Slow], base: Slow) -> list[Gained]:
+        """With the chance that noise alone gives any of the effects as much."""
+        if not fits:
+            return list(gained)
+        shapes = np.stack([(base.state.residual - fit.state.residual).ravel() for fit in fits])
+        largest = largest_of_noise(shapes, max(base.misfit.level, 1.0))
+        count = self.data.training
+        return [replace(g, p_value=p_value(float(g.gains[:count].sum()), largest)) for g in gained]
 
     def _without_effect(self, slow: Slow, base: Slow) -> Slow:
         """The law alone fitted from where a fit with an effect ended, if that is better than the baseline.

@@ -5,7 +5,7 @@ which place as a force.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -64,6 +64,8 @@ class Localisation:
         How alike the residuals of tests are that repeat each other; empty where none does.
     forces : tuple of ForceMap
         The force left unbalanced at every place, over the motion there.
+    courses : mapping of str to tuple of (str, float)
+        Mean squares of what the law leaves over of the tension's courses (`discovery.tension_views`).
     """
 
     by_channel: Profile
@@ -80,6 +82,7 @@ class Localisation:
     by_sign: Profile = ()
     repeats: Profile = ()
     forces: tuple[ForceMap, ...] = ()
+    courses: Mapping[str, Profile] = field(default_factory=dict)
 
     def as_dict(self) -> Mapping[str, object]:
         """Return plain values for a result file; what only some campaigns have is left out by others."""
@@ -89,11 +92,16 @@ class Localisation:
         found |= {view: dict(profile) for view in more if (profile := getattr(self, view))}
         found |= {"whiteness_p": self.whiteness_p, "total": self.total, **dict(self.numbers)}
         found |= dict(self.repeats)
+        found |= {view: dict(profile) for view, profile in self.courses.items() if profile}
         return found | ({"forces": [one.as_dict() for one in self.forces]} if self.forces else {})
 
 
-def localise(evidence: Evidence, numbers: Mapping[str, float] | None = None) -> Localisation:
-    """Return where the residual on training records lives; other ``numbers`` that tell of it are kept."""
+def localise(
+    evidence: Evidence,
+    numbers: Mapping[str, float] | None = None,
+    courses: Mapping[str, Profile] | None = None,
+) -> Localisation:
+    """Return where the residual on training records lives; other ``numbers`` and views of it are kept."""
     parts = training_lines(evidence)
     squares = [(one.trace, one.part.frequency, one.rows) for one in parts]
     where = places(evidence)
@@ -117,6 +125,7 @@ def localise(evidence: Evidence, numbers: Mapping[str, float] | None = None) -> 
         numbers=tuple((numbers or {}).items()),
         repeats=repeatability(parts),
         forces=forces,
+        courses=courses or {},
     )
 
 

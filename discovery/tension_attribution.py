@@ -7,8 +7,8 @@ Slow part: the course of the tension after each hit under a law, its case-to-cas
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from discovery.free_rate import PRICE, free_rates
 from discovery.gauge_attribution import explained_by_gauge
 from discovery.law_attribution import LawSearch, Slow
 from discovery.law_likelihood import acts_at_rest
-from discovery.localisation import Profile
 from discovery.tension_data import Data, Gained, Misfit, Pair
 from discovery.tension_rows import frozen_of, noises, read_tensions, with_noise
 from discovery.tension_views import tension_views
@@ -45,15 +44,11 @@ class TensionFindings:
     explanations : tuple of Explanation
         Those that take most from the training cost first.
     misfit : Misfit
-        Mean square of what the law leaves over of the training courses.
-    views : mapping of str to tuple of (str, float)
-        The same along ``by_preload``, ``by_velocity`` and ``by_time``, see `tension_views`; empty where there
-        are no courses.
+        Mean square of what the law leaves over of the training courses, and where that is.
     """
 
     explanations: tuple[Explanation, ...]
     misfit: Misfit
-    views: Mapping[str, Profile] = field(default_factory=dict)
 
 
 _NOTHING = TensionFindings((), Misfit(1.0, 0.0))
@@ -124,7 +119,7 @@ def explain_freely(
         return _NOTHING
     base = search.baseline()
     if base.misfit.is_noise or any(isinstance(e, LawChange) and e.name == FREE_FORM for e in model.effects):
-        return TensionFindings((), base.misfit, tension_views(base))
+        return TensionFindings((), _viewed(base))
     told = _explained(search, free_rates(search.data, seed), base)
     sure = [one for one in told.explanations if _is_told_by_unseen(one)]
     spread = min((spread_of(one) for one in sure), default=1.0)
@@ -175,8 +170,12 @@ def _explained(
 
     by_gauge, fast = explained_by_gauge(data, [pair for pair in effects if pair not in slow])
     by_course, base = search.explained(slow, base, report)
-    found = _explanations(data, [*by_course, *by_gauge], base, fast)
-    return TensionFindings(found, base.misfit, tension_views(base))
+    return TensionFindings(_explanations(data, [*by_course, *by_gauge], base, fast), _viewed(base))
+
+
+def _viewed(base: Slow) -> Misfit:
+    """What a law leaves over of the courses, and where."""
+    return replace(base.misfit, views=tension_views(base))
 
 
 def _explanations(
@@ -195,6 +194,7 @@ def _explanations(
             one.at_bound,
             one.beside,
             base.misfit.level if one.left is None else one.left,
+            one.p_value,
         )
         for one in gained
     ]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import stats
 
+from discovery.localisation import Profile
 from discovery.motion import Frozen
 from discovery.tension_rows import Seen
 from rom.channels import FloatArray
@@ -50,10 +51,14 @@ class Data:
 
 @dataclass(frozen=True)
 class Misfit:
-    """Mean square of what a law leaves over of the courses, 1 being noise, of so many free numbers."""
+    """Mean square of what a law leaves over of the courses, 1 being noise, of so many free numbers.
+
+    `views` hold the same along preload, relative velocity and time, see `discovery.tension_views`.
+    """
 
     level: float
     numbers: float
+    views: Mapping[str, Profile] = field(default_factory=dict)
 
     @property
     def is_noise(self) -> bool:
@@ -72,7 +77,7 @@ class Gained:
     """An effect, the cost that it takes from each record, and its numbers that are at a bound.
 
     `beside` holds the numbers of the tension law that were fitted with it, where any were, `left` the mean
-    square of what is then left over of the courses.
+    square of what is then left over of the courses, `p_value` the chance of as much from noise.
     """
 
     effect: Added
@@ -80,6 +85,7 @@ class Gained:
     at_bound: tuple[str, ...] = ()
     beside: Mapping[str, Parameter] = field(default_factory=dict)
     left: float | None = None
+    p_value: float | None = None
 
 
 def limited(effect: Added, errors: Mapping[str, float]) -> Added:

@@ -33,18 +33,18 @@ def tension_views(slow: Slow) -> Mapping[str, Profile]:
     Returns
     -------
     mapping of str to tuple of (str, float)
-        ``by_preload``: tension before the hit [N]; ``by_velocity``: largest relative velocity in the bin
-        [mm/s]; ``by_time``: middle of the bin from the hit [ms]. A label of the class and the mean square
-        there; classes of less than five free numbers are left out.
+        ``tension_by_preload``: tension before the hit [N]; ``tension_by_velocity``: largest relative velocity
+        in the bin [mm/s]; ``tension_by_time``: middle of the bin from the hit [ms]. A label of the class and
+        the mean square there; classes of less than five free numbers are left out.
     """
     frozen = slow.problem.frozen
     squares, numbers = slow.state.residual**2, _free_numbers(slow)
     bins = bin_edges(frozen)
     middle = 0.5 * (bins[1:] + bins[:-1]) * 1e3
     views = {
-        "by_preload": (np.broadcast_to(frozen.initial[:, None], squares.shape), _PRELOADS, "N"),
-        "by_velocity": (_speeds(slow) * 1e3, _SPEEDS, "mm/s"),
-        "by_time": (np.broadcast_to(middle, squares.shape), _TIMES, "ms"),
+        "tension_by_preload": (np.broadcast_to(frozen.initial[:, None], squares.shape), _PRELOADS, "N"),
+        "tension_by_velocity": (_speeds(slow) * 1e3, _SPEEDS, "mm/s"),
+        "tension_by_time": (np.broadcast_to(middle, squares.shape), _TIMES, "ms"),
     }
     return {
         name: _profile(values, edges, unit, squares, numbers) for name, (values, edges, unit) in views.items()

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from discovery.acceptance import QUIET, is_alike, is_quiet, is_sure, matters, merit
 from discovery.closure import Screened, Verdict
 from discovery.explanation import Explanation
-from discovery.localisation import COURSES
+from discovery.localisation import COURSES, Profile
 from discovery.state import State
 from discovery.tension_data import Misfit
 from rom.flexures import unlikely
@@ -118,6 +118,6 @@ def chosen(explanations: Sequence[Explanation]) -> Chosen | None:
     return Chosen(best, tuple(sorted(rivals, key=lambda one: -merit(one))))
 
 
-def courses(misfit: Sequence[Misfit]) -> Mapping[str, float]:
-    """The last misfit of the tension's courses by its name in result files."""
-    return {COURSES: misfit[-1].level} if misfit else {}
+def courses(misfit: Sequence[Misfit]) -> tuple[Mapping[str, float], Mapping[str, Profile]]:
+    """The last misfit of the tension's courses by its name in result files, and where it is."""
+    return ({COURSES: misfit[-1].level}, misfit[-1].views) if misfit else ({}, {})

@@ -43,6 +43,9 @@ _VIEWS = {
     "by_harmonic": "Harmonic",
     "by_place": "As a force",
     "by_sign": "Displacement of the joint",
+    "tension_by_preload": "Tension's courses by preload",
+    "tension_by_velocity": "Tension's courses by velocity",
+    "tension_by_time": "Tension's courses by time",
 }
 _OF_FORCE = (
     ("level", "Mean square over that of noise [1]", 1.0),

@@ -7,7 +7,14 @@ import pytest
 
 from discovery.acceptance import is_sure
 from discovery.attribution import Probe, by_chance
-from discovery.chance import FALSE_ALARMS, FEWEST_RECORDS, by_record, largest_by_chance, p_value
+from discovery.chance import (
+    FALSE_ALARMS,
+    FEWEST_RECORDS,
+    by_record,
+    largest_by_chance,
+    largest_of_noise,
+    p_value,
+)
 from discovery.explanation import Explanation
 from rom.effects import CATALOGUE
 
@@ -49,6 +56,16 @@ def test_false_alarms_of_the_whole_catalogue_are_as_many_as_are_asked(alike):
 def test_what_all_records_tell_alike_is_no_chance():
     scores = _scores(np.random.default_rng(1), strength=0.3)
     assert p_value(float(scores[0].sum() ** 2), largest_by_chance(scores)) == 0.001
+
+
+def test_of_one_effect_noise_gives_a_chi_square_and_of_more_it_gives_more():
+    shapes = np.random.default_rng(3).standard_normal((40, 200))
+    one, all_of_them = largest_of_noise(shapes[:1], 2.0), largest_of_noise(shapes, 2.0)
+    assert np.mean(one) == pytest.approx(2.0, rel=0.15)
+    assert p_value(2.0 * 3.84, one) == pytest.approx(0.05, abs=0.02)
+    assert np.median(all_of_them) > 4 * np.median(one)
+    again = largest_of_noise(np.concatenate([shapes, 5.0 * shapes, np.zeros((1, 200))]), 2.0)
+    assert again == pytest.approx(all_of_them)  # neither sizes nor copies nor nothing at all count
 
 
 def _probe(scores: np.ndarray) -> Probe:

@@ -120,7 +120,7 @@ def test_courses_at_noise_ask_for_no_free_form(monkeypatch: pytest.MonkeyPatch) 
     told = explained_freely(monkeypatch, data())
     assert told.misfit.is_noise
     assert told.explanations == ()
-    assert told.views
+    assert told.misfit.views
 
 
 @pytest.mark.parametrize(("unseen", "kept"), [(1.8, 0), (30.0, 1)])
@@ -149,9 +149,11 @@ def test_what_is_left_over_has_a_place() -> None:
     of = data(_G)
     noisy, quiet = (LawSearch(d, _NUMBERS, d.frozen, 0.0).baseline() for d in (of, data()))
     told, still = tension_views(noisy), tension_views(quiet)
-    assert set(told) == {"by_preload", "by_velocity", "by_time"}
+    assert set(told) == {"tension_by_preload", "tension_by_velocity", "tension_by_time"}
     assert all(0.2 < value < 2.0 for profile in still.values() for _, value in profile)
-    assert max(value for _, value in told["by_preload"]) > 2 * max(v for _, v in still["by_preload"])
+    assert max(value for _, value in told["tension_by_preload"]) > 2 * max(
+        v for _, v in still["tension_by_preload"]
+    )
     for profile in told.values():
         low, high = min(v for _, v in profile), max(v for _, v in profile)
         assert low <= noisy.misfit.level <= high
