@@ -35,6 +35,7 @@ _SINGLE = {
     "total": "All",
     "repeatability": "Correlation of residuals of tests that repeat each other [1]",
     "repeatability_chance": "What noise exceeds there in one case of twenty [1]",
+    "repeatability_noise": "Noise as such tests tell it, over that before the hits [1]",
     "repeatability_pairs": "Pairs of such tests",
 }
 _VIEWS = {

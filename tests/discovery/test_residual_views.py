@@ -76,14 +76,16 @@ def test_residuals_of_tests_that_repeat_are_alike_whenever_their_records_begin()
     found = dict(repeatability(pair))
     assert found["repeatability_pairs"] == 1.0
     assert found["repeatability"] > 0.95
+    assert found["repeatability_noise"] == pytest.approx(1.0, abs=0.15)  # what comes again is none
     clean = dict(repeatability([record(silence, seed=seed) for seed in range(6)]))
     assert abs(clean["repeatability"]) < 2 * clean["repeatability_chance"]
+    assert clean["repeatability_noise"] == pytest.approx(1.0, abs=0.1)
     assert clean["repeatability_pairs"] == 15.0
 
 
 def test_other_preloads_do_not_repeat() -> None:
     assert repeatability([record(silence, seed=1), record(silence, seed=2, preload_n=130.0)]) == ()
-    assert len(repeatability([record(silence, seed=1), record(silence, seed=2, preload_n=105.0)])) == 3
+    assert len(repeatability([record(silence, seed=1), record(silence, seed=2, preload_n=105.0)])) == 4
 
 
 def test_the_link_shows_nothing_of_bodies_alone() -> None:
