@@ -47,8 +47,9 @@ _OF_TENSION: Terms = {
     "T * v": (0, -1, 1),
     "T * x ** 2": (0, -2, 0),
 }
-_MOST_TERMS = 3
-_PRICE = 12.0  # in cost, of a term
+MOST_TERMS = 3
+PRICE = 12.0
+"""In cost, of a term."""
 _TYPICAL = 0.1  # of the largest velocity, where a sign turns
 
 
@@ -94,11 +95,11 @@ def _best_sum(evidence: Evidence, enters: str, terms: Terms, seed: int) -> Expla
     spread = max(float(left @ left) / len(left), 1.0)
     best, lowest = None, np.inf
     for support in supports:
-        if len(support) > _MOST_TERMS:
+        if len(support) > MOST_TERMS:
             continue
         chosen = sorted(support)
         values, residual = _least_squares(triangle[:, chosen], target)
-        cost = residual / spread + _PRICE * len(chosen)
+        cost = residual / spread + PRICE * len(chosen)
         if cost < lowest:
             best, lowest = ([texts[place[k]] for k in chosen], values), cost
     if best is None:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from discovery.free_form import MOST_TERMS, PRICE
 from discovery.law_likelihood import bin_edges, law_candidate
 from discovery.motion import Frozen
 from discovery.regression import sparse_supports, usable, whitener
@@ -46,11 +47,8 @@ _TENSIONS = {  # and the unit of the coefficient
     "max(T, 0) ** 2 / 100": "1/s",
     "sign(max(T, 0))": "N/s",
 }
-_MOST_TERMS = 3
 _PROPOSED = 5
 _ALIKE = 0.98  # cosine of two columns
-PRICE = 12.0
-"""In cost, of a term."""
 _TYPICAL = 0.1  # of the largest velocity, where a rate saturates
 
 
@@ -175,7 +173,7 @@ def _sums(rows: FloatArray, left: FloatArray, seed: int) -> list[_Sum]:
     supports = {frozenset([k]) for k in range(len(place))}
     supports |= set(sparse_supports(triangle, turn.T @ left, np.random.default_rng(seed), signed=True))
     found = []
-    for support in sorted(sorted(one) for one in supports if len(one) <= _MOST_TERMS):
+    for support in sorted(sorted(one) for one in supports if len(one) <= MOST_TERMS):
         columns = rows[:, [place[k] for k in support]]
         if not _parallel(columns):
             values = np.asarray(np.linalg.lstsq(columns, left, rcond=None)[0])

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from discovery.acceptance import harms
+from discovery.acceptance import SURELY, harms
 from discovery.explanation import Explanation
 from discovery.state import State
 from discovery.tension_attribution import TensionFindings
 from discovery.tension_data import Misfit
 from discovery.trail import CLOSES, Chosen, Trail
-
-_SURELY = 20.0  # of a cost: as is asked of an effect in the tension
 
 
 def with_free_form(
@@ -59,4 +57,4 @@ def with_free_form(
 def _explains(before: Misfit, after: Misfit) -> bool:
     """Whether next to nothing is left of what was beyond noise, or noise alone where surely more was."""
     closes = after.level - 1 <= CLOSES * (before.level - 1)
-    return closes or (after.is_noise and -before.loss_to(after) > _SURELY)
+    return closes or (after.is_noise and -before.loss_to(after) > SURELY)

@@ -152,7 +152,11 @@ def _rank(item: tuple[str, list[float]]) -> tuple[int, str]:
 
 
 def _class(value: float, edges: Sequence[float], unit: str) -> str:
-    place = int(np.searchsorted(edges, value))
+    return class_label(int(np.searchsorted(edges, value)), edges, unit)
+
+
+def class_label(place: int, edges: Sequence[float], unit: str) -> str:
+    """Words for what lies below the edge at a place, and above the one before it."""
     if place == 0:
         return f"0 to {edges[0]:g} {unit}"
     if place == len(edges):

@@ -29,7 +29,8 @@ Profile = tuple[tuple[str, float], ...]  # label and residual's mean square over
 _SECONDS = (0.0, 0.1, 0.35, 1.0, 3.0, np.inf)
 _HARMONICS = ("1st harmonic", "2nd harmonic", "3rd harmonic")
 _ELSEWHERE = "other lines"
-_ROUND = 0.1  # of the spectra's length, where what smears to before the hit comes round
+ROUND = 0.1
+"""Of the spectra's length, where what smears to before the hit comes round."""
 _NEAR = 0.2  # of the dominant frequency, which moves with the amplitude
 _PRELOAD, _HIT = 0.1, 0.2  # relative differences of tests that repeat each other
 _GROUND = "ground"
@@ -151,7 +152,7 @@ def by_time(parts: Iterable[Lines]) -> Profile:
         start, length = one.span_s
         along = np.arange(len(samples)) / len(samples)
         place = np.searchsorted(_SECONDS, start + length * along, "right")
-        place[along > 1 - _ROUND] = 0
+        place[along > 1 - ROUND] = 0
         for number, label in enumerate(classes, 1):
             tally.add(label, samples[place == number], left[place == number])
     return tally.profile()

@@ -14,7 +14,8 @@ import numpy as np
 
 from discovery.acceptance import is_sure, spread_of
 from discovery.explanation import Explanation
-from discovery.free_rate import PRICE, free_rates
+from discovery.free_form import PRICE
+from discovery.free_rate import free_rates
 from discovery.gauge_attribution import explained_by_gauge
 from discovery.law_attribution import LawSearch, Slow
 from discovery.law_likelihood import acts_at_rest

@@ -9,7 +9,7 @@ import numpy as np
 from discovery.law_attribution import Slow
 from discovery.law_likelihood import bin_edges
 from discovery.likelihood import tau
-from discovery.localisation import Profile
+from discovery.localisation import Profile, class_label
 from rom.channels import FloatArray
 
 _PRELOADS = (30.0, 100.0, 300.0, 1000.0)  # [N]
@@ -83,13 +83,5 @@ def _profile(
     for k in range(len(edges) + 1):
         inside = place == k
         if (count := float(numbers[inside].sum())) >= _FEWEST:
-            found.append((_label(k, edges, unit), float(squares[inside].sum()) / count))
+            found.append((class_label(k, edges, unit), float(squares[inside].sum()) / count))
     return tuple(found)
-
-
-def _label(place: int, edges: Sequence[float], unit: str) -> str:
-    if place == 0:
-        return f"0 to {edges[0]:g} {unit}"
-    if place == len(edges):
-        return f"{edges[-1]:g} {unit} and more"
-    return f"{edges[place - 1]:g} to {edges[place]:g} {unit}"

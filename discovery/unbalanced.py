@@ -21,13 +21,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft
 
-from discovery.residual_views import Lines, Place
+from discovery.residual_views import ROUND, Lines, Place
 from rom.channels import FloatArray
 
 _HALF_BINS, _PER_DECADE = 13, 6  # of displacement and of velocity, on either side of the middle one
 _LOUD = 2.0  # times the usual noise: lines that have more are faded
 _NEAR = 0.1  # of the dominant frequency
-_ROUND = 0.1  # of the spectra's length, where what smears to before the hit comes round
 _BLOCKS = 16  # of a record: signs are turned and folds are dealt by these
 _FOLDS, _TURNS, _SEED = 5, 999, 0
 _LOOPS, _FINE = 3, 240
@@ -159,7 +158,7 @@ def _course(place: Place, ones: Sequence[Lines]) -> Course:
     start = first // trace.stride
     x, v = (motion[start : start + count] for motion in trace.relative(place.ends))
     time = ones[0].span_s[0] + np.arange(count) / trace.rate_hz
-    after = (time >= 0.0) & (np.arange(count) < (1 - _ROUND) * count)
+    after = (time >= 0.0) & (np.arange(count) < (1 - ROUND) * count)
     return Course(time[after], force[after], x[after], v[after], np.maximum(variance[after], 0.0))
 
 

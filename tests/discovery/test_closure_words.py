@@ -143,6 +143,7 @@ def test_the_views_of_time_harmonic_place_and_sign_are_said_and_drawn() -> None:
         by_sign=(("positive", 5.0), ("negative", 1.0)),
         repeats=(("repeatability", 0.9), ("repeatability_chance", 0.02), ("repeatability_pairs", 3.0)),
         forces=(force_map("joint"), replace(force_map("body so"), explained=0.05)),
+        courses={"tension_by_preload": (("0 to 30 N", 4.0), ("30 to 100 N", 1.0))},
     )
     found = replace(closure(friction(), verdict="unexplained"), residual_before=after, residual_after=after)
     remains = sections(found)["remains"]
@@ -151,6 +152,7 @@ def test_the_views_of_time_harmonic_place_and_sign_are_said_and_drawn() -> None:
         "; 3rd harmonic (7 times noise)",
         "as a force, body so (6 times noise)",
         "displacement of the joint positive (5 times noise)",
+        "courses of the tension at 0 to 30 N (4 times noise)",
         "As a force on the link joint 80 % of it is one function of displacement and velocity, odd in "
         "velocity by 90 %; 10 % is memory",
         "correlate by 0.9 (noise: 0.02)",
@@ -164,12 +166,13 @@ def test_the_views_of_time_harmonic_place_and_sign_are_said_and_drawn() -> None:
         "by place of a missing force",
         "by sign of the joint's displacement",
     ]
-    assert titles[9:12] == [
+    assert titles[9] == "by preload, of the tension's courses"
+    assert titles[10:13] == [
         "force left at joint, before",
         "force left at joint, after",
         "first cycles of the largest motion",
     ]
-    first, second = (figure.axes[place].collections[0] for place in (9, 10))
+    first, second = (figure.axes[place].collections[0] for place in (10, 11))
     assert first.get_clim() == second.get_clim()
     figure.draw_without_rendering()
 

@@ -14,6 +14,7 @@ import pytest
 
 import rom
 from discovery import refinement, tension_attribution
+from discovery.chance import FALSE_ALARMS
 from discovery.explanation import Explanation
 from discovery.free_rate import free_rates
 from discovery.free_tension import with_free_form
@@ -98,11 +99,21 @@ def test_a_proposal_is_fitted_as_effects_of_the_catalogue_are() -> None:
     number = found.effect.parameters["g_1"]
     assert found.left is not None
     assert found.left < 1.5
+    assert found.p_value == 0.001
     assert found.gains[of.training :].sum() > 10
     assert number.low is not None
     assert number.high is not None
     assert number.low < _G < number.high
     assert number.high - number.low < 0.3 * _G
+
+
+def test_what_noise_gives_as_well_has_a_chance_that_says_so() -> None:
+    of = data()
+    search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
+    member = CATALOGUE["loosening-ratchet"]
+    (found,), _ = search.explained([(member, member.at("tension"))], search.baseline(), lambda: None)
+    assert found.p_value is not None
+    assert found.p_value > FALSE_ALARMS
 
 
 def test_a_free_form_that_explains_nothing_is_silent() -> None:

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 import rom
-from discovery.trail import Trail
+from discovery.tension_data import Misfit
+from discovery.trail import Trail, courses
 
 
 def state(level: float, error: float = 1.0, records: int = 3) -> Any:
@@ -62,3 +63,10 @@ def test_the_verdict_is_that_of_the_last_model() -> None:
     assert declared.verdict() == "no-effect"
     assert Trail((state(5.0),)).verdict() == "unexplained"
     assert Trail((state(5.0), state(1.0)), ("one",)).verdict() == "closed"  # type: ignore[arg-type]
+
+
+def test_the_last_misfit_of_the_courses_is_told_with_its_place() -> None:
+    views = {"tension_by_preload": (("0 to 30 N", 4.0),)}
+    told = courses((Misfit(9.0, 100.0), Misfit(2.0, 100.0, views)))
+    assert told == ({"tension_courses": 2.0}, views)
+    assert courses(()) == ({}, {})
