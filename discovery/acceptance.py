@@ -84,8 +84,8 @@ def matters(
 
     ``settled``: more than noise is left, but next to nothing of what was; a force that is a per cent wrong
     leaves as much, and an effect that only mends another one's form lowers errors a little. ``closes``:
-    nothing but noise is left with the effect, much more without; no error need fall by much then, and one of
-    a few records, themselves near their noise, may rise.
+    little of what was beyond noise is left with the effect; no error need fall by much then, and one may
+    rise, be it of few records near their noise or because another effect, still missing, makes most of it.
     """
     least = _MATTERS_MORE if settled else 0.0 if closes else _MATTERS
     kind: Kind = "hold_out" if before["hold_out"]["motion_nrmse"] is not None else "training"

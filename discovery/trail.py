@@ -76,7 +76,7 @@ class Trail:
         return is_quiet(self.tension[-1].level, self.tension[0].level)
 
     def improves(self, after: State) -> bool:
-        """Whether a state is better than the last one by what matters, or leaves noise alone at last.
+        """Whether a state is better than the last one by what matters, or leaves little beyond noise.
 
         None is with which a record cannot be simulated any more.
         """
@@ -88,7 +88,7 @@ class Trail:
             self.last.errors,
             after.errors,
             settled=loud and self.is_quiet,
-            closes=loud and after.level <= QUIET and after.level - 1 <= CLOSES * (before - 1),
+            closes=loud and after.level - 1 <= CLOSES * (before - 1),
         )
 
     def or_better(self, other: Trail) -> Trail:

@@ -114,13 +114,13 @@ def motion(error: float) -> ErrorsByKind:
     return cast(ErrorsByKind, {"hold_out": told, "training": told})
 
 
-def test_an_effect_that_leaves_noise_alone_need_not_lower_errors_but_must_not_raise_them() -> None:
+def test_an_effect_that_leaves_little_beyond_noise_need_not_lower_errors_but_must_not_raise_them() -> None:
     assert matters(motion(1.0), motion(0.999), closes=True)
     assert not matters(motion(1.0), motion(1.05), closes=True)
     assert not matters(motion(1.0), motion(0.999), settled=True, closes=True)
 
 
-def test_an_error_of_a_few_records_may_rise_a_little_where_noise_alone_is_left() -> None:
+def test_an_error_of_a_few_records_may_rise_a_little_where_little_beyond_noise_is_left() -> None:
     def after(other: float) -> ErrorsByKind:
         return cast(ErrorsByKind, {"hold_out": motion(1.0)["hold_out"] | {"relative_motion_nrmse": other}})
 
