@@ -1,0 +1,85 @@
+"""What could be reached on a campaign with a known effect in it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from discovery.closure import ErrorsByKind
+from experiments.studies import blind_oracle, rig
+from experiments.studies.blind_oracle import declared_errors, oracle_errors
+from rom.campaign import Campaign, read_campaign
+from rom.identification import Identification, identify_campaign
+
+pytestmark = pytest.mark.slow
+SMALL = {"cases": 6, "noise": 1.0, "seed": 1, "jobs": 1, "duration_s": 2.5, "hold_out_every": 3}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    hidden = rig.Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
+    return rig.run(tmp_path_factory.mktemp("oracle") / "campaign", **SMALL, undeclared=(hidden,))
+
+
+@pytest.fixture(scope="module")
+def campaign(folder: Path) -> Campaign:
+    return read_campaign(folder)
+
+
+@pytest.fixture(scope="module")
+def twin(folder: Path) -> Campaign:
+    return read_campaign(rig.run(folder.with_name("twin"), **SMALL))
+
+
+@pytest.fixture(scope="module")
+def truths(folder: Path) -> list[blind_oracle.Truth]:
+    told: list[blind_oracle.Truth] = json.loads(rig.truth_path(folder).read_text())["undeclared"]
+    return told
+
+
+@pytest.fixture(scope="module")
+def oracle(campaign: Campaign, twin: Campaign, truths: list[blind_oracle.Truth]) -> ErrorsByKind:
+    return oracle_errors(campaign, twin, truths)
+
+
+def test_the_true_effect_refitted_is_as_good_as_the_declared_model_where_nothing_is_hidden(
+    campaign: Campaign, twin: Campaign, oracle: ErrorsByKind
+) -> None:
+    name = "motion_nrmse"
+    reached = oracle["hold_out"][name]
+    before = declared_errors(campaign)["hold_out"][name]
+    clean = declared_errors(twin)["hold_out"][name]
+    assert reached is not None
+    assert before is not None
+    assert clean is not None
+    assert reached < 0.8 * before
+    assert reached == pytest.approx(clean, rel=0.05)
+
+
+def test_errors_are_filtered_as_a_closure_has_them_whatever_suits_the_twin(
+    campaign: Campaign,
+    twin: Campaign,
+    truths: list[blind_oracle.Truth],
+    oracle: ErrorsByKind,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def otherwise(one: Campaign) -> Identification:
+        found = identify_campaign(one)
+        if one is campaign:
+            return found
+        cutoffs = {kind: 3 * cutoff for kind, cutoff in found.model.filter_cutoff_hz.items()}
+        return replace(found, model=replace(found.model, filter_cutoff_hz=cutoffs))
+
+    monkeypatch.setattr(blind_oracle, "identify_campaign", otherwise)
+    assert oracle_errors(campaign, twin, truths) == oracle
+
+
+def test_an_effect_that_the_catalogue_does_not_have_there_is_refused(
+    campaign: Campaign, twin: Campaign
+) -> None:
+    truth = {"name": "cubic-stiffness", "enters": "moon", "parameters": {"k3": {"value": 1.0}}}
+    with pytest.raises(ValueError, match="no effect cubic-stiffness that can enter at moon"):
+        oracle_errors(campaign, twin, [truth])
