@@ -82,11 +82,11 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     found = identify_campaign(campaign, jobs, stage("identifying"))
     loop = _Loop(campaign, found, jobs, stage)
     first = loop.start()
-    rested = loop.at_rest(first)
-    path = loop.in_motion(rested)
+    rested = loop.at_rest(Trail((first,)))
+    path = loop.moved(rested)
     if not path.is_quiet:
-        formed = loop.formed(rested.states[-1], seed)
-        path = path if formed is None else path.or_better(loop.in_motion(rested, formed))
+        formed = loop.formed(rested.last, seed)
+        path = path if formed is None else path.or_better(loop.moved(rested, formed))
     path = loop.in_tension(path, seed)
     last = path.last
     labels = ["", *(label_of(one.best.effect) for one in path.chosen)]
@@ -139,9 +139,8 @@ class _Loop:
     def _settled(self, evidence: Evidence, *, learned: bool = False) -> State:
         return settled(self.campaign, self.found, evidence, self.jobs, self.stage, learned=learned)
 
-    def at_rest(self, state: State) -> Trail:
+    def at_rest(self, path: Trail) -> Trail:
         """Add what shows before the hits, and would pass for noise: faults of sensors, then disturbances."""
-        path = Trail((state,))
         while len(path.chosen) < MOST_EFFECTS:
             last = path.last
             one = chosen(explain_at_rest(last.evidence)) or chosen(explain_disturbances(last.evidence))
@@ -149,6 +148,12 @@ class _Loop:
                 break
             path = path.longer(one, self.adopt(last, one.best, floors_too=True))
         return path
+
+    def moved(self, path: Trail, given: Chosen | None = None) -> Trail:
+        """Add effects in the motion; then what shows before the hits once more, judged after them."""
+        after = self.in_motion(path, given)
+        rested = after if len(after.chosen) == len(path.chosen) else self.at_rest(after)
+        return after if rested is after else self.in_motion(rested)
 
     def in_motion(self, path: Trail, given: Chosen | None = None) -> Trail:
         """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""

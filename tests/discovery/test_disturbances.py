@@ -12,6 +12,7 @@ import pytest
 import rom
 from discovery.acceptance import is_sure
 from discovery.disturbances import explain_disturbances
+from discovery.refinement import close_loop
 from discovery.state import refitted
 from discovery.tracing import Evidence, gather, lasting_force, starting
 from experiments.studies import rig
@@ -37,6 +38,21 @@ def test_a_ground_that_moves_is_found_with_its_frequency() -> None:
     assert best.effect.path == "body:lo.ground-motion"
     assert best.effect.parameters["f"].value == pytest.approx(11.3, abs=0.02)
     assert best.gains(hold_out=True).sum() > 0
+
+
+@pytest.mark.slow
+def test_a_ground_that_moves_is_found_behind_what_the_hits_show(tmp_path: Path) -> None:
+    cubic = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e10})
+    rig.run(tmp_path / "c", 5, 1.0, 4, 1, duration_s=2.5, hold_out_every=4, undeclared=(cubic, SHAKEN))
+    closure = close_loop(rom.read_campaign(tmp_path / "c"))
+    assert [one.effect.path for one in closure.effects] == [
+        "flexure_lo.cubic-stiffness",
+        "body:lo.ground-motion",
+    ]
+    without, both = (step.errors["hold_out"]["motion_nrmse"] for step in closure.steps[1:])
+    assert without is not None
+    assert both is not None
+    assert both < 0.75 * without
 
 
 def test_noise_alone_has_none() -> None:
