@@ -9,8 +9,9 @@ from discovery.closure import ErrorsByKind, Kind
 from discovery.explanation import Explanation
 from rom.residuals import Errors
 
-# Gains in cost on training and on held-out records that chance does not make over a whole catalogue, on clean
-# campaigns of usual size (`benchmarks.false_alarms`); in the motion a share of the cost asks for more.
+# Least gains in cost on training and on held-out records. On clean campaigns of usual size chance and a plant
+# that is not quite the model's make less (`benchmarks.false_alarms`); of training records in the motion not
+# always, but then a share of the cost asks for more.
 SURELY = 20.0
 _OF_MOTION, _OF_TENSION = (150.0, SURELY), (SURELY, 0.0)
 MATERIAL = 0.01

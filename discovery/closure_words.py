@@ -209,7 +209,7 @@ def _like_noise(after: Localisation) -> Iterator[str]:
     if not _known(after.whiteness_p):
         return
     if after.whiteness_p >= _SURE:
-        yield f"What is left looks like noise (p = {_number(after.whiteness_p, 2)})."
+        yield f"What is left is no more regular than noise (p = {_number(after.whiteness_p, 2)})."
     else:
         yield f"What is left is small, and more regular than noise (p {_chance(after.whiteness_p)})."
 

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rom.channels import FloatArray
 from rom.effects import Added
 from rom.laws import Parameter
+
+if TYPE_CHECKING:
+    from discovery.law_attribution import Slow
 
 Costs = Mapping[str, float]  # -2 log likelihood, or whitened squares, by record
 
@@ -41,6 +45,8 @@ class Explanation:
     p_value : float or None
         Chance that any effect of the catalogue explains as much of this campaign's residuals where none is
         missing (`discovery.chance`); None where nothing was drawn.
+    slow : Slow or None
+        Of an effect in the courses of the tension: the fit to them.
     """
 
     effect: Added
@@ -53,6 +59,7 @@ class Explanation:
     beside: Mapping[str, Parameter] = field(default_factory=dict)
     left: float | None = None
     p_value: float | None = None
+    slow: Slow | None = None
 
     def gains(self, *, hold_out: bool) -> FloatArray:
         """Cost taken away from each record of a kind, (records,)."""

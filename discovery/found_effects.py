@@ -12,6 +12,7 @@ from discovery.attribution import Probe, motion_channels
 from discovery.closure import FoundEffect, LookAlike, Screened
 from discovery.explanation import Explanation
 from discovery.separating import separating_tests
+from discovery.separating_laws import separating_hits
 from discovery.state import State
 from discovery.tracing import Evidence
 from rom.effects import CATALOGUE, Added, candidates
@@ -24,6 +25,7 @@ def found_effect(best: Explanation, rivals: Sequence[Explanation], state: State)
         best.effect,
     )
     tests = separating_tests(effect, [one.effect for one in rivals], state.evidence, ALIKE)
+    tests = [test or separating_hits(best.slow, one.slow) for test, one in zip(tests, rivals, strict=True)]
     limited = {
         name: replace(p, low=_moved(old.low, p.value - old.value), high=_moved(old.high, p.value - old.value))
         for (name, p), old in zip(effect.parameters.items(), best.effect.parameters.values(), strict=True)

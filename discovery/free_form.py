@@ -2,8 +2,8 @@
 
     F = sum_j g_j phi_j(x, v, T)
 
-in one link or on one body; the columns are the whitened outputs of the terms, what the model's numbers can
-imitate taken off, so that a sparse fit of the columns is an output-error fit.
+in one link; in one to the ground x and v are those of a body. The columns are the whitened outputs of the
+terms, what the model's numbers can imitate taken off, so that a sparse fit of them is an output-error fit.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 
 from discovery.chance import largest_of_noise, p_value
+from discovery.fitting import Fit
 from discovery.law_likelihood import (
     LawCandidate,
     LawProblem,
@@ -52,6 +53,15 @@ class Slow:
     def training(self) -> float:
         """Cost of the training records."""
         return self.state.deviance
+
+    @property
+    def fit(self) -> Fit:
+        """The fit as tests are proposed by it."""
+        state, problem = self.state, self.problem
+        return Fit(
+            self.candidate, self.candidate.free, problem.covariance(state), state.deviance,
+            (float(state.scatter[0]), float(state.scatter[1])), problem.offsets, state.u, converged=True,
+        )  # fmt: skip
 
     @property
     def misfit(self) -> Misfit:
@@ -216,8 +226,9 @@ class LawSearch:
         found = effect.with_values(**{name: numbers[path].value for name, path in names.items()})
         told = limited(found, {name: float(errors[path]) for name, path in names.items()})
         return Gained(
-            told, base.costs - slow.costs, at_bounds(told), self._beside(slow, errors), slow.misfit.level
-        )
+            told, base.costs - slow.costs, at_bounds(told), self._beside(slow, errors), slow.misfit.level,
+            slow=slow,
+        )  # fmt: skip
 
     def _beside(self, slow: Slow, errors: Mapping[str, float]) -> dict[str, Parameter]:
         """Numbers of the model's own law as the fit has them."""

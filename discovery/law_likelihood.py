@@ -76,6 +76,10 @@ class LawCandidate(Candidate):
         """The law for a model's bolted link."""
         return self.acting
 
+    def rated(self, factors: FloatArray) -> dict[str, FloatArray]:
+        """Numbers that make what scatters of the rate so many times as fast, by name, each (cases,)."""
+        return {_OWN: factors}
+
     def with_values(self, values: Mapping[str, float]) -> LawCandidate:
         """The same candidate with other numbers, each within its range."""
         ranges = self.parameters

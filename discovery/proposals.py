@@ -70,15 +70,22 @@ class Proposal:
     odds: float
 
     @property
-    def summary(self) -> str:
-        """What to do, in one sentence."""
+    def hit(self) -> str:
+        """What to do, in words."""
         number = "once" if self.hits == 1 else f"{self.hits} times"
-        odds = f"{self.odds:.0f}" if self.odds < 1e6 else "a million and more"
         hit = f"hit {self.body} {number} with {self.peak_force:.3g} N for {1e3 * self.pulse_length:.2g} ms"
-        return (
-            f"{hit} at a preload of {self.preload:.3g} N: tells {self.laws[0]!r} from {self.laws[1]!r}; "
-            f"odds of {odds} to 1 after it"
-        )
+        return f"{hit} at a preload of {self.preload:.3g} N"
+
+    @property
+    def outcome(self) -> str:
+        """The odds after it, in words."""
+        odds = f"{self.odds:.0f}" if self.odds < 1e6 else "a million and more"
+        return f"odds of {odds} to 1 after it"
+
+    @property
+    def summary(self) -> str:
+        """What to do, and what for, in one sentence."""
+        return f"{self.hit}: tells {self.laws[0]!r} from {self.laws[1]!r}; {self.outcome}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +131,7 @@ def propose_tests(
     tuple of Proposal
         Empty where there are no two laws, or no test within reach separates any two of them.
     """
-    rivals = [found for found in fits if found.candidate.terms]
+    rivals = [found for found in fits if found.candidate.rated(np.ones(1))]
     if len(rivals) < 2:
         return ()
     grid = _grid(frozen)
@@ -191,10 +198,8 @@ def _simulated(
 ) -> FloatArray:
     laws = replace(frozen.model.link_laws[frozen.link], tension_rate=candidate.law())
     model = replace(frozen.model, link_laws={**frozen.model.link_laws, frozen.link: laws})
-    vary = {
-        f"{frozen.link}.tension_rate.{name}": value * frozen.factors(deviations)
-        for name, value in zip(candidate.coefficient_names, candidate.coefficients, strict=True)
-    }
+    rated = candidate.rated(frozen.factors(deviations))
+    vary = {f"{frozen.link}.tension_rate.{name}": values for name, values in rated.items()}
     edges = _LEAD_S + grid.offsets_s
     return model.mean_tensions(force, grid.rate_hz, grid.preload, edges, vary, grid.body)
 

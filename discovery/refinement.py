@@ -26,17 +26,19 @@ from discovery.state import (
     State,
     approached,
     cost,
+    lacking,
     level,
     refitted,
     retold,
     set_aside,
     settled,
+    sharpened,
     silent,
     with_effects,
     with_law,
 )
 from discovery.tension_attribution import explain_freely, explain_tension
-from discovery.tracing import Evidence, gather, noise_of, starting, weigh
+from discovery.tracing import Evidence, gather, starting, weigh
 from discovery.trail import FAR_LESS, Chosen, Trail, chosen, courses
 from rom.campaign import Campaign
 from rom.driven import is_driven
@@ -48,7 +50,6 @@ from rom.own_numbers import own_names
 from rom.spectra import SpectralRecord
 
 MOST_EFFECTS = 3
-_LOUDER = 2.0  # in power
 _AFAR = 10.0  # times noise: what integrating and filtering do to the measured motion is less
 
 
@@ -87,7 +88,7 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     if not path.is_quiet:
         formed = loop.formed(rested.last, seed)
         path = path if formed is None else path.or_better(loop.moved(rested, formed))
-    path = loop.in_tension(path, seed)
+    path = loop.along_law(loop.in_tension(path, seed))
     last = path.last
     labels = ["", *(label_of(one.best.effect) for one in path.chosen)]
     return Closure(
@@ -158,7 +159,7 @@ class _Loop:
     def in_motion(self, path: Trail, given: Chosen | None = None) -> Trail:
         """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
         if given is not None:
-            after = self._settled(_sharpened(self._beside(path.last, given.best)))
+            after = self._settled(sharpened(self._beside(path.last, given.best)))
             if not path.improves(after):
                 return path
             path = path.longer(given, after)
@@ -171,7 +172,7 @@ class _Loop:
                 break
             one, beside = found
             freed, one = self._freed(path, one, beside)
-            state = self._settled(_sharpened(beside)) if is_sure(one.best) else freed.last
+            state = self._settled(sharpened(beside)) if is_sure(one.best) else freed.last
             if freed.improves(state):
                 path = self._without_needless(freed.longer(one, state))
             elif freed is path:
@@ -205,7 +206,7 @@ class _Loop:
         """
         if not path.chosen or not isinstance(one.best.effect, Effect):
             return path, one
-        anew = refitted(_lacking(beside, one.best.effect))
+        anew = refitted(lacking(beside, one.best.effect))
         if cost(anew) > (1 - MATERIAL) * cost(path.last.evidence):
             return path, one
         return path.ending(self._settled(anew)), replace(one, best=_told(one.best, anew, beside))
@@ -270,6 +271,20 @@ class _Loop:
                 return path
             before, path = path, path.longer(one, after)
 
+    def along_law(self, path: Trail) -> Trail:
+        """Drop what is needless in the motion once the tension falls by the law that was found.
+
+        Until then records are traced along a tension that falls by the quartic law, whose course is a little
+        wrong where another law holds; so is the joint's stiffness then, which an effect may make up for.
+        """
+        found = [type(one.best.effect) for one in path.chosen]
+        if LawChange not in found or not any(issubclass(one, Effect) for one in found):
+            return path
+        near = path.last.evidence
+        evidence = refitted(self._gathered(near.baseline, near.floors))
+        after = self._without_needless(path.ending(self._settled(evidence, learned=True)))
+        return after if len(after.chosen) < len(path.chosen) and after.is_quiet else path
+
     def _without_needless(self, path: Trail) -> Trail:
         """Drop one effect after the other that explains nothing beside the others.
 
@@ -280,10 +295,12 @@ class _Loop:
             effect = one.best.effect
             if not isinstance(effect, Effect) or effect.name not in CATALOGUE:
                 continue
-            rest = _lacking(last.evidence, effect)
+            rest = lacking(last.evidence, effect)
             own = next(e for e in last.model.effects if e.path == effect.path)
             if not is_sure(explanation(own, CATALOGUE[effect.name], with_effects(rest))):
-                return self._without_needless(path.without(place, self._settled(refitted(rest))))
+                learned = any(isinstance(e, LawChange) for e in last.model.effects)
+                state = self._settled(refitted(rest), learned=learned)
+                return self._without_needless(path.without(place, state))
         return path
 
     def formed(self, state: State, seed: int) -> Chosen | None:
@@ -356,15 +373,6 @@ class _Loop:
         return min(after, other, key=lambda e: cost(e) * (1 + MATERIAL * bool(_denied(e))))
 
 
-def _sharpened(evidence: Evidence) -> Evidence:
-    """Refit beside the noise of bodies struck alone as it is now, where an effect had passed for it."""
-    floors = noise_of(evidence.baseline, evidence.traces)
-    both = evidence.floors.keys() & floors.keys()  # none of a group's records may be simulable any more
-    if all(evidence.floors[one].sensor.max() < _LOUDER * floors[one].sensor.max() for one in both):
-        return evidence
-    return refitted(weigh(evidence.traces, evidence.baseline, floors))
-
-
 def _left(one: tuple[Chosen, Evidence]) -> tuple[int, float]:
     """Records that can be simulated with an effect, most first, then the cost of what it leaves of all."""
     return -len(one[1].traces), float(np.sum(one[1].residual ** 2))
@@ -378,14 +386,6 @@ def _told(one: Explanation, before: Evidence, after: Evidence) -> Explanation:
 def _denied(evidence: Evidence) -> tuple[str, ...]:
     """Numbers of a model that uncoupled tests deny."""
     return unlikely(evidence.baseline.model, evidence.baseline.believed)
-
-
-def _lacking(evidence: Evidence, effect: Effect) -> Evidence:
-    """What a model leaves over without one of its effects, all other numbers as they are."""
-    baseline = evidence.baseline
-    kept = tuple(e for e in baseline.model.effects if e.path != effect.path)
-    lacking = replace(baseline, model=replace(baseline.model, effects=kept))
-    return weigh(evidence.traces, lacking, evidence.floors)
 
 
 def _is_apart(effect: Added) -> bool:

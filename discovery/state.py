@@ -10,7 +10,7 @@ import numpy as np
 from discovery.attribution import Probe, explain, free_numbers, output_of, slopes_of
 from discovery.baseline import Baseline, effect_number, size_of
 from discovery.closure import ErrorsByKind
-from discovery.tracing import Evidence, weigh
+from discovery.tracing import Evidence, noise_of, weigh
 from rom.campaign import Campaign
 from rom.comparison import judge
 from rom.effects import CATALOGUE, Effect, SensorFault
@@ -21,6 +21,7 @@ from rom.reduction import Progress
 from rom.residuals import summarise
 
 Stages = Callable[[str], Progress | None]
+_LOUDER = 2.0  # in power: noise that it is worth to weigh by anew
 _REFITS, _DAMPINGS, _SETTLED = 5, (0.0, 1e-4, 1e-2, 1.0), 1e-4
 
 
@@ -152,6 +153,23 @@ def with_law(model: Model, numbers: Mapping[str, Parameter]) -> Model:
     assert law is not None
     laws = replace(model.link_laws[link], tension_rate=replace(law, parameters={**law.parameters, **numbers}))
     return replace(model, link_laws={**model.link_laws, link: laws})
+
+
+def sharpened(evidence: Evidence) -> Evidence:
+    """Refit beside the noise of bodies struck alone as it is now, where an effect had passed for it."""
+    floors = noise_of(evidence.baseline, evidence.traces)
+    both = evidence.floors.keys() & floors.keys()  # none of a group's records may be simulable any more
+    if all(evidence.floors[one].sensor.max() < _LOUDER * floors[one].sensor.max() for one in both):
+        return evidence
+    return refitted(weigh(evidence.traces, evidence.baseline, floors))
+
+
+def lacking(evidence: Evidence, effect: Effect) -> Evidence:
+    """What a model leaves over without one of its effects, all other numbers as they are."""
+    baseline = evidence.baseline
+    kept = tuple(e for e in baseline.model.effects if e.path != effect.path)
+    poorer = replace(baseline, model=replace(baseline.model, effects=kept))
+    return weigh(evidence.traces, poorer, evidence.floors)
 
 
 def cost(evidence: Evidence) -> float:

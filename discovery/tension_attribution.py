@@ -196,6 +196,7 @@ def _explanations(
             one.beside,
             base.misfit.level if one.left is None else one.left,
             one.p_value,
+            one.slow,
         )
         for one in gained
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import stats
@@ -15,6 +16,9 @@ from rom.channels import FloatArray
 from rom.effects import Added, Member
 from rom.laws import Parameter
 from rom.model import Model
+
+if TYPE_CHECKING:
+    from discovery.law_attribution import Slow
 
 Pair = tuple[Member, Added]
 _Z95 = 1.959964
@@ -77,7 +81,8 @@ class Gained:
     """An effect, the cost that it takes from each record, and its numbers that are at a bound.
 
     `beside` holds the numbers of the tension law that were fitted with it, where any were, `left` the mean
-    square of what is then left over of the courses, `p_value` the chance of as much from noise.
+    square of what is then left over of the courses, `p_value` the chance of as much from noise, `slow` the
+    fit to the courses where it is a law's.
     """
 
     effect: Added
@@ -86,6 +91,7 @@ class Gained:
     beside: Mapping[str, Parameter] = field(default_factory=dict)
     left: float | None = None
     p_value: float | None = None
+    slow: Slow | None = None
 
 
 def limited(effect: Added, errors: Mapping[str, float]) -> Added:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from discovery.factors import Factor, Inner, tension_logistic, tension_power, velocity_power
+from rom.channels import FloatArray
 from rom.laws import Law, Parameter, free_form_law
 
 BASELINE = "gamma(T) baseline"
@@ -88,6 +89,11 @@ class Candidate:
     def coefficient_names(self) -> tuple[str, ...]:
         """Names of the coefficients, term by term."""
         return tuple(self.label("gamma", j) for j in range(len(self.terms)))
+
+    def rated(self, factors: FloatArray) -> dict[str, FloatArray]:
+        """Numbers that make the whole rate so many times as fast, by name, each (cases,)."""
+        pairs = zip(self.coefficient_names, self.coefficients, strict=True)
+        return {name: value * factors for name, value in pairs}
 
     @property
     def equation(self) -> str:

@@ -11,10 +11,10 @@ from scipy import fft, ndimage
 from discovery.baseline import Baseline
 from rom.campaign import Campaign, RecordSettings
 from rom.channels import FloatArray
-from rom.effects import Effect, SensorFault
+from rom.effects import Effect, LawChange, Reading
 from rom.laws import power_loosening
 from rom.linear import STRIDES, spectral_records
-from rom.loosening import LooseningCase, matching_gammas
+from rom.loosening import LooseningCase, matching_factors, matching_gammas, own_rate
 from rom.model import Model
 from rom.noise_floor import Group
 from rom.own_numbers import own_names
@@ -137,11 +137,11 @@ def trace_records(
         measurements.append(process(campaign.load(settings), campaign.settings))
         if progress is not None:
             progress(done, 2 * len(records))
-    gammas = _own_gammas(baseline.model, measurements, campaign.settings.windows.final_s)
+    own = _own_models(baseline.model, measurements, campaign.settings.windows.final_s)
     traces = []
     measurements.reverse()
     for done, settings in enumerate(records, 1):
-        model = _with_gamma(baseline.model, gammas.get(settings.file))
+        model = own.get(settings.file, baseline.model)
         run = replay(model, measurements.pop())  # not kept: beside the traces they would double the memory
         if run.response.status == "ok":
             traces.append(_traced(campaign, baseline, settings, run))
@@ -222,10 +222,13 @@ def _above_noise(samples: FloatArray, quiet: FloatArray) -> FloatArray:
     return np.asarray(fft.irfft(np.maximum(1 - 2 * noise / power, 0.0) * lines, len(samples)))
 
 
-def _own_gammas(
+def _own_models(
     model: Model, measurements: Sequence[Measurement], window_s: tuple[float, float]
-) -> dict[str, float]:
-    """Factor gamma of ``|v|^4 T`` of every loosening record, so that its tension falls as measured."""
+) -> dict[str, Model]:
+    """A model for every loosening record, with a rate of its own, so that its tension falls as measured.
+
+    By ``gamma |v|^4 T``; once a change of the law was found, by a factor on the changed law.
+    """
     if len(model.structure.bolted_links) != 1:
         return {}
     cases = []
@@ -241,14 +244,18 @@ def _own_gammas(
         )  # fmt: skip
     if not cases:
         return {}
-    gammas, _ = matching_gammas(model, cases, window_s, tolerance=_AS_MEASURED)
-    return {case.file: max(float(gamma), 0.0) for case, gamma in zip(cases, gammas, strict=True)}
+    read = replace(model, effects=tuple(e for e in model.effects if not isinstance(e, Reading)))
+    if any(isinstance(effect, LawChange) for effect in read.effects):
+        factors, failed = matching_factors(read, cases, window_s, tolerance=_AS_MEASURED)
+        own = np.where(failed, 1.0, np.maximum(factors, 0.0))
+        models = [read.with_effect(own_rate(float(factor))) for factor in own]
+    else:
+        gammas, _ = matching_gammas(read, cases, window_s, tolerance=_AS_MEASURED)
+        models = [_with_gamma(read, max(float(gamma), 0.0)) for gamma in gammas]
+    return {case.file: own for case, own in zip(cases, models, strict=True)}
 
 
-def _with_gamma(model: Model, gamma: float | None) -> Model:
-    if gamma is None:
-        return model
+def _with_gamma(model: Model, gamma: float) -> Model:
     link = model.structure.bolted_links[0]
     laws = replace(model.link_laws[link], tension_rate=power_loosening(gamma))
-    effects = tuple(effect for effect in model.effects if isinstance(effect, Effect | SensorFault))
-    return replace(model, link_laws={**model.link_laws, link: laws}, effects=effects)
+    return replace(model, link_laws={**model.link_laws, link: laws})

@@ -17,8 +17,9 @@ from scipy import optimize
 from scipy.optimize import elementwise
 
 from rom.channels import FloatArray
+from rom.effects import LawChange
 from rom.law_fits import LawFit, covariance_of, gamma_curve, with_limits
-from rom.laws import power_loosening
+from rom.laws import Parameter, power_loosening
 from rom.model import LinkLaws, Model
 
 GAMMA_BOUND = 1e10
@@ -66,10 +67,14 @@ def final_tensions(
     cases: Sequence[LooseningCase],
     window_s: tuple[float, float],
     gamma: FloatArray | None = None,
+    path: str | None = None,
 ) -> FloatArray:
-    """Return simulated final tensions [N], (cases,): means over the final window; nan where it diverged."""
+    """Return simulated final tensions [N], (cases,): means over the final window; nan where it diverged.
+
+    ``gamma``, one a case, stands for the law's own, or for another number of the model at ``path``.
+    """
     out = np.empty(len(cases))
-    path = f"{model.structure.bolted_links[0]}.tension_rate.gamma"
+    path = path or f"{model.structure.bolted_links[0]}.tension_rate.gamma"
     keys = [(case.body, case.rate_hz, len(case.force)) for case in cases]
     for key in dict.fromkeys(keys):
         index = [i for i, other in enumerate(keys) if other == key]
@@ -113,18 +118,44 @@ def matching_gammas(
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Return gammas [s^3/m^4] to a tolerance of asinh(gamma), (cases,), and which of them are at a bound."""
     trial = _with_power(model, exponent)
+    return _matching(trial, None, cases, window_s, _small_loss_gamma(trial, cases, window_s), tolerance)
+
+
+def own_rate(factor: float) -> LawChange:
+    """One test's own factor on the rate of loosening, after all other changes of the law."""
+    return LawChange("own-rate", "tension", "factor * rate", {"factor": Parameter(factor, "1")})
+
+
+def matching_factors(
+    model: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float], tolerance: float = 1e-10
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Return factors on a model's own rate of loosening, (cases,), and which of them are at a bound."""
+    own = own_rate(1.0)
+    path = f"{own.path}.factor"
+    return _matching(model.with_effect(own), path, cases, window_s, np.ones(len(cases)), tolerance)
+
+
+def _matching(
+    trial: Model,
+    path: str | None,
+    cases: Sequence[LooseningCase],
+    window_s: tuple[float, float],
+    near: FloatArray,
+    tolerance: float,
+) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+    """Return the values at a path near some with which the final tensions are the measured ones."""
     measured = np.array([case.final for case in cases])
 
     def simulated(place: FloatArray, index: FloatArray) -> FloatArray:
         rows = index.astype(int).ravel()
-        final = final_tensions(trial, [cases[i] for i in rows], window_s, np.sinh(place.ravel()))
+        final = final_tensions(trial, [cases[i] for i in rows], window_s, np.sinh(place.ravel()), path)
         return np.asarray(np.where(np.isfinite(final), final, _NEVER).reshape(place.shape))
 
     def miss(place: FloatArray, index: FloatArray) -> FloatArray:
         return np.asarray(simulated(place, index) - measured[index.astype(int)])
 
     index = np.arange(len(cases), dtype=float)
-    guess = np.arcsinh(_small_loss_gamma(trial, cases, window_s))
+    guess = np.arcsinh(near)
     limit = float(np.arcsinh(GAMMA_BOUND))
     bracket = elementwise.bracket_root(
         miss, np.clip(guess - 1, -limit, limit - 1), np.clip(guess + 1, 1 - limit, limit), xmin=-limit,

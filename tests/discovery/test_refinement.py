@@ -16,9 +16,9 @@ import rom
 from discovery.attribution import explain, explanation, output_of, screen
 from discovery.closure import Closure
 from discovery.localisation import localise
-from discovery.refinement import _Loop, _sharpened, close_loop
+from discovery.refinement import _Loop, close_loop
 from discovery.separating import separating_tests
-from discovery.state import level, refitted, silent
+from discovery.state import level, refitted, sharpened, silent
 from discovery.tracing import Evidence, gather, starting, weigh
 from discovery.trail import Chosen, Trail
 from experiments.studies import rig
@@ -245,12 +245,12 @@ def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_
         friction = CATALOGUE["coulomb-friction"].at("flexure_so", ground=True).with_values(**numbers)
         told = replace(first.evidence.baseline, model=friction.added_to(first.model))
         beside = refitted(weigh(first.evidence.traces, told, first.evidence.floors))
-        sharp = _sharpened(beside)
+        sharp = sharpened(beside)
     alone = ("uncoupled", ("so",))
     assert sharp.floors[alone].sensor.max() < 0.1 * first.evidence.floors[alone].sensor.max()
     assert level(sharp) < 1.2
-    assert _sharpened(sharp) is sharp
-    assert _sharpened(first.evidence) is first.evidence
+    assert sharpened(sharp) is sharp
+    assert sharpened(first.evidence) is first.evidence
 
 
 def test_hits_that_come_too_soon_to_tell_noise_by_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

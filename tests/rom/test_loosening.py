@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
+from rom.effects import CATALOGUE
 from rom.law_fits import LawFit, fit_law, gamma_curve
 from rom.laws import logistic_loosening, no_loosening, power_loosening
 from rom.loosening import (
@@ -16,6 +17,8 @@ from rom.loosening import (
     LooseningCase,
     final_tensions,
     identify_gamma,
+    matching_factors,
+    own_rate,
     refine_gamma_law,
 )
 from rom.model import Model
@@ -105,6 +108,24 @@ def test_order_of_cases_does_not_matter() -> None:
     for one, other in zip(forward, backward[::-1], strict=True):
         assert one.file == other.file
         assert one.gamma == pytest.approx(other.gamma, rel=1e-9)
+
+
+def test_the_factor_on_a_changed_law_is_found_by_the_final_tension() -> None:
+    """Of the paper's law with a loosening by displacement beside it, not of a power of the velocity."""
+    beside = CATALOGUE["loosening-displacement"].at("tension").with_values(g_x=0.05, p_x=1.5, h_x=0.3)
+    changed = MODEL.with_effect(beside)
+    blank = [case(initial, initial) for initial in (20.0, 150.0, 900.0)]
+    factors = [0.3, 1.0, 2.5]
+    final = [
+        float(final_tensions(changed.with_effect(own_rate(factor)), [one], WINDOW_S)[0])
+        for factor, one in zip(factors, blank, strict=True)
+    ]
+    cases = [replace(one, final=lost) for one, lost in zip(blank, final, strict=True)]
+    found, at_bound = matching_factors(changed, cases, WINDOW_S)
+    np.testing.assert_allclose(found, factors, rtol=1e-6)
+    assert not at_bound.any()
+    alone, _ = matching_factors(MODEL, cases, WINDOW_S)
+    assert np.all(alone > 1.01 * np.array(factors))  # the paper's law alone has to be faster
 
 
 def test_no_loss_is_gamma_zero() -> None:

@@ -1,0 +1,37 @@
+"""Which hits would tell two changes of a bolt's law apart that the courses at hand cannot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from discovery.law_attribution import Slow
+from discovery.proposals import propose_tests
+from rom.effects import LawChange
+
+_ODDS = 100.0
+
+
+def separating_hits(best: Slow | None, rival: Slow | None) -> str:
+    """Return in words how often to hit, how hard and at which tension; `discovery.proposals` tells how.
+
+    Parameters
+    ----------
+    best, rival : Slow or None
+        Two effects as they were fitted to the same courses.
+
+    Returns
+    -------
+    str
+        Empty unless both are fits to courses.
+    """
+    if best is None or rival is None:
+        return ""
+    frozen = best.problem.frozen
+    model = frozen.model  # the changes are in the laws that are compared
+    kept = tuple(effect for effect in model.effects if not isinstance(effect, LawChange))
+    guide = replace(frozen, model=replace(model, effects=kept))
+    tests = propose_tests([best.fit, rival.fit], guide, most_tests=1, odds=_ODDS)
+    if not tests:
+        return "none of the hits tried, up to 60 of them 1.5 times as hard as those at hand"
+    (test,) = tests
+    return f"{test.hit}: {test.outcome}"
