@@ -9,6 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from discovery.acceptance import QUIET
 from discovery.force_pictures import pair
 from experiments.report import equations
 from experiments.report.answers import Answer, Headline
@@ -19,7 +20,6 @@ Data = Mapping[str, Any]
 
 _QUESTION = "Is anything missing from the model, and what?"
 _GOOD = {"closed": True, "no-effect": True, "unexplained": False}
-_NOISE = 1.2  # largest mean square of a residual that counts as noise
 _SETS = {"hold_out": "hold-out", "training": "training"}
 _HEADLINES = ("motion_nrmse", "relative_motion_nrmse", "tension_loss_error_percent_median")
 _HYPHEN = "\u2011"  # at which no line breaks
@@ -93,7 +93,7 @@ def _left(data: Data) -> str:
     """Return what a closed loop leaves, in words: noise alone, or a share of the residual's mean square."""
     residual = _mapping(data.get("residual"))
     before, after = (_mapping(residual.get(when)).get("total") for when in ("before", "after"))
-    if not (isinstance(before, float) and isinstance(after, float)) or after <= _NOISE:
+    if not (isinstance(before, float) and isinstance(after, float)) or after <= QUIET:
         return "no more is left than noise explains"
     share = number(100 * after / before, 2)
     return f"{share} % of the residual's mean square is left, {number(after, 3)} times noise"

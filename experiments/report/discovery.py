@@ -33,7 +33,6 @@ NO_LOOSENING = "no loosening"
 _EARLIER = "constant gamma, quadratic"  # [47] of He et al. (2025)
 _Z95 = 1.959964
 _BOARD_ROWS = 10
-_SHOWN_CASES = 6
 _PRINTED_N = (6.4, 21.5, 61.3, 152.7, 317.0, 700.2)  # preloads of He et al. (2025), Fig. 15
 _TERMS, _SELDOM = 12, 0.005
 _DRAWN_PERCENT = (0.1, 1000.0)  # errors beyond are drawn at the edge

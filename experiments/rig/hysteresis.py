@@ -12,8 +12,7 @@ from experiments.rig.kinds import Family, Kind, Number, constant
 
 Array = MutableSequence[float]
 LINKS: tuple[Family, ...] = ("joint", "ground")
-YIELDING = 2e-4
-"""Time in which a slider gives way once its limit has fallen below its force [s]."""
+_YIELDING_S = 2e-4  # in which a slider gives way once its limit has fallen below its force
 
 
 def _jenkins(t: float, x: float, v: float, T: float, k: float, s: Array, p: Array, ds: Array) -> float:
@@ -23,7 +22,7 @@ def _jenkins(t: float, x: float, v: float, T: float, k: float, s: Array, p: Arra
     if abs(force) >= limit and v * force > 0.0:
         ds[0] = v
     if abs(force) > limit:
-        ds[0] += math.copysign(abs(force) - limit, force) / (spring * 2e-4)
+        ds[0] += math.copysign(abs(force) - limit, force) / (spring * _YIELDING_S)
     return min(max(force, -limit), limit) - spring * x
 
 

@@ -95,6 +95,12 @@ def how_many_found(result: Result) -> int:
     )
 
 
+def has_needless(result: Result) -> bool:
+    """Whether an effect after the first is neither the first that was hidden nor lists it."""
+    name = result["truth"][0]["name"]
+    return not all(_is_listed(name, one) for one in result["closure"]["effects"][1:])
+
+
 def is_confident(result: Result) -> bool:
     """Whether a closure calls itself closed by effects of the catalogue, one or more."""
     closure = result["closure"]

@@ -14,6 +14,7 @@ from experiments.studies.blind_scores import (
     answer,
     error,
     felt,
+    has_needless,
     how_many_found,
     is_confident,
     is_nearest,
@@ -95,12 +96,18 @@ def _reached(groups: Mapping[str, Sequence[Result]]) -> list[tuple[str, str, str
         ("one effect: wrong name, truth not listed", "<= 3 %", _share(s.unwarned for s in scores)),
         ("the same, with verdict closed", "",
          _share(s.unwarned and is_confident(r) for s, r in zip(scores, one, strict=True))),
+        ("one effect: a name after the first that is not its own", "",
+         _share(has_needless(r) for r in one)),
         ("one effect: kind of place", ">= 95 %", _share(s.kind_of_place for s in scores)),
+        ("the same, of those that were named", "",
+         _share(s.kind_of_place for s, r in zip(scores, one, strict=True) if r["closure"]["effects"])),
         ("one effect: the very place", "", _share(s.place for s in scores)),
         ("one effect: missed, verdict no-effect", "", _share(answer(r) == "no-effect" for r in one)),
         (f"the same, though the true effect lowers the error by more than {_TELLS:g} %", "",
          _share(answer(r) == "no-effect" and not ratio(r, "oracle") <= 1 + _TELLS / 100 for r in one)),
         ("one effect: after / oracle, held out", "<= 1.1", median(ratio(r, "oracle") for r in one)),
+        ("one effect: 95 % limits that hold the true number", "",
+         _share(held for _, pairs in _numbers(one) for _, held in pairs)),
         (f"motion changed by > {_STRONG:g} %: after / before, motion", "<= 0.25",
          median(ratio(r, "before", "motion_nrmse") for r in strong)),
         ("outside: free-form or unexplained", ">= 90 %", _share(answer(r) in honest for r in outside)),
@@ -236,6 +243,15 @@ def error_table(results: Sequence[Result]) -> str:
 
 def number_table(results: Sequence[Result]) -> str:
     """Return, where the hidden effect was named at its place, its numbers over the true ones."""
+    rows = [
+        (effect, name, len(pairs), median((p for p, _ in pairs), ".3g"), _count(held for _, held in pairs))
+        for (effect, name), pairs in _numbers(results)
+    ]
+    return table(("effect", "number", "campaigns", "found / true", "95 % limits hold it"), rows)
+
+
+def _numbers(results: Iterable[Result]) -> list[tuple[tuple[str, str], list[tuple[float, bool]]]]:
+    """By effect and number: found over true, and whether the limits hold the true one."""
     numbers: dict[tuple[str, str], list[tuple[float, bool]]] = {}
     for result in results:
         truth = result["truth"][0]
@@ -243,12 +259,7 @@ def number_table(results: Sequence[Result]) -> str:
             if (found["name"], found["enters"]) == (truth["name"], truth["enters"]):
                 for name, told in truth["parameters"].items():
                     _set_beside(numbers.setdefault((truth["name"], name), []), found, name, told["value"])
-    rows = [
-        (effect, name, len(pairs), median((p for p, _ in pairs), ".3g"), _count(held for _, held in pairs))
-        for (effect, name), pairs in sorted(numbers.items())
-        if pairs
-    ]
-    return table(("effect", "number", "campaigns", "found / true", "95 % limits hold it"), rows)
+    return [(key, pairs) for key, pairs in sorted(numbers.items()) if pairs]
 
 
 def _set_beside(pairs: list[tuple[float, bool]], found: Found, name: str, true: float) -> None:

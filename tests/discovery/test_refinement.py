@@ -31,7 +31,7 @@ CUBIC = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
 
 
 def measured(folder: Path, undeclared: tuple[Undeclared, ...] = (), seed: int = 1) -> rom.Campaign:
-    """A campaign of six preloads, one of them held out, without the rig's oscillating tension."""
+    """A campaign of six preloads, one in three held out."""
     rig.run(folder, 6, 1.0, seed, 1, duration_s=2.5, hold_out_every=3, undeclared=undeclared)
     return rom.read_campaign(folder)
 

@@ -12,6 +12,7 @@ import pytest
 from experiments.studies import blind_test, rig
 from experiments.studies.blind_scores import (
     answer,
+    has_needless,
     how_many_found,
     is_confident,
     is_nearest,
@@ -115,6 +116,9 @@ def test_nothing_found_scores_nothing_and_names_nothing_wrong() -> None:
 def test_only_the_effect_named_first_counts() -> None:
     effects = [found("force-gain", "sensor:force_lo"), found("cubic-stiffness", "joint")]
     assert not score(result("one", [CUBIC], effects)).name
+    assert not has_needless(result("one", [CUBIC], effects))
+    assert has_needless(result("one", [CUBIC], effects[::-1]))
+    assert not has_needless(result("one", [CUBIC], [], "no-effect"))
 
 
 @pytest.mark.parametrize(
@@ -188,6 +192,8 @@ def test_the_summary_sets_what_is_reached_beside_what_is_asked() -> None:
     assert cells(text, "one effect: wrong name")[2] == "50 % (1 of 2)"
     assert cells(text, "motion changed")[1:] == ["<= 0.25", *["0.30 (0.11-0.50)"] * 2]
     assert cells(text, "one effect: named or listed")[2] == "50 % (1 of 2)"
+    assert cells(text, "one effect: a name after")[2] == "0 % (0 of 2)"
+    assert cells(text, "one effect: 95 % limits")[2] == "100 % (1 of 1)"
     assert cells(text, "outside: free-form or")[2] == "50 % (1 of 2)"
     assert cells(text, "outside: closed by another")[2] == "50 % (1 of 2)"
     assert cells(text, "two effects: one found")[2] == "100 % (1 of 1)"

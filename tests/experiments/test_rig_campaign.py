@@ -11,8 +11,6 @@ from experiments.rig.excitation import STEP_RATE_HZ
 from experiments.studies import rig
 from rom.campaign import read_campaign
 
-STEP_START = round(2.0 * STEP_RATE_HZ)
-
 # --- sensors ------------------------------------------------------------------------------------------------
 
 

@@ -26,6 +26,8 @@ ELASTIC_STATE = (
     "valanis",
 )  # the rig's state is what is left of x, the model's what slipped
 
+UNFELT = ("constant-force", "loosening-slip-gate")  # by a relative motion; by a joint that slips all the time
+
 
 def acting(*acts: str) -> list[str]:
     return [name for name in SHARED if KINDS[name].acts in acts]
@@ -136,7 +138,8 @@ def test_the_model_with_the_effect_moves_as_the_rig_with_it(name: str) -> None:
         edge = 0.25 * without[0] if "gap" in name else 4e-3 if name == "jenkins-slip" else 0.0
         assert motion < 5e-4 + edge
         assert abs(loss) < 3e-3 + (0.01 if edge else 0.0)
-        assert without[0] > 2.0 * motion or abs(without[1]) > 3.0 * abs(loss) or without[0] < 1e-3
+        felt = without[0] > 2.0 * motion or abs(without[1]) > 3.0 * abs(loss)
+        assert felt != (name in UNFELT)
 
 
 @pytest.mark.parametrize("name", acting("reading"))
