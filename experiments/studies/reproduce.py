@@ -199,68 +199,50 @@ def _coupled_rows(judged: Iterable[Judged]) -> list[Row]:
     ]
 
 
+_PRINTED_RATIO = "; 0.004 is printed, but 0.0049 belongs to the printed damping"
+_UNCOUPLED = {"lo": (4.892, 0.0155, ""), "so": (44.27, 0.0049, _PRINTED_RATIO)}
+"""Frequency [Hz], damping ratio and a remark on it, by body."""
+_LAWS = (
+    ("flexure_lo.stiffness.k", 8963.6, 0.02),
+    ("flexure_so.stiffness.k", 91800.0, 0.02),
+    ("joint.stiffness.k_i", 9.763e5, 0.02),
+    ("joint.stiffness.alpha", -0.0608, 0.05),
+    ("joint.damping.c_d", 1853.0, 0.02),
+    ("joint.damping.c_i", 1717.4, 0.02),
+    ("joint.damping.eta", -0.00922, 0.05),
+    ("joint.tension_rate.gamma_d", 11.79, 0.05),
+    ("joint.tension_rate.gamma_i", 7.974, 0.05),
+    ("joint.tension_rate.rho", -0.00362, 0.15),
+)
+"""Path, printed number and share of it that ours may differ by."""
+
+
 def _identified_rows(outcome: Outcome) -> list[Row]:
     """Rows that the chain identifies from the rig's raw records; the rig's own physics has the paper's
     numbers.
     """
-    model, found = outcome.identification.model, outcome.identification
+    found = outcome.identification
     rows = []
     for test in found.uncoupled:
-        name = test.body.upper()
-        frequency, ratio = {"lo": (4.892, 0.0155), "so": (44.27, 0.0049)}[test.body]
-        mode = test.mode
+        frequency, ratio, remark = _UNCOUPLED[test.body]
+        ours = test.mode.natural_frequency.value, test.mode.damping_ratio.value
+        name = f"{test.body.upper()}, uncoupled"
+        rows += [
+            Row(f"f of {name}", frequency, ours[0], "Hz", 0.005 * frequency, "0.5 %"),
+            Row(f"damping ratio of {name}", ratio, ours[1], "1", 0.1 * ratio, f"10 %{remark}"),
+        ]
+    for path, printed, share in _LAWS:
+        value, allowed = found.model.parameter(path), share * abs(printed)
         rows.append(
-            Row(
-                f"f of {name}, uncoupled",
-                frequency,
-                mode.natural_frequency.value,
-                "Hz",
-                0.005 * frequency,
-                "0.5 %",
-            )
-        )
-        note = (
-            "10 %"
-            if test.body == "lo"
-            else "10 %; 0.004 is printed, but 0.0049 belongs to the printed damping"
-        )
-        rows.append(
-            Row(
-                f"damping ratio of {name}, uncoupled", ratio, mode.damping_ratio.value, "1", 0.1 * ratio, note
-            )
-        )
-    for path, printed, share in (
-        ("flexure_lo.stiffness.k", 8963.6, 0.02),
-        ("flexure_so.stiffness.k", 91800.0, 0.02),
-        ("joint.stiffness.k_i", 9.763e5, 0.02),
-        ("joint.stiffness.alpha", -0.0608, 0.05),
-        ("joint.damping.c_d", 1853.0, 0.02),
-        ("joint.damping.c_i", 1717.4, 0.02),
-        ("joint.damping.eta", -0.00922, 0.05),
-        ("joint.tension_rate.gamma_d", 11.79, 0.05),
-        ("joint.tension_rate.gamma_i", 7.974, 0.05),
-        ("joint.tension_rate.rho", -0.00362, 0.15),
-    ):
-        value = model.parameter(path)
-        rows.append(
-            Row(
-                f"identified {path}",
-                printed,
-                value.value,
-                value.unit,
-                share * abs(printed),
-                f"{100 * share:g} %",
-            )
+            Row(f"identified {path}", printed, value.value, value.unit, allowed, f"{100 * share:g} %")
         )
     modes = [j.first_mode.frequency.value for j in found.joint if j.first_mode is not None]
-    rows.append(
-        Row("largest measured f_1", 15.78, max(modes), "Hz", 0.1, "one reading of the average period")
-    )
     above = [abs(g.loss) for g in found.gamma if g.initial > _REGIME_N]
-    rows.append(
-        Row("largest change of tension above 850 N", 1.25, max(above), "N", 0.0, "a bound", bound=True)
-    )
-    return rows
+    return [
+        *rows,
+        Row("largest measured f_1", 15.78, max(modes), "Hz", 0.1, "one reading of the average period"),
+        Row("largest change of tension above 850 N", 1.25, max(above), "N", 0.0, "a bound", bound=True),
+    ]
 
 
 def _error_rows(judged: Iterable[Judged]) -> list[Row]:
