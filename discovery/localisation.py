@@ -16,6 +16,7 @@ from discovery.residual_views import (
     by_harmonic,
     by_place,
     by_time,
+    line_correlation,
     places,
     repeatability,
     training_lines,
@@ -62,6 +63,8 @@ class Localisation:
         mean square of what the law leaves over of the tension's courses, 1 being noise.
     repeats : tuple of (str, float)
         How alike the residuals of tests are that repeat each other; empty where none does.
+    white : tuple of (str, float)
+        How alike whitened lines side by side are, by kind of test, and what white noise reaches by chance.
     forces : tuple of ForceMap
         The force left unbalanced at every place, over the motion there.
     courses : mapping of str to tuple of (str, float)
@@ -81,6 +84,7 @@ class Localisation:
     by_place: Profile = ()
     by_sign: Profile = ()
     repeats: Profile = ()
+    white: Profile = ()
     forces: tuple[ForceMap, ...] = ()
     courses: Mapping[str, Profile] = field(default_factory=dict)
 
@@ -91,7 +95,7 @@ class Localisation:
         found: dict[str, object] = {view: dict(getattr(self, view)) for view in views}
         found |= {view: dict(profile) for view in more if (profile := getattr(self, view))}
         found |= {"whiteness_p": self.whiteness_p, "total": self.total, **dict(self.numbers)}
-        found |= dict(self.repeats)
+        found |= {**dict(self.repeats), **dict(self.white)}
         found |= {view: dict(profile) for view, profile in self.courses.items() if profile}
         return found | ({"forces": [one.as_dict() for one in self.forces]} if self.forces else {})
 
@@ -124,6 +128,7 @@ def localise(
         total=float(np.mean(np.concatenate([m.ravel() for _, _, m in squares]) ** 2)),
         numbers=tuple((numbers or {}).items()),
         repeats=repeatability(parts),
+        white=line_correlation(parts),
         forces=forces,
         courses=courses or {},
     )

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy import fft
+from scipy import fft, stats
 
 from rom.channels import FloatArray
 from rom.spectra import ComplexArray, Linearised, SpectralRecord
@@ -33,6 +33,7 @@ ROUND = 0.1
 """Of the spectra's length, where what smears to before the hit comes round."""
 _NEAR = 0.2  # of the dominant frequency, which moves with the amplitude
 _PRELOAD, _HIT = 0.1, 0.2  # relative differences of tests that repeat each other
+_CHANCE = 0.05
 _GROUND = "ground"
 
 
@@ -221,6 +222,30 @@ def repeatability(parts: Sequence[Lines]) -> Profile:
         ("repeatability_noise", apart / count),
         ("repeatability_pairs", float(len(pairs))),
     )
+
+
+def line_correlation(parts: Sequence[Lines]) -> Profile:
+    """Return how alike lines side by side are, by kind of test: a test of whiteness.
+
+    rho^2 = sum |sum_k conj(r_k) r_(k+1)|^2 / sum (sum_k |r_k|^2)^2 over records and channels. White lines
+    are independent; what lives at some time, as after a hit, is alike from line to line. ``_chance`` is what
+    white noise exceeds in one case of twenty: there each square over n lines is exponential with mean
+    4 (n - 1), and their sum is taken to have a gamma distribution.
+    """
+    found: list[tuple[str, float]] = []
+    for test in dict.fromkeys(one.trace.measurement.test for one in parts):
+        white = [one.white for one in parts if one.trace.measurement.test == test]
+        alike = sum(float(np.sum(np.abs(np.sum(np.conj(r[:-1]) * r[1:], axis=0)) ** 2)) for r in white)
+        whole = sum(float(np.sum(np.sum(np.abs(r) ** 2, axis=0) ** 2)) for r in white)
+        count = np.concatenate([np.full(r.shape[1], float(len(r))) for r in white])
+        mean, size = 4 * (count - 1), 4 * count**2
+        scale = float(np.sum(mean**2) / np.sum(mean))
+        largest = float(stats.gamma.isf(_CHANCE, np.sum(mean) / scale, scale=scale))
+        found += [
+            (f"line_correlation_{test}", float(np.sqrt(alike / whole)) if whole > 0 else 0.0),
+            (f"line_correlation_{test}_chance", float(np.sqrt(largest / np.sum(size)))),
+        ]
+    return tuple(found)
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,14 @@ _SINGLE = {
     "repeatability_chance": "What noise exceeds there in one case of twenty [1]",
     "repeatability_noise": "Noise as such tests tell it, over that before the hits [1]",
     "repeatability_pairs": "Pairs of such tests",
+    **{
+        f"line_correlation_{test}{end}": f"{words}, {test} tests [1]"
+        for test in ("uncoupled", "coupled", "loosening")
+        for end, words in (
+            ("", "Correlation of lines side by side"),
+            ("_chance", "What white noise exceeds there in one case of twenty"),
+        )
+    },
 }
 _VIEWS = {
     "by_test": "Kind of test",

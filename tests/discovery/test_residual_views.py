@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discovery.residual_views import by_harmonic, by_place, by_time, repeatability
+from discovery.residual_views import by_harmonic, by_place, by_time, line_correlation, repeatability
 from rom.channels import FloatArray
 from tests.discovery.synthetic_lines import (
     DOMINANT_HZ,
@@ -93,3 +93,18 @@ def test_the_link_shows_nothing_of_bodies_alone() -> None:
     one.trace.measurement.test = "uncoupled"  # type: ignore[misc]
     assert JOINT.direction(one.trace) is None
     assert [label for label, _ in by_place([one], PLACES)] == ["body lo", "body so"]
+
+
+def test_lines_of_noise_are_white_and_those_of_a_burst_are_not() -> None:
+    def told(force: FloatArray | None, first: int) -> tuple[float, float]:
+        own = silence if force is None else lambda *_: force
+        pairs = line_correlation([record(own, seed=seed) for seed in range(first, first + 4)])
+        (name, value), (bound, chance) = pairs
+        assert bound == f"{name}_chance"
+        return value, chance
+
+    clean = [told(None, 10 * k) for k in range(30)]
+    assert np.mean([value > chance for value, chance in clean]) < 0.2
+    assert np.median([value / chance for value, chance in clean]) > 0.5  # a bound that is near
+    value, chance = told(tone(5.0, 0.15, 0.23), 1)
+    assert value > 3 * chance
