@@ -17,14 +17,14 @@ def separating_hits(best: Slow | None, rival: Slow | None) -> str:
     Parameters
     ----------
     best, rival : Slow or None
-        Two effects as they were fitted to the same courses.
+        Two effects as they were fitted to the same courses; None for one that is not in these.
 
     Returns
     -------
     str
-        Empty unless both are fits to courses.
+        Empty unless both are laws; of a reading no tension that a hit leaves tells.
     """
-    if best is None or rival is None:
+    if best is None or rival is None or best.candidate.effect or rival.candidate.effect:
         return ""
     frozen = best.problem.frozen
     model = frozen.model  # the changes are in the laws that are compared

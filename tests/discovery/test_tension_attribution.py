@@ -13,6 +13,7 @@ from discovery.law_attribution import LawSearch
 from discovery.law_likelihood import course, law_candidate, resimulated, slow_reading
 from discovery.motion import Frozen, freeze
 from discovery.prediction import predict
+from discovery.separating_laws import separating_hits
 from discovery.tension_attribution import explain_tension
 from discovery.tension_data import Data, Misfit, at_bounds, limited
 from discovery.tension_rows import Seen, thinned
@@ -101,6 +102,20 @@ def test_what_changes_the_law_is_found_beside_the_refitted_law() -> None:
     assert all(number.low is not None for number in best.beside.values())
     assert effect.parameters["p_x"].value == pytest.approx(2.0, abs=0.3)
     assert effect.parameters["g_x"].value == pytest.approx(0.5, rel=0.5)
+
+
+def test_between_two_laws_a_hit_is_named_that_would_tell_them_apart_and_none_beside_a_reading() -> None:
+    of = data(_STRONG.name)
+    search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
+    members = [CATALOGUE[n] for n in ("loosening-displacement", "loosening-ratchet", "relaxation-log")]
+    pairs = [(member, member.at("tension")) for member in members]
+    base = search.baseline()
+    found = {one.effect.name: one.slow for one in search.explained(pairs, base, lambda: None)[0]}
+    law, rival, reading = (found[member.name] for member in members)
+    told = separating_hits(law, rival)
+    assert "at a preload of" in told or "none of the hits" in told
+    assert separating_hits(law, reading) == separating_hits(reading, law) == separating_hits(law, None) == ""
+    assert "odds of" in separating_hits(law, base)
 
 
 @pytest.mark.parametrize("sharing", [None, 0])
