@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +31,7 @@ _LOWEST_LOG, _HIGHEST_LOG = float(np.log(_LEAST_SCATTER)), float(np.log(_LARGEST
 _SLOPE_PRIOR = 1.0
 _SAME_SCATTER = 0.01  # of a and b: changes the deviance in second order
 _NO_GAIN = 1e-3  # of the deviance, foreseen: not worth a trial
+_WORTH_LENGTHENING = 0.5  # of the deviance
 _TINY = 1e-300
 
 
@@ -122,16 +124,20 @@ class Problem:
     def _is_coefficient(self, name: str) -> bool:
         return name in self.candidate.coefficient_names
 
-    def clipped(self, theta: FloatArray) -> FloatArray:
-        """The vector with inner numbers within their ranges."""
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest vector: inner numbers keep to their ranges, coefficients are free."""
         ranges: Mapping[str, tuple[float, float]] = {
             name: parameter.bounds for name, parameter in self.candidate.parameters.items()
         }
-        out = theta.copy()
-        for place, name in enumerate(self.candidate.free):
-            if not self._is_coefficient(name):
-                out[place] = np.clip(out[place], *ranges[name])
-        return out
+        free = (-np.inf, np.inf)
+        rows = [free if self._is_coefficient(name) else ranges[name] for name in self.candidate.free]
+        low, high = np.array(rows).reshape(-1, 2).T
+        return low, high
+
+    def clipped(self, theta: FloatArray) -> FloatArray:
+        """The vector with inner numbers within their ranges."""
+        return np.clip(theta, *self.bounds)
 
     def first(self, start: Fit | None) -> State:
         """The start: coefficients scaled to the measured losses unless a fit is at hand."""
@@ -303,15 +309,45 @@ def step(problem: Problem, state: State, damping: float) -> tuple[State | None, 
     matrix, right = problem.normal_equations(state)
     diagonal = np.diag(matrix).copy()
     diagonal[diagonal <= 0] = max(float(diagonal.max()), 1.0) * 1e-12
+    low, high = (bound - state.theta for bound in problem.bounds)
     for _ in range(8):
-        change = np.linalg.solve(matrix + np.diag(damping * diagonal + 1e-12 * diagonal.max()), right)
+        damped = matrix + np.diag(damping * diagonal + 1e-12 * diagonal.max())
+        change = least_within(damped, right, low, high)
         if 2 * change @ right - change @ matrix @ change < _NO_GAIN:
             return None, damping
         trial = problem.solve(problem.clipped(state.theta + change), state.scatter, state.u)
         if np.isfinite(trial.deviance) and trial.deviance < state.deviance:
-            return trial, max(damping / 5, 1e-9)
+            return _lengthened(problem, state, trial, change), max(damping / 5, 1e-9)
         damping *= 8
     return None, damping
+
+
+def _lengthened(problem: Problem, state: State, best: State, change: FloatArray) -> State:
+    """Go on along a change for as long as twice as much lowers the deviance further.
+
+    Far from the measured courses their curvature makes a Gauss-Newton step up to twenty times too short.
+    """
+    while state.deviance - best.deviance > _WORTH_LENGTHENING:
+        change = 2 * change
+        trial = problem.solve(problem.clipped(state.theta + change), best.scatter, best.u)
+        if not trial.deviance < best.deviance:
+            break
+        best = trial
+    return best
+
+
+def least_within(matrix: FloatArray, right: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """The change d within a range that makes d' M d - 2 r' d least.
+
+    Were the free one clipped instead, numbers beside one at its end would make up for what it may not do.
+    """
+    change = np.linalg.solve(matrix, right)
+    if ((low <= change) & (change <= high)).all():
+        return np.asarray(change)
+    scale = np.sqrt(np.diag(matrix))
+    root = np.linalg.cholesky(matrix / np.outer(scale, scale)).T
+    aim = np.linalg.solve(root.T, right / scale)
+    return np.asarray(optimize.lsq_linear(root, aim, (low * scale, high * scale), method="bvls").x / scale)
 
 
 def tau(scatter: FloatArray, initial: FloatArray) -> FloatArray:

@@ -39,7 +39,7 @@ from discovery.state import (
 )
 from discovery.tension_attribution import explain_freely, explain_tension
 from discovery.tracing import Evidence, gather, starting, weigh
-from discovery.trail import FAR_LESS, Chosen, Trail, chosen, courses
+from discovery.trail import FAR_LESS, Chosen, Trail, alike, chosen, courses
 from rom.campaign import Campaign
 from rom.driven import is_driven
 from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, SensorFault, with_stiffness
@@ -224,8 +224,9 @@ class _Loop:
         loud = state.level > QUIET and first is not None and is_sure(first.of_training())
         if loud and first is not None and (one is None or first is not one.best):
             after = self._beside(state, first)
-            fitted = _told(first, state.evidence, after)
-            found += [(Chosen(fitted, ()), after)] if is_sure(fitted) else []
+            fitted, trained = _told(first, state.evidence, after), first.of_training()
+            rivals = alike([e.of_training() for e in explained if e is not first], trained)
+            found += [(Chosen(fitted, rivals), after)] if is_sure(fitted) else []
         return min(found, key=_left, default=None)
 
     def in_tension(self, path: Trail, seed: int = 0) -> Trail:

@@ -114,8 +114,13 @@ def chosen(explanations: Sequence[Explanation]) -> Chosen | None:
     if not sure:
         return None
     best = max(sure, key=merit)
+    return Chosen(best, alike(explanations, best))
+
+
+def alike(explanations: Sequence[Explanation], best: Explanation) -> tuple[Explanation, ...]:
+    """The others that do nearly as well as one of them, best first."""
     rivals = [one for one in explanations if one is not best and is_alike(one, best)]
-    return Chosen(best, tuple(sorted(rivals, key=lambda one: -merit(one))))
+    return tuple(sorted(rivals, key=lambda one: -merit(one)))
 
 
 def courses(misfit: Sequence[Misfit]) -> tuple[Mapping[str, float], Mapping[str, Profile]]:

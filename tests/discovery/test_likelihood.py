@@ -1,0 +1,48 @@
+"""Steps of the fit: as far as the courses ask for, and within the ranges of the numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import rom
+from discovery.law_likelihood import LawProblem, course, law_candidate, resimulated
+from discovery.likelihood import least_within
+from discovery.motion import freeze
+from rom.effects import CATALOGUE
+from tests.discovery.synthetic import measured
+
+_SCATTER = np.array([np.log(0.5), 0.0])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_no_change_within_its_range_lowers_the_square_further(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((9, 5)) * 10.0 ** rng.uniform(-3, 3, 5)
+    matrix, right = root.T @ root, root.T @ rng.standard_normal(9)
+    free = np.linalg.solve(matrix, right)
+    high = np.where(rng.random(5) < 0.5, np.inf, np.abs(free) / 2)
+    found = least_within(matrix, right, -high, high)
+    assert (np.abs(found) <= high * (1 + 1e-9)).all()
+    slope = (right - matrix @ found) / np.sqrt(np.diag(matrix))
+    inside = np.abs(found) < high * (1 - 1e-9)
+    assert slope[inside] == pytest.approx(0.0, abs=1e-6)
+    assert (slope * np.sign(found))[~inside].min(initial=0.0) >= 0  # only ever pushed against its end
+
+
+def test_a_law_is_found_from_far_where_a_number_is_at_the_end_of_its_range() -> None:
+    """Much more than noise is left at the start, and the threshold of the ratchet is at zero."""
+    effect = CATALOGUE["loosening-ratchet"].at("tension").with_values(r=8.8, x_r=0.0, h_r=0.9)
+    true = law_candidate(rom.paper_model(), effect, ("gamma_d", "gamma_i", "rho"), 0)
+    preloads = (8.0, 15.0, 30.0, 60.0, 100.0, 150.0, 300.0, 700.0, 1500.0, 3000.0)
+    held = freeze(rom.paper_model(), measured(true, preloads=preloads, strengths=(1.0,)))
+    still = np.zeros(len(held))
+    offsets = resimulated(true, held, still, held.model) - course(true, held, still)
+
+    def fitted(**values: float) -> float:
+        problem = LawProblem(true.with_values(values), held, offsets)
+        return problem.fitted(problem.solve(problem.theta0, _SCATTER, still, 12)).deviance
+
+    least = fitted()
+    for far in (4.0, 1.0):
+        assert fitted(loosening_ratchet_r=far, gamma_d=12.7, gamma_i=8.8) < least + 2
