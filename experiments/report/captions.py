@@ -11,6 +11,12 @@ CAPTIONS: dict[str, tuple[str, str]] = {
         "Mean square of what the model leaves, over that of noise, along several views: hollow before, "
         "filled after. At the dashed line only noise is left.",
     ),
+    "closure-correlation": (
+        "Whether noise alone is left",
+        "Correlation of what is left at neighbouring frequencies, and of tests that repeat each other (one "
+        "body, like preload and hit), before and after. White noise stays within the bars in nineteen cases "
+        "of twenty.",
+    ),
     "closure-force": (
         "The force that is left",
         "Force that the model leaves unbalanced where most of it is a function of motion: its mean over "

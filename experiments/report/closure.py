@@ -11,7 +11,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from discovery.force_pictures import DISPLACEMENT, FORCE, VELOCITY, draw_loop, draw_map, scale_of
-from experiments.report.closures import class_words, effects_of, forces, place_words, view_words
+from experiments.report.closures import class_words, correlations, effects_of, forces, place_words, view_words
 from experiments.report.style import (
     BACKGROUND,
     BLUE,
@@ -23,6 +23,7 @@ from experiments.report.style import (
     styled,
 )
 from experiments.report.wording import number, trimmed
+from rom.channels import FloatArray
 
 Data = Mapping[str, Any]
 
@@ -46,6 +47,7 @@ def closure_figures(data: Data) -> dict[str, Figure]:
     made: dict[str, tuple[object, Callable[[Data], Figure]]] = {
         "closure-errors": (len(data.get("steps") or ()) > 1 and _measured(data), errors_by_step),
         "closure-residual": (_views(data), residual_by_view),
+        "closure-correlation": (correlations(data), correlation),
         "closure-force": (forces(data), unbalanced_force),
         "closure-screened": (_screened(data), leader_board),
         "closure-effects": (_curves(data), effects),
@@ -91,6 +93,26 @@ def residual_by_view(data: Data) -> Figure:
 
 
 @styled
+def correlation(data: Data) -> Figure:
+    """How alike lines side by side, and tests that repeat each other, err before and after."""
+    labels, *values = zip(*correlations(data), strict=True)
+    before, after, chance = (np.array(one) for one in values)
+    rows = np.arange(len(labels))
+    figure, axes = panels(height_mm=16.0 + 6.0 * len(rows))
+    ax = axes[0, 0]
+    ax.barh(rows, 2 * chance, 0.7, left=-chance, color=BACKGROUND, alpha=0.3, label="95 % of noise")
+    if effects_of(data):
+        _hollow(ax, before)
+    ax.plot(after, rows, "o", color=_AFTER, label="After" if effects_of(data) else "Residual")
+    ax.set_yticks(rows, labels)
+    ax.set_ylim(len(rows) - 0.4, -0.6)
+    ax.set_xlim(min(-0.1, before.min(), after.min()) - 0.05, 1.0)
+    ax.set_xlabel("Correlation of residuals [1]")
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+@styled
 def unbalanced_force(data: Data) -> Figure:
     """Force left unbalanced where most was a function of motion: maps with one scale, and first cycles."""
     both = forces(data)
@@ -129,8 +151,7 @@ def _view(ax: Axes, labels: Sequence[str], before: Data, after: Data) -> list[fl
     ax.axvline(1.0, color=BACKGROUND, lw=0.6, ls="--", label="Noise alone")
     if before:
         ax.hlines(rows, np.fmin(old, new), np.fmax(old, new), color=GREY, lw=0.6)
-        ax.plot(old, rows, "o", color=_BEFORE, markersize=5.0, markerfacecolor="white", markeredgewidth=0.9,
-                label="Before")  # fmt: skip
+        _hollow(ax, old)
     ax.plot(new, rows, "o", color=_AFTER, label="After" if before else "Residual")
     ax.set_yticks(rows, [class_words(label) for label in labels])
     ax.tick_params(axis="y", length=0)
@@ -138,6 +159,12 @@ def _view(ax: Axes, labels: Sequence[str], before: Data, after: Data) -> list[fl
     ax.set_ylim(len(labels) - 0.4, -0.6)
     both = np.concatenate([old, new])
     return list(both[np.isfinite(both)])
+
+
+def _hollow(ax: Axes, values: FloatArray) -> None:
+    """Draw what was before, a row a value."""
+    ax.plot(values, np.arange(len(values)), "o", color=_BEFORE, markersize=5.0, markerfacecolor="white",
+            markeredgewidth=0.9, label="Before")  # fmt: skip
 
 
 def _positive(value: object) -> float:

@@ -30,6 +30,7 @@ _LEGEND = {
     "follow": "follow: dependence of that law on tension, 1 at 100 N",
     "y_true": "y: what the sensor shows",
 }
+_TESTS = ("uncoupled", "coupled", "loosening")
 _SINGLE = {
     "whiteness_p": "Chance of so much dependence if only noise were left [1]",
     "total": "All",
@@ -39,12 +40,16 @@ _SINGLE = {
     "repeatability_pairs": "Pairs of such tests",
     **{
         f"line_correlation_{test}{end}": f"{words}, {test} tests [1]"
-        for test in ("uncoupled", "coupled", "loosening")
+        for test in _TESTS
         for end, words in (
             ("", "Correlation of lines side by side"),
             ("_chance", "What white noise exceeds there in one case of twenty"),
         )
     },
+}
+_CORRELATED = {
+    **{f"line_correlation_{test}": f"Lines side by side, {test}" for test in _TESTS},
+    "repeatability": "Tests that repeat each other",
 }
 _VIEWS = {
     "by_test": "Kind of test",
@@ -139,6 +144,17 @@ def place_words(enters: object) -> str:
 def view_words(view: str) -> str:
     """Return what a view of the residual goes along: "by_preload" is "Preload"."""
     return _VIEWS.get(view) or label(view.removeprefix("by_"))
+
+
+def correlations(data: Data) -> list[tuple[str, float, float, float]]:
+    """Return what correlates in the residual: label, before, after, and the 95 % limit of noise."""
+    before, after = (_mapping(_mapping(data.get("residual")).get(when)) for when in ("before", "after"))
+    found = []
+    for key, words in _CORRELATED.items():
+        old, new, chance = before.get(key), after.get(key), after.get(f"{key}_chance")
+        if isinstance(old, float) and isinstance(new, float) and isinstance(chance, float):
+            found.append((words, old, new, chance))
+    return found
 
 
 def class_words(text: object) -> str:

@@ -125,6 +125,26 @@ def test_the_residual_is_drawn_before_and_after_and_once_where_nothing_changed()
     assert [line.get_label() for line in same.get_lines()] == ["Noise alone", "Residual"]
 
 
+def test_correlations_are_drawn_beside_what_noise_has() -> None:
+    data = two()
+    for when, value in (("before", 0.9), ("after", 0.01)):
+        data["residual"][when] |= {"repeatability": value, "line_correlation_coupled": value / 2}
+    data["residual"]["after"] |= {"repeatability_chance": 0.1, "line_correlation_coupled_chance": 0.03}
+    (axes,) = closure_figures(data)["closure-correlation"].axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == [
+        "Lines side by side, coupled",
+        "Tests that repeat each other",
+    ]
+    drawn = {line.get_label(): list(line.get_xdata()) for line in axes.get_lines()}
+    assert drawn == {"Before": [0.45, 0.9], "After": [0.005, 0.01]}
+    assert [bar.get_width() for bar in axes.patches] == pytest.approx([0.06, 0.2])
+    del (
+        data["residual"]["after"]["repeatability_chance"],
+        data["residual"]["after"]["line_correlation_coupled"],
+    )
+    assert "closure-correlation" not in closure_figures(data)
+
+
 def with_forces(found: Closure) -> Closure:
     """The same with the force that is left, before and after."""
     before, after = (
