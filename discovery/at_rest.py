@@ -21,8 +21,7 @@ import numpy.typing as npt
 from scipy import optimize
 
 from discovery.attribution import motion_channels
-from discovery.explanation import Explanation
-from discovery.tension_data import limited
+from discovery.explanation import Explanation, limited
 from discovery.tracing import Evidence
 from rom.channels import FloatArray
 from rom.effects import Added, Member, SensorFault, candidates

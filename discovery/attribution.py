@@ -15,7 +15,7 @@ from joblib import Parallel, delayed
 
 from discovery.acceptance import MATERIAL
 from discovery.chance import FEWEST_RECORDS, by_record, largest_by_chance, p_value
-from discovery.explanation import Explanation
+from discovery.explanation import Explanation, limited, standard_errors
 from discovery.traces import Progress, Trace
 from discovery.tracing import Evidence, effect_force
 from rom.channels import FloatArray
@@ -31,7 +31,6 @@ _ROUGHLY, _AT_LEAST, _PROBES = 0.1, 12, 3  # of the best gain there; effects; pr
 _STARTS = 2  # points of an effect's grid from which it is fitted
 _TRIED = 5  # of the screened effects
 _PROMISING, _WORTH = 0.3, 0.4  # of what an effect must explain; of what the first one does
-_Z95 = 1.96
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,22 +321,23 @@ def explanation(effect: Added, member: Member, evidence: Evidence) -> Explanatio
     rows = evidence.residual - output_of(effect, evidence)
     beyond = evidence.beyond(rows)
     spread = max(float(beyond @ beyond) / len(beyond), 1.0)
-    sizes = _sizes(effect, names, member)
     slopes = _slopes(effect, names, member, evidence)
-    covariance = np.linalg.pinv(slopes.T @ slopes, rcond=1e-12, hermitian=True) * spread
-    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * sizes
-    parameters, at_bound = dict(effect.parameters), []
-    for name, error in zip(names, errors, strict=True):
-        old = parameters[name]
-        parameters[name] = replace(old, low=old.value - _Z95 * error, high=old.value + _Z95 * error)
-        if old.value in old.bounds:
-            at_bound.append(name)
+    inverse = np.asarray(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12, hermitian=True), dtype=float)
+    errors = standard_errors(inverse, _by_record(slopes, beyond, evidence), spread)
+    errors *= _sizes(effect, names, member)
     return Explanation(
-        effect=replace(effect, parameters=parameters),
+        effect=limited(effect, dict(zip(names, errors.tolist(), strict=True))),
         before=evidence.costs(evidence.left_over(evidence.residual)),
         after=evidence.costs(evidence.left_over(rows)),
         samples=evidence.samples,
         hold_out=frozenset(t.settings.file for t in evidence.traces if t.settings.hold_out),
         free_numbers=len(names),
-        at_bound=tuple(at_bound),
+        at_bound=tuple(n for n in names if effect.parameters[n].value in effect.parameters[n].bounds),
     )
+
+
+def _by_record(slopes: FloatArray, left: FloatArray, evidence: Evidence) -> FloatArray:
+    """Slopes times what is left over, summed over the rows of every record, (records, numbers)."""
+    owner, records = evidence.owner[evidence.training], len(evidence.traces)
+    products = (slopes * left[:, None])[: len(owner)]
+    return np.stack([np.bincount(owner, weights=one, minlength=records) for one in products.T], axis=1)

@@ -209,9 +209,10 @@ def _like_noise(after: Localisation) -> Iterator[str]:
     if not _known(after.whiteness_p):
         return
     if after.whiteness_p >= _SURE:
-        yield f"What is left is no more regular than noise (p = {_number(after.whiteness_p, 2)})."
+        yield f"What is left shows no more dependence than noise would (p = {_number(after.whiteness_p, 2)})."
     else:
-        yield f"What is left is small, and more regular than noise (p {_chance(after.whiteness_p)})."
+        p = _chance(after.whiteness_p)
+        yield f"What is left is small, but shows more dependence than noise would (p {p})."
 
 
 def _left(after: Localisation) -> Iterator[str]:

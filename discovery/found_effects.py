@@ -8,14 +8,14 @@ from dataclasses import replace
 from scipy import stats
 
 from discovery.acceptance import ALIKE, spread_of
-from discovery.attribution import Probe, motion_channels
+from discovery.attribution import Probe, explanation, motion_channels
 from discovery.closure import FoundEffect, LookAlike, Screened
 from discovery.explanation import Explanation
 from discovery.separating import separating_tests
 from discovery.separating_laws import separating_hits
-from discovery.state import State
+from discovery.state import State, lacking, with_effects
 from discovery.tracing import Evidence
-from rom.effects import CATALOGUE, Added, candidates
+from rom.effects import CATALOGUE, Added, Effect, candidates
 
 
 def found_effect(best: Explanation, rivals: Sequence[Explanation], state: State) -> FoundEffect:
@@ -26,14 +26,10 @@ def found_effect(best: Explanation, rivals: Sequence[Explanation], state: State)
     )
     tests = separating_tests(effect, [one.effect for one in rivals], state.evidence, ALIKE)
     tests = [test or separating_hits(best.slow, one.slow) for test, one in zip(tests, rivals, strict=True)]
-    limited = {
-        name: replace(p, low=_moved(old.low, p.value - old.value), high=_moved(old.high, p.value - old.value))
-        for (name, p), old in zip(effect.parameters.items(), best.effect.parameters.values(), strict=True)
-    }
     gains = best.gains(hold_out=True)
     costs = best.cost(hold_out=True)
     return FoundEffect(
-        effect=replace(effect, parameters=limited),
+        effect=_limited(effect, best.effect, state.evidence),
         look_alikes=tuple(
             LookAlike(
                 one.effect.name, one.effect.enters, one.cost(hold_out=True) / costs if costs else 1.0, test
@@ -45,6 +41,17 @@ def found_effect(best: Explanation, rivals: Sequence[Explanation], state: State)
         p_value=_nominal(best, state) if best.p_value is None else best.p_value,
         wins=(int((gains > 0).sum()), len(gains)),
     )
+
+
+def _limited(effect: Added, fitted: Added, evidence: Evidence) -> Added:
+    """With 95 % limits: of a force of the catalogue about the last model, else by the fit that found it."""
+    if isinstance(effect, Effect) and effect.name in CATALOGUE:
+        return explanation(effect, CATALOGUE[effect.name], with_effects(lacking(evidence, effect))).effect
+    limited = {
+        name: replace(p, low=_moved(old.low, p.value - old.value), high=_moved(old.high, p.value - old.value))
+        for (name, p), old in zip(effect.parameters.items(), fitted.parameters.values(), strict=True)
+    }
+    return replace(effect, parameters=limited)
 
 
 def _nominal(best: Explanation, state: State) -> float:

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from discovery.tension_data import Data, Gained, Pair, at_bounds, limited
+from discovery.explanation import limited, standard_errors
+from discovery.tension_data import Data, Gained, Pair, at_bounds
 from discovery.tension_rows import Projected, Seen, altered, disturbed, following
 from rom.channels import FloatArray
 from rom.effects import CATALOGUE, Added, Member, Motion, Reading, SensorFault
@@ -59,7 +60,7 @@ def _linear(data: Data, effect: Added, rows: Sequence[Projected], place: slice) 
     inverse = np.linalg.pinv(squares.sum(axis=0))
     found = inverse @ rights.sum(axis=0)
     scores = rights - squares @ found
-    error = np.sqrt(np.maximum(np.diag(inverse @ (scores.T @ scores) @ inverse), np.diag(inverse)))
+    error = standard_errors(inverse, scores)
     left = [row.seen - row.columns[:, place] @ found for row in rows]
     gains = [float(row.seen @ row.seen - rest @ rest) for row, rest in zip(rows, left, strict=True)]
     names = list(effect.parameters)[: len(found)]

@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 
 from discovery.chance import largest_of_noise, p_value
+from discovery.explanation import limited, limited_number
 from discovery.fitting import Fit
 from discovery.law_likelihood import (
     LawCandidate,
@@ -25,7 +26,7 @@ from discovery.law_likelihood import (
 )
 from discovery.likelihood import State, tau
 from discovery.motion import Frozen
-from discovery.tension_data import Data, Gained, Misfit, Pair, at_bounds, limited, limited_number
+from discovery.tension_data import Data, Gained, Misfit, Pair, at_bounds
 from rom.channels import FloatArray
 from rom.effects import CATALOGUE, Added, LawChange, Member
 from rom.laws import Parameter

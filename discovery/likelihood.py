@@ -31,7 +31,7 @@ _LOWEST_LOG, _HIGHEST_LOG = float(np.log(_LEAST_SCATTER)), float(np.log(_LARGEST
 _SLOPE_PRIOR = 1.0
 _SAME_SCATTER = 0.01  # of a and b: changes the deviance in second order
 _NO_GAIN = 1e-3  # of the deviance, foreseen: not worth a trial
-_WORTH_LENGTHENING = 0.5  # of the deviance
+_WORTH_LENGTHENING = 1e-3  # of the deviance: for less no number is to run far
 _TINY = 1e-300
 
 
@@ -327,7 +327,7 @@ def _lengthened(problem: Problem, state: State, best: State, change: FloatArray)
 
     Far from the measured courses their curvature makes a Gauss-Newton step up to twenty times too short.
     """
-    while state.deviance - best.deviance > _WORTH_LENGTHENING:
+    while state.deviance - best.deviance > _WORTH_LENGTHENING * state.deviance:
         change = 2 * change
         trial = problem.solve(problem.clipped(state.theta + change), best.scatter, best.u)
         if not trial.deviance < best.deviance:

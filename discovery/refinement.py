@@ -37,7 +37,7 @@ from discovery.state import (
     with_effects,
     with_law,
 )
-from discovery.tension_attribution import explain_freely, explain_tension
+from discovery.tension_attribution import explain_freely, explain_tension, tension_misfit
 from discovery.tracing import Evidence, gather, starting, weigh
 from discovery.trail import FAR_LESS, Chosen, Trail, alike, chosen, courses
 from rom.campaign import Campaign
@@ -224,15 +224,14 @@ class _Loop:
         loud = state.level > QUIET and first is not None and is_sure(first.of_training())
         if loud and first is not None and (one is None or first is not one.best):
             after = self._beside(state, first)
-            fitted, trained = _told(first, state.evidence, after), first.of_training()
-            rivals = alike([e.of_training() for e in explained if e is not first], trained)
+            fitted, rivals = _told(first, state.evidence, after), alike(explained, first, hold_out=False)
             found += [(Chosen(fitted, rivals), after)] if is_sure(fitted) else []
         return min(found, key=_left, default=None)
 
     def in_tension(self, path: Trail, seed: int = 0) -> Trail:
         """Add effects in the tension and its gauge; a free form where the catalogue leaves too much."""
         named = self._named_in_tension(path)
-        if named.tension_is_quiet:
+        if named.tension_is_quiet or not named.is_quiet:
             return named
         starts = [path, named] if len(named.chosen) > len(path.chosen) else [path]
         return with_free_form(
@@ -245,12 +244,13 @@ class _Loop:
     def _named_in_tension(self, path: Trail) -> Trail:
         """Add effects of the catalogue in the tension, which hardly show in the motion, until none helps.
 
-        They are told along the motion, so where that is not explained nothing is asked. One that makes the
+        They are told along the motion, so where that is not explained none is asked for. One that makes the
         simulated errors worse, or the courses by more than it explains, is not kept; nor is a law believed
         that only a reading brought up which follows the motion.
         """
         if not path.is_quiet:
-            return path
+            misfit = tension_misfit(self.campaign, path.last.found, path.last.model, self.jobs)
+            return path if misfit is None else replace(path, tension=(misfit, misfit))
         before, sure = path, set[str]()
         while True:
             last = path.last

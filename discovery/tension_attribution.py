@@ -96,6 +96,12 @@ def explain_tension(
     return _explained(search, effects, search.baseline(), progress)
 
 
+def tension_misfit(campaign: Campaign, found: Identification, model: Model, jobs: int = 1) -> Misfit | None:
+    """Return what a model's own law leaves over of the training courses; None where nothing is told."""
+    search = _search(campaign, found, model, jobs)
+    return None if search is None else _viewed(search.baseline())
+
+
 def explain_freely(
     campaign: Campaign, found: Identification, model: Model, jobs: int = 1, seed: int = 0
 ) -> TensionFindings:

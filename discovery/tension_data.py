@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
 from scipy import stats
 
 from discovery.localisation import Profile
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
     from discovery.law_attribution import Slow
 
 Pair = tuple[Member, Added]
-_Z95 = 1.959964
 _CHANCE = 1e-3
 _NEARLY_NOISE = 1.5  # mean square: a motion that is known to a few percent shifts courses by as much
 _AT_BOUND = 1e-6  # of a range
@@ -92,21 +90,6 @@ class Gained:
     left: float | None = None
     p_value: float | None = None
     slow: Slow | None = None
-
-
-def limited(effect: Added, errors: Mapping[str, float]) -> Added:
-    """The effect with 95 % limits, within the ranges."""
-    numbers = effect.parameters.items()
-    return replace(effect, parameters={name: limited_number(p, errors.get(name, 0.0)) for name, p in numbers})
-
-
-def limited_number(number: Parameter, error: float) -> Parameter:
-    """The number with 95 % limits from its standard error, within its range; none where no error is known."""
-    low, high = number.bounds
-    half = _Z95 * error
-    if not (half > 0 and np.isfinite(half)):
-        return replace(number, low=None, high=None)
-    return replace(number, low=max(number.value - half, low), high=min(number.value + half, high))
 
 
 def at_bounds(effect: Added) -> tuple[str, ...]:

@@ -117,10 +117,16 @@ def chosen(explanations: Sequence[Explanation]) -> Chosen | None:
     return Chosen(best, alike(explanations, best))
 
 
-def alike(explanations: Sequence[Explanation], best: Explanation) -> tuple[Explanation, ...]:
-    """The others that do nearly as well as one of them, best first."""
-    rivals = [one for one in explanations if one is not best and is_alike(one, best)]
-    return tuple(sorted(rivals, key=lambda one: -merit(one)))
+def alike(
+    explanations: Sequence[Explanation], best: Explanation, *, hold_out: bool = True
+) -> tuple[Explanation, ...]:
+    """The others that do nearly as well as one of them, best first; or by what training records say alone."""
+
+    def seen(one: Explanation) -> Explanation:
+        return one if hold_out else one.of_training()
+
+    rivals = [one for one in explanations if one is not best and is_alike(seen(one), seen(best))]
+    return tuple(sorted(rivals, key=lambda one: -merit(seen(one))))
 
 
 def courses(misfit: Sequence[Misfit]) -> tuple[Mapping[str, float], Mapping[str, Profile]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rom.effects import CATALOGUE, Member, look_alikes
+from rom.effects.member import OF_CHANNEL
 from rom.laws import Parameter
 
 _HEAD = """# The catalogue of effects
@@ -26,7 +27,7 @@ _TITLES = {
 def _parameter(member: Member, name: str, number: Parameter) -> str:
     word = f"**{name}**" if name in member.strengths else name
     low, high = number.bounds
-    unit = "" if number.unit in ("1", "SI") else f" {number.unit}"
+    unit = {"1": "", OF_CHANNEL: " unit of y"}.get(number.unit, f" {number.unit}")
     return f"{word} {number.value:g} ({low:g} to {high:g}){unit}"
 
 

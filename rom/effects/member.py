@@ -13,6 +13,9 @@ from rom.laws import Parameter
 
 Place = Literal["joint", "ground", "body", "tension", "sensor:force", "sensor:acceleration", "sensor:tension"]
 NONE: Mapping[str, Any] = {}
+OF_CHANNEL = "y"
+"""Unit of what is added to a channel: the channel's own."""
+_CHANNEL_UNITS = {"acceleration": "m/s2", "force": "N", "tension": "N"}
 
 
 @dataclass(frozen=True)
@@ -106,10 +109,7 @@ class Member:
                 f"effect {self.name!r} must have the parameters {', '.join(self.parameters)}, "
                 f"got {', '.join(numbers) or 'none'}"
             )
-        ordered = {
-            name: numbers[name] if numbers[name].source else replace(numbers[name], source=self.source)
-            for name in self.parameters
-        }
+        ordered = {name: self._placed(numbers[name], enters) for name in self.parameters}
         head = (self.name, enters, self.equation, ordered)
         if self.function is None:
             return LawChange(*head)
@@ -119,6 +119,12 @@ class Member:
         if self.kind == "measured tension":
             return Reading(*head, self.function)
         return Effect(*head, self.function, len(self.state_units))
+
+    def _placed(self, number: Parameter, enters: str) -> Parameter:
+        """A parameter with its source, and the unit of the channel where it has no other."""
+        kind = enters.removeprefix("sensor:").partition("_")[0]
+        unit = _CHANNEL_UNITS[kind] if number.unit == OF_CHANNEL else number.unit
+        return replace(number, unit=unit, source=number.source or self.source)
 
     def silent(self, enters: str, *, ground: bool = False) -> Added:
         """The effect at a place with all strengths zero."""

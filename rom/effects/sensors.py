@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rom.effects.effect import FloatArray, Numbers
-from rom.effects.member import Member, parameter
+from rom.effects.member import OF_CHANNEL, Member, parameter
 
 
 def _gain(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
@@ -103,7 +103,7 @@ MEMBERS = (
         _GAIN,
         {"g": 0.01},
         ("gain",),
-        "sensitivity of a hammer's cell against the momentum it leaves",
+        "A. Brandt, Noise and Vibration Analysis, Wiley (2011), chapter 7: sensitivity",
         _gain,
         _no_gain,
     ),
@@ -114,7 +114,7 @@ MEMBERS = (
         _GAIN,
         {"g": 0.01},
         ("gain",),
-        "sensitivity of an accelerometer, usually within 1-5 %",
+        "A. Brandt, Noise and Vibration Analysis, Wiley (2011), chapter 7: sensitivity",
         _gain,
         _no_gain,
     ),
@@ -137,7 +137,7 @@ MEMBERS = (
         {"tau": parameter(1e-4, "s", -1e-3, 1e-3)},
         {"tau": 2e-5},
         ("frequency-dependent damping", "acceleration skew"),
-        "channels sampled one after the other",
+        "A. Brandt, Noise and Vibration Analysis, Wiley (2011), chapter 11: channels sampled in turn",
         _late,
         _early,
         linear=False,
@@ -149,7 +149,7 @@ MEMBERS = (
         {"r": parameter(2.0, "1/s", 0.0, 20.0)},
         {"r": 0.5},
         ("low-frequency response",),
-        "first-order low-frequency roll-off of a piezoelectric sensor, r = 1 / time constant",
+        "A. Brandt, Noise and Vibration Analysis, Wiley (2011), chapter 7: r = 1 / time constant",
         _coupled,
         _uncoupled,
         linear=False,
@@ -159,13 +159,13 @@ MEMBERS = (
         ("sensor:acceleration", "sensor:force", "sensor:tension"),
         "y = y_true + A * cos(2 * pi * f * t) + B * sin(2 * pi * f * t)",
         {
-            "A": parameter(0.1, "SI", -10.0, 10.0),
-            "B": parameter(0.1, "SI", -10.0, 10.0),
+            "A": parameter(0.1, OF_CHANNEL, -10.0, 10.0),
+            "B": parameter(0.1, OF_CHANNEL, -10.0, 10.0),
             "f": parameter(50.0, "Hz", 40.0, 70.0),
         },
         {"A": 0.02, "B": 0.02},
         ("hum",),
-        "mains",
+        "A. Brandt, Noise and Vibration Analysis, Wiley (2011), chapter 11: lines of the mains",
         _hum,
         _no_hum,
         inner={"f": (50.0, 60.0)},
@@ -193,7 +193,7 @@ MEMBERS = (
         {"b": parameter(0.1, "m/s2", -5.0, 5.0)},
         {"b": 0.02},
         ("acceleration offset",),
-        "offset of an amplifier",
+        "A. Brandt, Noise and Vibration Analysis, Wiley (2011), chapter 11: offset of an amplifier",
         _biased,
         _unbiased,
     ),
@@ -204,7 +204,7 @@ MEMBERS = (
         {"epsilon": parameter(0.02, "1", -0.2, 0.2)},
         {"epsilon": 0.01},
         ("cross-axis",),
-        "transverse sensitivity of an accelerometer, or cross-talk from another body's",
+        "A. Brandt, Noise and Vibration Analysis, Wiley (2011), chapter 7: transverse sensitivity",
         _crossed,
         _uncrossed,
         core=False,

@@ -28,7 +28,7 @@ MEMBERS = (
         {"g_e": parameter(5.0, "1/J", 0.0, 2e3), "h_e": _FOLLOW},
         {"g_e": 0.5},
         ("loosening by dissipation",),
-        "energy balance of loosening: dissipated power of the joint",
+        "Orclever EJRND 693: energy balance of loosening",
         inner={"h_e": (0.0, 1.0)},
     ),
     Member(
@@ -54,7 +54,7 @@ MEMBERS = (
     Member(
         "loosening-slip-gate",
         ("tension",),
-        "rate * abs(F) ** 8 / max(abs(F) ** 8 + (mu_t * max(T, 0)) ** 8, 1e-300)",
+        "rate * (abs(F) ** 8 + 1e-99) / (abs(F) ** 8 + (mu_t * max(T, 0)) ** 8 + 1e-99)",
         {"mu_t": parameter(0.12, "1", 0.0, 0.5)},
         {"mu_t": 0.05},
         ("loosening onset",),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rom.effects import LawChange, Motion
+from rom.effects.member import OF_CHANNEL
 from rom.laws import logistic_loosening
 from tests.contracts.effect_cases import compiled, drawn, evaluated, members, name_of, rescaled, scale_of
 
@@ -152,7 +153,7 @@ def test_an_equation_means_the_same_in_other_units(member):
         **{f"z{i + 1}": unit for i, unit in enumerate(member.state_units)},
         **{name: p.unit for name, p in member.parameters.items()},
     }
-    units = {name: units["y_true"] if unit == "SI" else unit for name, unit in units.items()}
+    units = {name: units["y_true"] if unit == OF_CHANNEL else unit for name, unit in units.items()}
     if member.kind == "tension rate":
         units["F"] = "N"
     result, unit = {"sensor": ("y", units["y_true"]), "tension rate": ("F", "N/s")}.get(

@@ -85,8 +85,8 @@ def test_unexplained_says_where_the_rest_lives(
 
 def test_regular_remains_are_not_called_noise() -> None:
     found = replace(closure(friction()), residual_after=localisation(1.1, 1e-6))
-    assert "no more regular than noise" not in found.summary()
-    assert "more regular than noise (p below 0.0001)" in found.summary()
+    assert "no more dependence than noise" not in found.summary()
+    assert "shows more dependence than noise would (p below 0.0001)" in found.summary()
 
 
 def test_a_view_without_a_peak_is_not_named() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import rom
+from discovery.explanation import limited
 from discovery.gauge_attribution import explained_by_gauge
 from discovery.law_attribution import LawSearch
 from discovery.law_likelihood import course, law_candidate, resimulated, slow_reading
@@ -15,7 +16,7 @@ from discovery.motion import Frozen, freeze
 from discovery.prediction import predict
 from discovery.separating_laws import separating_hits
 from discovery.tension_attribution import explain_tension
-from discovery.tension_data import Data, Misfit, at_bounds, limited
+from discovery.tension_data import Data, Misfit, at_bounds
 from discovery.tension_rows import Seen, thinned
 from discovery.terms import baseline
 from rom.campaign import RecordSettings

@@ -14,6 +14,7 @@ from experiments.rig.simulation import SETTLING_RATE_HZ, run, table
 from experiments.rig.strength import drawn
 from experiments.rig.undeclared import KINDS, Undeclared, undeclared_from_text
 from rom.effects import CATALOGUE, Motion
+from rom.effects.member import OF_CHANNEL
 from rom.model import Model
 from rom.parameters.he_2025 import paper_model
 
@@ -60,7 +61,7 @@ def test_names_units_and_strengths_are_the_catalogues(name: str) -> None:
     assert set(kind.places) == set(member.places)
     for place in kind.allowed:
         for key, number in kind.numbers_at(place).items():
-            if member.parameters[key].unit != "SI":
+            if member.parameters[key].unit != OF_CHANNEL:
                 assert number.unit == member.parameters[key].unit
             bounds = (member.ground if "flexure" in place else {}).get(key, member.parameters[key]).bounds
             assert bounds[0] <= number.low <= number.high <= bounds[1]
