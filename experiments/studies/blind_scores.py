@@ -55,7 +55,7 @@ def score(result: Result) -> Score:
     if not effects:
         return Score(False, False, False, False, False, False)
     first = effects[0]
-    listed = _is_listed(truth["name"], first)
+    listed = _is_listed(truth, first)
     return Score(
         name=first["name"] == truth["name"],
         class_=same_class(first["name"], truth["name"]),
@@ -66,8 +66,12 @@ def score(result: Result) -> Score:
     )
 
 
-def _is_listed(name: str, found: Found) -> bool:
-    return name == found["name"] or any(name == one["name"] for one in found["look_alikes"])
+def _is_listed(truth: Found, found: Found, *, placed: bool = False) -> bool:
+    """Whether an effect is named or listed; ``placed``: at its very place."""
+    return any(
+        one["name"] == truth["name"] and (not placed or one["enters"] == truth["enters"])
+        for one in (found, *found["look_alikes"])
+    )
 
 
 def same_class(one: str, other: str) -> bool:
@@ -85,20 +89,26 @@ def kind_of_place(enters: str) -> str:
     return head if head in ("body", "tension", "sensor") else "link"
 
 
-def how_many_found(result: Result) -> int:
-    """Return how many of the hidden effects are named or listed, each by another effect of the closure."""
+def how_many_found(result: Result, *, placed: bool = False) -> int:
+    """Return how many of the hidden effects are named or listed, each by another effect of the closure.
+
+    ``placed``: at their very places.
+    """
     truths, effects = result["truth"], result["closure"]["effects"]
     padded = [*effects, *([None] * len(truths))]
     return max(
-        sum(one is not None and _is_listed(t["name"], one) for t, one in zip(truths, order, strict=True))
+        sum(
+            one is not None and _is_listed(truth, one, placed=placed)
+            for truth, one in zip(truths, order, strict=True)
+        )
         for order in permutations(padded, len(truths))
     )
 
 
 def has_needless(result: Result) -> bool:
     """Whether an effect after the first is neither the first that was hidden nor lists it."""
-    name = result["truth"][0]["name"]
-    return not all(_is_listed(name, one) for one in result["closure"]["effects"][1:])
+    truth = result["truth"][0]
+    return not all(_is_listed(truth, one) for one in result["closure"]["effects"][1:])
 
 
 def is_confident(result: Result) -> bool:
@@ -110,7 +120,7 @@ def is_confident(result: Result) -> bool:
 def is_nearest(result: Result) -> bool:
     """Whether the effect named first is the one of the catalogue that nearly does what was hidden."""
     nearest, effects = result["truth"][0]["nearest"], result["closure"]["effects"]
-    return bool(nearest and effects and (_is_listed(nearest, effects[0])))
+    return bool(nearest and effects and (_is_listed({"name": nearest}, effects[0])))
 
 
 def answer(result: Result) -> str:

@@ -12,6 +12,7 @@ from experiments.studies.blind_scores import (
     Found,
     Result,
     answer,
+    at_stake,
     error,
     felt,
     has_needless,
@@ -22,6 +23,7 @@ from experiments.studies.blind_scores import (
     ratio,
     score,
 )
+from rom.effects import CATALOGUE
 
 _FELT = 3.0  # influence [%] that strengths are drawn to have at least, where the plausible range allows it
 _TELLS = 3.0  # of a held-out error [%]: the declared model's own numbers make up for what lowers it by less
@@ -106,6 +108,8 @@ def _reached(groups: Mapping[str, Sequence[Result]]) -> list[tuple[str, str, str
         (f"the same, though the true effect lowers the error by more than {_TELLS:g} %", "",
          _share(answer(r) == "no-effect" and not ratio(r, "oracle") <= 1 + _TELLS / 100 for r in one)),
         ("one effect: after / oracle, held out", "<= 1.1", median(ratio(r, "oracle") for r in one)),
+        ("the same, of those that were named", "",
+         median(ratio(r, "oracle") for r in one if r["closure"]["effects"])),
         ("one effect: 95 % limits that hold the true number", "",
          _share(held for _, pairs in _numbers(one) for _, held in pairs)),
         (f"motion changed by > {_STRONG:g} %: after / before, motion", "<= 0.25",
@@ -120,6 +124,7 @@ def _reached(groups: Mapping[str, Sequence[Result]]) -> list[tuple[str, str, str
         ("outside: free-form within 2 x oracle", ">= 50 %",
          _share(ratio(r, "oracle") <= 2.0 for r in formed)),
         ("two effects: both found", ">= 60 %", _share(how_many_found(r) == 2 for r in two)),
+        ("the same, each at its very place", "", _share(how_many_found(r, placed=True) == 2 for r in two)),
         ("two effects: one found", "", _share(how_many_found(r) == 1 for r in two)),
         ("two effects: after / oracle, held out", "<= 1.3", median(ratio(r, "oracle") for r in two)),
         ("CPU time of a closure [s]", "", median((r["closing_cpu_s"] for r in every), ".0f")),
@@ -162,8 +167,8 @@ def effect_table(results: Sequence[Result]) -> str:
     """Return a row for every core effect that was hidden alone."""
     header = (
         "effect", "seeds", "influence [%]", "name first", "class first", "listed", "wrong unwarned",
-        "kind of place", "place", "verdicts", "after/before", "after/oracle", "CPU [s]",
-        "else named first",
+        "kind of place", "place", "verdicts", "before", "after", "oracle", "after/before", "after/oracle",
+        "CPU [s]", "else named first", "look-alikes told",
     )  # fmt: skip
     grouped = _grouped(results, lambda r: str(r["truth"][0]["name"]))
     return table(header, (_effect_row(name, mine) for name, mine in grouped.items()))
@@ -171,7 +176,9 @@ def effect_table(results: Sequence[Result]) -> str:
 
 def _effect_row(name: str, mine: Sequence[Result]) -> tuple[object, ...]:
     scores = [score(result) for result in mine]
-    others = Counter(e["name"] for r in mine for e in r["closure"]["effects"][:1] if e["name"] != name)
+    firsts = [effect for r in mine for effect in r["closure"]["effects"][:1]]
+    others = Counter(effect["name"] for effect in firsts if effect["name"] != name)
+    alike = Counter(one["name"] for effect in firsts for one in effect["look_alikes"])
     return (
         name,
         len(mine),
@@ -183,11 +190,48 @@ def _effect_row(name: str, mine: Sequence[Result]) -> tuple[object, ...]:
         _count(s.kind_of_place for s in scores),
         _count(s.place for s in scores),
         _verdicts(mine),
+        *_errors(mine),
         median(ratio(r, "before") for r in mine),
         median(ratio(r, "oracle") for r in mine),
         median((r["closing_cpu_s"] for r in mine), ".0f"),
-        ", ".join(f"{other} {n}" for other, n in others.most_common()) or "-",
+        _counted(others),
+        _counted(alike),
     )
+
+
+def _errors(results: Sequence[Result]) -> list[str]:
+    """Medians before, after and of the oracle of what effects act on: the motion [1], or else the tension."""
+    return [
+        " and ".join(
+            f"{np.median(known):.3g}{unit}"
+            for measure, unit in (("motion_nrmse", ""), ("tension_rmse_n", " N"))
+            if (known := [error(r, of, measure) for r in results if measure == at_stake(r)[0]])
+        )
+        for of in _STATES
+    ]
+
+
+def _counted(names: Counter[str]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in names.most_common()) or "-"
+
+
+def kind_table(results: Sequence[Result]) -> str:
+    """Return a row for every kind of effect, of those that are felt."""
+    header = (
+        "kind", "effects", "campaigns", "class first", "listed", "kind of place", "before", "after", "oracle",
+    )  # fmt: skip
+    rows = []
+    for kind, mine in _grouped(filter(is_felt, results), _kind).items():
+        scores, names = [score(r) for r in mine], {r["truth"][0]["name"] for r in mine}
+        told = (_count(getattr(s, what) for s in scores) for what in ("class_", "listed", "kind_of_place"))
+        rows.append((kind, len(names), len(mine), *told, *_errors(mine)))
+    return table(header, rows)
+
+
+def _kind(result: Result) -> str:
+    truth = result["truth"][0]
+    kind = CATALOGUE[truth["name"]].kind
+    return f"{kind}, tension's" if truth["enters"] == "sensor:tension" else kind
 
 
 def _verdicts(results: Iterable[Result]) -> str:
@@ -274,6 +318,7 @@ _GROUPS = ("clean", "one", "outside", "two")
 _STATES = ("before", "after", "oracle")
 _PARTS: tuple[tuple[str, str, Callable[[Sequence[Result]], str]], ...] = (
     ("clean", "No effect", clean_table),
+    ("one", "One effect of the catalogue, by kind", kind_table),
     ("one", "One effect of the catalogue", effect_table),
     ("one", "One effect: held-out errors", error_table),
     ("one", "One effect: its numbers", number_table),

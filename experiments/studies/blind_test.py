@@ -16,7 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from multiprocessing import get_context
 from pathlib import Path
@@ -75,7 +75,7 @@ def planned(
     outside: int = 0,
     two: int = 0,
     names: Sequence[str] = (),
-    noise: float = 1.0,
+    noise: Sequence[float] = (1.0,),
     first: int = 0,
 ) -> tuple[Trial, ...]:
     """Return the trials of a test, those of the first seed first.
@@ -89,8 +89,8 @@ def planned(
         named the seeds go round the places where it can enter, the usual one first.
     names : sequence of str
         ``NAME[@PLACE]``: only these effects; empty for all.
-    noise : float
-        Factor on the noise of the rig.
+    noise : sequence of float
+        Factors on the noise of the rig, of which each campaign draws one.
     first : int
         The first seed.
 
@@ -105,15 +105,20 @@ def planned(
     trials = []
     for number in range(max(clean, each, outside, two)):
         seed = first + number
-        trials += [Trial("clean", seed, (), noise)] * (number < clean)
+        trials += [Trial("clean", seed, ())] * (number < clean)
         for name, place in every:
             group: Group = "outside" if rig.KINDS[name].outside else "one"
             places = (place,) if place else _places(name)
             hidden = ((name, places[seed % len(places)]),)
             wanted = number < (outside if group == "outside" else each)
-            trials += [Trial(group, seed, hidden, noise)] * wanted
-        trials += [Trial("two", seed, _pair(seed), noise)] * (number < two)
-    return tuple(trials)
+            trials += [Trial(group, seed, hidden)] * wanted
+        trials += [Trial("two", seed, _pair(seed))] * (number < two)
+    return tuple(replace(trial, noise=_drawn(noise, trial)) for trial in trials)
+
+
+def _drawn(noise: Sequence[float], trial: Trial) -> float:
+    rng = np.random.default_rng([trial.seed, crc32(trial.label.encode()), crc32(b"noise")])
+    return float(noise[int(rng.integers(len(noise)))])
 
 
 def _core() -> list[str]:
@@ -326,7 +331,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--outside", type=int, default=2, metavar="N", help="seeds per effect outside")
     parser.add_argument("--two", type=int, default=20, metavar="N", help="campaigns with a random pair")
     parser.add_argument("--effects", nargs="+", default=(), metavar="NAME[@PLACE]", help="only these")
-    parser.add_argument("--noise", type=float, default=1.0, metavar="X", help="factor on noise")
+    parser.add_argument("--noise", type=float, nargs="+", default=[1.0], metavar="X",
+                        help="factors on noise, one drawn for every campaign")  # fmt: skip
     parser.add_argument("--first", type=int, default=0, metavar="SEED", help="the first seed")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="campaigns at the same time")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for results")

@@ -150,6 +150,10 @@ def test_two_hidden_effects_must_be_found_by_two() -> None:
     one_for_two = [found("two-sided-gap", "joint", "cubic-stiffness", "force-gain")]
     assert how_many_found(result("two", truth, one_for_two)) == 1
     assert how_many_found(result("two", truth, [])) == 0
+    elsewhere = [both[0], found("cubic-stiffness", "flexure_lo")]
+    assert how_many_found(result("two", truth, elsewhere)) == 2
+    assert how_many_found(result("two", truth, elsewhere), placed=True) == 1
+    assert how_many_found(result("two", truth, both), placed=True) == 2
 
 
 def test_a_name_of_the_catalogue_is_confident_only_in_a_closed_verdict() -> None:
@@ -224,11 +228,30 @@ def test_what_is_hardly_felt_counts_in_the_second_column_alone() -> None:
 def test_a_row_tells_an_effect_and_what_was_named_in_its_place() -> None:
     rows = [
         result("one", [CUBIC], [found("cubic-stiffness", "joint")]),
-        result("one", [CUBIC], [found("bouc-wen", "joint")], "unexplained"),
+        result("one", [CUBIC], [found("bouc-wen", "joint", "jenkins-slip")], "unexplained"),
     ]
     row = cells(tables(rows), "cubic-stiffness | 2")
     assert row[1:9] == ["2", "20 (20-20)", *["1 of 2"] * 4, *["2 of 2"] * 2]
-    assert row[-1] == "bouc-wen 1"
+    assert row[10:13] == ["0.4", "0.044", "0.04"]
+    assert row[-2:] == ["bouc-wen 1", "jenkins-slip 1"]
+
+
+def test_effects_are_told_by_kind_with_errors_of_what_they_act_on() -> None:
+    gauge, skew = (
+        hidden("calibration-error", "sensor:tension"),
+        hidden("acceleration-skew", "sensor:acceleration_lo"),
+    )
+    weak = gauge | {"influence_percent": {"motion": 0.0, "loss": 1.0, "reading": 1.0, "percent": 1.0}}
+    rows = [
+        result("one", [CUBIC], [found("cubic-stiffness", "joint")]),
+        result("one", [gauge], [], "no-effect"),
+        result("one", [weak], [], "no-effect"),
+        result("one", [skew], [found("acceleration-skew", "sensor:acceleration_lo")]),
+    ]
+    text = tables(rows)
+    assert cells(text, "force |")[1:] == ["1", "1", *["1 of 1"] * 3, "0.4", "0.044", "0.04"]
+    assert cells(text, "sensor |")[1:6] == ["1", "1", *["1 of 1"] * 3]
+    assert cells(text, "sensor, tension's")[1:] == ["1", "1", *["0 of 1"] * 3, "1 N", "0.5 N", "0.25 N"]
 
 
 def test_levels_of_noise_and_faults_are_told_apart() -> None:
@@ -250,6 +273,15 @@ def test_every_core_effect_is_planned_once_for_every_seed() -> None:
     assert all(rig.KINDS[t.hidden[0][0]].outside for t in trials if t.group == "outside")
     assert len({t.file for t in trials}) == len(trials)
     assert [t.seed for t in trials] == sorted(t.seed for t in trials)
+
+
+def test_every_campaign_draws_its_noise_and_no_other_number_by_it() -> None:
+    one, many = planned(clean=30, each=1), planned(clean=30, each=1, noise=[0.5, 1.0, 2.0])
+    assert {t.noise for t in one} == {1.0}
+    counts = [sum(t.noise == level for t in many) for level in (0.5, 1.0, 2.0)]
+    assert min(counts) > len(many) / 6
+    assert [(t.group, t.seed, t.hidden) for t in one] == [(t.group, t.seed, t.hidden) for t in many]
+    assert many == planned(clean=30, each=1, noise=[0.5, 1.0, 2.0])
 
 
 def test_places_are_visited_in_turn_unless_one_is_named() -> None:
