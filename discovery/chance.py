@@ -5,7 +5,7 @@ Of a residual r, what effect e explains is (sum_i a_i)^2, a_i = (s_e . r)_i / |s
 (s_e its output, both without what the model's numbers imitate). Where no effect is missing, records err to
 either side alike, so that r with the signs of whole records drawn anew is as likely as r itself: neither
 white noise nor a small misfit that all lines of a record share is mistaken for an effect. The largest gain
-of any effect under each draw is the null distribution that the catalogue as a whole has
+of any effect that a rough screen lets pass under each draw is the null distribution that they have together
 (P. Westfall, S. Young, Resampling-Based Multiple Testing, Wiley 1993, section 2.2).
 """
 

@@ -54,7 +54,7 @@ MEMBERS = (
     Member(
         "loosening-slip-gate",
         ("tension",),
-        "rate * (abs(F) ** 8 + 1e-99) / (abs(F) ** 8 + (mu_t * max(T, 0)) ** 8 + 1e-99)",
+        "rate * ((abs(F) ** 8 + 1e-99) / (abs(F) ** 8 + (mu_t * max(T, 0)) ** 8 + 1e-99))",
         {"mu_t": parameter(0.12, "1", 0.0, 0.5)},
         {"mu_t": 0.05},
         ("loosening onset",),
