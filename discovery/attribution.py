@@ -189,8 +189,8 @@ def _reach(member: Member, probe: Added) -> tuple[float, float]:
 def by_chance(probes: Sequence[Sequence[Probe]]) -> FloatArray | None:
     """The largest gain of any effect of a screen under draws of the records' signs, (draws,).
 
-    Over effects that a rough screen left out too it was the same on three campaigns: what explains little at
-    all places explains little under other signs. None where there are too few records for their signs to tell anything.
+    Over effects that a rough screen left out too it was the same on three campaigns. None where there are too
+    few records for their signs to tell anything.
     """
     scores = [one.scores for ones in probes for one in ones if one.scores is not None]
     if not scores or len(scores[0]) < FEWEST_RECORDS:

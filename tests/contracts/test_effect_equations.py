@@ -103,9 +103,8 @@ def test_a_change_of_law_without_strength_leaves_the_law(member):
         for still in ("", "F", "x", "D"):
             at = [0.0 if name == still else value for name, value in given.items()]
             expected = float(LAW.rate(*at))
-            assert float(silent.changed(LAW).rate(*at)) == pytest.approx(
-                expected, rel=1e-13
-            )  # compiled apart
+            # compiled apart, the two may round apart
+            assert float(silent.changed(LAW).rate(*at)) == pytest.approx(expected, rel=1e-13)
     assert float(silent.changed(LAW).rate(0.0, 0.0, 0.0, 0.0, 0.0)) == 0.0
 
 
