@@ -41,6 +41,7 @@ def led(
     after = iter(errors[1:])
     monkeypatch.setattr(refinement, "explain_tension", lambda *_: next(told, nothing))
     monkeypatch.setattr(refinement, "explain_freely", lambda *_: nothing)
+    monkeypatch.setattr(refinement, "tension_misfit", lambda *_: Misfit(levels[0], 100.0))
     monkeypatch.setattr(_Loop, "adopt", lambda *_: state(next(after)))
     loop = _Loop(None, None, 1, silent)  # type: ignore[arg-type]
     return loop.in_tension(Trail((state(errors[0], motion),)))
@@ -77,7 +78,9 @@ def test_one_that_ruins_an_error_is_not_added(monkeypatch: pytest.MonkeyPatch) -
     assert not path.tension[-1].is_noise
 
 
-def test_nothing_is_asked_where_the_motion_is_not_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_courses_are_told_and_no_name_sought_where_the_motion_is_not_explained(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     path = led(monkeypatch, [9.0], [1.0, 0.5], motion=5.0)
     assert not path.chosen
-    assert not path.tension
+    assert [one.level for one in path.tension] == [9.0, 9.0]

@@ -8,8 +8,10 @@ from typing import Any
 import pytest
 
 import rom
+from discovery.explanation import Explanation
 from discovery.tension_data import Misfit
-from discovery.trail import Trail, courses
+from discovery.trail import Trail, alike, courses
+from rom.effects import CATALOGUE
 
 
 def state(level: float, error: float = 1.0, records: int = 3) -> Any:
@@ -57,6 +59,21 @@ def test_a_better_state_lowers_an_error_or_leaves_little_beyond_noise(
 def test_a_model_with_which_a_record_diverges_is_no_better() -> None:
     assert Trail((state(6.6),)).improves(state(1.0, 0.5))
     assert not Trail((state(6.6),)).improves(state(1.0, 0.5, records=2))
+
+
+def told(held_out: float) -> Explanation:
+    """A force that takes 380 of 400 from training records, and so much of 100 from held-out ones."""
+    return Explanation(
+        CATALOGUE["cubic-stiffness"].at("joint"), {"t.h5": 400.0, "h.h5": 100.0},
+        {"t.h5": 20.0, "h.h5": 100.0 - held_out}, {"t.h5": 200, "h.h5": 50}, frozenset({"h.h5"}), 1,
+    )  # fmt: skip
+
+
+def test_what_training_records_alone_ask_for_is_like_what_suits_them_as_well() -> None:
+    best, rival = told(-20.0), told(-90.0)
+    assert alike([best, rival], best) == ()
+    assert alike([best, rival], best, hold_out=False) == (rival,)
+    assert rival.cost(hold_out=True) == 190.0  # still told
 
 
 def test_the_verdict_is_that_of_the_last_model() -> None:
