@@ -11,8 +11,11 @@ of any effect that a rough screen lets pass under each draw is the null distribu
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
+from scipy import linalg
 
 from rom.channels import FloatArray
 
@@ -21,6 +24,8 @@ FALSE_ALARMS = 0.05
 FEWEST_RECORDS = 8
 """Of fewer the signs fall all alike too often."""
 _DRAWS = 999
+_TINY = 1e-300
+_APART = 0.1  # tangent of half the angle between directions that count twice
 _SEED = 0  # numbers of a closure are the same on every run
 
 
@@ -44,20 +49,23 @@ def largest_by_chance(scores: FloatArray) -> FloatArray:
     return np.asarray(np.max((scores @ signs) ** 2, axis=0, initial=0.0))
 
 
-def largest_of_noise(shapes: FloatArray, spread: float) -> FloatArray:
+def largest_of_noise(effects: Sequence[FloatArray], spread: float) -> FloatArray:
     """Return the largest gain of any effect in normal numbers, (draws,).
 
     Parameters
     ----------
-    shapes : ndarray, shape (effects, rows)
-        What each effect takes off whitened residuals.
+    effects : sequence of ndarray, shape (directions, rows)
+        Directions in which each effect's numbers can move whitened residuals; nearly equal ones count once.
     spread : float
         Mean square of the numbers: what is left over may be more than noise.
     """
-    sizes = np.linalg.norm(shapes, axis=1)
-    shapes = shapes[sizes > 0] / sizes[sizes > 0, None]
-    drawn = np.random.default_rng(_SEED).standard_normal((shapes.shape[1], _DRAWS))
-    return np.asarray(spread * np.max((shapes @ drawn) ** 2, axis=0, initial=0.0))
+    drawn = np.random.default_rng(_SEED).standard_normal((effects[0].shape[1], _DRAWS))
+    largest = np.zeros(_DRAWS)
+    for directions in effects:
+        sizes = np.linalg.norm(directions, axis=1, keepdims=True)
+        apart = linalg.orth((directions / np.maximum(sizes, _TINY)).T, rcond=_APART)
+        largest = np.maximum(largest, np.sum((apart.T @ drawn) ** 2, axis=0) * bool(sizes.any()))
+    return spread * largest
 
 
 def p_value(gain: float, largest: FloatArray) -> float:

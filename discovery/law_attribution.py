@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy import linalg
 
 from discovery.chance import largest_of_noise, p_value
 from discovery.explanation import limited, limited_number
@@ -114,8 +115,7 @@ class LawSearch:
         """With the chance that noise alone gives any of the effects as much."""
         if not fits:
             return list(gained)
-        shapes = np.stack([(base.state.residual - fit.state.residual).ravel() for fit in fits])
-        largest = largest_of_noise(shapes, max(base.misfit.level, 1.0))
+        largest = largest_of_noise([_directions(fit, base) for fit in fits], max(base.misfit.level, 1.0))
         count = self.data.training
         return [replace(g, p_value=p_value(float(g.gains[:count].sum()), largest)) for g in gained]
 
@@ -250,6 +250,22 @@ class LawSearch:
         return Gained(
             typical, base.costs - slow.costs, (), self._beside(slow, _errors(slow)), slow.misfit.level
         )
+
+
+def _directions(fit: Slow, base: Slow) -> FloatArray:
+    """Directions of the whitened courses that an effect takes up beyond the law alone, (directions, rows).
+
+    What it took off, and its slopes where the fit ended, less what a rate of each test's own and the law's
+    numbers can do.
+    """
+    slope, jacobian = fit.state.slope, fit.problem.jacobian(fit.state)
+    stiff = (slope**2).sum(axis=1) + 1 / tau(fit.state.scatter, fit.problem.frozen.initial) ** 2
+    along = np.einsum("cb,cbp->cp", slope, jacobian) / stiff[:, None]
+    columns = (jacobian - slope[:, :, None] * along[:, None, :]).reshape(-1, jacobian.shape[2])
+    of_law = np.array([name in base.candidate.free for name in fit.candidate.free], dtype=bool)
+    law = linalg.orth(columns[:, of_law])
+    own = columns[:, ~of_law] - law @ (law.T @ columns[:, ~of_law])
+    return np.vstack([(base.state.residual - fit.state.residual).ravel(), own.T])
 
 
 def _errors(slow: Slow) -> dict[str, float]:

@@ -230,9 +230,8 @@ class Problem:
         matrices, rights = self.by_case(state)
         return matrices.sum(axis=0), rights.sum(axis=0)
 
-    def by_case(self, state: State) -> tuple[FloatArray, FloatArray]:
-        """What every case adds to the normal equations, (cases, p, p) and (cases, p)."""
-        tau2 = tau(state.scatter, self.frozen.initial) ** 2
+    def jacobian(self, state: State) -> FloatArray:
+        """Whitened derivatives of the courses with respect to the vector, (cases, bins, p)."""
         columns = []
         for place in range(len(state.theta)):
             step = _STEP * max(1e-3, abs(state.theta[place])) if not self._log_place(place) else _STEP
@@ -242,7 +241,12 @@ class Problem:
             moved[place] -= 2 * step if back else 0.0
             ahead = self._whitened(self.frozen.change - self._course(self.at(moved), state.u))
             columns.append((state.residual - ahead) / (moved[place] - state.theta[place]))
-        jacobian = np.stack(columns, axis=-1)
+        return np.stack(columns, axis=-1)
+
+    def by_case(self, state: State) -> tuple[FloatArray, FloatArray]:
+        """What every case adds to the normal equations, (cases, p, p) and (cases, p)."""
+        tau2 = tau(state.scatter, self.frozen.initial) ** 2
+        jacobian = self.jacobian(state)
         information = (state.slope**2).sum(axis=1)
         share = tau2 / (1 + tau2 * information)
         cross = np.einsum("cb,cbp->cp", state.slope, jacobian)

@@ -60,12 +60,25 @@ def test_what_all_records_tell_alike_is_no_chance():
 
 def test_of_one_effect_noise_gives_a_chi_square_and_of_more_it_gives_more():
     shapes = np.random.default_rng(3).standard_normal((40, 200))
-    one, all_of_them = largest_of_noise(shapes[:1], 2.0), largest_of_noise(shapes, 2.0)
+    every = [shape[None] for shape in shapes]
+    one, all_of_them = largest_of_noise(every[:1], 2.0), largest_of_noise(every, 2.0)
     assert np.mean(one) == pytest.approx(2.0, rel=0.15)
     assert p_value(2.0 * 3.84, one) == pytest.approx(0.05, abs=0.02)
     assert np.median(all_of_them) > 4 * np.median(one)
-    again = largest_of_noise(np.concatenate([shapes, 5.0 * shapes, np.zeros((1, 200))]), 2.0)
+    again = largest_of_noise(
+        [*every, *(np.vstack([one, 5.0 * one]) for one in every), np.zeros((1, 200))], 2.0
+    )
     assert again == pytest.approx(all_of_them)  # neither sizes nor copies nor nothing at all count
+
+
+def test_numbers_that_move_residuals_apart_count_each():
+    first, second = np.linalg.qr(np.random.default_rng(4).standard_normal((200, 2)))[0].T
+    three = largest_of_noise([np.stack([first, 3.0 * second, first + 0.05 * second])], 1.0)
+    assert np.mean(three) == pytest.approx(2.0, rel=0.1)
+    assert p_value(5.99, three) == pytest.approx(0.05, abs=0.02)
+    assert np.mean(largest_of_noise([np.stack([first, first + 0.05 * second])], 1.0)) == pytest.approx(
+        1.0, rel=0.15
+    )
 
 
 def _probe(scores: np.ndarray) -> Probe:
