@@ -198,11 +198,12 @@ def repeatability(parts: Sequence[Lines]) -> Profile:
     ``repeatability`` is the correlation of their lines, of all pairs together: 0 for noise, and (m - 1) / m
     where all that a mean square m has beyond noise comes again; ``repeatability_chance`` is what noise alone
     exceeds in one case of twenty. ``repeatability_noise`` is half the mean square of their differences, the
-    noise as repeated tests tell it over that from before the hits: 1 where both are the same. Tests repeat
-    each other if the same body was hit, the tension differs by 10 % at most, the hit by 20 %. They are set
-    side by side by the phase of their hits.
+    noise as repeated tests tell it over that from before the hits: 1 where both are the same, and
+    ``repeatability_noise_<body>`` that of one sensor. Tests repeat each other if the same body was hit, the
+    tension differs by 10 % at most, the hit by 20 %. They are set side by side by the phase of their hits.
     """
-    product = size = apart = count = 0.0
+    product = size = 0.0
+    apart: dict[str, list[float]] = {}
     pairs = set()
     hits = {id(one.trace): _hit(one.trace) for one in parts}
     for first, second in itertools.combinations(parts, 2):
@@ -211,15 +212,19 @@ def repeatability(parts: Sequence[Lines]) -> Profile:
             a, b = _from_hit(first, at[0].body), _from_hit(second, at[1].body)
             product += float(np.sum(np.conj(a) * b).real)
             size += float(np.linalg.norm(a) * np.linalg.norm(b))
-            apart += 0.5 * float(np.sum(np.abs(a - b) ** 2))
-            count += 2 * a.size
+            for body, new in zip(first.trace.bodies, 0.5 * np.sum(np.abs(a - b) ** 2, axis=0), strict=True):
+                told = apart.setdefault(body, [0.0, 0.0])
+                told[0] += float(new)
+                told[1] += 2 * len(a)
             pairs.add((id(first.trace), id(second.trace)))
     if not size:
         return ()
+    noise, count = np.sum(list(apart.values()), axis=0)
     return (
         ("repeatability", product / size),
         ("repeatability_chance", 1.96 / float(np.sqrt(count))),
-        ("repeatability_noise", apart / count),
+        ("repeatability_noise", float(noise / count)),
+        *((f"repeatability_noise_{body}", square / n) for body, (square, n) in apart.items()),
         ("repeatability_pairs", float(len(pairs))),
     )
 

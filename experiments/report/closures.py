@@ -350,9 +350,15 @@ def _residual(data: Data) -> Table:
             rows += [(name, class_words(part), _cell(_mapping(old).get(part)), _cell(_mapping(new).get(part)))
                      for part in parts]  # fmt: skip
         else:
-            rows.append((_SINGLE.get(view, label(view)), "", _cell(old), _cell(new)))
+            rows.append((_single_words(view), "", _cell(old), _cell(new)))
     note = "Mean square of the whitened residual; 1 is what noise alone leaves."
     return Table("Where the residual lives", ("View", "", "Before", "After"), tuple(rows), note=note)
+
+
+def _single_words(view: str) -> str:
+    """Return what a number of the residual is, in words."""
+    head, of_sensor, body = view.partition("repeatability_noise_")
+    return f"The same, sensor of {body} [1]" if of_sensor and not head else _SINGLE.get(view, label(view))
 
 
 def _screened(data: Data) -> Table:

@@ -81,11 +81,14 @@ def test_residuals_of_tests_that_repeat_are_alike_whenever_their_records_begin()
     assert abs(clean["repeatability"]) < 2 * clean["repeatability_chance"]
     assert clean["repeatability_noise"] == pytest.approx(1.0, abs=0.1)
     assert clean["repeatability_pairs"] == 15.0
+    by_sensor = [clean[f"repeatability_noise_{body}"] for body in ("lo", "so")]
+    assert by_sensor == pytest.approx([1.0, 1.0], abs=0.15)
+    assert np.mean(by_sensor) == pytest.approx(clean["repeatability_noise"])
 
 
 def test_other_preloads_do_not_repeat() -> None:
     assert repeatability([record(silence, seed=1), record(silence, seed=2, preload_n=130.0)]) == ()
-    assert len(repeatability([record(silence, seed=1), record(silence, seed=2, preload_n=105.0)])) == 4
+    assert len(repeatability([record(silence, seed=1), record(silence, seed=2, preload_n=105.0)])) == 6
 
 
 def test_the_link_shows_nothing_of_bodies_alone() -> None:
