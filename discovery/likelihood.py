@@ -346,7 +346,7 @@ def least_within(matrix: FloatArray, right: FloatArray, low: FloatArray, high: F
     Were the free one clipped instead, numbers beside one at its end would make up for what it may not do.
     """
     change = np.linalg.solve(matrix, right)
-    if ((low <= change) & (change <= high)).all():
+    if not ((change < low) | (change > high)).any():  # nor where it is not finite
         return np.asarray(change)
     scale = np.sqrt(np.diag(matrix))
     root = np.linalg.cholesky(matrix / np.outer(scale, scale)).T
