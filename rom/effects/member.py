@@ -123,7 +123,7 @@ class Member:
     def _placed(self, number: Parameter, enters: str) -> Parameter:
         """A parameter with its source, and the unit of the channel where it has no other."""
         kind = enters.removeprefix("sensor:").partition("_")[0]
-        unit = _CHANNEL_UNITS[kind] if number.unit == OF_CHANNEL else number.unit
+        unit = _CHANNEL_UNITS.get(kind, OF_CHANNEL) if number.unit == OF_CHANNEL else number.unit
         return replace(number, unit=unit, source=number.source or self.source)
 
     def silent(self, enters: str, *, ground: bool = False) -> Added:
