@@ -17,19 +17,18 @@ from discovery.acceptance import is_alike, is_quiet, is_sure, merit, spread_of
 from discovery.attribution import Probe, worth_fitting
 from discovery.closure import Closure, ErrorsByKind, FoundEffect, LookAlike, Screened, Step, Verdict
 from discovery.explanation import Explanation
-from discovery.force_fits import Unbalanced, explain_forces, fitted, screen_forces
+from discovery.force_fits import Unbalanced, explain_forces, explained, fitted, screen_forces
 from discovery.force_views import localise_forces, numbers_of
 from discovery.localisation import Localisation
 from discovery.state import Stages
 from rom.campaign import Campaign
 from rom.comparison import Judged, judge
 from rom.driven import SOUND, Balances, balances_of, model_of, noise_share
-from rom.effects import candidates
+from rom.effects import CATALOGUE, candidates
 from rom.model import Model
 from rom.quality import Doubt
 from rom.residuals import summarise
 
-MOST_EFFECTS = 3
 _MATTERS = 0.02  # of the force error on held-out records
 _TOLD = 3.0  # standard errors
 
@@ -85,7 +84,8 @@ def close_forces(campaign: Campaign, jobs: int, stage: Stages) -> Closure:
     stages = [_staged(campaign, Unbalanced(balances, (), zero).with_numbers(), doubts, jobs, stage)]
     chosen: list[_Found] = []
     screened: tuple[Screened, ...] = ()
-    while len(chosen) < MOST_EFFECTS:
+    seen = [frozenset[str]()]
+    while True:
         tell = stage("screening effects")
         probes = screen_forces(stages[-1].state, stages[-1].model)
         if tell is not None:
@@ -94,11 +94,15 @@ def close_forces(campaign: Campaign, jobs: int, stage: Stages) -> Closure:
         one, state = _best(probes, stages[-1].state, stage)
         if one is None or state is None:
             break
-        after = _staged(campaign, _together(state), doubts, jobs, stage)
-        if after.force_error() > (1 - _MATTERS) * stages[-1].force_error():
+        needed = _without_needless(_together(state)) if len(state.effects) > 1 else state
+        names = frozenset(effect.path for effect in needed.effects)
+        after = _staged(campaign, needed, doubts, jobs, stage)
+        if names in seen or after.force_error() > (1 - _MATTERS) * stages[-1].force_error():
             break
-        stages.append(after)
-        chosen.append(one)
+        kept = [place for place, old in enumerate(chosen) if old.best.effect.path in names]
+        stages = [stages[0], *(stages[place + 1] for place in kept), after]
+        chosen = [*(chosen[place] for place in kept), one]
+        seen.append(names)
     first, last = stages[0], stages[-1]
     labels = ["", *(f"{one.best.effect.name} ({one.best.effect.enters})" for one in chosen)]
     return Closure(
@@ -161,9 +165,16 @@ def _best(
 
 def _together(state: Unbalanced) -> Unbalanced:
     """All effects of a state fitted again beside each other."""
-    if len(state.effects) < 2:
-        return state
     return fitted(replace(state, effects=()), state.effects)[0]
+
+
+def _without_needless(state: Unbalanced) -> Unbalanced:
+    """Drop one effect after the other that explains nothing beside the others; the last one stays."""
+    for effect in state.effects[:-1]:
+        rest = _together(replace(state, effects=tuple(e for e in state.effects if e is not effect)))
+        if not is_sure(explained(effect, CATALOGUE[effect.name], rest, state)):
+            return _without_needless(rest)
+    return state
 
 
 def _verdict(first: _Stage, last: _Stage, found: bool) -> Verdict:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,8 +10,7 @@ from joblib import Parallel, delayed
 
 from discovery.acceptance import MATERIAL, QUIET, harms, is_quiet, is_sure, merit
 from discovery.at_rest import explain_at_rest
-from discovery.attribution import Probe, by_chance, explain, explanation, screen, worth_fitting
-from discovery.baseline import Baseline
+from discovery.attribution import Probe, by_chance, explain, screen, worth_fitting
 from discovery.closure import Closure, Screened, Step
 from discovery.disturbances import explain_disturbances
 from discovery.explanation import Explanation
@@ -21,35 +20,17 @@ from discovery.free_form import free_forms
 from discovery.free_tension import with_free_form
 from discovery.law_likelihood import acts_at_rest
 from discovery.localisation import localise
-from discovery.state import (
-    Stages,
-    State,
-    approached,
-    cost,
-    lacking,
-    level,
-    refitted,
-    retold,
-    set_aside,
-    settled,
-    sharpened,
-    silent,
-    with_effects,
-    with_law,
-)
-from discovery.tension_attribution import explain_freely, explain_tension, tension_misfit
-from discovery.tracing import Evidence, gather, starting, weigh
-from discovery.trail import FAR_LESS, Chosen, Trail, alike, chosen, courses
+from discovery.needless import without_needless, without_needless_in_tension
+from discovery.refits import Refits
+from discovery.state import Stages, State, cost, lacking, level, refitted, sharpened, silent
+from discovery.tension_attribution import TensionFindings, explain_freely, explain_tension, tension_misfit
+from discovery.tracing import Evidence
+from discovery.trail import Chosen, Trail, alike, chosen, courses
 from rom.campaign import Campaign
 from rom.driven import is_driven
-from rom.effects import CATALOGUE, Added, Effect, LawChange, Reading, SensorFault, with_stiffness
-from rom.flexures import as_uncoupled, unlikely
-from rom.identification import Identification, identify_campaign, reidentified
-from rom.noise_floor import Group, NoiseFloor
-from rom.own_numbers import own_names
-from rom.spectra import SpectralRecord
+from rom.effects import Added, Effect, LawChange, Reading
+from rom.identification import identify_campaign
 
-MOST_EFFECTS = 3
 _AFAR = 10.0  # times noise: what integrating and filtering do to the measured motion is less
 
 
@@ -81,8 +62,8 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     if is_driven(campaign):
         return close_forces(campaign, jobs, stage)
     found = identify_campaign(campaign, jobs, stage("identifying"))
-    loop = _Loop(campaign, found, jobs, stage)
-    first = loop.start()
+    loop = _Loop(Refits(campaign, found, jobs, stage))
+    first = loop.refits.start()
     rested = loop.at_rest(Trail((first,)))
     path = loop.moved(rested)
     if not path.is_quiet:
@@ -106,49 +87,16 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
 
 @dataclass(frozen=True, eq=False)
 class _Loop:
-    campaign: Campaign
-    found: Identification
-    jobs: int
-    stage: Stages
-
-    def start(self) -> State:
-        """The declared model, its numbers refitted to all training records.
-
-        An effect may pass for damping in the identification, which is free to scale what it weighs.
-        """
-        evidence = refitted(self._gathered(starting(self.found, self.found.model)))
-        return self._settled(self._nearer(evidence))
-
-    def _nearer(self, evidence: Evidence) -> Evidence:
-        """Start from the uncoupled tests instead, where that leaves far less.
-
-        An identification takes what it leaves over for noise: misfit, alike in all coupled records, may lead
-        its links anywhere, too far for steps to lead back.
-        """
-        ties = self.found.linear.ties if self.found.linear is not None else ()
-        if level(evidence) <= QUIET or not ties:
-            return evidence
-        baseline = starting(self.found, as_uncoupled(self.found.model, ties))
-        other = refitted(self._gathered(baseline, evidence.floors))
-        if level(other) >= FAR_LESS * level(evidence):
-            return evidence
-        return refitted(self._gathered(other.baseline))
-
-    def _gathered(self, baseline: Baseline, floors: Mapping[Group, NoiseFloor] | None = None) -> Evidence:
-        return gather(self.campaign, baseline, set_aside(self.found), floors, self.stage("tracing"))
-
-    def _settled(self, evidence: Evidence, *, learned: bool = False) -> State:
-        return settled(self.campaign, self.found, evidence, self.jobs, self.stage, learned=learned)
+    refits: Refits
 
     def at_rest(self, path: Trail) -> Trail:
         """Add what shows before the hits, and would pass for noise: faults of sensors, then disturbances."""
-        while len(path.chosen) < MOST_EFFECTS:
+        while True:
             last = path.last
             one = chosen(explain_at_rest(last.evidence)) or chosen(explain_disturbances(last.evidence))
             if one is None:
-                break
-            path = path.longer(one, self.adopt(last, one.best, floors_too=True))
-        return path
+                return path
+            path = path.longer(one, self.refits.adopt(last, one.best, floors_too=True))
 
     def moved(self, path: Trail, given: Chosen | None = None) -> Trail:
         """Add effects in the motion; then what shows before the hits once more, judged after them."""
@@ -159,27 +107,28 @@ class _Loop:
     def in_motion(self, path: Trail, given: Chosen | None = None) -> Trail:
         """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
         if given is not None:
-            after = self._settled(sharpened(self._beside(path.last, given.best)))
+            after = self.refits.settled(sharpened(self.refits.beside(path.last, given.best)))
             if not path.improves(after):
                 return path
             path = path.longer(given, after)
-        for _ in range(2 * MOST_EFFECTS):
-            if len(path.chosen) >= MOST_EFFECTS:
-                break
+        seen = [path.names]
+        while True:
             found, first = self._most_helpful(path)
             path = replace(path, screened=path.screened or first)
             if found is None:
-                break
+                return path
             one, beside = found
             freed, one = self._freed(path, one, beside)
-            state = self._settled(sharpened(beside)) if is_sure(one.best) else freed.last
+            state = self.refits.settled(sharpened(beside)) if is_sure(one.best) else freed.last
             if freed.improves(state):
-                path = self._without_needless(freed.longer(one, state))
+                path = without_needless(freed.longer(one, state), self.refits)
+                if path.names in seen:  # of two effects each takes the other's place
+                    return path
+                seen.append(path.names)
             elif freed is path:
-                break
+                return path
             else:
                 path = freed  # with another residual, to be screened anew
-        return path
 
     def _most_helpful(self, path: Trail) -> tuple[tuple[Chosen, Evidence] | None, tuple[Screened, ...]]:
         """The effect that leaves least, what it leaves, and the first screen.
@@ -190,7 +139,7 @@ class _Loop:
         state, found, first = path.last, None, tuple[Screened, ...]()
         for from_afar in (True, False) if state.level > _AFAR and not path.is_quiet else (False,):
             evidence = replace(state.evidence, from_afar=from_afar)
-            probes = screen(evidence, self.jobs, self.stage("screening effects"))
+            probes = screen(evidence, self.refits.jobs, self.refits.stage("screening effects"))
             first = first or screened(probes, evidence)
             explained = self._explained(probes, evidence)
             other = self._best_beside(replace(state, evidence=evidence), explained)
@@ -209,7 +158,7 @@ class _Loop:
         anew = refitted(lacking(beside, one.best.effect))
         if cost(anew) > (1 - MATERIAL) * cost(path.last.evidence):
             return path, one
-        return path.ending(self._settled(anew)), replace(one, best=_told(one.best, anew, beside))
+        return path.ending(self.refits.settled(anew)), replace(one, best=_told(one.best, anew, beside))
 
     def _best_beside(self, state: State, explained: Sequence[Explanation]) -> tuple[Chosen, Evidence] | None:
         """The effect that leaves least where everything is refitted beside it, and what it leaves.
@@ -219,26 +168,26 @@ class _Loop:
         than all others is then tried too, and judged where its fit ends.
         """
         one = chosen(explained)
-        found = [] if one is None else [(one, self._beside(state, one.best))]
+        found = [] if one is None else [(one, self.refits.beside(state, one.best))]
         first = max(explained, key=lambda e: float(e.gains(hold_out=False).sum()), default=None)
         loud = state.level > QUIET and first is not None and is_sure(first.of_training())
         if loud and first is not None and (one is None or first is not one.best):
-            after = self._beside(state, first)
+            after = self.refits.beside(state, first)
             fitted, rivals = _told(first, state.evidence, after), alike(explained, first, hold_out=False)
             found += [(Chosen(fitted, rivals), after)] if is_sure(fitted) else []
         return min(found, key=_left, default=None)
 
     def in_tension(self, path: Trail, seed: int = 0) -> Trail:
         """Add effects in the tension and its gauge; a free form where the catalogue leaves too much."""
-        named = self._named_in_tension(path)
+        refits, named = self.refits, self._named_in_tension(path)
         if named.tension_is_quiet or not named.is_quiet:
             return named
         starts = [path, named] if len(named.chosen) > len(path.chosen) else [path]
         return with_free_form(
             named,
-            [start for start in starts if len(start.chosen) < MOST_EFFECTS],
-            lambda state: explain_freely(self.campaign, state.found, state.model, self.jobs, seed),
-            self.adopt,
+            starts,
+            lambda state: explain_freely(refits.campaign, state.found, state.model, refits.jobs, seed),
+            refits.adopt,
         )
 
     def _named_in_tension(self, path: Trail) -> Trail:
@@ -249,13 +198,11 @@ class _Loop:
         that only a reading brought up which follows the motion.
         """
         if not path.is_quiet:
-            misfit = tension_misfit(self.campaign, path.last.found, path.last.model, self.jobs)
+            misfit = tension_misfit(self.refits.campaign, path.last.found, path.last.model, self.refits.jobs)
             return path if misfit is None else replace(path, tension=(misfit, misfit))
-        before, sure = path, set[str]()
+        before, sure, seen, count = path, set[str](), [path.names], len(path.chosen)
         while True:
-            last = path.last
-            tell = self.stage("tension")
-            told = explain_tension(self.campaign, last.found, last.model, self.jobs, tell)
+            last, told = path.last, self._told(path.last)
             if path.tension and path.tension[-1].loss_to(told.misfit) > path.chosen[-1].training_gain:
                 return before
             path = replace(path, tension=(*(path.tension or (told.misfit,))[:1], told.misfit))
@@ -265,12 +212,24 @@ class _Loop:
             ]
             one = chosen(known if apart else told.explanations)
             sure = {e.effect.path for e in told.explanations if is_sure(e)}
-            if one is None or len(path.chosen) >= MOST_EFFECTS:
+            if one is None:
                 return path
-            after = self.adopt(last, one.best)
+            after = self.refits.adopt(last, one.best)
             if harms(last.errors, after.errors):
                 return path
             before, path = path, path.longer(one, after)
+            path = without_needless_in_tension(path, count, self._explained_alone, self.refits.adopt)
+            if path.names in seen:  # of two effects each takes the other's place
+                return before
+            seen.append(path.names)
+
+    def _told(self, state: State, only: str = "") -> TensionFindings:
+        tell = self.refits.stage("tension")
+        return explain_tension(self.refits.campaign, state.found, state.model, self.refits.jobs, tell, only)
+
+    def _explained_alone(self, state: State, path: str) -> Explanation | None:
+        """What one effect explains of the tension beside a state's model."""
+        return next((e for e in self._told(state, path).explanations if e.effect.path == path), None)
 
     def along_law(self, path: Trail) -> Trail:
         """Drop what is needless in the motion once the tension falls by the law that was found.
@@ -282,27 +241,9 @@ class _Loop:
         if LawChange not in found or not any(issubclass(one, Effect) for one in found):
             return path
         near = path.last.evidence
-        evidence = refitted(self._gathered(near.baseline, near.floors))
-        after = self._without_needless(path.ending(self._settled(evidence, learned=True)))
+        evidence = refitted(self.refits.gathered(near.baseline, near.floors))
+        after = without_needless(path.ending(self.refits.settled(evidence, learned=True)), self.refits)
         return after if len(after.chosen) < len(path.chosen) and after.is_quiet else path
-
-    def _without_needless(self, path: Trail) -> Trail:
-        """Drop one effect after the other that explains nothing beside the others.
-
-        The last one too: the fit that it came with may be better by the model's own numbers alone.
-        """
-        last = path.last
-        for place, one in enumerate(path.chosen):
-            effect = one.best.effect
-            if not isinstance(effect, Effect) or effect.name not in CATALOGUE:
-                continue
-            rest = lacking(last.evidence, effect)
-            own = next(e for e in last.model.effects if e.path == effect.path)
-            if not is_sure(explanation(own, CATALOGUE[effect.name], with_effects(rest))):
-                learned = any(isinstance(e, LawChange) for e in last.model.effects)
-                state = self._settled(refitted(rest), learned=learned)
-                return self._without_needless(path.without(place, state))
-        return path
 
     def formed(self, state: State, seed: int) -> Chosen | None:
         """The best term without the catalogue; None where even that does not predict held-out records."""
@@ -314,64 +255,16 @@ class _Loop:
 
     def _explained(self, probes: Sequence[Sequence[Probe]], evidence: Evidence) -> list[Explanation]:
         """Fit what the screen promises."""
-        tell = self.stage("fitting effects")
+        tell = self.refits.stage("fitting effects")
         left = evidence.beyond(evidence.residual)
         tried, largest = worth_fitting(probes, float(left @ left)), by_chance(probes)
         tasks = (delayed(explain)(one, evidence, largest) for one in tried)
         explanations: list[Explanation] = []
-        for one in Parallel(n_jobs=self.jobs, prefer="threads", return_as="generator")(tasks):
+        for one in Parallel(n_jobs=self.refits.jobs, prefer="threads", return_as="generator")(tasks):
             explanations.append(one)
             if tell is not None:
                 tell(len(explanations), len(tried))
         return explanations
-
-    def adopt(self, state: State, one: Explanation, *, floors_too: bool = False) -> State:
-        """Add an effect, refit everything together, and tell the errors."""
-        return self._settled(self._beside(state, one, floors_too=floors_too), learned=bool(one.beside))
-
-    def _beside(self, state: State, one: Explanation, *, floors_too: bool = False) -> Evidence:
-        """Add an effect, trace all records anew and refit everything together.
-
-        ``floors_too``: what was in the noise before the hits is not any more.
-        """
-        effect, near = one.effect, state.evidence.baseline
-        if isinstance(effect, LawChange | Reading):  # the motion does not see it
-            model = effect.added_to(with_law(state.model, one.beside))
-            return replace(state.evidence, baseline=replace(near, model=model))
-        model, floors = effect.added_to(near.model), None if floors_too else state.evidence.floors
-        if isinstance(effect, Effect) and not floors_too:  # first along the old model's traces
-            near = self._fitted(approached(state.evidence, effect)).baseline
-            model = near.model
-        evidence = self._fitted(self._gathered(replace(near, model=model), floors))
-        if isinstance(effect, SensorFault) and not (floors_too or own_names(effect)):  # from afar so far
-            again = refitted(self._gathered(retold(evidence, effect), evidence.floors))
-            evidence = min(evidence, again, key=cost)
-        return evidence
-
-    def _fitted(self, evidence: Evidence) -> Evidence:
-        """Fit all numbers together; where more than noise is left, also from a start that forgets them.
-
-        A model that lacked the effect may have been far from its plant, where steps do not lead back, and one
-        whose numbers uncoupled tests deny still is.
-        """
-        after = refitted(evidence)
-        if level(after) <= QUIET and not _denied(after):
-            return after
-        records: dict[str, list[SpectralRecord]] = {}
-        for trace, part, _ in after.parts:
-            if not trace.settings.hold_out:
-                records.setdefault(trace.settings.file, []).append(part)
-        near, parts = after.baseline.model, [tuple(parts) for parts in records.values()]
-        try:
-            anew = reidentified(
-                self.found, parts, self.campaign.settings, {effect.enters for effect in near.effects}
-            )
-        except np.linalg.LinAlgError:  # forces along a motion that is nowhere near the measured one
-            return after
-        effects = tuple(with_stiffness(effect, anew) for effect in near.effects)
-        model = replace(anew, effects=effects, identification=None)
-        other = refitted(weigh(after.traces, replace(after.baseline, model=model), after.floors))
-        return min(after, other, key=lambda e: cost(e) * (1 + MATERIAL * bool(_denied(e))))
 
 
 def _left(one: tuple[Chosen, Evidence]) -> tuple[int, float]:
@@ -382,11 +275,6 @@ def _left(one: tuple[Chosen, Evidence]) -> tuple[int, float]:
 def _told(one: Explanation, before: Evidence, after: Evidence) -> Explanation:
     """What an effect explains by fits of everything without it and with it."""
     return replace(one, before=before.costs(before.residual), after=after.costs(after.residual))
-
-
-def _denied(evidence: Evidence) -> tuple[str, ...]:
-    """Numbers of a model that uncoupled tests deny."""
-    return unlikely(evidence.baseline.model, evidence.baseline.believed)
 
 
 def _is_apart(effect: Added) -> bool:

@@ -13,7 +13,7 @@ from discovery.closure import ErrorsByKind
 from discovery.tracing import Evidence, noise_of, weigh
 from rom.campaign import Campaign
 from rom.comparison import judge
-from rom.effects import CATALOGUE, Effect, SensorFault
+from rom.effects import CATALOGUE, Added, Effect, SensorFault
 from rom.identification import Identification, relearned
 from rom.laws import Parameter
 from rom.model import Model
@@ -166,10 +166,13 @@ def sharpened(evidence: Evidence) -> Evidence:
 
 def lacking(evidence: Evidence, effect: Effect) -> Evidence:
     """What a model leaves over without one of its effects, all other numbers as they are."""
-    baseline = evidence.baseline
+    return weigh(evidence.traces, without_effect(evidence.baseline, effect), evidence.floors)
+
+
+def without_effect(baseline: Baseline, effect: Added) -> Baseline:
+    """Return the baseline without one of its model's effects."""
     kept = tuple(e for e in baseline.model.effects if e.path != effect.path)
-    poorer = replace(baseline, model=replace(baseline.model, effects=kept))
-    return weigh(evidence.traces, poorer, evidence.floors)
+    return replace(baseline, model=replace(baseline.model, effects=kept))
 
 
 def cost(evidence: Evidence) -> float:

@@ -61,6 +61,7 @@ def explain_tension(
     model: Model,
     jobs: int = 1,
     progress: Progress | None = None,
+    only: str = "",
 ) -> TensionFindings:
     """Return what every effect in the tension or its gauge explains that a model does not hold yet.
 
@@ -76,6 +77,8 @@ def explain_tension(
         Processes for reading records.
     progress : callable
         Called with (effects done, effects in all).
+    only : str
+        Path of the one effect in the courses that is asked for; all by default.
 
     Returns
     -------
@@ -93,7 +96,7 @@ def explain_tension(
         if effect.enters in ("tension", "sensor:tension") and effect.path not in held
         and isinstance(effect, (LawChange, Reading, SensorFault))
     ]  # fmt: skip
-    return _explained(search, effects, search.baseline(), progress)
+    return _explained(search, effects, search.baseline(), progress, only)
 
 
 def tension_misfit(campaign: Campaign, found: Identification, model: Model, jobs: int = 1) -> Misfit | None:
@@ -165,17 +168,18 @@ def _search(campaign: Campaign, found: Identification, model: Model, jobs: int) 
 
 
 def _explained(
-    search: LawSearch, effects: Sequence[Pair], base: Slow, progress: Progress | None = None
+    search: LawSearch, effects: Sequence[Pair], base: Slow, progress: Progress | None = None, only: str = ""
 ) -> TensionFindings:
     data = search.data
-    slow = [pair for pair in effects if _of_course(*pair)]
+    of_course = [pair for pair in effects if _of_course(*pair)]
+    slow = [pair for pair in of_course if only in ("", pair[1].path)]
     done = iter(range(1, len(slow) + 1))
 
     def report() -> None:
         if progress is not None:
             progress(next(done), len(slow))
 
-    by_gauge, fast = explained_by_gauge(data, [pair for pair in effects if pair not in slow])
+    by_gauge, fast = explained_by_gauge(data, [pair for pair in effects if pair not in of_course])
     by_course, base = search.explained(slow, base, report)
     return TensionFindings(_explanations(data, [*by_course, *by_gauge], base, fast), _viewed(base))
 

@@ -46,6 +46,11 @@ class Trail:
         """The model so far."""
         return self.states[-1]
 
+    @property
+    def names(self) -> frozenset[str]:
+        """Names and places of its effects."""
+        return frozenset(one.best.effect.path for one in self.chosen)
+
     def longer(self, one: Chosen, state: State) -> Trail:
         """The trail with one more effect."""
         return replace(self, states=(*self.states, state), chosen=(*self.chosen, one))

@@ -22,6 +22,7 @@ from discovery.law_attribution import LawSearch, _silent
 from discovery.law_likelihood import law_candidate
 from discovery.motion import freeze
 from discovery.refinement import _Loop
+from discovery.refits import Refits
 from discovery.state import silent
 from discovery.tension_attribution import TensionFindings, explain_freely
 from discovery.tension_data import Data, Misfit
@@ -244,9 +245,9 @@ def test_the_loop_asks_for_a_free_form_where_more_than_noise_is_left(monkeypatch
     free = TensionFindings((explanation("free-form"),), Misfit(9.0, 200.0))
     told = iter([free, TensionFindings((), Misfit(1.0, 200.0))])
     monkeypatch.setattr(refinement, "explain_freely", lambda *_: next(told))
-    monkeypatch.setattr(_Loop, "adopt", lambda *_: state())
+    monkeypatch.setattr(Refits, "adopt", lambda *_: state())
     for level, expected in ((1.0, []), (9.0, ["free-form"])):
         nothing = TensionFindings((), Misfit(level, 200.0))
         monkeypatch.setattr(refinement, "explain_tension", lambda *_, n=nothing: n)
-        loop = _Loop(None, None, 1, silent)  # type: ignore[arg-type]
+        loop = _Loop(Refits(None, None, 1, silent))  # type: ignore[arg-type]
         assert names(loop.in_tension(Trail((state(),)))) == expected

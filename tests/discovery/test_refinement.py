@@ -17,6 +17,7 @@ from discovery.attribution import explain, explanation, output_of, screen
 from discovery.closure import Closure
 from discovery.localisation import localise
 from discovery.refinement import _Loop, close_loop
+from discovery.refits import Refits
 from discovery.separating import separating_tests
 from discovery.state import level, refitted, sharpened, silent
 from discovery.tracing import Evidence, gather, starting, weigh
@@ -182,35 +183,17 @@ def test_a_start_without_stiffness_is_left_for_the_uncoupled_tests() -> None:
         found = identify_campaign(campaign)
         astray = replace(found, model=found.model.with_values(flexures))
         far = refitted(gather(campaign, starting(astray, astray.model)))
-        start = _Loop(campaign, astray, 1, silent).start()
+        start = Refits(campaign, astray, 1, silent).start()
     assert start.level < 0.5 * level(far)
     assert start.model.parameter("flexure_so.stiffness.k").value == pytest.approx(91800, rel=0.1)
     assert screen(start.evidence)[0][0].effect.name == "acceleration-gain"
 
 
-@pytest.mark.parametrize(("undeclared", "kept"), [((), False), ((CUBIC,), True)])
-def test_an_effect_is_dropped_where_the_model_does_as_well_without(
-    undeclared: tuple[Undeclared, ...], kept: bool
-) -> None:
-    with TemporaryDirectory() as scratch:
-        campaign = measured(Path(scratch) / "campaign", undeclared)
-        loop = _Loop(campaign, identify_campaign(campaign), 1, silent)
-        first, member = loop.start(), CATALOGUE["cubic-stiffness"]
-        effect = member.at("flexure_lo", ground=True).with_values(k3=1e9 if kept else 0.0)
-        held = replace(first.evidence.baseline, model=effect.added_to(first.model))
-        last = replace(
-            first, model=held.model, evidence=weigh(first.evidence.traces, held, first.evidence.floors)
-        )
-        one = Chosen(explanation(effect, member, first.evidence), ())
-        path = loop._without_needless(Trail((first,)).longer(one, last))
-    assert len(path.chosen) == len(path.states) - 1 == len(path.states[-1].model.effects) == int(kept)
-
-
 def test_a_fit_that_was_stuck_goes_on_from_where_one_with_a_further_effect_ended() -> None:
     with TemporaryDirectory() as scratch:
         campaign = measured(Path(scratch) / "campaign", (CUBIC,))
-        loop = _Loop(campaign, identify_campaign(campaign), 1, silent)
-        first, cubic = loop.start(), CATALOGUE["cubic-stiffness"].at("flexure_lo", ground=True)
+        loop = _Loop(Refits(campaign, identify_campaign(campaign), 1, silent))
+        first, cubic = loop.refits.start(), CATALOGUE["cubic-stiffness"].at("flexure_lo", ground=True)
         drag = CATALOGUE["quadratic-damping"].at("joint").with_values(c2=1e-3)
 
         def weighed(model: rom.Model) -> Evidence:
@@ -241,7 +224,7 @@ def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_
         campaign = measured(
             Path(scratch) / "campaign", (Undeclared("coulomb-friction", "flexure_so", numbers),)
         )
-        first = _Loop(campaign, identify_campaign(campaign), 1, silent).start()
+        first = Refits(campaign, identify_campaign(campaign), 1, silent).start()
         friction = CATALOGUE["coulomb-friction"].at("flexure_so", ground=True).with_values(**numbers)
         told = replace(first.evidence.baseline, model=friction.added_to(first.model))
         beside = refitted(weigh(first.evidence.traces, told, first.evidence.floors))

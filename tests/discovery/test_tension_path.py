@@ -10,6 +10,7 @@ import pytest
 from discovery import refinement
 from discovery.explanation import Explanation
 from discovery.refinement import _Loop
+from discovery.refits import Refits
 from discovery.state import silent
 from discovery.tension_attribution import TensionFindings
 from discovery.tension_data import Misfit
@@ -39,18 +40,33 @@ def led(
     told = iter([TensionFindings(e, Misfit(x, 100.0)) for e, x in zip(found, levels, strict=True)])
     nothing = TensionFindings((), Misfit(levels[-1], 100.0))
     after = iter(errors[1:])
-    monkeypatch.setattr(refinement, "explain_tension", lambda *_: next(told, nothing))
+    alone = {e.effect.path: TensionFindings((e,), Misfit(1.0, 100.0)) for one in found for e in one}
+
+    def explain(*asked: Any) -> TensionFindings:
+        return alone[asked[-1]] if asked[-1] else next(told, nothing)
+
+    monkeypatch.setattr(refinement, "explain_tension", explain)
     monkeypatch.setattr(refinement, "explain_freely", lambda *_: nothing)
     monkeypatch.setattr(refinement, "tension_misfit", lambda *_: Misfit(levels[0], 100.0))
-    monkeypatch.setattr(_Loop, "adopt", lambda *_: state(next(after)))
-    loop = _Loop(None, None, 1, silent)  # type: ignore[arg-type]
+    monkeypatch.setattr(Refits, "adopt", lambda *_: state(next(after, errors[-1])))
+    loop = _Loop(Refits(None, None, 1, silent))  # type: ignore[arg-type]
     return loop.in_tension(Trail((state(errors[0], motion),)))
 
 
 def test_effects_are_added_until_none_explains_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    path = led(monkeypatch, [9.0, 3.0, 1.0], [1.0, 0.9, 0.8, 0.7])
-    assert len(path.chosen) == refinement.MOST_EFFECTS
+    names = [
+        "relaxation-log", "tension-drift", "tension-follows-displacement",
+        "tension-follows-displacement-squared",
+    ]  # fmt: skip
+    found = [(explained(name),) for name in names]
+    path = led(monkeypatch, [9.0, 5.0, 3.0, 1.0], [1.0, 0.9, 0.8, 0.7, 0.6], explanations=found)
+    assert [one.best.effect.name for one in path.chosen] == names
     assert [one.level for one in path.tension] == [9.0, 1.0]
+
+
+def test_the_loop_ends_where_the_same_effects_come_up_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    path = led(monkeypatch, [9.0, 9.0, 9.0], [1.0, 0.9, 0.8])
+    assert len(path.chosen) == 1
 
 
 def test_one_that_costs_the_courses_more_than_it_explains_is_taken_back(

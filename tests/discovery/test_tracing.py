@@ -12,6 +12,7 @@ import pytest
 import rom
 from discovery import refinement
 from discovery.baseline import Baseline
+from discovery.refits import Refits
 from discovery.state import State, silent
 from discovery.tracing import Evidence
 from discovery.trail import Trail
@@ -123,7 +124,8 @@ def test_slopes_from_afar_are_asked_only_far_from_the_plant_and_those_nearby_the
         asked.clear()
         nothing: Any = None
         states = (State(nothing, evidence(misfit), nothing, nothing) for misfit in misfits)
-        refinement._Loop(nothing, nothing, 1, silent)._most_helpful(Trail(tuple(states)))
+        loop = refinement._Loop(Refits(nothing, nothing, 1, silent))
+        loop._most_helpful(Trail(tuple(states)))
         return list(asked)
 
     monkeypatch.setattr(refinement, "screen", screen)

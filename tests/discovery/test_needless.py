@@ -1,0 +1,137 @@
+"""What the loop drops once a later effect is there: that which explains nothing beside the others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rom
+from discovery.attribution import explanation
+from discovery.explanation import Explanation
+from discovery.force_fits import Unbalanced
+from discovery.force_loop import _together
+from discovery.force_loop import _without_needless as without_needless_forces
+from discovery.needless import without_needless, without_needless_in_tension
+from discovery.refits import Refits
+from discovery.state import State, silent, with_effects
+from discovery.tracing import weigh
+from discovery.trail import Chosen, Trail
+from experiments.studies import rig
+from experiments.studies.rig import Undeclared
+from rom.channels import FloatArray
+from rom.driven import balances_of
+from rom.effects import CATALOGUE, Added, Effect
+from rom.identification import identify_campaign
+from tests.discovery import driven_twins as twins
+
+CUBIC = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
+GAIN = Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1})
+
+
+def refits(folder: Path, *undeclared: Undeclared) -> Refits:
+    """Of a campaign of six preloads, one in three held out."""
+    rig.run(folder, 6, 1.0, 1, 1, duration_s=2.5, hold_out_every=3, undeclared=undeclared)
+    campaign = rom.read_campaign(folder)
+    return Refits(campaign, identify_campaign(campaign), 1, silent)
+
+
+def of_catalogue(hidden: Undeclared, strength: float) -> Added:
+    effect = CATALOGUE[hidden.name].at(hidden.enters, ground=hidden.enters.startswith("flexure"))
+    return effect.with_values(**{name: strength * value for name, value in hidden.parameters.items()})
+
+
+def with_effect(state: State, effect: Added, mine: Refits) -> State:
+    """The state with an effect in its model, nothing refitted."""
+    baseline = replace(state.evidence.baseline, model=effect.added_to(state.model))
+    evidence = state.evidence
+    if isinstance(effect, Effect):
+        evidence = with_effects(weigh(evidence.traces, baseline, evidence.floors))
+    else:
+        evidence = mine.gathered(baseline, evidence.floors)
+    return replace(state, model=baseline.model, evidence=evidence)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_force_is_dropped_where_the_model_does_as_well_without(tmp_path: Path, there: bool) -> None:
+    mine = refits(tmp_path / "campaign", *([CUBIC] if there else []))
+    first, effect = mine.start(), of_catalogue(CUBIC, 1.0 if there else 0.0)
+    one = Chosen(explanation(effect, CATALOGUE["cubic-stiffness"], first.evidence), ())
+    path = without_needless(Trail((first,)).longer(one, with_effect(first, effect, mine)), mine)
+    assert len(path.chosen) == len(path.states) - 1 == len(path.states[-1].model.effects) == int(there)
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_fault_is_dropped_where_a_later_effect_has_made_it_needless(tmp_path: Path, there: bool) -> None:
+    mine = refits(tmp_path / "campaign", CUBIC, *([GAIN] if there else []))
+    first = mine.start()
+    gain, cubic = of_catalogue(GAIN, 1.0 if there else 1e-3), of_catalogue(CUBIC, 1.0)
+    second = mine.adopt(first, explanation(gain, CATALOGUE["acceleration-gain"], first.evidence))
+    told = [
+        Chosen(explanation(effect, CATALOGUE[effect.name], state.evidence), ())
+        for effect, state in ((gain, first), (cubic, second))
+    ]
+    path = Trail((first,)).longer(told[0], second)
+    assert without_needless(path, mine) is path  # the last one is not asked
+    third = mine.adopt(second, told[1].best)
+    path = without_needless(path.longer(told[1], third), mine)
+    assert ("acceleration-gain" in {one.best.effect.name for one in path.chosen}) is there
+    assert path.last.level < 1.2
+    assert len(path.states) == len(path.chosen) + 1
+
+
+def shown(name: str, gain: float) -> Explanation:
+    effect, cost = CATALOGUE[name].at("tension"), 400.0
+    return Explanation(effect, {"t.h5": cost}, {"t.h5": cost - gain}, {"t.h5": 200}, frozenset(), 2, left=1.0)
+
+
+def shortened(gains: dict[str, float], error: float = 1.0) -> Trail:
+    """Three effects in the tension, and what each explains where the one before the last is asked again."""
+
+    def state(*names: str, error: float = 1.0) -> Any:
+        held = {"tension_rmse_n": error, "motion_nrmse": 0.02}
+        return SimpleNamespace(names=names, level=1.0, errors={"hold_out": held, "training": held})
+
+    names = ("relaxation-log", "tension-drift", "loosening-ratchet")
+    path = Trail((state(),))
+    for place, name in enumerate(names, 1):
+        path = path.longer(Chosen(shown(name, 100.0), ()), state(*names[:place]))
+
+    def explain(_last: Any, asked: str) -> Explanation | None:
+        (name,) = (name for name in names if asked == CATALOGUE[name].at("tension").path)
+        return shown(name, gains.get(name, 100.0))
+
+    def adopt(last: Any, one: Explanation) -> Any:
+        return state(*last.names, one.effect.name, error=error)
+
+    return without_needless_in_tension(path, 0, explain, adopt)
+
+
+def test_an_effect_in_the_tension_is_dropped_where_a_later_one_leaves_it_nothing() -> None:
+    assert len(shortened({}).chosen) == 3
+    path = shortened({"tension-drift": 5.0})
+    assert [one.best.effect.name for one in path.chosen] == ["relaxation-log", "loosening-ratchet"]
+    assert path.last.names == ("relaxation-log", "loosening-ratchet")  # type: ignore[attr-defined]
+    assert len(path.states) == 3
+
+
+def test_it_stays_where_the_later_one_hangs_on_it_or_the_model_gets_worse_without() -> None:
+    assert len(shortened({"tension-drift": 5.0, "loosening-ratchet": 5.0}).chosen) == 3
+    assert len(shortened({"tension-drift": 5.0}, error=2.0).chosen) == 3
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_force_along_a_driven_motion_is_dropped_too(tmp_path: Path, there: bool) -> None:
+    def force(x: FloatArray, v: FloatArray) -> FloatArray:
+        return np.asarray(2e7 * x**3 + (5.0 if there else 0.0) * np.tanh(v / 2e-3))
+
+    balances = balances_of(twins.driven(tmp_path / "driven", extra=force))[0]
+    held = [("coulomb-friction", {"F_c": 5.0 if there else 0.01}), ("cubic-stiffness", {"k3": 2e7})]
+    effects = [CATALOGUE[name].at("guide", ground=True).with_values(**values) for name, values in held]
+    state = Unbalanced(balances, tuple(effects), dict.fromkeys(balances.names, 0.0))  # type: ignore[arg-type]
+    left = without_needless_forces(_together(state.with_numbers())).effects
+    assert [one.name for one in left] == ["coulomb-friction"] * there + ["cubic-stiffness"]
