@@ -83,3 +83,23 @@ def test_an_effect_that_the_catalogue_does_not_have_there_is_refused(
     truth = {"name": "cubic-stiffness", "enters": "moon", "parameters": {"k3": {"value": 1.0}}}
     with pytest.raises(ValueError, match="no effect cubic-stiffness that can enter at moon"):
         oracle_errors(campaign, twin, [truth])
+
+
+def test_faults_and_readings_are_refitted_too_wherever_they_start(tmp_path: Path) -> None:
+    hidden = (
+        rig.Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1}),
+        rig.Undeclared("acceleration-bias", "sensor:acceleration_lo", {"b": 0.5}),
+        rig.Undeclared("tension-follows-displacement", "tension", {"a": 2e5}),
+    )
+    folder = rig.run(tmp_path / "campaign", **SMALL, undeclared=hidden)
+    measured, twin = read_campaign(folder), read_campaign(rig.run(tmp_path / "twin", **SMALL))
+    truths = json.loads(rig.truth_path(folder).read_text())["undeclared"]
+    astray = [
+        {**one, "parameters": {name: {"value": 0.9 * p["value"]} for name, p in one["parameters"].items()}}
+        for one in truths
+    ]
+    right, refound = (oracle_errors(measured, twin, told)["hold_out"] for told in (truths, astray))
+    before = declared_errors(measured)["hold_out"]
+    assert right["motion_nrmse"] < 0.8 * before["motion_nrmse"]  # type: ignore[operator]
+    for name in ("motion_nrmse", "tension_rmse_n"):
+        assert refound[name] == pytest.approx(right[name], rel=0.02)  # type: ignore[literal-required]

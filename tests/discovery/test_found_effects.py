@@ -1,0 +1,48 @@
+"""How an effect that was found is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rom
+from discovery.attribution import explanation
+from discovery.found_effects import found_effect
+from discovery.state import State, lacking, refitted, with_effects
+from discovery.tracing import gather, starting, weigh
+from experiments.studies import rig
+from experiments.studies.rig import Undeclared
+from rom.effects import CATALOGUE
+from rom.identification import identify_campaign
+
+
+def half_width(parameter: rom.Parameter) -> float:
+    assert parameter.low is not None
+    assert parameter.high is not None
+    assert parameter.low < parameter.value < parameter.high
+    return 0.5 * (parameter.high - parameter.low)
+
+
+def test_limits_of_a_force_are_those_about_the_last_model(tmp_path: Path) -> None:
+    hidden = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
+    rig.run(tmp_path / "c", 4, 1.0, 1, 1, duration_s=2.5, hold_out_every=4, undeclared=(hidden,))
+    campaign = rom.read_campaign(tmp_path / "c")
+    found = identify_campaign(campaign)
+    before = refitted(gather(campaign, starting(found, found.model)))
+    member = CATALOGUE["cubic-stiffness"]
+    cubic = member.at("flexure_lo", ground=True)
+    early = explanation(cubic.with_values(k3=3e8), member, before)  # a step of the fit that is far off
+    model = cubic.with_values(k3=1e9).added_to(before.baseline.model)
+    last = refitted(weigh(before.traces, replace(before.baseline, model=model), before.floors))
+    nothing: Any = None
+    told = found_effect(early, (), State(last.baseline.model, last, nothing, nothing)).effect
+    (own,) = last.baseline.model.effects
+    assert told.parameters["k3"].value == own.parameters["k3"].value
+    beside = with_effects(lacking(last, cubic))
+    width = half_width(told.parameters["k3"])
+    assert width == half_width(explanation(own, member, beside).effect.parameters["k3"])
+    assert width < 0.5 * half_width(early.effect.parameters["k3"])
+    assert told.parameters["k3"].value == pytest.approx(1e9, rel=0.05)
