@@ -70,6 +70,20 @@ def test_coulomb_friction_of_a_floating_mass_is_named(tmp_path: Path) -> None:
     assert found.model.structure.bodies[0].mass == pytest.approx(2.0, rel=0.02)
 
 
+def test_the_loop_goes_on_until_nothing_helps(tmp_path: Path) -> None:
+    def four(x: FloatArray, v: FloatArray) -> FloatArray:
+        return np.asarray(3e5 * x**2 + 200.0 * np.abs(v) * v + 3.0 * np.tanh(v / 2e-3) + cubic(x, v))
+
+    found = close_loop(twins.driven(tmp_path / "four", extra=four))
+    told = [{one.effect.name, *(other.name for other in one.look_alikes)} for one in found.effects]
+    assert [one.effect.name for one in found.effects[:3]] == [
+        "even-stiffness", "quadratic-damping", "coulomb-friction",
+    ]  # fmt: skip
+    assert "cubic-stiffness" in told[3]
+    assert len(found.steps) == len(told) + 1 == 5
+    assert found.verdict == "closed"
+
+
 @pytest.mark.slow
 def test_slip_under_a_measured_normal_force_is_named(tmp_path: Path) -> None:
     found = close_loop(twins.cycled(tmp_path / "slip", friction=0.06))
