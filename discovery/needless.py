@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from discovery.acceptance import harms, is_sure
+from discovery.acceptance import harms, in_tension, is_sure
 from discovery.at_rest import explain_at_rest
 from discovery.attribution import explanation
 from discovery.explanation import Explanation
@@ -39,7 +39,8 @@ def _left_without(path: Trail, place: int, refits: Refits) -> Evidence | None:
         own = next(e for e in last.baseline.model.effects if e.path == effect.path)
         needed = is_sure(explanation(own, CATALOGUE[effect.name], with_effects(rest)))
         return None if needed else refitted(rest)
-    if place + 1 == len(path.chosen) or not isinstance(effect, Effect | SensorFault):
+    judged = isinstance(effect, Effect | SensorFault) and not in_tension(one)
+    if not judged or place + 1 == len(path.chosen):
         return None
     if isinstance(effect, Effect):
         rest = refitted(lacking(last, effect))

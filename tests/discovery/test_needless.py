@@ -84,8 +84,17 @@ def test_a_fault_is_dropped_where_a_later_effect_has_made_it_needless(tmp_path: 
     assert len(path.states) == len(path.chosen) + 1
 
 
-def shown(name: str, gain: float) -> Explanation:
-    effect, cost = CATALOGUE[name].at("tension"), 400.0
+def test_what_the_motion_does_not_show_is_not_judged_by_it() -> None:
+    state: Any = SimpleNamespace(model=SimpleNamespace(effects=()), evidence=None)
+    nothing: Any = None
+    path = Trail((state,))
+    for one in (shown("tension-skew", 100.0, "sensor:tension"), shown("loosening-ratchet", 100.0)):
+        path = path.longer(Chosen(one, ()), state)
+    assert without_needless(path, nothing) is path
+
+
+def shown(name: str, gain: float, enters: str = "tension") -> Explanation:
+    effect, cost = CATALOGUE[name].at(enters), 400.0
     return Explanation(effect, {"t.h5": cost}, {"t.h5": cost - gain}, {"t.h5": 200}, frozenset(), 2, left=1.0)
 
 
