@@ -202,7 +202,7 @@ class _Loop:
             return path if misfit is None else replace(path, tension=(misfit, misfit))
         before, sure, seen, count = path, set[str](), [path.names], len(path.chosen)
         while True:
-            last, told = path.last, self._told(path.last)
+            last, told = path.last, self._findings(path.last)
             if path.tension and path.tension[-1].loss_to(told.misfit) > path.chosen[-1].training_gain:
                 return before
             path = replace(path, tension=(*(path.tension or (told.misfit,))[:1], told.misfit))
@@ -223,13 +223,13 @@ class _Loop:
                 return before
             seen.append(path.names)
 
-    def _told(self, state: State, only: str = "") -> TensionFindings:
+    def _findings(self, state: State, only: str = "") -> TensionFindings:
         tell = self.refits.stage("tension")
         return explain_tension(self.refits.campaign, state.found, state.model, self.refits.jobs, tell, only)
 
     def _explained_alone(self, state: State, path: str) -> Explanation | None:
         """What one effect explains of the tension beside a state's model."""
-        return next((e for e in self._told(state, path).explanations if e.effect.path == path), None)
+        return next((e for e in self._findings(state, path).explanations if e.effect.path == path), None)
 
     def along_law(self, path: Trail) -> Trail:
         """Drop what is needless in the motion once the tension falls by the law that was found.
