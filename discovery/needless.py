@@ -11,9 +11,12 @@ from discovery.attribution import explanation
 from discovery.explanation import Explanation
 from discovery.refits import Refits
 from discovery.state import State, lacking, refitted, with_effects, without_effect
+from discovery.tension_attribution import TensionFindings
 from discovery.tracing import Evidence
-from discovery.trail import Chosen, Trail
+from discovery.trail import Chosen, Trail, alike
 from rom.effects import CATALOGUE, Effect, LawChange, SensorFault
+
+Findings = Callable[[State, str], TensionFindings]
 
 
 def without_needless(path: Trail, refits: Refits) -> Trail:
@@ -65,10 +68,7 @@ def _needs(one: Explanation, rest: Evidence, last: Evidence) -> bool:
 
 
 def without_needless_in_tension(
-    path: Trail,
-    first: int,
-    explain: Callable[[State, str], Explanation | None],
-    adopt: Callable[[State, Explanation], State],
+    path: Trail, first: int, explain: Findings, adopt: Callable[[State, Explanation], State]
 ) -> Trail:
     """Return the trail without effects in the tension that the last one has made needless.
 
@@ -79,8 +79,7 @@ def without_needless_in_tension(
     first : int
         Place of the first of these.
     explain : callable
-        What the effect of a path explains beside a state's model, as `explain_tension` has it; None where
-        nothing is told.
+        What effects explain beside a state's model, as `explain_tension` has it: all, or one by its path.
     adopt : callable
         The state with an effect in its model.
     """
@@ -92,18 +91,21 @@ def without_needless_in_tension(
 
 
 def _over_again(
-    path: Trail,
-    place: int,
-    explain: Callable[[State, str], Explanation | None],
-    adopt: Callable[[State, Explanation], State],
+    path: Trail, place: int, explain: Findings, adopt: Callable[[State, Explanation], State]
 ) -> Trail | None:
     """The trail as it is without one of its effects, if that explains nothing at its end; None otherwise."""
     dropped, *later = path.chosen[place:]
     shorter = replace(path, states=path.states[: place + 1], chosen=path.chosen[:place])
     for one in later:
-        best = explain(shorter.last, one.best.effect.path)
+        told = explain(shorter.last, "")
+        best = _of(told, one)
         if best is None or not is_sure(best):
             return None
-        shorter = shorter.longer(Chosen(best, one.rivals), adopt(shorter.last, best))
-    again = explain(shorter.last, dropped.best.effect.path)
+        shorter = replace(shorter, tension=(*path.tension[:1], told.misfit))
+        shorter = shorter.longer(Chosen(best, alike(told.explanations, best)), adopt(shorter.last, best))
+    again = _of(explain(shorter.last, dropped.best.effect.path), dropped)
     return shorter if again is not None and not is_sure(again) else None
+
+
+def _of(told: TensionFindings, one: Chosen) -> Explanation | None:
+    return next((e for e in told.explanations if e.effect.path == one.best.effect.path), None)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
-from discovery.acceptance import MATERIAL, QUIET, harms, is_quiet, is_sure, merit
+from discovery.acceptance import MATERIAL, QUIET, harms, in_tension, is_quiet, is_sure, merit
 from discovery.at_rest import explain_at_rest
 from discovery.attribution import Probe, by_chance, explain, screen, worth_fitting
 from discovery.closure import Closure, Screened, Step
@@ -101,8 +101,8 @@ class _Loop:
     def moved(self, path: Trail, given: Chosen | None = None) -> Trail:
         """Add effects in the motion; then what shows before the hits once more, judged after them."""
         after = self.in_motion(path, given)
-        rested = after if len(after.chosen) == len(path.chosen) else self.at_rest(after)
-        return after if rested is after else self.in_motion(rested)
+        rested = after if after.names == path.names else self.at_rest(after)
+        return after if rested is after else self.in_motion(without_needless(rested, self.refits))
 
     def in_motion(self, path: Trail, given: Chosen | None = None) -> Trail:
         """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
@@ -111,7 +111,7 @@ class _Loop:
             if not path.improves(after):
                 return path
             path = path.longer(given, after)
-        seen = [path.names]
+        seen = {path.names: cost(path.last.evidence)}
         while True:
             found, first = self._most_helpful(path)
             path = replace(path, screened=path.screened or first)
@@ -122,9 +122,10 @@ class _Loop:
             state = self.refits.settled(sharpened(beside)) if is_sure(one.best) else freed.last
             if freed.improves(state):
                 path = without_needless(freed.longer(one, state), self.refits)
-                if path.names in seen:  # of two effects each takes the other's place
-                    return path
-                seen.append(path.names)
+                left = cost(path.last.evidence)
+                if left > (1 - MATERIAL) * seen.get(path.names, np.inf):
+                    return path  # of two effects each takes the other's place
+                seen[path.names] = left
             elif freed is path:
                 return path
             else:
@@ -218,7 +219,7 @@ class _Loop:
             if harms(last.errors, after.errors):
                 return path
             before, path = path, path.longer(one, after)
-            path = without_needless_in_tension(path, count, self._explained_alone, self.refits.adopt)
+            path = without_needless_in_tension(path, count, self._findings, self.refits.adopt)
             if path.names in seen:  # of two effects each takes the other's place
                 return before
             seen.append(path.names)
@@ -227,18 +228,14 @@ class _Loop:
         tell = self.refits.stage("tension")
         return explain_tension(self.refits.campaign, state.found, state.model, self.refits.jobs, tell, only)
 
-    def _explained_alone(self, state: State, path: str) -> Explanation | None:
-        """What one effect explains of the tension beside a state's model."""
-        return next((e for e in self._findings(state, path).explanations if e.effect.path == path), None)
-
     def along_law(self, path: Trail) -> Trail:
         """Drop what is needless in the motion once the tension falls by the law that was found.
 
         Until then records are traced along a tension that falls by the quartic law, whose course is a little
         wrong where another law holds; so is the joint's stiffness then, which an effect may make up for.
         """
-        found = [type(one.best.effect) for one in path.chosen]
-        if LawChange not in found or not any(issubclass(one, Effect) for one in found):
+        has_law = any(isinstance(one.best.effect, LawChange) for one in path.chosen)
+        if not has_law or all(in_tension(one.best) for one in path.chosen):
             return path
         near = path.last.evidence
         evidence = refitted(self.refits.gathered(near.baseline, near.floors))

@@ -78,7 +78,7 @@ def explain_tension(
     progress : callable
         Called with (effects done, effects in all).
     only : str
-        Path of the one effect in the courses that is asked for; all by default.
+        Path of an effect: no other that shows in the courses is fitted then. All are by default.
 
     Returns
     -------

@@ -132,14 +132,18 @@ def answer(result: Result) -> str:
 
 
 def error(result: Result, of: str, measure: str) -> float:
-    """Return a held-out error "before", "after" or of the "oracle"; nan where there is none."""
-    kind = result["oracle"]["hold_out"] if of == "oracle" else result["closure"]["errors"]["hold_out"][of]
+    """Return a held-out error "before", "after", of the "oracle" or at "true values"; nan for none."""
+    kind = result["closure"]["errors"]["hold_out"].get(of)
+    if of == "oracle":
+        kind = result["oracle"]["hold_out"]
+    elif of == "true values":  # an oracle of forces alone, or of no effect, has no others
+        kind = result["oracle"].get("true_values", result["oracle"]["hold_out"])
     value = (kind or {}).get(measure)
     return np.nan if value is None else float(value)
 
 
 def ratio(result: Result, over: str, measure: str = "") -> float:
-    """Return the held-out error after over that before or of the oracle; by default the worst at stake."""
+    """Return the held-out error after over another that `error` knows; by default the worst at stake."""
     ratios = []
     for one in (measure,) if measure else at_stake(result):
         below = error(result, over, one)

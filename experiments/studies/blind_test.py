@@ -245,12 +245,13 @@ def _oracle(
             return {"kind": "declared", "hold_out": closure["errors"]["hold_out"]["before"], "seconds": 0.0}
         twin = read_campaign(rig.run(folder.with_name("twin"), **options))
         if trial.group == "outside":
-            kind, errors = "twin", declared_errors(twin)
+            kind, found = "twin", [declared_errors(twin)]
         else:
-            kind, errors = "refitted", oracle_errors(read_campaign(folder), twin, truth)
+            kind, found = "refitted", oracle_errors(read_campaign(folder), twin, truth)
     except Exception as fault:  # the closure stands without its measure
         return {"fault": f"{type(fault).__name__}: {fault}", "hold_out": None}
-    return {"kind": kind, "hold_out": dict(errors["hold_out"]), "seconds": time.perf_counter() - started}
+    told = dict(zip(("hold_out", "true_values"), (dict(one["hold_out"]) for one in found), strict=False))
+    return {"kind": kind, **told, "seconds": time.perf_counter() - started}
 
 
 def _line(trial: Trial, content: dict[str, Any]) -> str:

@@ -11,14 +11,19 @@ import numpy as np
 import pytest
 
 import rom
+from discovery import refinement
+from discovery.at_rest import explain_at_rest
 from discovery.attribution import explanation
 from discovery.explanation import Explanation
 from discovery.force_fits import Unbalanced
 from discovery.force_loop import _together
 from discovery.force_loop import _without_needless as without_needless_forces
 from discovery.needless import without_needless, without_needless_in_tension
+from discovery.refinement import _Loop
 from discovery.refits import Refits
 from discovery.state import State, silent, with_effects
+from discovery.tension_attribution import TensionFindings
+from discovery.tension_data import Misfit
 from discovery.tracing import weigh
 from discovery.trail import Chosen, Trail
 from experiments.studies import rig
@@ -31,6 +36,7 @@ from tests.discovery import driven_twins as twins
 
 CUBIC = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
 GAIN = Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1})
+BIAS = Undeclared("acceleration-bias", "sensor:acceleration_lo", {"b": 0.5})
 
 
 def refits(folder: Path, *undeclared: Undeclared) -> Refits:
@@ -84,6 +90,35 @@ def test_a_fault_is_dropped_where_a_later_effect_has_made_it_needless(tmp_path: 
     assert len(path.states) == len(path.chosen) + 1
 
 
+def test_what_shows_before_the_hits_stays_whatever_the_motion_says(tmp_path: Path) -> None:
+    mine = refits(tmp_path / "campaign", CUBIC, BIAS)
+    first = mine.start()
+    (told,) = (e for e in explain_at_rest(first.evidence) if e.effect.name == "acceleration-bias")
+    second = mine.adopt(first, told, floors_too=True)
+    cubic = of_catalogue(CUBIC, 1.0)
+    one = Chosen(explanation(cubic, CATALOGUE["cubic-stiffness"], second.evidence), ())
+    path = Trail((first,)).longer(Chosen(told, ()), second).longer(one, mine.adopt(second, one.best))
+    assert without_needless(path, mine) is path
+
+
+@pytest.mark.parametrize(("left", "screens"), [([100.0, 50.0, 50.0], 2), ([100.0, 99.5], 1)])
+def test_the_loop_goes_on_as_long_as_the_same_effects_leave_less(
+    monkeypatch: pytest.MonkeyPatch, left: list[float], screens: int
+) -> None:
+    state: Any = SimpleNamespace(evidence=None)
+    asked, costs, first = [], iter(left), Trail((state,))
+    found = (Chosen(shown("tension-drift", 100.0), ()), None), ()
+    monkeypatch.setattr(_Loop, "_most_helpful", lambda *_: asked.append(1) or found)
+    monkeypatch.setattr(Trail, "improves", lambda *_: True)
+    monkeypatch.setattr(Refits, "settled", lambda *_: state)
+    monkeypatch.setattr(refinement, "sharpened", lambda evidence: evidence)
+    monkeypatch.setattr(refinement, "cost", lambda _: next(costs))
+    monkeypatch.setattr(refinement, "without_needless", lambda *_: first)
+    nothing: Any = None
+    assert _Loop(Refits(nothing, nothing, 1, silent)).in_motion(first) is first
+    assert len(asked) == screens
+
+
 def test_what_the_motion_does_not_show_is_not_judged_by_it() -> None:
     state: Any = SimpleNamespace(model=SimpleNamespace(effects=()), evidence=None)
     nothing: Any = None
@@ -106,13 +141,13 @@ def shortened(gains: dict[str, float], error: float = 1.0) -> Trail:
         return SimpleNamespace(names=names, level=1.0, errors={"hold_out": held, "training": held})
 
     names = ("relaxation-log", "tension-drift", "loosening-ratchet")
-    path = Trail((state(),))
+    path = Trail((state(),), tension=(Misfit(9.0, 100.0), Misfit(2.0, 100.0)))
     for place, name in enumerate(names, 1):
         path = path.longer(Chosen(shown(name, 100.0), ()), state(*names[:place]))
 
-    def explain(_last: Any, asked: str) -> Explanation | None:
-        (name,) = (name for name in names if asked == CATALOGUE[name].at("tension").path)
-        return shown(name, gains.get(name, 100.0))
+    def explain(_last: Any, asked: str) -> TensionFindings:
+        told = tuple(shown(name, gains.get(name, 100.0)) for name in names)
+        return TensionFindings(tuple(e for e in told if asked in ("", e.effect.path)), Misfit(5.0, 100.0))
 
     def adopt(last: Any, one: Explanation) -> Any:
         return state(*last.names, one.effect.name, error=error)
@@ -126,6 +161,7 @@ def test_an_effect_in_the_tension_is_dropped_where_a_later_one_leaves_it_nothing
     assert [one.best.effect.name for one in path.chosen] == ["relaxation-log", "loosening-ratchet"]
     assert path.last.names == ("relaxation-log", "loosening-ratchet")  # type: ignore[attr-defined]
     assert len(path.states) == 3
+    assert [one.level for one in path.tension] == [9.0, 5.0]  # beside what stays
 
 
 def test_it_stays_where_the_later_one_hangs_on_it_or_the_model_gets_worse_without() -> None:

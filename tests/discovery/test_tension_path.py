@@ -23,9 +23,9 @@ def explained(name: str = "relaxation-log", gain: float = 100.0) -> Explanation:
     return Explanation(effect, {"t.h5": cost}, {"t.h5": cost - gain}, {"t.h5": 200}, frozenset(), 2, left=1.0)
 
 
-def state(tension: float, level: float = 1.0) -> Any:
+def state(tension: float, level: float = 1.0, model: tuple[str, ...] = ()) -> Any:
     held = {"tension_rmse_n": tension, "motion_nrmse": 0.02}
-    return SimpleNamespace(level=level, found=None, model=None, errors={"hold_out": held, "training": held})
+    return SimpleNamespace(level=level, found=None, model=model, errors={"hold_out": held, "training": held})
 
 
 def led(
@@ -37,18 +37,22 @@ def led(
 ) -> Trail:
     """The path where an effect is explained as often as there are levels, and adopted with these errors."""
     found = explanations or [(explained(),)] * len(levels)
-    told = iter([TensionFindings(e, Misfit(x, 100.0)) for e, x in zip(found, levels, strict=True)])
-    nothing = TensionFindings((), Misfit(levels[-1], 100.0))
     after = iter(errors[1:])
-    alone = {e.effect.path: TensionFindings((e,), Misfit(1.0, 100.0)) for one in found for e in one}
 
     def explain(*asked: Any) -> TensionFindings:
-        return alone[asked[-1]] if asked[-1] else next(told, nothing)
+        model, only = asked[2], asked[-1]
+        told = found[len(model)] if len(model) < len(found) else ()
+        level = levels[min(len(model), len(levels) - 1)]
+        return TensionFindings(tuple(e for e in told if only in ("", e.effect.path)), Misfit(level, 100.0))
 
+    def adopt(_: Refits, before: Any, one: Explanation) -> Any:
+        return state(next(after, errors[-1]), model=(*before.model, one.effect.path))
+
+    nothing = TensionFindings((), Misfit(levels[-1], 100.0))
     monkeypatch.setattr(refinement, "explain_tension", explain)
     monkeypatch.setattr(refinement, "explain_freely", lambda *_: nothing)
     monkeypatch.setattr(refinement, "tension_misfit", lambda *_: Misfit(levels[0], 100.0))
-    monkeypatch.setattr(Refits, "adopt", lambda *_: state(next(after, errors[-1])))
+    monkeypatch.setattr(Refits, "adopt", adopt)
     loop = _Loop(Refits(None, None, 1, silent))  # type: ignore[arg-type]
     return loop.in_tension(Trail((state(errors[0], motion),)))
 
@@ -100,3 +104,11 @@ def test_courses_are_told_and_no_name_sought_where_the_motion_is_not_explained(
     path = led(monkeypatch, [9.0], [1.0, 0.5], motion=5.0)
     assert not path.chosen
     assert [one.level for one in path.tension] == [9.0, 9.0]
+
+
+def test_the_loop_drops_what_a_later_effect_has_made_needless(monkeypatch: pytest.MonkeyPatch) -> None:
+    drift, ratchet = explained("tension-drift", 200.0), explained("loosening-ratchet")
+    again = explained("tension-drift", 1.0)
+    path = led(monkeypatch, [9.0, 1.0], [1.0, 0.9, 0.8], explanations=[(drift, ratchet), (ratchet, again)])
+    assert [one.best.effect.name for one in path.chosen] == ["loosening-ratchet"]
+    assert [one.level for one in path.tension] == [9.0, 1.0]
