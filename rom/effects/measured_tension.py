@@ -2,47 +2,63 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from rom.effects.effect import FloatArray, Motion, Numbers
 from rom.effects.member import Member, parameter
+from rom.kernels.elementwise import elementwise
 
 
-def _since(motion: Motion) -> FloatArray:
-    """Time since the impact [s], zero before it."""
-    return np.maximum(motion.time - motion.impact_s, 0.0)
+@elementwise
+def _log_creep(t: float, t_hit: float, A: float, t_0: float) -> float:
+    return -A * math.log1p(max(t - t_hit, 0.0) / t_0)
+
+
+@elementwise
+def _stretched_creep(t: float, t_hit: float, A: float, tau: float, b: float) -> float:
+    return A * math.expm1(-((max(t - t_hit, 0.0) / tau) ** b))
+
+
+@elementwise
+def _times(factor: float, x: float) -> float:
+    return factor * x
+
+
+@elementwise
+def _times_square(factor: float, x: float) -> float:
+    return factor * x * x
 
 
 def _relaxation_log(motion: Motion, p: Numbers) -> FloatArray:
-    return -p[0] * np.log1p(_since(motion) / p[1])
+    return _log_creep(motion.time, motion.impact_s, *p)
 
 
 def _relaxation_stretched(motion: Motion, p: Numbers) -> FloatArray:
-    return p[0] * np.expm1(-((_since(motion) / p[1]) ** p[2]))
+    return _stretched_creep(motion.time, motion.impact_s, *p)
 
 
 def _drift(motion: Motion, p: Numbers) -> FloatArray:
-    return p[0] * motion.time
+    return _times(p[0], motion.time)
 
 
 def _follows_displacement(motion: Motion, p: Numbers) -> FloatArray:
-    return p[0] * motion.displacement
+    return _times(p[0], motion.displacement)
 
 
 def _follows_square(motion: Motion, p: Numbers) -> FloatArray:
-    return p[0] * motion.displacement**2
+    return _times_square(p[0], motion.displacement)
 
 
 def _follows_force(motion: Motion, p: Numbers) -> FloatArray:
     if motion.link_force.shape != motion.time.shape:
         raise ValueError("a reading that follows the joint's force needs motion.link_force, got none")
-    return p[0] * motion.link_force
+    return _times(p[0], motion.link_force)
 
 
 def _follows_body(motion: Motion, p: Numbers) -> FloatArray:
     if not motion.body_displacement:
         raise ValueError("a reading that follows a body needs motion.body_displacement, got none")
-    return p[0] * next(iter(motion.body_displacement.values()))
+    return _times(p[0], next(iter(motion.body_displacement.values())))
 
 
 _SLOW = ("slow tension",)

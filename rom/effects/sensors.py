@@ -2,18 +2,53 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from rom.effects.effect import FloatArray, Numbers
 from rom.effects.member import OF_CHANNEL, Member, parameter
+from rom.kernels.elementwise import elementwise
+
+
+@elementwise
+def _times(y: float, factor: float) -> float:
+    return y * factor
+
+
+@elementwise
+def _over(y: float, factor: float) -> float:
+    return y / factor
+
+
+@elementwise
+def _plus(y: float, factor: float, other: float) -> float:
+    return y + factor * other
+
+
+@elementwise
+def _line(sample: float, rate_hz: float, A: float, B: float, f: float) -> float:
+    phase = 2.0 * math.pi * f / rate_hz * sample
+    return A * math.cos(phase) + B * math.sin(phase)
+
+
+@elementwise
+def _parabola(y: float, T_0: float, c_1: float, c_2: float) -> float:
+    return T_0 + y * (1.0 + c_1 + c_2 * y)
+
+
+@elementwise
+def _inverse_parabola(y: float, T_0: float, c_1: float, c_2: float) -> float:
+    shown, slope = y - T_0, 1.0 + c_1
+    return 2.0 * shown / (slope + math.sqrt(max(slope * slope + 4.0 * c_2 * shown, 0.0)))
 
 
 def _gain(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
-    return samples * (1.0 + p[0])
+    return _times(samples, 1.0 + p[0])
 
 
 def _no_gain(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
-    return samples / (1.0 + p[0])
+    return _over(samples, 1.0 + p[0])
 
 
 def _late(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
@@ -54,43 +89,36 @@ def _uncoupled(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
     return np.asarray(signal.lfilter(denominator, numerator, samples), dtype=np.float64)
 
 
-def _line(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
-    phase = 2.0 * np.pi * p[2] / rate_hz * np.arange(samples.size)
-    return np.asarray(p[0] * np.cos(phase) + p[1] * np.sin(phase), dtype=np.float64)
-
-
 def _hum(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
-    return samples + _line(samples, rate_hz, p)
+    return samples + _line(np.arange(samples.size), rate_hz, *p)
 
 
 def _no_hum(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
-    return samples - _line(samples, rate_hz, p)
+    return samples - _line(np.arange(samples.size), rate_hz, *p)
 
 
 def _calibration(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
-    return p[0] + samples * (1.0 + p[1] + p[2] * samples)
+    return _parabola(samples, *p)
 
 
 def _recalibrated(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
-    shown, slope = samples - p[0], 1.0 + p[1]
-    root = np.sqrt(np.maximum(slope**2 + 4.0 * p[2] * shown, 0.0))
-    return np.asarray(2.0 * shown / (slope + root), dtype=np.float64)
+    return _inverse_parabola(samples, *p)
 
 
 def _biased(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
-    return samples + p[0]
+    return _plus(samples, p[0], 1.0)
 
 
 def _unbiased(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
-    return samples - p[0]
+    return _plus(samples, -p[0], 1.0)
 
 
 def _crossed(samples: FloatArray, rate_hz: float, p: Numbers, other: FloatArray) -> FloatArray:  # noqa: ARG001
-    return samples + p[0] * other
+    return _plus(samples, p[0], other)
 
 
 def _uncrossed(samples: FloatArray, rate_hz: float, p: Numbers, other: FloatArray) -> FloatArray:  # noqa: ARG001
-    return samples - p[0] * other
+    return _plus(samples, -p[0], other)
 
 
 _GAIN = {"g": parameter(0.03, "1", -0.5, 0.5)}
