@@ -101,6 +101,29 @@ def test_what_shows_before_the_hits_stays_whatever_the_motion_says(tmp_path: Pat
     assert without_needless(path, mine) is path
 
 
+@pytest.mark.parametrize("shows_later", [False, True])
+def test_what_shows_before_the_hits_only_later_may_make_others_needless(
+    monkeypatch: pytest.MonkeyPatch, shows_later: bool
+) -> None:
+    state: Any = SimpleNamespace(evidence=None)
+    cubic, hum = (Chosen(shown(name, 100.0), ()) for name in ("cubic-stiffness", "hum"))
+    first, done = Trail((state,)), []
+    monkeypatch.setattr(
+        _Loop, "in_motion", lambda _, path, given=None: path if done else path.longer(given, state)
+    )
+    monkeypatch.setattr(_Loop, "at_rest", lambda _, path: path.longer(hum, state) if shows_later else path)
+
+    def dropping(path: Trail, _: Refits) -> Trail:
+        done.append(path.names)
+        return first.longer(path.chosen[-1], state)
+
+    monkeypatch.setattr(refinement, "without_needless", dropping)
+    nothing: Any = None
+    after = _Loop(Refits(nothing, nothing, 1, silent)).moved(first, cubic)
+    assert [one.best.effect.name for one in after.chosen] == ["hum" if shows_later else "cubic-stiffness"]
+    assert len(done) == int(shows_later)
+
+
 @pytest.mark.parametrize(("left", "screens"), [([100.0, 50.0, 50.0], 2), ([100.0, 99.5], 1)])
 def test_the_loop_goes_on_as_long_as_the_same_effects_leave_less(
     monkeypatch: pytest.MonkeyPatch, left: list[float], screens: int

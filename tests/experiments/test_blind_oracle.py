@@ -86,25 +86,24 @@ def test_an_effect_that_the_catalogue_does_not_have_there_is_refused(
         oracle_errors(campaign, twin, [truth])
 
 
-def test_faults_and_readings_are_refitted_too_wherever_they_start(tmp_path: Path) -> None:
+def test_faults_and_what_acts_in_the_tension_are_refitted_too_wherever_they_start(tmp_path: Path) -> None:
     hidden = (
         rig.Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1}),
-        rig.Undeclared("acceleration-bias", "sensor:acceleration_lo", {"b": 0.5}),
-        rig.Undeclared("tension-follows-displacement", "tension", {"a": 2e5}),
+        rig.Undeclared("loosening-ratchet", "tension", {"r": 8.8, "x_r": 0.0, "h_r": 0.9}),
+        rig.Undeclared("tension-drift", "tension", {"d": 0.5}),
     )
     folder = rig.run(tmp_path / "campaign", **SMALL, undeclared=hidden)
     measured, twin = read_campaign(folder), read_campaign(rig.run(tmp_path / "twin", **SMALL))
     truths = json.loads(rig.truth_path(folder).read_text())["undeclared"]
     astray = [
-        {**one, "parameters": {name: {"value": 0.9 * p["value"]} for name, p in one["parameters"].items()}}
+        {**one, "parameters": {name: {"value": 0.8 * p["value"]} for name, p in one["parameters"].items()}}
         for one in truths
     ]
     (right, true), (refound, off) = (
         [one["hold_out"] for one in oracle_errors(measured, twin, told)] for told in (truths, astray)
     )
     before = declared_errors(measured)["hold_out"]
-    assert right["motion_nrmse"] < 0.8 * before["motion_nrmse"]  # type: ignore[operator]
-    for name in ("motion_nrmse", "tension_rmse_n"):
-        assert refound[name] == pytest.approx(right[name], rel=0.02)  # type: ignore[literal-required]
-    assert true["motion_nrmse"] == pytest.approx(right["motion_nrmse"], rel=0.02)
-    assert off["motion_nrmse"] != pytest.approx(right["motion_nrmse"], rel=0.02)
+    for name, closeness in (("motion_nrmse", 0.05), ("tension_rmse_n", 0.002)):
+        assert right[name] < 0.95 * before[name]  # type: ignore[literal-required]
+        assert refound[name] == pytest.approx(right[name], rel=closeness)  # type: ignore[literal-required]
+        assert off[name] != pytest.approx(true[name], rel=closeness)  # type: ignore[literal-required]
