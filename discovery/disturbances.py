@@ -11,6 +11,7 @@ the disturbance, so that gains come out too small.
 from __future__ import annotations
 
 import numpy as np
+from joblib import Parallel, delayed
 from scipy import optimize
 
 from discovery.attribution import explanation, motion_channels, output_of
@@ -31,23 +32,31 @@ Own = dict[str, dict[str, float]]
 """Numbers by name, of each file."""
 
 
-def explain_disturbances(evidence: Evidence) -> tuple[Explanation, ...]:
+def explain_disturbances(evidence: Evidence, jobs: int = 1) -> tuple[Explanation, ...]:
     """Return what every lasting force explains that has numbers of each record's own.
 
     Parameters
     ----------
     evidence : Evidence
         Traces of all records; disturbances that its model holds are known.
+    jobs : int
+        Threads.
     """
-    seconds, found = quiet_seconds([trace.measurement for trace in evidence.traces]), []
+    seconds = quiet_seconds([trace.measurement for trace in evidence.traces])
     known = {effect.path for effect in evidence.baseline.model.effects}
     if seconds == 0:
         return ()
-    for member, effect in candidates(evidence.baseline.model, motion_channels(evidence)):
-        if isinstance(effect, Effect) and _lasts(member, effect) and effect.path not in known:
-            told = _Disturbance(member, effect, evidence, seconds).explained()
-            found += [told] if told is not None else []
-    return tuple(found)
+    tasks = (
+        delayed(_explained)(member, effect, evidence, seconds)
+        for member, effect in candidates(evidence.baseline.model, motion_channels(evidence))
+        if isinstance(effect, Effect) and _lasts(member, effect) and effect.path not in known
+    )
+    found = Parallel(n_jobs=jobs, prefer="threads")(tasks)
+    return tuple(told for told in found if told is not None)
+
+
+def _explained(member: Member, effect: Effect, evidence: Evidence, seconds: float) -> Explanation | None:
+    return _Disturbance(member, effect, evidence, seconds).explained()
 
 
 def _lasts(member: Member, effect: Effect) -> bool:

@@ -6,11 +6,12 @@ baseline is; the best few are corrected by full re-simulation of their own (`dis
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from joblib import Parallel, delayed
 from scipy import linalg
 
 from discovery.chance import largest_of_noise, p_value
@@ -85,6 +86,7 @@ class LawSearch:
     free: tuple[str, ...]
     drifting: Frozen
     drift: float  # its typical size [N/s]
+    jobs: int = 1
 
     def baseline(self) -> Slow:
         """Fit the law as it is."""
@@ -97,19 +99,29 @@ class LawSearch:
         self, effects: Sequence[Pair], base: Slow, report: Callable[[], None]
     ) -> tuple[list[Gained], Slow]:
         """Fit every effect, the best of them by re-simulation; return a baseline that is no worse too."""
-        screened = []
-        for member, effect in effects:
-            if not own_names(effect):
-                screened.append((effect, self._screened(member, effect, base)))
+        shared = [pair for pair in effects if not own_names(pair[1])]
+        screened: list[tuple[Added, Slow]] = []
+        for found in self._each(self._screened, ((*pair, base) for pair in shared)):
+            screened.append((shared[len(screened)][1], found))
             report()
         screened.sort(key=lambda pair: pair[1].training)
         if screened:
             base = self._without_effect(screened[0][1], base)
         gained = [self._drift(effect, base) for _, effect in effects if own_names(effect)]
-        for rank, (effect, slow) in enumerate(screened):
-            final = self._refined(slow) if rank < _REFINED else self._with_costs(slow, self.data.frozen)
-            gained.append(self._gained(effect, final, base))
-        return self._judged(gained, [slow for _, slow in screened], base), base
+        fits = [slow for _, slow in screened]
+        final = self._each(self._final, ((slow, rank < _REFINED) for rank, slow in enumerate(fits)))
+        gained += [
+            self._gained(effect, slow, base) for (effect, _), slow in zip(screened, final, strict=True)
+        ]
+        return self._judged(gained, fits, base), base
+
+    def _each(self, function: Callable[..., Slow], arguments: Iterable[tuple[object, ...]]) -> Iterator[Slow]:
+        """Results in order, by threads: courses are followed in compiled code that lets others run."""
+        pool = Parallel(n_jobs=self.jobs, prefer="threads", return_as="generator")
+        yield from pool(delayed(function)(*one) for one in arguments)
+
+    def _final(self, slow: Slow, refined: bool) -> Slow:
+        return self._refined(slow) if refined else self._with_costs(slow, self.data.frozen)
 
     def _judged(self, gained: Sequence[Gained], fits: Sequence[Slow], base: Slow) -> list[Gained]:
         """With the chance that noise alone gives any of the effects as much."""

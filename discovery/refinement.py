@@ -93,7 +93,8 @@ class _Loop:
         """Add what shows before the hits, and would pass for noise: faults of sensors, then disturbances."""
         while True:
             last = path.last
-            one = chosen(explain_at_rest(last.evidence)) or chosen(explain_disturbances(last.evidence))
+            one = chosen(explain_at_rest(last.evidence))
+            one = one or chosen(explain_disturbances(last.evidence, self.refits.jobs))
             if one is None:
                 return path
             path = path.longer(one, self.refits.adopt(last, one.best, floors_too=True))

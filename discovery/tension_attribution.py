@@ -74,7 +74,7 @@ def explain_tension(
     model : Model
         The current model, effects that were accepted in it.
     jobs : int
-        Processes for reading records.
+        Processes for reading records, threads for fits.
     progress : callable
         Called with (effects done, effects in all).
     only : str
@@ -164,7 +164,7 @@ def _search(campaign: Campaign, found: Identification, model: Model, jobs: int) 
     free = tuple(found.gamma_fit.free) if found.gamma_fit is not None else ()
     slope = 1.0 if drifting.of_tension else float(np.median([s.bins.slope for s in ordered]))
     size = slope * float(np.sqrt(drifting.drift))
-    return LawSearch(data, free, with_noise(data.frozen, ordered, noise, drifting), size)
+    return LawSearch(data, free, with_noise(data.frozen, ordered, noise, drifting), size, jobs)
 
 
 def _explained(

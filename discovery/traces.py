@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from joblib import Parallel, delayed
 from scipy import fft, ndimage
 
 from discovery.baseline import Baseline
@@ -130,27 +131,40 @@ def trace_records(
     baseline: Baseline,
     records: Sequence[RecordSettings],
     progress: Progress | None = None,
+    jobs: int = 1,
 ) -> tuple[Trace, ...]:
     """Read records and run each again with the model, its tension falling as it was measured to fall."""
+    pool = Parallel(n_jobs=jobs, prefer="threads", return_as="generator", pre_dispatch="n_jobs")
     measurements = []
-    for done, settings in enumerate(records, 1):
-        measurements.append(process(campaign.load(settings), campaign.settings))
+    for one in pool(delayed(_processed)(campaign, settings) for settings in records):
+        measurements.append(one)
         if progress is not None:
-            progress(done, 2 * len(records))
+            progress(len(measurements), 2 * len(records))
     own = _own_models(baseline.model, measurements, campaign.settings.windows.final_s)
+    measurements.reverse()  # none is kept: beside the traces they would double the memory
+    tasks = (
+        delayed(_traced)(campaign, baseline, settings, own.get(settings.file), measurements.pop())
+        for settings in records
+    )
     traces = []
-    measurements.reverse()
-    for done, settings in enumerate(records, 1):
-        model = own.get(settings.file, baseline.model)
-        run = replay(model, measurements.pop())  # not kept: beside the traces they would double the memory
-        if run.response.status == "ok":
-            traces.append(_traced(campaign, baseline, settings, run))
+    for done, trace in enumerate(pool(tasks), 1):
+        traces += [trace] if trace is not None else []
         if progress is not None:
             progress(len(records) + done, 2 * len(records))
     return tuple(traces)
 
 
-def _traced(campaign: Campaign, baseline: Baseline, settings: RecordSettings, run: Replay) -> Trace:
+def _processed(campaign: Campaign, settings: RecordSettings) -> Measurement:
+    return process(campaign.load(settings), campaign.settings)
+
+
+def _traced(
+    campaign: Campaign, baseline: Baseline, settings: RecordSettings, own: Model | None, measured: Measurement
+) -> Trace | None:
+    """A record traced with its own model; None where that cannot be simulated."""
+    run = replay(own or baseline.model, measured)
+    if run.response.status != "ok":
+        return None
     seen, response = run.measurement, run.response
     tension = np.asarray(response.tension) if isinstance(response.tension, np.ndarray) else np.zeros(0)
     tension = tension if tension.size else np.zeros(seen.samples)
