@@ -105,6 +105,19 @@ def test_what_changes_the_law_is_found_beside_the_refitted_law() -> None:
     assert effect.parameters["g_x"].value == pytest.approx(0.5, rel=0.5)
 
 
+def test_fits_do_not_depend_on_the_number_of_jobs() -> None:
+    of = data(_STRONG.name)
+    names = ("loosening-displacement", "relaxation-log", "loosening-threshold", "tension-drift")
+    pairs = [(CATALOGUE[name], CATALOGUE[name].at("tension")) for name in names]
+    told, done = [], []
+    for jobs in (1, 3):
+        search = LawSearch(of, _NUMBERS, of.frozen, 0.02, jobs)
+        gained, base = search.explained(pairs, search.baseline(), lambda: done.append(1))
+        told.append([(one.effect, one.p_value, *one.gains) for one in gained] + [(base.training,)])
+    assert told[0] == told[1]
+    assert len(done) == 2 * 3  # a drift is not fitted: its size is each record's own
+
+
 def test_between_two_laws_a_hit_is_named_that_would_tell_them_apart_and_none_beside_a_reading() -> None:
     of = data(_STRONG.name)
     search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
