@@ -11,11 +11,12 @@ the disturbance, so that gains come out too small.
 from __future__ import annotations
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from scipy import optimize
 
 from discovery.attribution import explanation, motion_channels, output_of
 from discovery.explanation import Explanation
+from discovery.side_by_side import side_by_side
 from discovery.traces import Trace
 from discovery.tracing import Evidence, lasting_force
 from rom.effects import Effect, Member, candidates
@@ -51,8 +52,7 @@ def explain_disturbances(evidence: Evidence, jobs: int = 1) -> tuple[Explanation
         for member, effect in candidates(evidence.baseline.model, motion_channels(evidence))
         if isinstance(effect, Effect) and _lasts(member, effect) and effect.path not in known
     )
-    found = Parallel(n_jobs=jobs, prefer="threads")(tasks)
-    return tuple(told for told in found if told is not None)
+    return tuple(told for told in side_by_side(jobs)(tasks) if told is not None)
 
 
 def _explained(member: Member, effect: Effect, evidence: Evidence, seconds: float) -> Explanation | None:

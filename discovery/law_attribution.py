@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from scipy import linalg
 
 from discovery.chance import largest_of_noise, p_value
@@ -28,6 +28,7 @@ from discovery.law_likelihood import (
 )
 from discovery.likelihood import State, tau
 from discovery.motion import Frozen
+from discovery.side_by_side import side_by_side
 from discovery.tension_data import Data, Gained, Misfit, Pair, at_bounds
 from rom.channels import FloatArray
 from rom.effects import CATALOGUE, Added, LawChange, Member
@@ -117,8 +118,7 @@ class LawSearch:
 
     def _each(self, function: Callable[..., Slow], arguments: Iterable[tuple[object, ...]]) -> Iterator[Slow]:
         """Results in order, by threads: courses are followed in compiled code that lets others run."""
-        pool = Parallel(n_jobs=self.jobs, prefer="threads", return_as="generator")
-        yield from pool(delayed(function)(*one) for one in arguments)
+        yield from side_by_side(self.jobs)(delayed(function)(*one) for one in arguments)
 
     def _final(self, slow: Slow, refined: bool) -> Slow:
         return self._refined(slow) if refined else self._with_costs(slow, self.data.frozen)

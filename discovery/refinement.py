@@ -42,7 +42,7 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     campaign : Campaign
         As read by `rom.read_campaign`; nothing is fitted to its held-out records.
     jobs : int
-        Processes; the numbers do not depend on it.
+        Processes and threads; the numbers do not depend on it.
     progress : callable
         Called with the name of a stage; returns what is then called with (done, in all), or None.
     seed : int

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 from scipy import fft, ndimage
 
 from discovery.baseline import Baseline
+from discovery.side_by_side import side_by_side
 from rom.campaign import Campaign, RecordSettings
 from rom.channels import FloatArray
 from rom.effects import Effect, LawChange, Reading
@@ -31,6 +33,7 @@ _AS_MEASURED = 1e-6  # of asinh(gamma): noise tells a loss less closely
 _FEWEST_QUIET = 64  # samples before the hit
 _LINES = 9  # so many tell the power to a third
 Progress = Callable[[int, int], None]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,24 +137,25 @@ def trace_records(
     jobs: int = 1,
 ) -> tuple[Trace, ...]:
     """Read records and run each again with the model, its tension falling as it was measured to fall."""
-    pool = Parallel(n_jobs=jobs, prefer="threads", return_as="generator", pre_dispatch="n_jobs")
-    measurements = []
-    for one in pool(delayed(_processed)(campaign, settings) for settings in records):
-        measurements.append(one)
-        if progress is not None:
-            progress(len(measurements), 2 * len(records))
+    pool, total = side_by_side(jobs, pre_dispatch="n_jobs"), 2 * len(records)
+    read = pool(delayed(_processed)(campaign, settings) for settings in records)
+    measurements = list(_told(read, progress, 0, total))
     own = _own_models(baseline.model, measurements, campaign.settings.windows.final_s)
     measurements.reverse()  # none is kept: beside the traces they would double the memory
     tasks = (
         delayed(_traced)(campaign, baseline, settings, own.get(settings.file), measurements.pop())
         for settings in records
     )
-    traces = []
-    for done, trace in enumerate(pool(tasks), 1):
-        traces += [trace] if trace is not None else []
+    found = _told(pool(tasks), progress, len(records), total)
+    return tuple(trace for trace in found if trace is not None)
+
+
+def _told(results: Iterable[T], progress: Progress | None, before: int, total: int) -> Iterator[T]:
+    """Results as they come, each reported."""
+    for done, result in enumerate(results, before + 1):
+        yield result
         if progress is not None:
-            progress(len(records) + done, 2 * len(records))
-    return tuple(traces)
+            progress(done, total)
 
 
 def _processed(campaign: Campaign, settings: RecordSettings) -> Measurement:

@@ -89,6 +89,7 @@ class Processes(ParallelBackendBase):  # type: ignore[misc]
     """Backend of joblib that keeps its worker processes from one call to the next, until `close`."""
 
     supports_retrieve_callback = True
+    supports_sharedmem = True  # by its threads, which who requires it prefers
 
     def __init__(self) -> None:
         super().__init__(nesting_level=0)

@@ -12,26 +12,30 @@ import numpy.typing as npt
 
 
 def elementwise(function: Callable[..., float]) -> Callable[..., npt.NDArray[np.float64]]:
-    """Return the function over arrays and numbers that broadcast, in double precision.
+    """Return the function over real arrays and numbers that broadcast; arrays in double precision come out.
 
     Compiled on the first call and kept on disk; it may call the functions of ``math``.
 
     Parameters
     ----------
     function : callable
-        Plain function of scalars that lives in a file.
+        Plain function of scalars that lives in a file. What is made of it raises TypeError for another number
+        of arguments.
     """
+    count = len(signature(function).parameters)
 
     @cache
     def loop() -> Callable[..., Any]:
         from numba import float64, vectorize  # what only looks at the catalogue compiles nothing
 
-        kind = float64(*[float64] * len(signature(function).parameters))
+        kind = float64(*[float64] * count)
         compiled: Any = vectorize([kind], nopython=True, cache=True)  # type: ignore[no-untyped-call]
         return compiled(function)  # type: ignore[no-any-return]
 
     @wraps(function)
     def over(*arguments: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        if len(arguments) != count:  # one more would be written into
+            raise TypeError(f"{function.__name__} takes {count} arguments, got {len(arguments)}")
         return np.asarray(loop()(*arguments))
 
     return over

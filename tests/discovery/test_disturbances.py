@@ -55,6 +55,12 @@ def test_a_ground_that_moves_is_found_behind_what_the_hits_show(tmp_path: Path) 
     assert both < 0.75 * without
 
 
+def test_what_is_told_does_not_depend_on_the_number_of_jobs() -> None:
+    alone, together = (explain_disturbances(evidence(SHAKEN), jobs) for jobs in (1, 2))
+    assert [(one.effect, one.after) for one in alone] == [(one.effect, one.after) for one in together]
+    assert alone
+
+
 def test_noise_alone_has_none() -> None:
     assert not [one for one in explain_disturbances(evidence()) if is_sure(one)]
 

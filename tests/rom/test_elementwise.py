@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from rom.kernels.elementwise import elementwise
 
@@ -19,6 +20,15 @@ def test_every_sample_gets_the_scalar_functions_value():
 
     assert found.dtype == np.float64
     np.testing.assert_allclose(found, [decay.__wrapped__(tick, 3.0, 2.0) for tick in range(7)], rtol=1e-15)
+
+
+def test_one_argument_too_many_is_refused_and_left_alone():
+    spare = np.zeros(2)
+
+    with pytest.raises(TypeError, match="decay takes 3 arguments, got 4"):
+        decay(np.ones(2), 1.0, 1.0, spare)
+
+    assert not spare.any()
 
 
 def test_arrays_and_numbers_broadcast():
