@@ -67,8 +67,7 @@ class Refits:
 
     def gathered(self, baseline: Baseline, floors: Mapping[Group, NoiseFloor] | None = None) -> Evidence:
         """All sound records traced along a model, and what it leaves over."""
-        tell = self.stage("tracing")
-        return gather(self.campaign, baseline, set_aside(self.found), floors, tell, self.jobs)
+        return gather(self.campaign, baseline, set_aside(self.found), floors, self.stage("tracing"))
 
     def settled(self, evidence: Evidence, *, learned: bool = False) -> State:
         """Learn the tension law anew unless it is ``learned`` already, and tell the errors."""

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
 
 import numpy as np
-from joblib import delayed
 from scipy import fft, ndimage
 
 from discovery.baseline import Baseline
-from discovery.side_by_side import side_by_side
 from rom.campaign import Campaign, RecordSettings
 from rom.channels import FloatArray
 from rom.effects import Effect, LawChange, Reading
@@ -33,7 +30,6 @@ _AS_MEASURED = 1e-6  # of asinh(gamma): noise tells a loss less closely
 _FEWEST_QUIET = 64  # samples before the hit
 _LINES = 9  # so many tell the power to a third
 Progress = Callable[[int, int], None]
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,41 +130,27 @@ def trace_records(
     baseline: Baseline,
     records: Sequence[RecordSettings],
     progress: Progress | None = None,
-    jobs: int = 1,
 ) -> tuple[Trace, ...]:
     """Read records and run each again with the model, its tension falling as it was measured to fall."""
-    pool, total = side_by_side(jobs, pre_dispatch="n_jobs"), 2 * len(records)
-    read = pool(delayed(_processed)(campaign, settings) for settings in records)
-    measurements = list(_told(read, progress, 0, total))
-    own = _own_models(baseline.model, measurements, campaign.settings.windows.final_s)
-    measurements.reverse()  # none is kept: beside the traces they would double the memory
-    tasks = (
-        delayed(_traced)(campaign, baseline, settings, own.get(settings.file), measurements.pop())
-        for settings in records
-    )
-    found = _told(pool(tasks), progress, len(records), total)
-    return tuple(trace for trace in found if trace is not None)
-
-
-def _told(results: Iterable[T], progress: Progress | None, before: int, total: int) -> Iterator[T]:
-    """Results as they come, each reported."""
-    for done, result in enumerate(results, before + 1):
-        yield result
+    measurements = []
+    for done, settings in enumerate(records, 1):
+        measurements.append(process(campaign.load(settings), campaign.settings))
         if progress is not None:
-            progress(done, total)
+            progress(done, 2 * len(records))
+    own = _own_models(baseline.model, measurements, campaign.settings.windows.final_s)
+    traces = []
+    measurements.reverse()
+    for done, settings in enumerate(records, 1):
+        model = own.get(settings.file, baseline.model)
+        run = replay(model, measurements.pop())  # not kept: beside the traces they would double the memory
+        if run.response.status == "ok":
+            traces.append(_traced(campaign, baseline, settings, run))
+        if progress is not None:
+            progress(len(records) + done, 2 * len(records))
+    return tuple(traces)
 
 
-def _processed(campaign: Campaign, settings: RecordSettings) -> Measurement:
-    return process(campaign.load(settings), campaign.settings)
-
-
-def _traced(
-    campaign: Campaign, baseline: Baseline, settings: RecordSettings, own: Model | None, measured: Measurement
-) -> Trace | None:
-    """A record traced with its own model; None where that cannot be simulated."""
-    run = replay(own or baseline.model, measured)
-    if run.response.status != "ok":
-        return None
+def _traced(campaign: Campaign, baseline: Baseline, settings: RecordSettings, run: Replay) -> Trace:
     seen, response = run.measurement, run.response
     tension = np.asarray(response.tension) if isinstance(response.tension, np.ndarray) else np.zeros(0)
     tension = tension if tension.size else np.zeros(seen.samples)

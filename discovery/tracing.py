@@ -218,7 +218,6 @@ def gather(
     set_aside: Collection[str] = (),
     floors: Mapping[Group, NoiseFloor] | None = None,
     progress: Progress | None = None,
-    jobs: int = 1,
 ) -> Evidence:
     """Trace all records of moving bodies with a model and weigh what it leaves by the noise floor.
 
@@ -234,11 +233,9 @@ def gather(
         Noise floors; None: taken from before the hits.
     progress : callable
         Called as ``progress(done, total)``.
-    jobs : int
-        Threads.
     """
     records = [r for r in campaign.select(MOTION_TESTS) if r.file not in set_aside]
-    traces = trace_records(campaign, baseline, records, progress, jobs)
+    traces = trace_records(campaign, baseline, records, progress)
     return weigh(traces, baseline, noise_of(baseline, traces) if floors is None else floors)
 
 
