@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from joblib import Parallel
 
 
-def side_by_side(jobs: int, **options: Any) -> Parallel:
+def side_by_side(jobs: int) -> Parallel:
     """Return joblib's pool whose results are a generator, in order, wherever other parallel work runs.
 
     What threads call must leave Python's lock most of the time: compiled kernels and transforms do.
@@ -16,7 +14,5 @@ def side_by_side(jobs: int, **options: Any) -> Parallel:
     ----------
     jobs : int
         Threads.
-    options
-        Others of ``joblib.Parallel``.
     """
-    return Parallel(n_jobs=jobs, prefer="threads", require="sharedmem", return_as="generator", **options)
+    return Parallel(n_jobs=jobs, prefer="threads", require="sharedmem", return_as="generator")

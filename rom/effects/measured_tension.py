@@ -6,7 +6,7 @@ import math
 
 from rom.effects.effect import FloatArray, Motion, Numbers
 from rom.effects.member import Member, parameter
-from rom.kernels.elementwise import elementwise
+from rom.kernels.elementwise import elementwise, times
 
 
 @elementwise
@@ -17,11 +17,6 @@ def _log_creep(t: float, t_hit: float, A: float, t_0: float) -> float:
 @elementwise
 def _stretched_creep(t: float, t_hit: float, A: float, tau: float, b: float) -> float:
     return A * math.expm1(-((max(t - t_hit, 0.0) / tau) ** b))
-
-
-@elementwise
-def _times(factor: float, x: float) -> float:
-    return factor * x
 
 
 @elementwise
@@ -38,11 +33,11 @@ def _relaxation_stretched(motion: Motion, p: Numbers) -> FloatArray:
 
 
 def _drift(motion: Motion, p: Numbers) -> FloatArray:
-    return _times(p[0], motion.time)
+    return times(p[0], motion.time)
 
 
 def _follows_displacement(motion: Motion, p: Numbers) -> FloatArray:
-    return _times(p[0], motion.displacement)
+    return times(p[0], motion.displacement)
 
 
 def _follows_square(motion: Motion, p: Numbers) -> FloatArray:
@@ -52,13 +47,13 @@ def _follows_square(motion: Motion, p: Numbers) -> FloatArray:
 def _follows_force(motion: Motion, p: Numbers) -> FloatArray:
     if motion.link_force.shape != motion.time.shape:
         raise ValueError("a reading that follows the joint's force needs motion.link_force, got none")
-    return _times(p[0], motion.link_force)
+    return times(p[0], motion.link_force)
 
 
 def _follows_body(motion: Motion, p: Numbers) -> FloatArray:
     if not motion.body_displacement:
         raise ValueError("a reading that follows a body needs motion.body_displacement, got none")
-    return _times(p[0], next(iter(motion.body_displacement.values())))
+    return times(p[0], next(iter(motion.body_displacement.values())))
 
 
 _SLOW = ("slow tension",)

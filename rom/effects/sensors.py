@@ -8,12 +8,7 @@ import numpy as np
 
 from rom.effects.effect import FloatArray, Numbers
 from rom.effects.member import OF_CHANNEL, Member, parameter
-from rom.kernels.elementwise import elementwise
-
-
-@elementwise
-def _times(y: float, factor: float) -> float:
-    return y * factor
+from rom.kernels.elementwise import elementwise, times
 
 
 @elementwise
@@ -44,7 +39,7 @@ def _inverse_parabola(y: float, T_0: float, c_1: float, c_2: float) -> float:
 
 
 def _gain(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
-    return _times(samples, 1.0 + p[0])
+    return times(samples, 1.0 + p[0])
 
 
 def _no_gain(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001

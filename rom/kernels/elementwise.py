@@ -39,3 +39,9 @@ def elementwise(function: Callable[..., float]) -> Callable[..., npt.NDArray[np.
         return np.asarray(loop()(*arguments))
 
     return over
+
+
+@elementwise
+def times(factor: float, x: float) -> float:
+    """Product."""
+    return factor * x
