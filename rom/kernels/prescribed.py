@@ -54,14 +54,18 @@ def force_of_effects(
         if state.size == 1 or i == samples - 1:  # one more number than states, so that none is a valid place
             continue
         for k in range(substeps):
-            for stage in range(4):
-                back = 0.0 if stage == 0 else 0.5 if stage < 3 else 1.0
-                _between(motion, i, (k + back) / substeps, step_s, at)
+            t = start_s + i * step_s + k * h
+            if k:  # the first rate is that which came with the force; `at` is where the step before ended
+                rates[0] = 0.0
+                _effects(effects, p, first, t, at, state, rates[0], spare)
+            for stage in range(1, 4):
+                back = 0.5 if stage < 3 else 1.0
+                if stage != 2:  # both stages in the middle have one motion
+                    _between(motion, i, (k + back) / substeps, step_s, at)
                 for j in range(state.size):
-                    trial[j] = state[j] + (back * h * rates[stage - 1, j] if stage else 0.0)
+                    trial[j] = state[j] + back * h * rates[stage - 1, j]
                 rates[stage] = 0.0
-                t = start_s + i * step_s + (k + back) * h
-                _effects(effects, p, first, t, at, trial, rates[stage], spare)
+                _effects(effects, p, first, t + back * h, at, trial, rates[stage], spare)
             for j in range(state.size):
                 state[j] += h / 6.0 * (rates[0, j] + 2.0 * (rates[1, j] + rates[2, j]) + rates[3, j])
     return out
