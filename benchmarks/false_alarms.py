@@ -27,6 +27,7 @@ from discovery.chance import FALSE_ALARMS
 from discovery.explanation import Explanation
 from discovery.state import refitted, set_aside
 from discovery.tension_attribution import explain_tension
+from discovery.traces import read_measurements
 from discovery.tracing import gather, starting
 from experiments.studies import rig
 from experiments.studies.blind_test import DURATION_S, HOLD_OUT_EVERY, PRELOADS
@@ -72,7 +73,8 @@ def nulls(noise: float, seed: int, folder: Path) -> tuple[Null, Null]:
     )
     campaign = read_campaign(folder)
     found = identify_campaign(campaign)
-    evidence = refitted(gather(campaign, starting(found, found.model), set_aside(found)))
+    sound = read_measurements(campaign, set_aside(found))
+    evidence = refitted(gather(campaign, starting(found, found.model), sound))
     screened = screen(evidence)
     in_motion = [explain(probes, evidence, by_chance(screened)) for probes in screened[:FITTED]]
     in_tension = explain_tension(campaign, found, evidence.baseline.model).explanations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from discovery.state import (
     settled,
     with_law,
 )
+from discovery.traces import Measurements, read_measurements
 from discovery.tracing import Evidence, gather, starting, weigh
 from discovery.trail import FAR_LESS
 from rom.campaign import Campaign
@@ -41,6 +43,11 @@ class Refits:
     found: Identification
     jobs: int
     stage: Stages
+
+    @cached_property
+    def measurements(self) -> Measurements:
+        """All sound records as they were measured."""
+        return read_measurements(self.campaign, set_aside(self.found))
 
     def start(self) -> State:
         """The declared model, its numbers refitted to all training records.
@@ -67,7 +74,7 @@ class Refits:
 
     def gathered(self, baseline: Baseline, floors: Mapping[Group, NoiseFloor] | None = None) -> Evidence:
         """All sound records traced along a model, and what it leaves over."""
-        return gather(self.campaign, baseline, set_aside(self.found), floors, self.stage("tracing"))
+        return gather(self.campaign, baseline, self.measurements, floors, self.stage("tracing"))
 
     def settled(self, evidence: Evidence, *, learned: bool = False) -> State:
         """Learn the tension law anew unless it is ``learned`` already, and tell the errors."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -29,7 +29,9 @@ _HALF_LINE = 1e-6
 _AS_MEASURED = 1e-6  # of asinh(gamma): noise tells a loss less closely
 _FEWEST_QUIET = 64  # samples before the hit
 _LINES = 9  # so many tell the power to a third
+_MOTION_TESTS = ("uncoupled", "coupled", "loosening")
 Progress = Callable[[int, int], None]
+Measurements = Sequence[tuple[RecordSettings, Measurement]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +41,8 @@ class Trace:
     Attributes
     ----------
     measurement : Measurement
-        In single precision, all that converters give: a campaign's traces are kept side by side.
+        In single precision, all that converters give: a campaign's are kept side by side. Traces along models
+        that correct none of its channels share it.
     displacement, velocity : mapping of str to ndarray
         By body, shape (samples of the motion,) [m], [m/s]; every `stride`-th sample of the record, the first
         one that the spectra cover among them.
@@ -125,32 +128,37 @@ def _ramp(frequency: FloatArray, step_s: float) -> ComplexArray:
     return np.asarray(step_s / (1 - np.exp(-2j * np.pi * frequency * step_s)))
 
 
+def read_measurements(campaign: Campaign, set_aside: Collection[str] = ()) -> Measurements:
+    """Read the uncoupled, coupled and loosening records, held-out ones too, without those set aside."""
+    records = [settings for settings in campaign.select(_MOTION_TESTS) if settings.file not in set_aside]
+    read = (process(campaign.load(settings), campaign.settings) for settings in records)
+    return [(s, replace(one.as_type(np.float32), link={})) for s, one in zip(records, read, strict=True)]
+
+
 def trace_records(
     campaign: Campaign,
     baseline: Baseline,
-    records: Sequence[RecordSettings],
+    measurements: Measurements,
     progress: Progress | None = None,
 ) -> tuple[Trace, ...]:
-    """Read records and run each again with the model, its tension falling as it was measured to fall."""
-    measurements = []
-    for done, settings in enumerate(records, 1):
-        measurements.append(process(campaign.load(settings), campaign.settings))
-        if progress is not None:
-            progress(done, 2 * len(records))
-    own = _own_models(baseline.model, measurements, campaign.settings.windows.final_s)
+    """Run records again with the model, its tension falling as it was measured to fall."""
+    stored_ones = [stored for _, stored in measurements]
+    own = _own_models(baseline.model, stored_ones, campaign.settings.windows.final_s)
     traces = []
-    measurements.reverse()
-    for done, settings in enumerate(records, 1):
-        model = own.get(settings.file, baseline.model)
-        run = replay(model, measurements.pop())  # not kept: beside the traces they would double the memory
+    for done, (settings, stored) in enumerate(measurements, 1):
+        given = stored.as_type(np.float64)
+        run = replay(own.get(settings.file, baseline.model), given)
         if run.response.status == "ok":
-            traces.append(_traced(campaign, baseline, settings, run))
+            kept = stored if run.measurement is given else run.measurement.as_type(np.float32)
+            traces.append(_traced(campaign, baseline, settings, run, kept))
         if progress is not None:
-            progress(len(records) + done, 2 * len(records))
+            progress(done, len(measurements))
     return tuple(traces)
 
 
-def _traced(campaign: Campaign, baseline: Baseline, settings: RecordSettings, run: Replay) -> Trace:
+def _traced(
+    campaign: Campaign, baseline: Baseline, settings: RecordSettings, run: Replay, stored: Measurement
+) -> Trace:
     seen, response = run.measurement, run.response
     tension = np.asarray(response.tension) if isinstance(response.tension, np.ndarray) else np.zeros(0)
     tension = tension if tension.size else np.zeros(seen.samples)
@@ -164,7 +172,6 @@ def _traced(campaign: Campaign, baseline: Baseline, settings: RecordSettings, ru
     displacement, velocity = {}, {}
     for body in bodies:
         displacement[body], velocity[body] = (m[kept].copy() for m in _motion_of(seen, run, body, corner))
-    stored = replace(seen.as_type(np.float32), link={})
     return Trace(
         settings, stored, parts, displacement, velocity, tension[kept].copy(), level, stride, _own(run.model)
     )
@@ -232,7 +239,7 @@ def _own_models(
     if len(model.structure.bolted_links) != 1:
         return {}
     cases = []
-    for one in measurements:
+    for one in (stored.as_type(np.float64) for stored in measurements):
         tension = one.tension
         if one.test != "loosening" or tension is None or not one.force or tension.initial <= 0:
             continue  # a slack bolt stays slack

@@ -16,7 +16,7 @@ variables; L. Ljung, System Identification, 1999, section 7.6): where noise alon
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from discovery.acceptance import QUIET
 from discovery.baseline import Baseline
-from discovery.traces import Progress, Trace, trace_records
+from discovery.traces import Measurements, Progress, Trace, trace_records
 from rom.campaign import Campaign
 from rom.channels import FloatArray
 from rom.effects import Added, Effect
@@ -48,7 +48,6 @@ from rom.spectra import (
 )
 from rom.ties import ALIGNED
 
-MOTION_TESTS = ("uncoupled", "coupled", "loosening")
 _SUBSTEPS = 2
 _SAME = 1e-9  # of the largest singular value: directions that the slopes do not tell
 _MEDIAN_SQUARE = 0.4549  # of a normal number
@@ -215,7 +214,7 @@ class Evidence:
 def gather(
     campaign: Campaign,
     baseline: Baseline,
-    set_aside: Collection[str] = (),
+    measurements: Measurements,
     floors: Mapping[Group, NoiseFloor] | None = None,
     progress: Progress | None = None,
 ) -> Evidence:
@@ -224,18 +223,17 @@ def gather(
     Parameters
     ----------
     campaign : Campaign
-        Its uncoupled, coupled and loosening records are read, held-out ones too.
+        Its settings.
     baseline : Baseline
         The model.
-    set_aside : collection of str
-        Files to leave out.
+    measurements : sequence
+        Its records, as `read_measurements` has them.
     floors : mapping
         Noise floors; None: taken from before the hits.
     progress : callable
         Called as ``progress(done, total)``.
     """
-    records = [r for r in campaign.select(MOTION_TESTS) if r.file not in set_aside]
-    traces = trace_records(campaign, baseline, records, progress)
+    traces = trace_records(campaign, baseline, measurements, progress)
     return weigh(traces, baseline, noise_of(baseline, traces) if floors is None else floors)
 
 

@@ -16,6 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from experiments.execution import execution
 from experiments.faults import INTERRUPTED, a_campaign, a_model, existing, tell
+from experiments.memory import return_freed_arrays
 from experiments.results import results_folder, writable
 
 Report = Callable[[int, int], None]
@@ -252,6 +253,7 @@ def report(
 
 def main() -> None:
     """Run the program; exit code 0: done, 2: bad input, 1: a fault of the program."""
+    return_freed_arrays()
     sys.exit(run(sys.argv[1:]))
 
 

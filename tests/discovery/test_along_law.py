@@ -9,7 +9,7 @@ import pytest
 
 import rom
 from discovery import close_loop
-from discovery.traces import trace_records
+from discovery.traces import read_measurements, trace_records
 from discovery.tracing import starting
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
@@ -33,7 +33,7 @@ def test_the_tension_of_a_trace_falls_by_the_law_that_was_found_to_where_it_was_
     slow = CATALOGUE["loosening-displacement"].at("tension").with_values(g_x=5.0, p_x=1.0, h_x=1.0)
     quartic = starting(found, found.model)
     changed = replace(quartic, model=quartic.model.with_effect(slow))
-    records = campaign.select(["loosening"])
+    records = [one for one in read_measurements(campaign) if one[0].test == "loosening"]
     window_s, hit_s = campaign.settings.windows.final_s, campaign.settings.sampling.pretrigger_s
     pairs = zip(*(trace_records(campaign, one, records) for one in (quartic, changed)), strict=True)
     for first, second in pairs:

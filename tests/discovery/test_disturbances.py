@@ -14,6 +14,7 @@ from discovery.acceptance import is_sure
 from discovery.disturbances import explain_disturbances
 from discovery.refinement import close_loop
 from discovery.state import refitted
+from discovery.traces import read_measurements
 from discovery.tracing import Evidence, gather, lasting_force, starting
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
@@ -29,7 +30,7 @@ def evidence(*undeclared: Undeclared) -> Evidence:
         rig.run(Path(scratch) / "c", 5, 1.0, 4, 1, duration_s=2.5, hold_out_every=4, undeclared=undeclared)
         campaign = rom.read_campaign(Path(scratch) / "c")
         found = identify_campaign(campaign)
-        return refitted(gather(campaign, starting(found, found.model)))
+        return refitted(gather(campaign, starting(found, found.model), read_measurements(campaign)))
 
 
 def test_a_ground_that_moves_is_found_with_its_frequency() -> None:

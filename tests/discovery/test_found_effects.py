@@ -12,6 +12,7 @@ import rom
 from discovery.attribution import explanation
 from discovery.found_effects import found_effect
 from discovery.state import State, lacking, refitted, with_effects
+from discovery.traces import read_measurements
 from discovery.tracing import gather, starting, weigh
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
@@ -31,7 +32,7 @@ def test_limits_of_a_force_are_those_about_the_last_model(tmp_path: Path) -> Non
     rig.run(tmp_path / "c", 4, 1.0, 1, 1, duration_s=2.5, hold_out_every=4, undeclared=(hidden,))
     campaign = rom.read_campaign(tmp_path / "c")
     found = identify_campaign(campaign)
-    before = refitted(gather(campaign, starting(found, found.model)))
+    before = refitted(gather(campaign, starting(found, found.model), read_measurements(campaign)))
     member = CATALOGUE["cubic-stiffness"]
     cubic = member.at("flexure_lo", ground=True)
     early = explanation(cubic.with_values(k3=3e8), member, before)  # a step of the fit that is far off

@@ -20,6 +20,7 @@ from discovery.refinement import _Loop, close_loop
 from discovery.refits import Refits
 from discovery.separating import separating_tests
 from discovery.state import level, refitted, sharpened, silent
+from discovery.traces import read_measurements
 from discovery.tracing import Evidence, gather, starting, weigh
 from discovery.trail import Chosen, Trail
 from experiments.studies import rig
@@ -43,7 +44,7 @@ def evidence(*undeclared: Undeclared) -> Evidence:
     with TemporaryDirectory() as scratch:
         campaign = measured(Path(scratch) / "campaign", undeclared)
         found = identify_campaign(campaign)
-        return refitted(gather(campaign, starting(found, found.model)))
+        return refitted(gather(campaign, starting(found, found.model), read_measurements(campaign)))
 
 
 @cache
@@ -182,7 +183,7 @@ def test_a_start_without_stiffness_is_left_for_the_uncoupled_tests() -> None:
         campaign = measured(Path(scratch) / "campaign", (GAIN,))
         found = identify_campaign(campaign)
         astray = replace(found, model=found.model.with_values(flexures))
-        far = refitted(gather(campaign, starting(astray, astray.model)))
+        far = refitted(gather(campaign, starting(astray, astray.model), read_measurements(campaign)))
         start = Refits(campaign, astray, 1, silent).start()
     assert start.level < 0.5 * level(far)
     assert start.model.parameter("flexure_so.stiffness.k").value == pytest.approx(91800, rel=0.1)
@@ -242,7 +243,7 @@ def test_hits_that_come_too_soon_to_tell_noise_by_are_refused(monkeypatch: pytes
         campaign = measured(Path(scratch) / "campaign")
         found = identify_campaign(campaign)
         with pytest.raises(ValueError, match=r"at least 0\.22 s before the hit .* longer pre-trigger"):
-            gather(campaign, starting(found, found.model))
+            gather(campaign, starting(found, found.model), read_measurements(campaign))
 
 
 def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
@@ -250,7 +251,7 @@ def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
         wrong_zero = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 0.0, "c_2": 0.0})
         campaign = measured(Path(scratch) / "campaign", (wrong_zero,))
         found = identify_campaign(campaign)
-        left = refitted(gather(campaign, starting(found, found.model)))
+        left = refitted(gather(campaign, starting(found, found.model), read_measurements(campaign)))
     (lowest,) = [r.file for r in campaign.select("loosening") if r.preload_n == 6.0]
     assert [line for line in found.warnings if line.startswith(f"{lowest}: the gauge shows -")]
     assert lowest not in [course.file for course in found.courses]
