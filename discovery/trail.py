@@ -52,9 +52,8 @@ class Trail:
         return frozenset(one.best.effect.path for one in self.chosen)
 
     def longer(self, one: Chosen, state: State) -> Trail:
-        """The trail with one more effect; what the former model's evidence can work out again is let go."""
-        former = replace(self.last, evidence=replace(self.last.evidence))
-        return replace(self, states=(*self.states[:-1], former, state), chosen=(*self.chosen, one))
+        """The trail with one more effect."""
+        return replace(self, states=(*self.states, state), chosen=(*self.chosen, one))
 
     def ending(self, state: State) -> Trail:
         """The trail with another last model of the same effects."""
