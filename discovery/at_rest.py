@@ -25,10 +25,8 @@ from discovery.explanation import Explanation, limited
 from discovery.tracing import Evidence
 from rom.channels import FloatArray
 from rom.effects import Added, Member, SensorFault, candidates
-from rom.own_numbers import own_names
-from rom.processing import Measurement
+from rom.own_numbers import as_measured, own_names, quiet_samples
 
-_GUARD_S = 2e-3  # before the impact
 _SHORTEST_S = 0.2
 _STEP_HZ = 0.05
 _ABOUT_HZ = _STEP_HZ * np.arange(-3, 4)  # the mains are known so well
@@ -75,14 +73,13 @@ def _shows(member: Member, effect: SensorFault) -> bool:
 
 
 def _before_hits(evidence: Evidence, channel: str) -> _Still | None:
-    """Samples of an accelerometer; of a hammer's force nothing is kept but its contacts."""
-    quantity, _, body = channel.partition("_")
-    found = [
-        (trace, np.asarray(motion.samples[:stop], dtype=np.float64))
-        for trace in evidence.traces
-        if (motion := trace.measurement.motion.get(body)) is not None and motion.kind == quantity
-        and (stop := _quiet(trace.measurement)) >= _SHORTEST_S * trace.measurement.rate_hz
-    ]  # fmt: skip
+    """Samples of a channel; not of records that show nothing there, not even noise."""
+    found = []
+    for trace in evidence.traces:
+        samples, rate_hz = as_measured(trace.measurement, channel)
+        before = np.asarray(samples[: quiet_samples(trace.measurement, rate_hz)], dtype=np.float64)
+        if len(before) >= _SHORTEST_S * rate_hz and np.ptp(before) > 0:
+            found.append((trace, before))
     if len({trace.measurement.rate_hz for trace, _ in found}) != 1:
         return None
     shortest = min(len(samples) for _, samples in found)
@@ -92,10 +89,6 @@ def _before_hits(evidence: Evidence, channel: str) -> _Still | None:
         np.stack([samples[:shortest] for _, samples in found]),
         found[0][0].measurement.rate_hz,
     )
-
-
-def _quiet(measurement: Measurement) -> int:
-    return int(((measurement.impact_s or 0.0) - _GUARD_S) * measurement.rate_hz)
 
 
 def _columns(fault: SensorFault, units: Mapping[str, float], still: _Still) -> FloatArray:

@@ -12,6 +12,7 @@ from discovery.acceptance import MATERIAL, QUIET, harms, in_tension, is_quiet, i
 from discovery.at_rest import explain_at_rest
 from discovery.attribution import Probe, by_chance, explain, screen, worth_fitting
 from discovery.closure import Closure, Screened, Step
+from discovery.declared_preloads import explain_by_preloads
 from discovery.disturbances import explain_disturbances
 from discovery.explanation import Explanation
 from discovery.force_loop import close_forces
@@ -28,7 +29,7 @@ from discovery.tracing import Evidence
 from discovery.trail import Chosen, Trail, alike, chosen, courses
 from rom.campaign import Campaign
 from rom.driven import is_driven
-from rom.effects import Added, Effect, LawChange, Reading
+from rom.effects import Added, Effect, LawChange, Reading, SensorFault
 from rom.identification import identify_campaign
 
 _AFAR = 10.0  # times noise: what integrating and filtering do to the measured motion is less
@@ -64,7 +65,8 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     found = identify_campaign(campaign, jobs, stage("identifying"))
     loop = _Loop(Refits(campaign, found, jobs, stage))
     first = loop.refits.start()
-    rested = loop.at_rest(Trail((first,)))
+    loop, path = loop.gauged(Trail((first,)))
+    rested = loop.at_rest(path)
     path = loop.moved(rested)
     if not path.is_quiet:
         formed = loop.formed(rested.last, seed)
@@ -80,14 +82,26 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
         residual_before=localise(first.evidence, *courses(path.tension[:1])),
         residual_after=localise(last.evidence, *courses(path.tension[1:])),
         screened=path.screened,
-        set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in found.set_aside),
-        warnings=(*found.warnings, *(line for line in path.doubts() if line not in found.warnings)),
+        set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in loop.refits.found.set_aside),
+        warnings=tuple(dict.fromkeys((*loop.refits.found.warnings, *path.doubts()))),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Loop:
     refits: Refits
+
+    def gauged(self, path: Trail) -> tuple[_Loop, Trail]:
+        """Add a fault of the gauge that the declared preloads tell, and identify the campaign anew beside it.
+
+        All that follows rests on the tension: a bolt that a wrong zero shows slack is not even looked at.
+        """
+        one, refits = chosen(explain_by_preloads(path.last.evidence)), self.refits
+        if one is None or not isinstance(one.best.effect, SensorFault):
+            return self, path
+        faults, tell = (one.best.effect,), refits.stage("identifying")
+        refits = replace(refits, found=identify_campaign(refits.campaign, refits.jobs, tell, faults))
+        return _Loop(refits), path.longer(one, refits.start())
 
     def at_rest(self, path: Trail) -> Trail:
         """Add what shows before the hits, and would pass for noise: faults of sensors, then disturbances."""

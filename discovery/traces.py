@@ -10,8 +10,9 @@ from scipy import fft, ndimage
 
 from discovery.baseline import Baseline
 from rom.campaign import Campaign, RecordSettings
-from rom.channels import FloatArray
-from rom.effects import Effect, LawChange, Reading
+from rom.channels import MOTIONS, FloatArray
+from rom.correction import faults_of, without_faults
+from rom.effects import Effect, LawChange, Reading, SensorFault
 from rom.laws import power_loosening
 from rom.linear import STRIDES, spectral_records
 from rom.loosening import LooseningCase, matching_factors, matching_gammas, own_rate
@@ -238,8 +239,8 @@ def _own_models(
     """
     if len(model.structure.bolted_links) != 1:
         return {}
-    cases = []
-    for one in (stored.as_type(np.float64) for stored in measurements):
+    faults, cases = [fault for fault in faults_of(model) if _of_course(fault)], []
+    for one in (without_faults(stored.as_type(np.float64), faults) for stored in measurements):
         tension = one.tension
         if one.test != "loosening" or tension is None or not one.force or tension.initial <= 0:
             continue  # a slack bolt stays slack
@@ -260,6 +261,11 @@ def _own_models(
         gammas, _ = matching_gammas(read, cases, window_s, tolerance=_AS_MEASURED)
         models = [_with_gamma(read, max(float(gamma), 0.0)) for gamma in gammas]
     return {case.file: own for case, own in zip(cases, models, strict=True)}
+
+
+def _of_course(fault: SensorFault) -> bool:
+    """Whether a fault, alike in all records, is of what the course of a tension is told by."""
+    return not own_names(fault) and not fault.channel.startswith(MOTIONS)
 
 
 def _with_gamma(model: Model, gamma: float) -> Model:

@@ -9,6 +9,7 @@ shrinks the measured side shrinks every error in its units with it: errors relat
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +26,12 @@ def faults_of(model: Model) -> tuple[SensorFault, ...]:
 
 
 def corrected(measurement: Measurement, model: Model) -> Measurement:
-    """Return a processed record without the faults of sensors that a model holds.
+    """Return a processed record without the faults of sensors that a model holds; see `without_faults`."""
+    return without_faults(measurement, faults_of(model))
+
+
+def without_faults(measurement: Measurement, faults: Sequence[SensorFault]) -> Measurement:
+    """Return a processed record without faults of its sensors.
 
     The last fault is taken out first. A hammer's force, zero outside its contacts, stays so. What no channel
     of the record shows is left alone.
@@ -35,7 +41,7 @@ def corrected(measurement: Measurement, model: Model) -> Measurement:
     ValueError
         Where a tension came without the windows over which its means are taken.
     """
-    for fault in reversed(faults_of(model)):
+    for fault in reversed(faults):
         measurement = _without(measurement, fault)
     return measurement
 

@@ -18,6 +18,7 @@ from rom import shown
 from rom.campaign import Campaign, CampaignSettings
 from rom.courses import CourseNoise, TensionCourse, course_noise
 from rom.driven import SOUND, balances_of, declared_model, is_driven, noise_share
+from rom.effects.effect import SensorFault
 from rom.flexures import fit_near, flexure_ties, unsettled, without_modes
 from rom.joint import (
     LEAST_FOR_A_CURVE,
@@ -35,7 +36,14 @@ from rom.loosening import GammaEstimate, LooseningCase, identify_gamma, refine_g
 from rom.model import LinkLaws, Model
 from rom.output_error import OutputErrorFit
 from rom.quality import Doubt
-from rom.reduction import Progress, ReducedRecord, UncoupledTest, reduce_records, tension_courses
+from rom.reduction import (
+    Progress,
+    ReducedRecord,
+    UncoupledTest,
+    loosening_cases,
+    reduce_records,
+    tension_courses,
+)
 from rom.spectra import CORNER, SpectralRecord
 from rom.structure import Body, Link, Structure
 
@@ -43,7 +51,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-_LEAST_FOR_NOISE = 6
 _LOST = 3.0
 
 
@@ -116,12 +123,20 @@ def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None
     return identify_campaign(campaign, jobs, progress).model
 
 
-def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | None = None) -> Identification:
-    """Return the identification with every estimate behind the model; see `identify`."""
+def identify_campaign(
+    campaign: Campaign,
+    jobs: int = 1,
+    progress: Progress | None = None,
+    faults: Sequence[SensorFault] = (),
+) -> Identification:
+    """Return the identification with every estimate behind the model; see `identify`.
+
+    Faults of sensors that are known are taken out of the records, and are in the model.
+    """
     if is_driven(campaign) and (driven := _of_driven(campaign)) is not None:
         return driven
     settings = campaign.settings
-    records = list(reduce_records(campaign, campaign.select(hold_out=False), jobs, progress))
+    records = list(reduce_records(campaign, campaign.select(hold_out=False), jobs, progress, faults))
     set_aside = tuple(doubt for record in records for doubt in record.doubts)
     warnings = tuple(dict.fromkeys(text for record in records for text in record.warnings))
     records = [record for record in records if not record.doubts]
@@ -156,13 +171,13 @@ def identify_campaign(campaign: Campaign, jobs: int = 1, progress: Progress | No
         unsettled=far_off,
         records=tuple(record.settings.file for record in records),
     )
-    cases = _loosening_cases(records)
+    cases = loosening_cases(records)
     if len(model.structure.bolted_links) > 1:
         text = "several bolted links, one measured tension: no law of loosening is identified"
         found = replace(found, warnings=(*found.warnings, text))
     elif model.structure.bolted_links and cases:
         found = _with_loosening(found, cases, settings.windows.final_s)
-    return replace(found, model=replace(found.model, identification=found))
+    return replace(found, model=replace(found.model, effects=tuple(faults), identification=found))
 
 
 def _of_driven(campaign: Campaign) -> Identification | None:
@@ -278,32 +293,6 @@ def _bodies(
             unknown.append(f"body {body.name}: no training record tells its mass; 1 kg stands in")
         bodies.append(Body(body.name, mass or 1.0))
     return tuple(bodies), tuple(unknown)
-
-
-def _loosening_cases(records: Sequence[ReducedRecord]) -> tuple[LooseningCase, ...]:
-    """Return the cases for gamma with the standard error of their losses."""
-    with_tension = [r for r in records if r.tensions is not None and r.settings.test != "hold"]
-    noise = _loss_noise(with_tension)
-    return tuple(
-        LooseningCase(r.settings.file, r.struck, r.force, r.rate_hz, r.tensions.initial,
-                      max(r.tensions.final, noise * r.tensions.slope), noise * r.tensions.slope)
-        for r in with_tension
-        if r.tensions is not None and r.force is not None and r.struck and r.tensions.initial > 0
-    )  # fmt: skip
-
-
-def _loss_noise(records: Sequence[ReducedRecord]) -> float:
-    """Return the standard error of a measured loss in the unit of the strain, drift included.
-
-    Coupled tests leave the tension alone, so what they seem to lose is that error; where they are few, batch
-    means of the windows stand in, which do not see the drift between them.
-    """
-    scale = [(r.tensions, r.settings.test) for r in records if r.tensions is not None]
-    quiet = np.array([(t.initial - t.final) / t.slope for t, test in scale if test == "coupled"])
-    if len(quiet) >= _LEAST_FOR_NOISE:
-        return float(np.sqrt(np.mean(quiet**2)))
-    batch = [np.hypot(t.initial_error, t.final_error) / t.slope for t, _ in scale]
-    return float(np.median(batch)) if batch else 0.0
 
 
 def relearned(found: Identification, model: Model) -> Identification:

@@ -74,10 +74,30 @@ def own_names(effect: Added) -> tuple[str, ...]:
     return CATALOGUE[effect.name].by_record if effect.name in CATALOGUE else ()
 
 
+def quiet_samples(measurement: Measurement, rate_hz: float) -> int:
+    """Return the number of samples before the impact, at a rate [Hz]."""
+    return max(int(((measurement.impact_s or 0.0) - _GUARD_S) * rate_hz), 0)
+
+
+def as_measured(measurement: Measurement, channel: str) -> tuple[FloatArray, float]:
+    """Return samples and rate [Hz] of a channel as it was measured; none where the record does not have it.
+
+    Of a hammer's force those before the impact.
+    """
+    if channel == "tension" and measurement.tension is not None:
+        return measurement.tension.samples, measurement.tension.rate_hz
+    for body, motion in measurement.motion.items():
+        if channel == f"{motion.kind}_{body}":
+            return motion.samples, measurement.rate_hz
+    for body, still in measurement.still_force.items():
+        if channel == f"force_{body}":
+            return still, measurement.rate_hz
+    return np.zeros(0), measurement.rate_hz
+
+
 def _of_fault(model: Model, measurement: Measurement, fault: SensorFault) -> Model:
-    """A hammer's force, of which nothing is kept but its contacts, has no samples to tell anything by."""
-    samples, rate = _channel(measurement, fault.channel)
-    quiet = samples[: _quiet(measurement, rate)]
+    samples, rate = as_measured(measurement, fault.channel)
+    quiet = samples[: quiet_samples(measurement, rate)]
     if len(quiet) < _FEWEST:
         return model
     true = np.zeros(len(quiet))
@@ -87,7 +107,7 @@ def _of_fault(model: Model, measurement: Measurement, fault: SensorFault) -> Mod
 
 def _of_reading(model: Model, measurement: Measurement, reading: Reading) -> Model:
     tension = measurement.tension
-    count = 0 if tension is None else _quiet(measurement, tension.rate_hz)
+    count = 0 if tension is None else quiet_samples(measurement, tension.rate_hz)
     if tension is None or count < _FEWEST:
         return model
     rest = at_rest(count, tension.rate_hz, measurement)
@@ -102,7 +122,7 @@ def _of_force(
     """Columns are simulations before the impact: of each number, and of each body's displacement and velocity
     at the first sample, which the record has as well.
     """
-    count, bodies = _quiet(measurement, measurement.rate_hz), model.structure.body_names
+    count, bodies = quiet_samples(measurement, measurement.rate_hz), model.structure.body_names
     if count < _FEWEST or not measurement.motion:
         return model, None
     silent = model.with_values({f"{effect.path}.{name}": 0.0 for name in own_names(effect)})
@@ -143,21 +163,6 @@ def at_rest(count: int, rate_hz: float, measurement: Measurement) -> Motion:
     time, still = np.arange(count) / rate_hz, np.zeros(count)
     bodies = dict.fromkeys(measurement.motion, still) or {"": still}
     return Motion(time, measurement.impact_s or 0.0, still, still, bodies)
-
-
-def _quiet(measurement: Measurement, rate_hz: float) -> int:
-    """Number of samples before the impact."""
-    return max(int(((measurement.impact_s or 0.0) - _GUARD_S) * rate_hz), 0)
-
-
-def _channel(measurement: Measurement, channel: str) -> tuple[FloatArray, float]:
-    """Samples and rate [Hz] of a channel; none where the record does not have it as it was measured."""
-    if channel == "tension" and measurement.tension is not None:
-        return measurement.tension.samples, measurement.tension.rate_hz
-    for body, motion in measurement.motion.items():
-        if channel == f"{motion.kind}_{body}":
-            return motion.samples, measurement.rate_hz
-    return np.zeros(0), measurement.rate_hz
 
 
 def _own(effect: Added) -> FloatArray:

@@ -72,7 +72,11 @@ class TensionRecord:
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """A processed record: forces and motion at one rate, times from the record's first sample."""
+    """A processed record: forces and motion at one rate, times from the record's first sample.
+
+    Of a hammer's force nothing is kept but its contacts; `still_force` is what its channel shows before the
+    impact.
+    """
 
     file: str
     test: str
@@ -88,6 +92,7 @@ class Measurement:
     chain: FilterChain
     tension: TensionRecord | None
     link: Mapping[str, Channel]
+    still_force: Mapping[str, FloatArray] = field(default_factory=dict)
     _displacements: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
@@ -112,6 +117,7 @@ class Measurement:
         return replace(
             self,
             force={body: samples.astype(kind) for body, samples in self.force.items()},
+            still_force={body: samples.astype(kind) for body, samples in self.still_force.items()},
             motion={body: Motion(m.kind, m.samples.astype(kind)) for body, m in self.motion.items()},
             tension=tension,
         )
@@ -169,9 +175,10 @@ def process(
     forces = {body: _at_rate(channel, rate) for body, channel in force.items()}
     motions = {body: Motion(kind, _at_rate(channel, rate)) for body, (kind, channel) in motion.items()}
     samples = min([len(f) for f in forces.values()] + [len(m.samples) for m in motions.values()], default=0)
-    impact, noise = None, dict.fromkeys(forces, 0.0)
+    impact, noise, still = None, dict.fromkeys(forces, 0.0), dict[str, FloatArray]()
     if test in IMPACT_TESTS:
         impact = min((t for f in forces.values() if (t := find_impact(f, rate)) is not None), default=None)
+        still = {body: f[: int((impact or 0.0) * rate)] for body, f in forces.items()}
         gated = {body: gated_force(f, rate, settings.sampling.pretrigger_s) for body, f in forces.items()}
         forces, noise = {b: f for b, (f, _) in gated.items()}, {b: n for b, (_, n) in gated.items()}
     first_mode = dominant_frequency(motions, rate, impact)
@@ -190,6 +197,7 @@ def process(
         chain=FilterChain((cutoff_hz or {}).get(test) or cutoff(test, first_mode)),
         tension=_tension(record, settings, impact, first_mode),
         link={name: c for name, c in record.channels.items() if name.startswith(("link_", "normal_force_"))},
+        still_force=still,
     )
 
 

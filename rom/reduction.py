@@ -13,9 +13,12 @@ from scipy import ndimage
 
 from rom.campaign import Campaign, CampaignSettings, Record, RecordSettings
 from rom.channels import FloatArray
+from rom.correction import without_faults
 from rom.courses import CourseNoise, TensionBins, TensionCourse, bins_after_hit, bins_before_hit
+from rom.effects.effect import SensorFault
 from rom.frequency_response import Estimate, FrequencyResponse, Mode, fit_modes, frequency_response
 from rom.linear import LINEAR_TESTS, spectral_records
+from rom.loosening import LooseningCase
 from rom.modal import average_period_frequency, logarithmic_decrement
 from rom.processing import Measurement, TensionRecord, driven_displacement, process
 from rom.quality import Doubt, assess
@@ -26,6 +29,7 @@ _PERIOD_MARGIN = 17.0 / 15.78  # the paper drops what lies above 17 Hz, its firs
 _FILTER_REACH_S = 0.2
 _SIMULATED_S = 30.0
 _SMALL_LOSS = 0.01
+_LEAST_FOR_NOISE = 6  # coupled tests
 _SMOOTH_S = 0.01
 _SHORTEST_LOSS_S = 0.02
 _LONGEST_LOSS_S = 1.0
@@ -86,10 +90,17 @@ class ReducedRecord:
 
 
 def reduce_records(
-    campaign: Campaign, records: Sequence[RecordSettings], jobs: int = 1, progress: Progress | None = None
+    campaign: Campaign,
+    records: Sequence[RecordSettings],
+    jobs: int = 1,
+    progress: Progress | None = None,
+    faults: Sequence[SensorFault] = (),
 ) -> Iterator[ReducedRecord]:
-    """Reduce records one by one, in order, over `jobs` processes; the numbers do not depend on `jobs`."""
-    tasks = (delayed(reduce_record)(campaign, record) for record in records)
+    """Reduce records one by one, in order, over `jobs` processes; the numbers do not depend on `jobs`.
+
+    Faults of sensors that are known are taken out.
+    """
+    tasks = (delayed(reduce_record)(campaign, record, faults) for record in records)
     results = Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs")(tasks)
     for done, reduced in enumerate(results, start=1):
         if progress is not None:
@@ -97,17 +108,19 @@ def reduce_records(
         yield reduced
 
 
-def reduce_record(campaign: Campaign, record_settings: RecordSettings) -> ReducedRecord:
+def reduce_record(
+    campaign: Campaign, record_settings: RecordSettings, faults: Sequence[SensorFault] = ()
+) -> ReducedRecord:
     """Load, check and process one record and keep what an identification needs."""
     record = campaign.load(record_settings)
     doubts = tuple(assess(record, campaign.settings))
-    return ReducedRecord(record_settings, doubts) if doubts else reduce_sound(record, campaign)
+    return ReducedRecord(record_settings, doubts) if doubts else reduce_sound(record, campaign, faults)
 
 
-def reduce_sound(record: Record, campaign: Campaign) -> ReducedRecord:
+def reduce_sound(record: Record, campaign: Campaign, faults: Sequence[SensorFault] = ()) -> ReducedRecord:
     """Process one record without a doubt and keep what an identification needs."""
     settings = campaign.settings
-    measurement = process(record, settings)
+    measurement = without_faults(process(record, settings), faults)
     tension = measurement.tension
     struck = max(measurement.force, key=lambda body: float(np.abs(measurement.force[body]).max()), default="")
     linear = measurement.test in LINEAR_TESTS or (
@@ -138,6 +151,32 @@ def _slack(measurement: Measurement, tension: TensionRecord) -> Iterator[str]:
             f"{measurement.file}: the gauge shows {tension.initial:.3g} N before the hit: a slack bolt "
             "tells of no loosening, and a gauge that shows one may have a wrong zero"
         )
+
+
+def loosening_cases(records: Sequence[ReducedRecord]) -> tuple[LooseningCase, ...]:
+    """Return the cases for gamma with the standard error of their losses."""
+    with_tension = [r for r in records if r.tensions is not None and r.settings.test != "hold"]
+    noise = _loss_noise(with_tension)
+    return tuple(
+        LooseningCase(r.settings.file, r.struck, r.force, r.rate_hz, r.tensions.initial,
+                      max(r.tensions.final, noise * r.tensions.slope), noise * r.tensions.slope)
+        for r in with_tension
+        if r.tensions is not None and r.force is not None and r.struck and r.tensions.initial > 0
+    )  # fmt: skip
+
+
+def _loss_noise(records: Sequence[ReducedRecord]) -> float:
+    """Return the standard error of a measured loss in the unit of the strain, drift included.
+
+    Coupled tests leave the tension alone, so what they seem to lose is that error; where they are few, batch
+    means of the windows stand in, which do not see the drift between them.
+    """
+    scale = [(r.tensions, r.settings.test) for r in records if r.tensions is not None]
+    quiet = np.array([(t.initial - t.final) / t.slope for t, test in scale if test == "coupled"])
+    if len(quiet) >= _LEAST_FOR_NOISE:
+        return float(np.sqrt(np.mean(quiet**2)))
+    batch = [np.hypot(t.initial_error, t.final_error) / t.slope for t, _ in scale]
+    return float(np.median(batch)) if batch else 0.0
 
 
 def tension_courses(

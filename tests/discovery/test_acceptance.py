@@ -35,11 +35,10 @@ def explained(
 
 
 def errors(tension: float | None, motion: float, training: float = 1.0) -> ErrorsByKind:
-    of_training = {"tension_rmse_n": training, "motion_nrmse": training}
-    return cast(
-        ErrorsByKind,
-        {"hold_out": {"tension_rmse_n": tension, "motion_nrmse": motion}, "training": of_training},
-    )
+    """Of one record in five that is held out, and of the others."""
+    of_training = {"tension_rmse_n": training, "motion_nrmse": 0.02, "records": 4}
+    held_out = {"tension_rmse_n": tension, "motion_nrmse": motion, "records": 1}
+    return cast(ErrorsByKind, {"hold_out": held_out, "training": of_training})
 
 
 def test_an_effect_of_the_tension_is_sure_beyond_chance_and_on_tests_unseen() -> None:
@@ -90,8 +89,10 @@ def test_in_the_motion_unseen_records_tell_them_apart() -> None:
     ("after", "harm"),
     [
         (errors(1.2, 0.02), False),
-        (errors(1.6, 0.02), True),
-        (errors(0.5, 0.04), True),
+        (errors(3.0, 0.02), False),  # one test in five, which scatter makes
+        (errors(4.0, 0.02), True),
+        (errors(1.6, 0.02, training=1.6), True),
+        (errors(0.5, 0.08), True),
         (errors(None, 0.02), True),  # its simulations did not finish
     ],
 )
