@@ -25,11 +25,23 @@ _MATTERS, _MATTERS_MORE = 0.02, 0.1  # of an error
 _SCATTER = 0.2  # of an error of few records that is noise for the most part
 _HARM = 1.5  # times an error
 _LEFT = 0.03  # of what was beyond noise
+_EXACT = {"motion_nrmse": 0.005, "relative_motion_nrmse": 0.02}  # a dozen samples tell a hit no better
 
 
 def is_quiet(level: float, first: float) -> bool:
     """Whether a mean square is that of noise, or next to nothing of what was ``first`` beyond it."""
     return level - 1 <= max(QUIET - 1, _LEFT * (first - 1))
+
+
+def is_exact(errors: ErrorsByKind) -> bool:
+    """Whether training records are simulated as exactly as their hits are known.
+
+    Quiet sensors show what the samples of a hammer's pulse leave open, which no effect is behind.
+    """
+    told = {name: _error(errors["training"], name) for name in _EXACT}
+    return told["motion_nrmse"] is not None and all(
+        value is None or value < _EXACT[name] for name, value in told.items()
+    )
 
 
 def spread_of(one: Explanation) -> float:

@@ -158,4 +158,5 @@ def _told(
         dict.fromkeys(still.files, len(member.strengths)),
         frozenset(file for file, training in zip(still.files, still.training, strict=True) if not training),
         len(effect.parameters) - len(own_names(effect)),
+        basis=f"what {effect.enters.partition(':')[2]} shows of it before the hits",
     )

@@ -55,7 +55,7 @@ class FoundEffect:
     source : {"catalogue", "free-form"}
         Where its form came from.
     share : float
-        Share of the residual's whitened square that it took away on training records.
+        Share of the whitened square of its `basis` that it took away on training records.
     p_value : float
         Chance that any effect of the catalogue explains as much of this campaign's residuals by chance
         (`discovery.chance`; 0.001 at least): the signs of records drawn anew in the motion, noise and scatter
@@ -63,6 +63,8 @@ class FoundEffect:
         likelihood ratio were all noise normal, times the effects tried.
     wins : tuple of int
         Held-out records that it explains better than the model without it, and how many there are.
+    basis : str
+        What it explains, in words: the residual; of what shows before the hits what they show.
     """
 
     effect: Added
@@ -71,6 +73,7 @@ class FoundEffect:
     share: float
     p_value: float
     wins: tuple[int, int]
+    basis: str = "the residual"
 
 
 @dataclass(frozen=True)

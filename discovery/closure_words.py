@@ -125,7 +125,7 @@ def _evidence(closure: Closure) -> Iterator[str]:
     for found in closure.effects:
         won, records = found.wins
         what = found.effect.name if several else "it"
-        text = f"{what} takes away {_percent(found.share)} of the residual on training records"
+        text = f"{what} takes away {_percent(found.share)} of {found.basis} on training records"
         if records:
             text += f", and {won} of {records} held-out records are met better with it"
         if _known(found.p_value):

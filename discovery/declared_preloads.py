@@ -121,6 +121,7 @@ def _explained(member: Member, fault: SensorFault, seen: _Shown) -> Explanation 
         dict.fromkeys(seen.files, 1),
         frozenset(file for file, training in zip(seen.files, seen.training, strict=True) if not training),
         len(values),
+        basis="what the gauge shows beside the declared preloads",
     )
 
 

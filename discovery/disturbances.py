@@ -27,7 +27,7 @@ from rom.spectra import ComplexArray, Linearised, SpectralRecord, linearise
 _STEPS_PER_LINE = 4  # of a spectrum before the hits
 _PROMISING = 2.0  # times what noise is expected to give
 _REACH_HZ, _STEP_HZ = 1.0, 0.1
-_BAND = 2.0  # times the highest frequency that is looked for; the lowest over it
+_BAND = 2.0  # times the highest frequency that is looked for
 
 Own = dict[str, dict[str, float]]
 """Numbers by name, of each file."""
@@ -73,18 +73,18 @@ class _Disturbance:
         (self.inner,) = member.inner
         bounds = [effect.parameters[name].bounds for name in own_names(effect)]
         self.range = np.array(bounds).T
-        low, high = effect.parameters[self.inner].bounds
-        self.frequencies = max(low, 1 / seconds), high  # less than a period is like a level and its slope
+        highest = _BAND * effect.parameters[self.inner].bounds[1]
         self.body = effect.enters.partition(":")[2]
         self.rest = [
-            (trace, *_at_rest(evidence, trace, seconds, self.frequencies))
+            (trace, *_at_rest(evidence, trace, seconds, highest))
             for trace in evidence.traces
             if self.body in trace.bodies
         ]
 
     def explained(self) -> Explanation | None:
         """The effect at its best frequency; None where nothing before the hits promises one."""
-        low, high = self.frequencies
+        low, high = self.effect.parameters[self.inner].bounds
+        low = max(low, 1 / self.seconds)  # less than a period is like a level and its slope
         grid = np.arange(low, high, 1 / (_STEPS_PER_LINE * self.seconds))
         gains = [self._before(at)[1] for at in grid]
         chance = len(own_names(self.effect)) * sum(not t.settings.hold_out for t, _, _ in self.rest)
@@ -129,14 +129,13 @@ class _Disturbance:
 
 
 def _at_rest(
-    evidence: Evidence, trace: Trace, seconds: float, within_hz: tuple[float, float]
+    evidence: Evidence, trace: Trace, seconds: float, highest_hz: float
 ) -> tuple[SpectralRecord, Linearised]:
     """Spectra of a record before its hit, and what is left of them, whitened."""
     model, seen = evidence.baseline.model, trace.seen()
     count = int(seconds * seen.rate_hz)
     known = lasting_force(trace, model.effects, count)
-    band = (within_hz[0] / _BAND, within_hz[1] * _BAND)
-    segment = segment_before_hit(seen, trace.bodies, trace.parts[0], known, band)
+    segment = segment_before_hit(seen, trace.bodies, trace.parts[0], known, highest_hz)
     values = evidence.baseline.values(trace.parts[0], trace.level)
     whitener = evidence.floors[trace.group].whitener(segment, values, count / seen.rate_hz)
     return segment, linearise(segment, values, whitener)

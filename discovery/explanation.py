@@ -49,6 +49,8 @@ class Explanation:
         missing (`discovery.chance`); None where nothing was drawn.
     slow : Slow or None
         Of an effect in the courses of the tension: the fit to them.
+    basis : str
+        What costs are of, in words.
     """
 
     effect: Added
@@ -62,6 +64,7 @@ class Explanation:
     left: float | None = None
     p_value: float | None = None
     slow: Slow | None = None
+    basis: str = "the residual"
 
     def gains(self, *, hold_out: bool) -> FloatArray:
         """Cost taken away from each record of a kind, (records,)."""

@@ -40,6 +40,7 @@ def found_effect(best: Explanation, rivals: Sequence[Explanation], state: State)
         share=best.share(),
         p_value=_nominal(best, state) if best.p_value is None else best.p_value,
         wins=(int((gains > 0).sum()), len(gains)),
+        basis=best.basis,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from discovery.acceptance import QUIET, is_alike, is_quiet, is_sure, matters, merit
+from discovery.acceptance import QUIET, is_alike, is_exact, is_quiet, is_sure, matters, merit
 from discovery.closure import Screened, Verdict
 from discovery.explanation import Explanation
 from discovery.localisation import COURSES, Profile
@@ -70,8 +70,8 @@ class Trail:
 
     @property
     def is_quiet(self) -> bool:
-        """Whether noise alone is left, or next to nothing of what was beyond it."""
-        return is_quiet(self.last.level, self.states[0].level)
+        """Whether noise alone is left, or next to nothing of what was beyond it or of the motion itself."""
+        return is_quiet(self.last.level, self.states[0].level) or is_exact(self.last.errors)
 
     @property
     def tension_is_quiet(self) -> bool:

@@ -65,12 +65,11 @@ def segment_before_hit(
     bodies: Sequence[str],
     like: SpectralRecord,
     force: FloatArray,
-    band_hz: tuple[float, float] | None = None,
+    highest_hz: float = _HIGHEST_HZ,
 ) -> SpectralRecord:
     """Return the spectra of a record's first samples, as many as ``force`` (samples, bodies) [N] has.
 
-    The force acts all the time, such as that of a ground that moves; no hammer has struck yet. Without a
-    band it is that of the record's filters.
+    The force acts all the time, such as that of a ground that moves; no hammer has struck yet.
 
     Raises
     ------
@@ -85,8 +84,7 @@ def segment_before_hit(
             "records that are hit sooner out of the campaign"
         )
     motion = np.stack([measurement.motion[body].samples[: len(force)] for body in bodies], axis=1)
-    lowest, highest = band_hz or (measurement.chain.cutoff_hz, _HIGHEST_HZ)
-    band = (lowest, min(highest, 0.4 * measurement.rate_hz))
+    band = (measurement.chain.cutoff_hz, min(highest_hz, 0.4 * measurement.rate_hz))
     frequency, lines = spectrum(motion - motion.mean(axis=0), measurement.rate_hz, band)
     driving = spectrum(force, measurement.rate_hz, band)[1]
     return SpectralRecord(

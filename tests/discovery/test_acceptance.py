@@ -12,7 +12,7 @@ import pytest
 sys.path.append(str(Path(__file__).parents[2]))
 
 from benchmarks.false_alarms import null_of, rows
-from discovery.acceptance import harms, is_alike, is_quiet, is_sure, matters
+from discovery.acceptance import harms, is_alike, is_exact, is_quiet, is_sure, matters
 from discovery.closure import ErrorsByKind
 from discovery.explanation import Explanation
 from rom.effects import CATALOGUE
@@ -148,3 +148,20 @@ def test_the_largest_gain_by_chance_is_told_by_its_training_records() -> None:
         (("2", "tension", "2", "2"), "1"),
     ]
     assert table[1][4] == "22.5"
+
+
+@pytest.mark.parametrize(
+    ("motion_nrmse", "relative", "exact"),
+    [
+        (0.003, 0.01, True),
+        (0.003, None, True),
+        (0.02, 0.01, False),
+        (0.003, 0.05, False),
+        (None, None, False),
+    ],
+)
+def test_a_motion_within_what_samples_tell_of_a_hit_is_exact(
+    motion_nrmse: float | None, relative: float | None, exact: bool
+) -> None:
+    told = {"motion_nrmse": motion_nrmse, "relative_motion_nrmse": relative}
+    assert is_exact(cast(ErrorsByKind, {"training": told, "hold_out": {}})) is exact

@@ -28,7 +28,7 @@ def still(
         SimpleNamespace(
             settings=SimpleNamespace(file=f"{k}.h5", hold_out=k >= 8),
             measurement=SimpleNamespace(
-                motion={"so": SimpleNamespace(kind="acceleration", samples=rows)}, force={},
+                motion={"so": SimpleNamespace(kind="acceleration", samples=rows)}, force={}, still_force={},
                 impact_s=hit_s, rate_hz=_RATE_HZ,
             ),
         )
@@ -72,6 +72,23 @@ def test_the_mains_are_found_whatever_their_phase_and_their_frequency_to_a_mhz()
     assert found.effect.parameters["f"].value == pytest.approx(59.93, abs=5e-3)
     size = np.hypot(found.effect.parameters["A"].value, found.effect.parameters["B"].value)
     assert size == pytest.approx(0.03, rel=0.05)
+
+
+def test_the_mains_in_a_hammer_are_found_where_nothing_but_contacts_is_kept_of_its_force() -> None:
+    quiet, shown = still(), still(0.03 * np.sin(2 * np.pi * 50.04 * np.arange(4800) / _RATE_HZ))
+    for one, other in zip(quiet.traces, shown.traces, strict=True):
+        one.measurement.force["lo"] = np.zeros(4800)
+        one.measurement.still_force["lo"] = other.measurement.motion["so"].samples[:2400]
+    (found,) = sure(quiet)
+    assert (found.effect.name, found.effect.enters) == ("hum", "sensor:force_lo")
+    assert found.effect.parameters["f"].value == pytest.approx(50.04, abs=0.015)
+
+
+def test_a_hammer_whose_channel_is_silent_until_it_strikes_tells_nothing() -> None:
+    evidence = still()
+    for trace in evidence.traces:
+        trace.measurement.force["lo"] = trace.measurement.still_force["lo"] = np.zeros(2400)
+    assert not sure(evidence)
 
 
 def test_records_that_are_hit_at_once_tell_nothing() -> None:
