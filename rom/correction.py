@@ -46,6 +46,13 @@ def without_faults(measurement: Measurement, faults: Sequence[SensorFault]) -> M
     return measurement
 
 
+def true_hit(force: FloatArray, rate_hz: float, faults: Sequence[SensorFault]) -> FloatArray:
+    """Return a hammer's force [N], zero outside its contacts, without faults of its channel."""
+    for fault in reversed(faults):
+        force = np.where(force != 0.0, fault.remove(force, rate_hz), 0.0)
+    return force
+
+
 def _without(measurement: Measurement, fault: SensorFault) -> Measurement:
     channel = fault.channel
     if channel == "tension" and measurement.tension is not None:
@@ -56,9 +63,13 @@ def _without(measurement: Measurement, fault: SensorFault) -> Measurement:
         return replace(measurement, link={**measurement.link, channel: true})
     quantity, _, body = channel.partition("_")
     if quantity == "force" and body in measurement.force:
-        force = fault.remove(measurement.force[body], measurement.rate_hz)
-        if measurement.test in IMPACT_TESTS:
-            force = np.where(measurement.force[body] != 0.0, force, 0.0)
+        force = measurement.force[body]
+        struck = measurement.test in IMPACT_TESTS
+        force = (
+            true_hit(force, measurement.rate_hz, [fault])
+            if struck
+            else fault.remove(force, measurement.rate_hz)
+        )
         return replace(measurement, force={**measurement.force, body: force})
     if body in measurement.motion and measurement.motion[body].kind == quantity:
         return _without_in_motion(measurement, fault, body)

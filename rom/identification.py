@@ -16,8 +16,10 @@ import numpy as np
 
 from rom import shown
 from rom.campaign import Campaign, CampaignSettings
+from rom.correction import faults_of, true_hit
 from rom.courses import CourseNoise, TensionCourse, course_noise
 from rom.driven import SOUND, balances_of, declared_model, is_driven, noise_share
+from rom.effects import CATALOGUE
 from rom.effects.effect import SensorFault
 from rom.flexures import fit_near, flexure_ties, unsettled, without_modes
 from rom.joint import (
@@ -296,14 +298,23 @@ def _bodies(
 
 
 def relearned(found: Identification, model: Model) -> Identification:
-    """Return an identification with another model, gamma(T) fitted anew beside what changes it there."""
+    """Return an identification with another model, gamma(T) fitted anew beside what changes it there.
+
+    Hits are those without the faults that the model has beyond the identification, alike in all records.
+    """
     moved = replace(found, model=model)
     if len(model.structure.bolted_links) != 1 or not found.courses:
         return moved
-    cases = [
-        LooseningCase(c.file, c.body, c.force, c.rate_hz, c.initial, max(c.final, c.final_error),
-                      c.final_error) for c in found.courses if not c.hold_out
-    ]  # fmt: skip
+    out = {effect.path for effect in found.model.effects}
+    faults = [f for f in faults_of(model) if f.path not in out and not CATALOGUE[f.name].by_record]
+    cases = []
+    for c in (course for course in found.courses if not course.hold_out):
+        force = true_hit(c.force, c.rate_hz, [f for f in faults if f.channel == f"force_{c.body}"])
+        cases.append(
+            LooseningCase(
+                c.file, c.body, force, c.rate_hz, c.initial, max(c.final, c.final_error), c.final_error
+            )
+        )
     return _with_loosening(moved, cases, found.courses[0].final_window)
 
 

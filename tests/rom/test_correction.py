@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from rom.campaign import read_campaign
 from rom.correction import corrected
 from rom.effects import CATALOGUE, SensorFault, candidates
+from rom.identification import Identification, identify_campaign, relearned
+from rom.law_fits import gamma_curve
+from rom.model import Model
 from rom.parameters.he_2025 import paper_model
 from rom.processing import Measurement
 from rom.residuals import Comparison, compare, compare_all
@@ -113,3 +120,17 @@ def test_what_a_record_does_not_show_is_left_alone() -> None:
     model = fault("acceleration-gain", "velocity_so").added_to(MODEL)
     assert corrected(shown, model) is shown
     assert shown.impact_s == pytest.approx(IMPACT_S, abs=1e-3)
+
+
+def test_gamma_is_learned_again_on_hits_without_the_fault_of_their_hammer(rig_campaign: Path) -> None:
+    found = identify_campaign(read_campaign(rig_campaign))
+    shown = replace(found, courses=tuple(replace(c, force=1.1 * c.force) for c in found.courses))
+
+    def gamma(of: Identification, model: Model) -> float:
+        law = relearned(of, model).model.link_laws["joint"].tension_rate
+        assert law is not None
+        return float(gamma_curve(law, np.array([100.0]))[0])
+
+    right, gain = gamma(found, found.model), fault("force-gain", "force_lo", g=0.1)
+    assert gamma(shown, gain.added_to(found.model)) == pytest.approx(right, rel=1e-3)
+    assert gamma(shown, found.model) == pytest.approx(right / 1.1**4, rel=0.05)

@@ -1,0 +1,64 @@
+"""A gauge with a wrong calibration: all that rests on the tension is identified anew beside it."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+
+import rom
+from discovery.refinement import _Loop
+from discovery.refits import Refits
+from discovery.state import silent
+from discovery.trail import Trail
+from experiments.studies import rig
+from experiments.studies.rig import Undeclared
+from rom.identification import identify_campaign
+
+pytestmark = pytest.mark.slow
+
+WRONG = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 0.1, "c_2": 0.0})
+
+
+@cache
+def gauged(*undeclared: Undeclared) -> tuple[_Loop, Trail]:
+    with TemporaryDirectory() as scratch:
+        rig.run(Path(scratch) / "c", 7, 1.0, 2, 1, duration_s=2.5, hold_out_every=4, undeclared=undeclared)
+        campaign = rom.read_campaign(Path(scratch) / "c")
+        loop = _Loop(Refits(campaign, identify_campaign(campaign), 1, silent))
+        return loop.gauged(Trail((loop.refits.start(),)))
+
+
+def test_a_wrong_zero_is_named_and_the_motion_explained() -> None:
+    _, path = gauged(WRONG)
+    (found,) = path.last.model.effects
+    assert found.path == "sensor:tension.calibration-error"
+    assert found.parameters["T_0"].value == pytest.approx(-10.0, abs=0.1)
+    assert found.parameters["c_1"].value == pytest.approx(0.1, abs=0.01)
+    before, after = (state.level for state in path.states)
+    assert after < min(before, 1.1)
+
+
+def test_laws_are_those_of_a_gauge_that_is_right() -> None:
+    loop, path = gauged(WRONG)
+    twin, right = gauged()
+    assert not right.chosen
+    ours, theirs = path.last.model.link_laws["joint"], right.last.model.link_laws["joint"]
+    tensions = np.array([6.0, 30.0, 200.0, 1000.0])
+    np.testing.assert_allclose(ours.stiffness(tensions), theirs.stiffness(tensions), rtol=0.02)
+    assert ours.tension_rate is not None
+    assert theirs.tension_rate is not None
+    assert len(loop.refits.found.courses) == len(twin.refits.found.courses)  # none is taken for slack
+    for course, other in zip(loop.refits.found.courses, twin.refits.found.courses, strict=True):
+        assert course.initial == pytest.approx(other.initial, rel=0.02, abs=0.1)
+
+
+def test_records_are_traced_along_tensions_that_fall_as_the_right_gauge_shows() -> None:
+    _, path = gauged(WRONG)
+    finals = {course.file: course.final for course in gauged()[0].refits.found.courses}
+    for trace in path.last.evidence.traces:
+        if trace.settings.file in finals:
+            assert trace.level == pytest.approx(finals[trace.settings.file], rel=0.02, abs=0.2)
