@@ -33,6 +33,7 @@ _ABOUT_HZ = _STEP_HZ * np.arange(-3, 4)  # the mains are known so well
 _BESIDE_HZ = (-9.0, -7.0, -5.0, 5.0, 7.0, 9.0)
 _FEWEST = 4  # training records
 _MEDIAN_SQUARE = 0.4549  # of a normal number
+_OF_HIT = 1e-3
 _ALLOWED = 0.1  # of the smallest plausible strength: no amplifier is free of it
 
 
@@ -62,7 +63,7 @@ def explain_at_rest(evidence: Evidence) -> tuple[Explanation, ...]:
         still = _before_hits(evidence, effect.channel)
         if still is not None and still.training.sum() >= _FEWEST:
             told = _of_each(member, effect, still) if own_names(effect) else _of_all(member, effect, still)
-            found += [told] if told is not None else []
+            found += [told] if told is not None and _is_felt(evidence, told.effect) else []
     return tuple(found)
 
 
@@ -70,6 +71,16 @@ def _shows(member: Member, effect: SensorFault) -> bool:
     """Whether a channel at rest would show the fault."""
     zero = np.zeros(64)
     return bool(not effect.other and np.any(effect.with_values(**member.strengths).apply(zero, 1e3)))
+
+
+def _is_felt(evidence: Evidence, fault: Added) -> bool:
+    """Whether a fault is more than next to nothing of the weakest hit, where it is a hammer's."""
+    quantity, _, body = fault.enters.partition(":")[2].partition("_")
+    if quantity != "force":
+        return True
+    peaks = [np.abs(t.measurement.force[body]).max() for t in evidence.traces if body in t.measurement.force]
+    size = np.linalg.norm([fault.parameters[name].value for name in own_names(fault)])
+    return bool(size > _OF_HIT * min((peak for peak in peaks if peak > 0), default=0.0))
 
 
 def _before_hits(evidence: Evidence, channel: str) -> _Still | None:

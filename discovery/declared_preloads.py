@@ -10,7 +10,7 @@ which scatter by 10 to 30 % (VDI 2230-1, 2015, table A8) and are no reference.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,13 +19,18 @@ from scipy import optimize
 from discovery.explanation import Explanation, limited
 from discovery.tracing import Evidence
 from rom.channels import FloatArray
+from rom.correction import moves_levels
 from rom.effects import Member, SensorFault, candidates
-from rom.own_numbers import own_names
 
 _LARGEST_SCATTER = 0.02  # of a preload: more is no reference
 _LEAST_SCATTER = np.log([1e-3, 1e-4])  # [N], and of a preload
 _LEAST_OFF = (0.5, 0.05)  # [N], and of a preload: zeros and settings are no better known
-_FEWEST_LEVELS, _SAME_LEVEL = 5, 0.02  # preloads nearer than this share of them are one
+_FEWEST_LEVELS, _SAME_LEVEL = 8, 0.02  # preloads nearer than this share of them are one
+
+DISAGREE = (
+    "the gauge and the preloads that the campaign declares disagree: the gauge is taken to be wrong, and all "
+    "laws follow the declared preloads; if these were set by other means, check which of the two is right"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +47,10 @@ class _Shown:
 class _Fit:
     """Numbers of a fault, their standard errors, and the scatter of every record [N].
 
-    `columns`: what a fault of strength one adds; `scatter`: logarithms of s [N] and r.
+    `columns`: what a fault of strength one adds.
     """
 
     columns: FloatArray
-    scatter: FloatArray
     sigma: FloatArray
     numbers: FloatArray
     errors: FloatArray
@@ -68,7 +72,7 @@ def explain_by_preloads(evidence: Evidence) -> tuple[Explanation, ...]:
     found = (
         _explained(member, effect, seen)
         for member, effect in candidates(evidence.baseline.model, ["tension"])
-        if isinstance(effect, SensorFault) and effect.path not in known and _moves_levels(effect)
+        if isinstance(effect, SensorFault) and effect.path not in known and moves_levels(effect)
     )
     return tuple(one for one in found if one is not None)
 
@@ -90,28 +94,29 @@ def _shown(evidence: Evidence) -> _Shown:
 
 def _are_telling(declared: FloatArray) -> bool:
     """Whether there are enough different preloads for a curve."""
-    steps = np.diff(np.log(np.sort(declared)))
-    return declared.size > 0 and 1 + int(np.sum(steps > _SAME_LEVEL)) >= _FEWEST_LEVELS
+    return _levels(declared) >= _FEWEST_LEVELS
 
 
-def _moves_levels(fault: SensorFault) -> bool:
-    """Whether a fault moves a constant level, alike in all records."""
-    level = np.full(64, 100.0)
-    return not own_names(fault) and not np.allclose(fault.apply(level, 1e3), level)
+def _levels(declared: FloatArray) -> int:
+    """Number of different preloads."""
+    return len(np.unique(np.round(np.log(declared) / _SAME_LEVEL)))
 
 
 def _explained(member: Member, fault: SensorFault, seen: _Shown) -> Explanation | None:
     """The fault as the training records ask for it; None where the gauge shows what was declared."""
     fit = _fitted(_columns(member, fault, seen), seen)
-    if np.exp(fit.scatter[1]) > _LARGEST_SCATTER:
+    if np.median((fit.sigma / seen.declared)[seen.training]) > _LARGEST_SCATTER:
         return None
     moved = fit.columns @ fit.numbers
     allowed = _LEAST_OFF[0] + _LEAST_OFF[1] * seen.declared
     if not np.any(np.abs(moved) > allowed, where=seen.training):
         return None
-    ranges = [fault.parameters[name].bounds for name in member.strengths]
-    numbers = np.clip(fit.numbers, *np.array(ranges).T)
-    values, errors = (dict(zip(member.strengths, of.tolist(), strict=True)) for of in (numbers, fit.errors))
+    low, high = np.array([fault.parameters[name].bounds for name in member.strengths]).T
+    if np.any((fit.numbers < low) | (fit.numbers > high)):
+        return None
+    values, errors = (
+        dict(zip(member.strengths, of.tolist(), strict=True)) for of in (fit.numbers, fit.errors)
+    )
     off = seen.shown - seen.declared
     before, after = (((of / fit.sigma) ** 2).tolist() for of in (off, off - moved))
     return Explanation(
@@ -145,7 +150,7 @@ def _fitted(columns: FloatArray, seen: _Shown) -> _Fit:
         rows = (columns / sigma[:, None])[train]
         inverse = np.linalg.pinv(rows.T @ rows, rcond=1e-12, hermitian=True)
         numbers = inverse @ (rows.T @ (off / sigma)[train])
-        return _Fit(columns, scatter, sigma, numbers, np.sqrt(np.diag(inverse)))
+        return _Fit(columns, sigma, numbers, np.sqrt(np.diag(inverse)))
 
     def deviance(scatter: FloatArray) -> float:
         fit = at(scatter)
@@ -153,4 +158,7 @@ def _fitted(columns: FloatArray, seen: _Shown) -> _Fit:
         return float(np.sum((2 * np.log(fit.sigma) + left**2)[train]))
 
     start = np.log([0.1, 0.01])
-    return at(optimize.minimize(deviance, start, method="Nelder-Mead").x)
+    fit = at(optimize.minimize(deviance, start, method="Nelder-Mead").x)
+    levels, free = _levels(seen.declared[train]), columns.shape[1] + len(start)
+    wider = np.sqrt(levels / (levels - free))  # numbers and scatters of few preloads suit them by chance
+    return replace(fit, sigma=wider * fit.sigma, errors=wider * fit.errors)

@@ -12,7 +12,7 @@ from discovery.acceptance import MATERIAL, QUIET, harms, in_tension, is_quiet, i
 from discovery.at_rest import explain_at_rest
 from discovery.attribution import Probe, by_chance, explain, screen, worth_fitting
 from discovery.closure import Closure, Screened, Step
-from discovery.declared_preloads import explain_by_preloads
+from discovery.declared_preloads import DISAGREE, explain_by_preloads
 from discovery.disturbances import explain_disturbances
 from discovery.explanation import Explanation
 from discovery.force_loop import close_forces
@@ -83,7 +83,7 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
         residual_after=localise(last.evidence, *courses(path.tension[1:])),
         screened=path.screened,
         set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in loop.refits.found.set_aside),
-        warnings=tuple(dict.fromkeys((*loop.refits.found.warnings, *path.doubts()))),
+        warnings=tuple(dict.fromkeys((*loop.refits.found.warnings, *path.doubts(), *path.excuses()))),
     )
 
 
@@ -100,7 +100,8 @@ class _Loop:
         if one is None or not isinstance(one.best.effect, SensorFault):
             return self, path
         faults, tell = (one.best.effect,), refits.stage("identifying")
-        refits = replace(refits, found=identify_campaign(refits.campaign, refits.jobs, tell, faults))
+        found = identify_campaign(refits.campaign, refits.jobs, tell, faults)
+        refits = replace(refits, found=replace(found, warnings=(*found.warnings, DISAGREE)))
         return _Loop(refits), path.longer(one, refits.start())
 
     def at_rest(self, path: Trail) -> Trail:
@@ -196,7 +197,7 @@ class _Loop:
     def in_tension(self, path: Trail, seed: int = 0) -> Trail:
         """Add effects in the tension and its gauge; a free form where the catalogue leaves too much."""
         refits, named = self.refits, self._named_in_tension(path)
-        if named.tension_is_quiet or not named.is_quiet:
+        if named.tension_is_quiet or not named.is_explained:
             return named
         starts = [path, named] if len(named.chosen) > len(path.chosen) else [path]
         return with_free_form(
@@ -213,7 +214,7 @@ class _Loop:
         simulated errors worse, or the courses by more than it explains, is not kept; nor is a law believed
         that only a reading brought up which follows the motion.
         """
-        if not path.is_quiet:
+        if not path.is_explained:
             misfit = tension_misfit(self.refits.campaign, path.last.found, path.last.model, self.refits.jobs)
             return path if misfit is None else replace(path, tension=(misfit, misfit))
         before, sure, seen, count = path, set[str](), [path.names], len(path.chosen)
@@ -255,7 +256,7 @@ class _Loop:
         near = path.last.evidence
         evidence = refitted(self.refits.gathered(near.baseline, near.floors))
         after = without_needless(path.ending(self.refits.settled(evidence, learned=True)), self.refits)
-        return after if len(after.chosen) < len(path.chosen) and after.is_quiet else path
+        return after if len(after.chosen) < len(path.chosen) and after.is_explained else path
 
     def formed(self, state: State, seed: int) -> Chosen | None:
         """The best term without the catalogue; None where even that does not predict held-out records."""

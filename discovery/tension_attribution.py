@@ -24,6 +24,7 @@ from discovery.tension_rows import frozen_of, noises, read_tensions, with_noise
 from discovery.tension_views import tension_views
 from rom.campaign import Campaign
 from rom.channels import FloatArray
+from rom.correction import moves_levels
 from rom.effects import Added, LawChange, Member, Reading, SensorFault, candidates
 from rom.effects.free_form import FREE_FORM
 from rom.identification import Identification
@@ -221,5 +222,4 @@ def _of_course(member: Member, effect: Added) -> bool:
     if isinstance(probe, Reading):
         return acts_at_rest(probe)
     assert isinstance(probe, SensorFault)
-    level = np.full(64, 100.0)
-    return not own_names(effect) and not np.allclose(probe.apply(level, 1e3), level)
+    return moves_levels(probe)

@@ -239,7 +239,7 @@ def _own_models(
     """
     if len(model.structure.bolted_links) != 1:
         return {}
-    faults, cases = [fault for fault in faults_of(model) if _of_course(fault)], []
+    faults, cases = [fault for fault in faults_of(model) if _is_of_course(fault)], []
     for one in (without_faults(stored.as_type(np.float64), faults) for stored in measurements):
         tension = one.tension
         if one.test != "loosening" or tension is None or not one.force or tension.initial <= 0:
@@ -263,7 +263,7 @@ def _own_models(
     return {case.file: own for case, own in zip(cases, models, strict=True)}
 
 
-def _of_course(fault: SensorFault) -> bool:
+def _is_of_course(fault: SensorFault) -> bool:
     """Whether a fault, alike in all records, is of what the course of a tension is told by."""
     return not own_names(fault) and not fault.channel.startswith(MOTIONS)
 

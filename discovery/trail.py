@@ -17,6 +17,8 @@ FAR_LESS = 0.7
 """Of a level: one that is no matter of chance."""
 CLOSES = 0.2
 """Of what was beyond noise: an effect that leaves no more closes the residual."""
+MODERATE = 5.0
+"""Mean square of a residual that the samples of a hit may leave where sensors are quiet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +72,13 @@ class Trail:
 
     @property
     def is_quiet(self) -> bool:
-        """Whether noise alone is left, or next to nothing of what was beyond it or of the motion itself."""
-        return is_quiet(self.last.level, self.states[0].level) or is_exact(self.last.errors)
+        """Whether noise alone is left, or next to nothing of what was beyond it."""
+        return is_quiet(self.last.level, self.states[0].level)
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether no more is left of the motion than noise, or than hits are known by."""
+        return self.is_quiet or (self.last.level < MODERATE and is_exact(self.last.errors))
 
     @property
     def tension_is_quiet(self) -> bool:
@@ -106,9 +113,19 @@ class Trail:
         """Reasons to doubt that the last model is near its plant: numbers that uncoupled tests deny."""
         return unlikely(self.last.model, self.last.evidence.baseline.believed)
 
+    def excuses(self) -> tuple[str, ...]:
+        """What is said where more than noise is left of a motion that counts as explained."""
+        if self.is_quiet or not self.is_explained:
+            return ()
+        error = 100 * (self.last.errors["training"]["motion_nrmse"] or 0.0)
+        return (
+            f"{self.last.level:.3g} times the noise is left of a motion that is simulated to {error:.2g} %: "
+            "no more than the samples of a hit leave open",
+        )
+
     def verdict(self) -> Verdict:
         """What is to be said of the declared model."""
-        if not self.is_quiet or not self.tension_is_quiet or (self.chosen and self.doubts()):
+        if not self.is_explained or not self.tension_is_quiet or (self.chosen and self.doubts()):
             return "unexplained"
         return "closed" if self.chosen else "no-effect"
 

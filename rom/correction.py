@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from rom.channels import FloatArray
+from rom.effects import CATALOGUE
 from rom.effects.effect import SensorFault
 from rom.model import Model
 from rom.processing import IMPACT_TESTS, Measurement, Motion, TensionRecord, tension_record
@@ -23,6 +24,12 @@ from rom.processing import IMPACT_TESTS, Measurement, Motion, TensionRecord, ten
 def faults_of(model: Model) -> tuple[SensorFault, ...]:
     """Return the faults of sensors that a model holds, in order."""
     return tuple(effect for effect in model.effects if isinstance(effect, SensorFault))
+
+
+def moves_levels(fault: SensorFault) -> bool:
+    """Return whether a fault moves a constant level, alike in all records."""
+    level = np.full(64, 100.0)
+    return not CATALOGUE[fault.name].by_record and not np.allclose(fault.apply(level, 1e3), level)
 
 
 def corrected(measurement: Measurement, model: Model) -> Measurement:
@@ -70,7 +77,14 @@ def _without(measurement: Measurement, fault: SensorFault) -> Measurement:
             if struck
             else fault.remove(force, measurement.rate_hz)
         )
-        return replace(measurement, force={**measurement.force, body: force})
+        still = {
+            b: fault.remove(f, measurement.rate_hz) for b, f in measurement.still_force.items() if b == body
+        }
+        return replace(
+            measurement,
+            force={**measurement.force, body: force},
+            still_force={**measurement.still_force, **still},
+        )
     if body in measurement.motion and measurement.motion[body].kind == quantity:
         return _without_in_motion(measurement, fault, body)
     return measurement

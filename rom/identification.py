@@ -133,7 +133,7 @@ def identify_campaign(
 ) -> Identification:
     """Return the identification with every estimate behind the model; see `identify`.
 
-    Faults of sensors that are known are taken out of the records, and are in the model.
+    Faults of sensors that are known are taken out of impact tests, and are in the model.
     """
     if is_driven(campaign) and (driven := _of_driven(campaign)) is not None:
         return driven

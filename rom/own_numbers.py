@@ -100,6 +100,8 @@ def _of_fault(model: Model, measurement: Measurement, fault: SensorFault) -> Mod
     quiet = samples[: quiet_samples(measurement, rate)]
     if len(quiet) < _FEWEST:
         return model
+    if np.ptp(quiet) == 0:  # a channel that is gated shows nothing of a fault, whatever its size
+        return _with(model, fault, np.zeros(len(own_names(fault))))
     true = np.zeros(len(quiet))
     columns = np.stack([unit.apply(true, rate) - none.apply(true, rate) for unit, none in _units(fault)])
     return _with(model, fault, _fit(quiet[None], _per_one(fault, columns), _own(fault)))

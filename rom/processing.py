@@ -178,7 +178,7 @@ def process(
     impact, noise, still = None, dict.fromkeys(forces, 0.0), dict[str, FloatArray]()
     if test in IMPACT_TESTS:
         impact = min((t for f in forces.values() if (t := find_impact(f, rate)) is not None), default=None)
-        still = {body: f[: int((impact or 0.0) * rate)] for body, f in forces.items()}
+        still = {body: f[: int((impact or 0.0) * rate)].copy() for body, f in forces.items()}
         gated = {body: gated_force(f, rate, settings.sampling.pretrigger_s) for body, f in forces.items()}
         forces, noise = {b: f for b, (f, _) in gated.items()}, {b: n for b, (_, n) in gated.items()}
     first_mode = dominant_frequency(motions, rate, impact)

@@ -34,10 +34,10 @@ def explained(
     )
 
 
-def errors(tension: float | None, motion: float, training: float = 1.0) -> ErrorsByKind:
+def errors(tension: float | None, motion: float, training: float = 1.0, failed: int = 0) -> ErrorsByKind:
     """Of one record in five that is held out, and of the others."""
-    of_training = {"tension_rmse_n": training, "motion_nrmse": 0.02, "records": 4}
-    held_out = {"tension_rmse_n": tension, "motion_nrmse": motion, "records": 1}
+    of_training = {"tension_rmse_n": training, "motion_nrmse": 0.02, "records": 4, "failed": 0}
+    held_out = {"tension_rmse_n": tension, "motion_nrmse": motion, "records": 1, "failed": failed}
     return cast(ErrorsByKind, {"hold_out": held_out, "training": of_training})
 
 
@@ -94,6 +94,7 @@ def test_in_the_motion_unseen_records_tell_them_apart() -> None:
         (errors(1.6, 0.02, training=1.6), True),
         (errors(0.5, 0.08), True),
         (errors(None, 0.02), True),  # its simulations did not finish
+        (errors(0.5, 0.02, failed=1), True),  # one of them
     ],
 )
 def test_an_effect_that_ruins_what_is_simulated_on_harms(after: ErrorsByKind, harm: bool) -> None:
@@ -151,17 +152,20 @@ def test_the_largest_gain_by_chance_is_told_by_its_training_records() -> None:
 
 
 @pytest.mark.parametrize(
-    ("motion_nrmse", "relative", "exact"),
+    ("motion_nrmse", "relative", "held_out", "failed", "exact"),
     [
-        (0.003, 0.01, True),
-        (0.003, None, True),
-        (0.02, 0.01, False),
-        (0.003, 0.05, False),
-        (None, None, False),
+        (0.003, 0.01, 0.003, 0, True),
+        (0.003, None, None, 0, True),
+        (0.02, 0.01, 0.003, 0, False),
+        (0.003, 0.05, 0.003, 0, False),
+        (0.003, 0.01, 0.02, 0, False),
+        (0.003, 0.01, 0.003, 1, False),
+        (None, None, None, 0, False),
     ],
 )
 def test_a_motion_within_what_samples_tell_of_a_hit_is_exact(
-    motion_nrmse: float | None, relative: float | None, exact: bool
+    motion_nrmse: float | None, relative: float | None, held_out: float | None, failed: int, exact: bool
 ) -> None:
-    told = {"motion_nrmse": motion_nrmse, "relative_motion_nrmse": relative}
-    assert is_exact(cast(ErrorsByKind, {"training": told, "hold_out": {}})) is exact
+    told = {"motion_nrmse": motion_nrmse, "relative_motion_nrmse": relative, "records": 5, "failed": failed}
+    unseen = {**told, "motion_nrmse": held_out, "records": 2}
+    assert is_exact(cast(ErrorsByKind, {"training": told, "hold_out": unseen})) is exact

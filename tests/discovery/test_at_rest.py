@@ -81,6 +81,10 @@ def test_the_mains_in_a_hammer_are_found_where_nothing_but_contacts_is_kept_of_i
         one.measurement.still_force["lo"] = other.measurement.motion["so"].samples[:2400]
     (found,) = sure(quiet)
     assert (found.effect.name, found.effect.enters) == ("hum", "sensor:force_lo")
+    quiet.traces[0].measurement.force["lo"][2500] = 100.0  # of which 0.03 N are nothing
+    assert not sure(quiet)
+    quiet.traces[1].measurement.force["lo"][2500] = 10.0
+    assert sure(quiet)
     assert found.effect.parameters["f"].value == pytest.approx(50.04, abs=0.015)
 
 

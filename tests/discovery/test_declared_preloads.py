@@ -64,6 +64,24 @@ def test_a_wrong_calibration_is_found_with_its_limits(
         assert number.value == pytest.approx(true, abs=2 * (number.high - number.low))
 
 
+@pytest.mark.parametrize("scatter", [0.02, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize("levels", [8, 10, 14])
+def test_few_preloads_that_scatter_hardly_ever_pass_for_a_reference(levels: int, scatter: float) -> None:
+    declared = np.geomspace(10.0, 1000.0, levels)
+    named = [bool(sure(shown(scatter=scatter, declared=declared, seed=seed))) for seed in range(40)]
+    assert sum(named) <= 2
+
+
+def test_a_narrow_range_hides_no_wrench() -> None:
+    declared = np.repeat(np.linspace(800.0, 1300.0, 12), 4)
+    named = [bool(sure(shown((0.0, 0.15, 0.0), scatter=0.1, declared=declared, seed=s))) for s in range(40)]
+    assert sum(named) <= 1
+
+
+def test_a_zero_beyond_its_range_is_not_named_by_half() -> None:
+    assert not sure(shown((-80.0, 0.0, 0.0)))
+
+
 def test_limits_hold_as_often_as_they_say() -> None:
     wrong, held = (-3.0, 0.2, 0.0), 0
     for seed in range(60):
@@ -90,7 +108,7 @@ def test_what_settings_and_zeros_may_be_off_by_is_no_fault() -> None:
     assert not sure(shown((0.2, -0.03, 0.0)))
 
 
-@pytest.mark.parametrize("declared", [np.repeat(100.0, 10), np.repeat(np.geomspace(10.0, 1000.0, 4), 2)])
+@pytest.mark.parametrize("declared", [np.repeat(100.0, 10), np.repeat(np.geomspace(10.0, 1000.0, 7), 2)])
 def test_few_different_preloads_tell_nothing(declared: FloatArray) -> None:
     assert not sure(shown((-10.0, 0.0, 0.0), declared=declared))
 
