@@ -188,7 +188,7 @@ def explanation(name: str) -> Explanation:
 
 
 def state(tension: float = 1.0) -> Any:
-    errors = {"tension_rmse_n": tension, "motion_nrmse": 0.02}
+    errors = {"tension_rmse_n": tension, "motion_nrmse": 0.02, "records": 3, "failed": 0}
     told = {"hold_out": errors, "training": errors}
     return SimpleNamespace(level=1.0, errors=told, found=None, model=None)
 

@@ -160,7 +160,7 @@ def shortened(gains: dict[str, float], error: float = 1.0) -> Trail:
     """Three effects in the tension, and what each explains where the one before the last is asked again."""
 
     def state(*names: str, error: float = 1.0) -> Any:
-        held = {"tension_rmse_n": error, "motion_nrmse": 0.02}
+        held = {"tension_rmse_n": error, "motion_nrmse": 0.02, "records": 3, "failed": 0}
         return SimpleNamespace(names=names, level=1.0, errors={"hold_out": held, "training": held})
 
     names = ("relaxation-log", "tension-drift", "loosening-ratchet")

@@ -24,7 +24,7 @@ def explained(name: str = "relaxation-log", gain: float = 100.0) -> Explanation:
 
 
 def state(tension: float, level: float = 1.0, model: tuple[str, ...] = ()) -> Any:
-    held = {"tension_rmse_n": tension, "motion_nrmse": 0.02}
+    held = {"tension_rmse_n": tension, "motion_nrmse": 0.02, "records": 3, "failed": 0}
     return SimpleNamespace(level=level, found=None, model=model, errors={"hold_out": held, "training": held})
 
 

@@ -15,7 +15,7 @@ from rom.effects import CATALOGUE
 
 
 def state(level: float, error: float = 1.0, records: int = 3) -> Any:
-    held = {"motion_nrmse": error, "relative_motion_nrmse": error}
+    held = {"motion_nrmse": error, "relative_motion_nrmse": error, "records": records, "failed": 0}
     evidence = SimpleNamespace(baseline=SimpleNamespace(believed=()), traces=("record",) * records)
     return SimpleNamespace(
         level=level, errors={"hold_out": held, "training": held}, model=rom.paper_model(), evidence=evidence
@@ -87,3 +87,21 @@ def test_the_last_misfit_of_the_courses_is_told_with_its_place() -> None:
     told = courses((Misfit(9.0, 100.0), Misfit(2.0, 100.0, views)))
     assert told == ({"tension_courses": 2.0}, views)
     assert courses(()) == ({}, {})
+
+
+@pytest.mark.parametrize(
+    ("level", "error", "verdict"),
+    [
+        (3.0, 0.004, "no-effect"),
+        (3.0, 0.02, "unexplained"),
+        (8.0, 0.004, "unexplained"),
+        (1.0, 0.02, "no-effect"),
+    ],
+)
+def test_what_the_samples_of_a_hit_leave_open_is_no_missing_effect(
+    level: float, error: float, verdict: str
+) -> None:
+    path = Trail((state(level, error),))
+    assert path.verdict() == verdict
+    assert bool(path.excuses()) == (level > 1.2 and verdict == "no-effect")
+    assert not path.is_quiet or level == 1.0
