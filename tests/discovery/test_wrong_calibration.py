@@ -26,7 +26,7 @@ WRONG = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 
 @cache
 def gauged(*undeclared: Undeclared) -> tuple[_Loop, Trail]:
     with TemporaryDirectory() as scratch:
-        rig.run(Path(scratch) / "c", 7, 1.0, 2, 1, duration_s=2.5, hold_out_every=4, undeclared=undeclared)
+        rig.run(Path(scratch) / "c", 12, 1.0, 2, 1, duration_s=2.5, hold_out_every=4, undeclared=undeclared)
         campaign = rom.read_campaign(Path(scratch) / "c")
         loop = _Loop(Refits(campaign, identify_campaign(campaign), 1, silent))
         return loop.gauged(Trail((loop.refits.start(),)))
