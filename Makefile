@@ -17,7 +17,7 @@ test: .venv/installed-test  ## every check: style, walls between packages, types
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
-	$(BIN)/pytest -n 2 --dist worksteal
+	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal  # two processes on two cores: threads of theirs would only wait
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv

@@ -99,10 +99,7 @@ def propose(
     progress : callable
         Called as ``progress(done, total)``.
     """
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped] # comes with scikit-learn
-
-    with threadpool_limits(1):  # small matrices: threads only wait for each other
-        return _proposed(frozen, baseline_fit, seed, tightening, progress or _silent)
+    return _proposed(frozen, baseline_fit, seed, tightening, progress or _silent)
 
 
 def _silent(done: int, total: int) -> None:  # noqa: ARG001 - the signature of progress

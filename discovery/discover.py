@@ -19,6 +19,7 @@ from discovery.terms import baseline
 from rom.campaign import Campaign
 from rom.courses import TensionCourse
 from rom.identification import Identification, identify_campaign
+from rom.one_thread import one_threaded
 from rom.quality import Doubt
 from rom.reduction import Progress, reduce_records, tension_courses
 
@@ -29,6 +30,7 @@ _NAMED = 5  # of columns left out
 _COMPARED, _NEAR = 6, 10.0  # first laws, and those of nearly the same BIC
 
 
+@one_threaded
 def discover(
     campaign: Campaign,
     jobs: int = 1,

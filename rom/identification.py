@@ -36,12 +36,14 @@ from rom.linear import UNCOUPLED, LinearNames, with_starts
 from rom.linear_laws import UNDETERMINED, bolted_laws, linear_laws, mean_laws
 from rom.loosening import GammaEstimate, LooseningCase, identify_gamma, refine_gamma_law
 from rom.model import LinkLaws, Model
+from rom.one_thread import one_threaded
 from rom.output_error import OutputErrorFit
 from rom.quality import Doubt
 from rom.reduction import (
     Progress,
     ReducedRecord,
     UncoupledTest,
+    common_cutoffs,
     loosening_cases,
     reduce_records,
     tension_courses,
@@ -125,6 +127,7 @@ def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None
     return identify_campaign(campaign, jobs, progress).model
 
 
+@one_threaded
 def identify_campaign(
     campaign: Campaign,
     jobs: int = 1,
@@ -236,7 +239,7 @@ def _model(
     model = Model(
         structure=Structure(bodies, tuple(Link(x.name, *x.between, x.law) for x in settings.link)),
         link_laws=laws,
-        filter_cutoff_hz=_cutoffs(records),
+        filter_cutoff_hz=common_cutoffs(records),
         calibration=(settings.bolt.calibration or ()) if settings.bolt else (),
         windows=dict(settings.windows),
         sampling=dict(settings.sampling),
@@ -271,16 +274,6 @@ def _untensioned(records: Sequence[ReducedRecord], settings: CampaignSettings) -
         and r.tensions is None
         and r.settings.preload_n is None
     )
-
-
-def _cutoffs(records: Sequence[ReducedRecord]) -> dict[str, float]:
-    """Return the lowest cutoff [Hz] of every kind of test: what every record of that kind can pass."""
-    found: dict[str, float] = {}
-    for record in records:
-        test, cutoff = str(record.settings.test), record.cutoff_hz
-        if cutoff is not None:
-            found[test] = min(cutoff, found.get(test, cutoff))
-    return found
 
 
 def _bodies(

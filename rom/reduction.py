@@ -317,3 +317,13 @@ def _link_constants(
         values = np.linalg.lstsq(np.stack(columns, axis=1), force.samples, rcond=None)[0]
         out.append((link.name, 0.0 if link.law == "dashpot" else float(values[0]), float(values[-1])))
     return tuple(out)
+
+
+def common_cutoffs(records: Sequence[ReducedRecord]) -> dict[str, float]:
+    """Return the lowest cutoff [Hz] of every kind of test: what every record of that kind can pass."""
+    found: dict[str, float] = {}
+    for record in records:
+        test, cutoff = str(record.settings.test), record.cutoff_hz
+        if cutoff is not None:
+            found[test] = min(cutoff, found.get(test, cutoff))
+    return found
