@@ -17,10 +17,11 @@ from scipy import optimize
 
 from discovery.attribution import Probe, free_numbers
 from discovery.explanation import Explanation
+from discovery.free_form import member_of
 from discovery.scales import at_scale, scale_of, sees_normal_force
 from rom.channels import FloatArray
 from rom.driven import Balances
-from rom.effects import CATALOGUE, Added, Effect, Member, candidates
+from rom.effects import Added, Effect, Member, candidates
 from rom.laws import Parameter
 from rom.model import Model
 from rom.structure import GROUND
@@ -76,13 +77,16 @@ class Unbalanced:
 
 
 def screen_forces(state: Unbalanced, model: Model) -> tuple[tuple[Probe, ...], ...]:
-    """Try every force of the catalogue at every place over a grid of its inner numbers; the best first."""
+    """Try every force of the catalogue at every place over a grid of its inner numbers; the best first.
+
+    Members of a class beside its core too: here they cost little, and loops of slip tell them apart.
+    """
     rows = state.balances.training
     noise = state.balances.noise[rows]
     basis = np.linalg.qr(state.balances.columns[rows] / noise[:, None])[0]
     left = _beyond(basis, state.force[rows] / noise)
     known, found = {(effect.name, effect.enters) for effect in state.effects}, []
-    for member, added in candidates(model):
+    for member, added in candidates(model, core=False):
         if member.kind != "force" or member.by_record or (added.name, added.enters) in known:
             continue
         effect = _at_place(member, added, state.balances)
@@ -253,9 +257,13 @@ def _numbers(state: Unbalanced, new: Sequence[Effect]) -> list[_Number]:
             value = max(state.values[name], 1e-12)
             numbers.append(_Number(None, name, value, value, 0.0, np.inf))
     for place, effect in enumerate(new):
-        for name in free_numbers(effect, CATALOGUE[effect.name]):
+        for name in free_numbers(effect, member_of(effect)):
             p = effect.parameters[name]
-            size = max(abs(p.value), 0.1 * min((abs(b) for b in p.bounds if b), default=0.0), 1e-300)
+            size = max(
+                abs(p.value),
+                0.1 * min((abs(b) for b in p.bounds if b and np.isfinite(b)), default=0.0),
+                1e-300,
+            )
             if _shows(state, effect, name, size):
                 numbers.append(_Number(place, name, p.value, size, *p.bounds))
     return numbers

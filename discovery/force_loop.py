@@ -7,7 +7,7 @@ acceptance on held-out records, look-alikes and verdicts are those of impact tes
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,8 +19,10 @@ from discovery.closure import Closure, ErrorsByKind, FoundEffect, LookAlike, Scr
 from discovery.explanation import Explanation
 from discovery.force_fits import Unbalanced, explain_forces, explained, fitted, screen_forces
 from discovery.force_views import localise_forces, numbers_of
+from discovery.free_force import free_force
 from discovery.localisation import Localisation
 from discovery.state import Stages
+from discovery.trail import FAR_LESS
 from rom.campaign import Campaign
 from rom.comparison import Judged, judge
 from rom.driven import SOUND, Balances, balances_of, model_of, noise_share
@@ -61,7 +63,7 @@ class _Found:
     rivals: tuple[Explanation, ...]
 
 
-def close_forces(campaign: Campaign, jobs: int, stage: Stages) -> Closure:
+def close_forces(campaign: Campaign, jobs: int, stage: Stages, seed: int = 0) -> Closure:
     """Find what the declared model lacks of a campaign for which ``rom.driven.is_driven`` holds.
 
     Parameters
@@ -72,6 +74,8 @@ def close_forces(campaign: Campaign, jobs: int, stage: Stages) -> Closure:
         Processes of the simulations.
     stage : callable
         As for ``discovery.close_loop``.
+    seed : int
+        Of the ensembles of the sparse fits.
 
     Raises
     ------
@@ -103,6 +107,11 @@ def close_forces(campaign: Campaign, jobs: int, stage: Stages) -> Closure:
         stages = [stages[0], *(stages[place + 1] for place in kept), after]
         chosen = [*(chosen[place] for place in kept), one]
         seen.append(names)
+    named = stages, chosen
+    for place, found, state in _formed(stages, chosen, seed):
+        after = _staged(campaign, state, doubts, jobs, stage)
+        if _is_far_better(after, stages[-1]):
+            stages, chosen = [*named[0][: place + 1], after], [*named[1][:place], found]
     first, last = stages[0], stages[-1]
     labels = ["", *(f"{one.best.effect.name} ({one.best.effect.enters})" for one in chosen)]
     return Closure(
@@ -163,6 +172,25 @@ def _best(
     return _Found(best, tuple(sorted(rivals, key=lambda one: -merit(one)))), after
 
 
+def _formed(
+    stages: Sequence[_Stage], chosen: Sequence[_Found], seed: int
+) -> Iterator[tuple[int, _Found, Unbalanced]]:
+    """Yield free forms in place of what the catalogue named, and beside it, with how many names they keep.
+
+    None where the names leave noise alone, or next to nothing.
+    """
+    if is_quiet(stages[-1].level, stages[0].level):
+        return
+    for kept in dict.fromkeys((0, len(chosen))):
+        told = free_force(stages[kept].state, seed)
+        if told is not None and is_sure(told[0]):
+            yield kept, _Found(told[0], ()), told[1]
+
+
+def _is_far_better(after: _Stage, before: _Stage) -> bool:
+    return after.level < FAR_LESS * before.level and after.force_error() < before.force_error()
+
+
 def _together(state: Unbalanced) -> Unbalanced:
     """All effects of a state fitted again beside each other."""
     return fitted(replace(state, effects=()), state.effects)[0]
@@ -199,7 +227,7 @@ def _told(found: _Found, last: _Stage) -> FoundEffect:
             LookAlike(one.effect.name, one.effect.enters, one.cost(hold_out=True) / costs if costs else 1.0)
             for one in found.rivals
         ),
-        source="catalogue",
+        source="catalogue" if effect.name in CATALOGUE else "free-form",
         share=best.share(),
         p_value=min(1.0, tried * chance),
         wins=(int((gains > 0).sum()), len(gains)),

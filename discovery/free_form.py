@@ -17,7 +17,7 @@ from discovery.explanation import Explanation
 from discovery.regression import sparse_supports, usable
 from discovery.tracing import Evidence
 from rom.channels import FloatArray
-from rom.effects import Effect, Member, free_form
+from rom.effects import CATALOGUE, Added, Effect, Member, free_form
 from rom.laws import Parameter
 from rom.structure import GROUND
 
@@ -57,44 +57,61 @@ def free_forms(evidence: Evidence, seed: int = 0) -> tuple[Explanation, ...]:
     """Fit the best sparse sum of terms at every link, each with its costs on held-out records too."""
     model = evidence.baseline.model
     taken = {effect.enters for effect in model.effects if effect.name == "free-form"}
-    found = []
+    left, found = evidence.beyond(evidence.residual), []
     for link in model.structure.links:
         ends = (link.first, link.second)
         if link.name in taken:
             continue
-        terms = {**_TERMS, **(_OF_TENSION if link.law == "bolted" else {})}
-        if GROUND in ends:
-            terms = {text: unit for text, unit in terms.items() if "T" not in text.replace("tanh", "")}
-        found.append(_best_sum(evidence, link.name, _scaled(terms, ends, evidence), seed))
-    return tuple(one for one in found if one is not None)
+        peaks = np.array([[np.abs(m).max() for m in trace.relative(ends)] for trace in evidence.traces])
+        terms = terms_at(*np.median(peaks, axis=0), tension=link.law == "bolted" and GROUND not in ends)
+        columns = np.stack(
+            [evidence.beyond(output_of(one, evidence)) for one in single_terms(terms, link.name)], axis=1
+        )
+        effect = sparse_sum(columns, left, terms, link.name, seed)
+        if effect is not None:
+            found.append(explanation(effect, member_of(effect), evidence))
+    return tuple(found)
 
 
-def _scaled(terms: Terms, ends: tuple[str, str], evidence: Evidence) -> Terms:
-    """Terms with the scales of the motion in them."""
-    peaks = np.array([[np.abs(m).max() for m in trace.relative(ends)] for trace in evidence.traces])
-    x, v = (float(f"{value:.2g}") for value in np.median(peaks, axis=0))
+def terms_at(x: float, v: float, *, tension: bool) -> Terms:
+    """Terms with the scales of a motion in them, its largest displacement [m] and velocity [m/s]."""
+    x, v = float(f"{x:.2g}"), float(f"{v:.2g}")
+    terms = {**_TERMS, **(_OF_TENSION if tension else {})}
     return {text.format(v=f"{_TYPICAL * v:.3g}", x=f"{0.5 * x:.3g}"): unit for text, unit in terms.items()}
 
 
-def _best_sum(evidence: Evidence, enters: str, terms: Terms, seed: int) -> Explanation | None:
-    """The sum of lowest cost with a price for every term."""
-    left = evidence.beyond(evidence.residual)
+def single_terms(terms: Terms, enters: str) -> list[Effect]:
+    """Every term by itself, its coefficient one."""
+    return [_sum([text], [1.0], enters, terms) for text in terms]
+
+
+def sparse_sum(columns: FloatArray, left: FloatArray, terms: Terms, enters: str, seed: int) -> Effect | None:
+    """The sum of lowest cost with a price for every term; None where no two terms are told apart.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (rows, terms)
+        What each term makes of the whitened rows, what the model's numbers can imitate taken off.
+    left : ndarray, shape (rows,)
+        The residual, the same taken off.
+    terms : mapping
+        As `terms_at` has them.
+    enters : str
+        The link.
+    seed : int
+        Of the ensembles.
+    """
     texts = list(terms)
-    columns = np.stack(
-        [evidence.beyond(output_of(_sum([text], [1.0], enters, terms), evidence)) for text in texts], axis=1
-    )
-    names = [str(k) for k in range(len(texts))]
     sound = [k for k in range(len(texts)) if np.isfinite(columns[:, k]).all()]
-    kept, _ = usable(columns[:, sound], [names[k] for k in sound])
+    kept, _ = usable(columns[:, sound], [texts[k] for k in sound])
     if len(kept) < 2:
         return None
     place = [sound[k] for k in kept]
     basis, triangle = np.linalg.qr(columns[:, place])
     target = basis.T @ left
-    supports = sparse_supports(triangle, target, np.random.default_rng(seed))
     spread = max(float(left @ left) / len(left), 1.0)
     best, lowest = None, np.inf
-    for support in supports:
+    for support in sparse_supports(triangle, target, np.random.default_rng(seed)):
         if len(support) > MOST_TERMS:
             continue
         chosen = sorted(support)
@@ -102,10 +119,7 @@ def _best_sum(evidence: Evidence, enters: str, terms: Terms, seed: int) -> Expla
         cost = residual / spread + PRICE * len(chosen)
         if cost < lowest:
             best, lowest = ([texts[place[k]] for k in chosen], values), cost
-    if best is None:
-        return None
-    effect = _sum(best[0], list(best[1]), enters, terms)
-    return explanation(effect, _member(effect), evidence)
+    return None if best is None else _sum(best[0], list(best[1]), enters, terms)
 
 
 def _least_squares(columns: FloatArray, target: FloatArray) -> tuple[FloatArray, float]:
@@ -132,8 +146,11 @@ def _unit(powers: tuple[float, ...]) -> str:
     return " ".join(parts) or "1"
 
 
-def _member(effect: Effect) -> Member:
-    """What a fit needs to know of a free form: all its numbers are strengths."""
+def member_of(effect: Added) -> Member:
+    """What a fit needs to know of an effect; of a free form that all its numbers are strengths."""
+    if effect.name in CATALOGUE:
+        return CATALOGUE[effect.name]
+    assert isinstance(effect, Effect)
     names = dict(effect.parameters)
     return Member(
         effect.name, ("joint",), effect.equation, names, {name: p.value for name, p in names.items()}, (),

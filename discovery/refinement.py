@@ -31,10 +31,12 @@ from rom.campaign import Campaign
 from rom.driven import is_driven
 from rom.effects import Added, Effect, LawChange, Reading, SensorFault
 from rom.identification import identify_campaign
+from rom.one_thread import one_threaded
 
 _AFAR = 10.0  # times noise: what integrating and filtering do to the measured motion is less
 
 
+@one_threaded
 def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None, seed: int = 0) -> Closure:
     """Find what a campaign's declared model lacks, add it, and tell the errors before and after.
 
@@ -61,16 +63,13 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     """
     stage = progress or silent
     if is_driven(campaign):
-        return close_forces(campaign, jobs, stage)
+        return close_forces(campaign, jobs, stage, seed)
     found = identify_campaign(campaign, jobs, stage("identifying"))
     loop = _Loop(Refits(campaign, found, jobs, stage))
     first = loop.refits.start()
     loop, path = loop.gauged(Trail((first,)))
-    rested = loop.at_rest(path)
-    path = loop.moved(rested)
-    if not path.is_quiet:
-        formed = loop.formed(rested.last, seed)
-        path = path if formed is None else path.or_better(loop.moved(rested, formed))
+    rested = loop.law_first(loop.at_rest(path))
+    path = loop.or_formed(loop.moved(rested), rested, seed)
     path = loop.along_law(loop.in_tension(path, seed))
     last = path.last
     labels = ["", *(label_of(one.best.effect) for one in path.chosen)]
@@ -195,9 +194,18 @@ class _Loop:
         return min(found, key=_left, default=None)
 
     def in_tension(self, path: Trail, seed: int = 0) -> Trail:
-        """Add effects in the tension and its gauge; a free form where the catalogue leaves too much."""
-        refits, named = self.refits, self._named_in_tension(path)
-        if named.tension_is_quiet or not named.is_explained:
+        """Add effects in the tension and its gauge; a free form where the catalogue leaves too much.
+
+        They are told along the motion, so where that is not explained none is asked for.
+        """
+        refits = self.refits
+        if not path.is_explained:
+            misfit = tension_misfit(refits.campaign, path.last.found, path.last.model, refits.jobs)
+            return (
+                path if misfit is None else replace(path, tension=(*(path.tension or (misfit,))[:1], misfit))
+            )
+        named = self._named_in_tension(path)
+        if named.tension_is_quiet:
             return named
         starts = [path, named] if len(named.chosen) > len(path.chosen) else [path]
         return with_free_form(
@@ -210,13 +218,9 @@ class _Loop:
     def _named_in_tension(self, path: Trail) -> Trail:
         """Add effects of the catalogue in the tension, which hardly show in the motion, until none helps.
 
-        They are told along the motion, so where that is not explained none is asked for. One that makes the
-        simulated errors worse, or the courses by more than it explains, is not kept; nor is a law believed
-        that only a reading brought up which follows the motion.
+        One that makes the simulated errors worse, or the courses by more than it explains, is not kept; nor
+        is a law believed that only a reading brought up which follows the motion.
         """
-        if not path.is_explained:
-            misfit = tension_misfit(self.refits.campaign, path.last.found, path.last.model, self.refits.jobs)
-            return path if misfit is None else replace(path, tension=(misfit, misfit))
         before, sure, seen, count = path, set[str](), [path.names], len(path.chosen)
         while True:
             last, told = path.last, self._findings(path.last)
@@ -244,6 +248,26 @@ class _Loop:
         tell = self.refits.stage("tension")
         return explain_tension(self.refits.campaign, state.found, state.model, self.refits.jobs, tell, only)
 
+    def law_first(self, path: Trail) -> Trail:
+        """Add another law of loosening before all effects in the motion, where it is what is plainly wrong.
+
+        Records are traced along a tension that falls by the declared law. Where another one holds, courses
+        are off by far more than the motion, and what that lacks then is the right tension.
+        """
+        refits, last = self.refits, path.last
+        if path.is_explained:
+            return path
+        misfit = tension_misfit(refits.campaign, last.found, last.model, refits.jobs)
+        if misfit is None or misfit.is_noise or misfit.level <= last.level:
+            return path
+        named = self._named_in_tension(path)
+        laws = [one for one in named.chosen[len(path.chosen) :] if isinstance(one.best.effect, LawChange)]
+        if not laws:
+            return path
+        near = named.last.evidence
+        traced = refits.settled(refitted(refits.gathered(near.baseline, near.floors)), learned=True)
+        return replace(named.ending(traced), tension=named.tension[:1]) if traced.level < last.level else path
+
     def along_law(self, path: Trail) -> Trail:
         """Drop what is needless in the motion once the tension falls by the law that was found.
 
@@ -257,6 +281,19 @@ class _Loop:
         evidence = refitted(self.refits.gathered(near.baseline, near.floors))
         after = without_needless(path.ending(self.refits.settled(evidence, learned=True)), self.refits)
         return after if len(after.chosen) < len(path.chosen) and after.is_explained else path
+
+    def or_formed(self, path: Trail, start: Trail, seed: int) -> Trail:
+        """The trail, or from its start one with a term without the catalogue, where that leaves far less.
+
+        Where names leave next to nothing of much the term must do better by itself: no others follow it.
+        """
+        formed = self.formed(start.last, seed) if path.last.level > QUIET else None
+        if formed is None:
+            return path
+        if not path.is_quiet:
+            return path.or_better(self.moved(start, formed))
+        after = self.refits.settled(sharpened(self.refits.beside(start.last, formed.best)))
+        return path.or_better(start.longer(formed, after))
 
     def formed(self, state: State, seed: int) -> Chosen | None:
         """The best term without the catalogue; None where even that does not predict held-out records."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from rom.driven import Balances
 from rom.effects import Effect, Member
+from rom.equation_error import Balance
 from rom.laws import Parameter
 
 _POWERS = {
@@ -69,7 +70,11 @@ def powers(unit: str) -> tuple[int, int, int]:
 
 
 def scale_of(balances: Balances, enters: str) -> Scale | None:
-    """Scale of a place over the training records; None where nothing moves or pulls there."""
+    """Scale of a place over the training records; None where nothing moves or pulls there.
+
+    A body that nobody drives is pulled by its links as hard as its mass resists.
+    """
+    masses = {f"body:{body.name}": body.mass_kg or 0.0 for body in balances.settings.body}
     force, x, v = [], [0.0], [0.0]
     for record in balances.records:
         if record.settings.hold_out or enters not in record.motion:
@@ -77,11 +82,15 @@ def scale_of(balances: Balances, enters: str) -> Scale | None:
         motion = record.motion[enters]
         x.append(float(np.ptp(motion[0])) / 2)
         v.append(float(np.abs(motion[1]).max()))
-        force += [
-            float(b.terms["force"].std()) for b in record.balances if enters == b.place or enters in b.pulls
-        ]
+        near = [b for b in record.balances if enters == b.place or enters in b.pulls]
+        force += [_typical_force(balance, masses.get(balance.place, 0.0)) for balance in near]
     found = Scale(max(force, default=0.0), max(x), max(v))
     return found if min(found.force, found.displacement, found.velocity) > 0 else None
+
+
+def _typical_force(balance: Balance, mass: float) -> float:
+    driven = float(balance.terms["force"].std())
+    return driven if driven > 0 or not mass else mass * float(balance.terms["acceleration"].std())
 
 
 def sees_normal_force(balances: Balances, enters: str) -> bool:

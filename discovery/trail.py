@@ -104,10 +104,17 @@ class Trail:
         )
 
     def or_better(self, other: Trail) -> Trail:
-        """That which leaves noise alone; where neither does, this one unless the other leaves far less."""
-        if other.is_quiet or other.last.level < FAR_LESS * self.last.level:
-            return replace(other, screened=self.screened)
-        return self
+        """That which leaves noise alone; where neither does, this one unless the other leaves far less.
+
+        Next to nothing of much is still more than noise: a form that is a little wrong leaves as much as the
+        right one with another knee. What leaves far less of that too is nearer the truth.
+        """
+        if self.is_quiet:
+            more = self.last.level - 1
+            is_better = more > QUIET - 1 and other.last.level - 1 <= CLOSES * more
+        else:
+            is_better = other.is_quiet or other.last.level < FAR_LESS * self.last.level
+        return replace(other, screened=self.screened) if is_better else self
 
     def doubts(self) -> tuple[str, ...]:
         """Reasons to doubt that the last model is near its plant: numbers that uncoupled tests deny."""

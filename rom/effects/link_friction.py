@@ -94,7 +94,7 @@ MEMBERS = (
         "F = (F_c + mu * T) * tanh(v / v_s)",
         {
             "F_c": parameter(1.0, "N", 0.0, 10.0),
-            "mu": parameter(1.2e-3, "1", 0.0, 0.01),
+            "mu": parameter(1.2e-3, "1", 0.0, 1.0),
             "v_s": parameter(1e-3, "m/s", 3e-4, 3e-3),
         },
         {"F_c": 0.2, "mu": 3e-4},

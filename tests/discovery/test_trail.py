@@ -61,6 +61,24 @@ def test_a_model_with_which_a_record_diverges_is_no_better() -> None:
     assert not Trail((state(6.6),)).improves(state(1.0, 0.5, records=2))
 
 
+@pytest.mark.parametrize(
+    ("named", "formed", "better"),
+    [
+        (1.22, 1.0, True),  # next to nothing of much is left by the name, but noise alone by the form
+        (1.22, 1.1, False),  # hardly less
+        (1.0, 0.99, False),  # the name leaves noise alone
+        (3.0, 1.1, True),
+        (3.0, 2.0, True),
+        (3.0, 2.5, False),
+    ],
+)
+def test_a_form_without_the_catalogue_takes_the_place_of_a_name_that_leaves_far_more(
+    named: float, formed: float, better: bool
+) -> None:
+    path, other = (Trail((state(10.8), state(left))) for left in (named, formed))
+    assert (path.or_better(other).last is other.last) is better
+
+
 def told(held_out: float) -> Explanation:
     """A force that takes 380 of 400 from training records, and so much of 100 from held-out ones."""
     return Explanation(
