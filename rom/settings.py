@@ -108,11 +108,14 @@ class CampaignSettings(_Settings):
 
     @model_validator(mode="before")
     @classmethod
-    def _no_bolt_no_windows(cls, data: Any) -> Any:
-        """Windows average a tension: without a bolt they may be left out, and the usual ones stand in."""
-        if isinstance(data, dict) and not {"bolt", "windows"} & set(data):
-            return {**data, "windows": USUAL_WINDOWS}
-        return data
+    def _no_bolt_no_tension(cls, data: Any) -> Any:
+        """Windows average a tension: without a bolt they may be left out, and so may its rate."""
+        if not isinstance(data, dict) or "bolt" in data:
+            return data
+        sampling = data.get("sampling")
+        if isinstance(sampling, dict) and "motion_rate_hz" in sampling:
+            data = {**data, "sampling": {"tension_rate_hz": sampling["motion_rate_hz"], **sampling}}
+        return {"windows": USUAL_WINDOWS, **data}
 
     @property
     def body_names(self) -> tuple[str, ...]:

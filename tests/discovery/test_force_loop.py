@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from discovery.closure import Closure
 from discovery.force_fits import Unbalanced, explain_forces, screen_forces
 from discovery.refinement import close_loop
+from rom.campaign import Campaign
 from rom.channels import FloatArray
 from rom.driven import balances_of, declared_model
 from tests.discovery import driven_twins as twins
@@ -94,14 +96,61 @@ def test_slip_under_a_measured_normal_force_is_named(tmp_path: Path) -> None:
     assert after < 0.02
 
 
-def test_a_force_of_the_wrong_sign_is_told(tmp_path: Path) -> None:
-    campaign = twins.cycled(tmp_path / "right", friction=0.0)
-    records = {}
+def cycled_with(folder: Path, force: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]) -> Campaign:
+    """The cycled link without a slider; its force one of that, of displacement and of normal force."""
+    campaign, records = twins.cycled(folder / "right", friction=0.0), {}
     for record in campaign.settings.record:
         shown = {name: c.samples for name, c in campaign.load(record).channels.items()}
-        shown["link_force_contact"] = -shown["link_force_contact"]
+        seen = (f"{quantity}_contact" for quantity in ("link_force", "link_displacement", "normal_force"))
+        shown["link_force_contact"] = force(*(shown[name] for name in seen))
         records[record.file] = ("cycled", record.hold_out, shown, twins.CYCLED_HZ)
-    found = close_loop(twins.campaign_of(tmp_path / "wrong", "slider", "contact", "linear", records))
+    return twins.campaign_of(folder / "other", "slider", "contact", "linear", records)
+
+
+def test_friction_in_proportion_to_a_measured_normal_force_is_named(tmp_path: Path) -> None:
+    def rubbed(force: FloatArray, x: FloatArray, normal: FloatArray) -> FloatArray:
+        speed = np.gradient(np.convolve(x, np.ones(5) / 5, mode="same"), 1 / twins.CYCLED_HZ)
+        return np.asarray(force + 0.3 * normal * np.tanh(speed / 1e-4))
+
+    (one,) = close_loop(cycled_with(tmp_path, rubbed)).effects
+    assert one.effect.name == "coulomb-friction"
+    assert one.effect.parameters["mu"].value == pytest.approx(0.3, rel=0.05)
+    assert one.effect.parameters["F_c"].value < 0.05
+
+
+@pytest.mark.slow
+def test_many_sliders_of_rising_limits_are_a_class_of_slip_and_no_other_hysteresis(tmp_path: Path) -> None:
+    def slipping(force: FloatArray, x: FloatArray, normal: FloatArray) -> FloatArray:
+        del normal
+        sliders, total = np.zeros(60), np.empty_like(force)
+        limits = np.linspace(0.005, 0.6, 60) / 60
+        for k, step in enumerate(np.diff(x, prepend=x[0])):
+            sliders = np.clip(sliders + 1e4 / 60 * step, -limits, limits)
+            total[k] = sliders.sum()
+        return np.asarray(force + total)
+
+    found = close_loop(cycled_with(tmp_path, slipping))
+    assert found.verdict == "closed"
+    assert found.effects[0].effect.name == "iwan-slip"
+
+
+def test_a_force_that_the_catalogue_does_not_have_is_a_free_form(tmp_path: Path) -> None:
+    def outside(x: FloatArray, v: FloatArray) -> FloatArray:
+        return np.asarray(1e4 * x * np.abs(v))
+
+    found = close_loop(twins.driven(tmp_path / "outside", extra=outside))
+    assert found.verdict == "closed"
+    (one,) = found.effects
+    assert (one.effect.name, one.source, one.effect.enters) == ("free-form", "free-form", "guide")
+    assert "x * abs(v)" in one.effect.equation
+    before, after = (errors["hold_out"]["motion_nrmse"] for errors in (found.before, found.after))
+    assert before is not None
+    assert after is not None
+    assert after < before / 5
+
+
+def test_a_force_of_the_wrong_sign_is_told(tmp_path: Path) -> None:
+    found = close_loop(cycled_with(tmp_path, lambda force, *_: -force))
     assert any("turn its sign round" in line for line in found.warnings)
 
 

@@ -1,8 +1,12 @@
 """Ranges of the catalogue at other scales: what has no unit stays, the rest goes with the motion."""
 
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 import pytest
 
-from discovery.scales import OF_GROUND, OF_JOINT, Scale, at_scale, powers
+from discovery.scales import OF_GROUND, OF_JOINT, Scale, at_scale, powers, scale_of
 from rom.effects import CATALOGUE
 
 
@@ -47,3 +51,22 @@ def test_shares_and_coefficients_of_friction_stay() -> None:
     for name in ("kappa", "mu"):
         assert found[name].value == member.parameters[name].value
         assert found[name].bounds == member.parameters[name].bounds
+
+
+@pytest.mark.parametrize(("drive", "expected"), [(0.0, 6.0), (5.0, 5.0)])
+def test_a_body_that_nobody_drives_is_pulled_as_hard_as_its_mass_resists(
+    drive: float, expected: float
+) -> None:
+    wave = np.sqrt(2) * np.sin(2 * np.pi * np.arange(100) / 100)
+    balance = SimpleNamespace(
+        place="body:so", pulls={"flexure": 1.0}, terms={"force": drive * wave, "acceleration": 3.0 * wave}
+    )
+    record = SimpleNamespace(
+        settings=SimpleNamespace(hold_out=False), motion={"flexure": np.stack([wave, wave])},
+        balances=(balance,),
+    )  # fmt: skip
+    bodies = SimpleNamespace(body=(SimpleNamespace(name="so", mass_kg=2.0),))
+    campaign: Any = SimpleNamespace(settings=bodies, records=(record,))
+    scale = scale_of(campaign, "flexure")
+    assert scale is not None
+    assert scale.force == pytest.approx(expected)

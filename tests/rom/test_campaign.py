@@ -13,6 +13,7 @@ import pytest
 import tomli_w
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from rom.campaign import Campaign, CampaignError, CampaignSettings, read_campaign, write_campaign
 from rom.records import Channel, RecordError, write_channels
@@ -325,17 +326,20 @@ class TestWriting:
         read_campaign(tmp_path / "new")
 
 
-def test_without_a_bolt_the_windows_may_be_left_out() -> None:
+def test_without_a_bolt_the_windows_and_the_rate_of_the_tension_may_be_left_out() -> None:
     bare = {
         "format": "boltlaw-campaign/1",
         "name": "carriage",
         "body": [{"name": "carriage"}],
         "link": [{"name": "guide", "between": ["carriage", "ground"], "law": "dashpot"}],
-        "sampling": {"motion_rate_hz": 1000, "tension_rate_hz": 1000, "pretrigger_s": 0},
+        "sampling": {"motion_rate_hz": 1000, "pretrigger_s": 0},
         "record": [{"file": "run.h5", "test": "driven"}],
     }
-    settings_without_windows = CampaignSettings.model_validate(bare)
-    assert settings_without_windows.windows.final_s == (2.0, 8.0)
+    without = CampaignSettings.model_validate(bare)
+    assert without.windows.final_s == (2.0, 8.0)
+    assert without.sampling.tension_rate_hz == 1000
+    with pytest.raises(ValidationError, match="tension_rate_hz"):
+        CampaignSettings.model_validate(bare | {"bolt": {"link": "guide"}})
 
 
 def test_workers_started_in_another_folder_find_the_records(
