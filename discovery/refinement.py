@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
-from discovery.acceptance import MATERIAL, QUIET, harms, in_tension, is_quiet, is_sure, merit
+from discovery.acceptance import MATERIAL, QUIET, harms, in_tension, is_quiet, is_sure, merit, spread_of
 from discovery.at_rest import explain_at_rest
 from discovery.attribution import Probe, by_chance, explain, screen, worth_fitting
 from discovery.closure import Closure, Screened, Step
@@ -292,6 +292,8 @@ class _Loop:
             return path
         if not path.is_quiet:
             return path.or_better(self.moved(start, formed))
+        if spread_of(formed.best) >= path.last.level:
+            return path
         after = self.refits.settled(sharpened(self.refits.beside(start.last, formed.best)))
         return path.or_better(start.longer(formed, after))
 
