@@ -60,3 +60,28 @@ def test_only_what_is_needed_along_the_law_found_stays(
     assert len(closure.steps) == 1 + len(named)
     for rival in laws[0].look_alikes:
         assert "at a preload of" in rival.test or "none of the hits" in rival.test
+
+
+@pytest.mark.slow
+def test_a_law_that_is_plainly_another_comes_before_effects_in_the_motion(tmp_path: Path) -> None:
+    """On a bolt that loosens with |v|^2 the motion is off by several times noise, the courses by far more."""
+    rig.run(
+        tmp_path / "campaign",
+        8,
+        1.0,
+        4,
+        1,
+        duration_s=2.5,
+        hold_out_every=5,
+        strengths=(1.0, 0.7),
+        law="power-2",
+    )
+    closure = close_loop(rom.read_campaign(tmp_path / "campaign"))
+    assert closure.residual_before.total > 1.5
+    assert closure.residual_after.total < 1.2
+    assert closure.verdict == "closed"
+    (law,) = closure.effects
+    assert law.effect.enters == "tension"
+    assert "loosening-power" in {law.effect.name, *(one.name for one in law.look_alikes)}
+    if law.effect.name == "loosening-power":
+        assert law.effect.parameters["q_v"].value == pytest.approx(-2.0, abs=0.2)
