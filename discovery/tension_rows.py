@@ -35,7 +35,6 @@ _MEDIAN_OF_EXPONENTIAL = 0.6931
 _SAME = 1e-8
 _RANK = 5
 _FEWEST_QUIET = 6
-_SURELY = 3.0  # standard errors
 _ALLOWED = 0.3  # of the noise of a sample: so much of the peaks of any column is no finding
 
 
@@ -162,9 +161,8 @@ def _white(measurement: Measurement, tension: TensionRecord) -> float:
 def noises(seen: Sequence[Seen], allowed: float) -> tuple[CourseNoise, CourseNoise] | None:
     """Return the noise of courses with a drift that no gauge is free of, and with the one that it has.
 
-    From training tests that leave the tension alone. What all of those share is no noise: it is taken out;
-    a drift that they share, and that is there before the hits, is part of the gauge's own. None where there
-    are no such tests, and no time before a hit either.
+    From training tests that leave the tension alone. What all of those share is no noise: it is taken out.
+    None where there are none, and no time before a hit either.
 
     Parameters
     ----------
@@ -185,18 +183,8 @@ def noises(seen: Sequence[Seen], allowed: float) -> tuple[CourseNoise, CourseNoi
     if whole is None:
         return None
     slope = 1.0 if whole.of_tension else float(np.median([s.bins.slope for s in seen]))
-    least, shared = (allowed / slope) ** 2, (_shared_drift(seen) / slope) ** 2
-    return replace(whole, drift=least), replace(whole, drift=max(whole.drift, least) + shared)
-
-
-def _shared_drift(seen: Sequence[Seen]) -> float:
-    """Mean drift [N/s] of training records before their hits; 0 where chance may have made it."""
-    before = [s.before for s in seen if s.before is not None and not s.settings.hold_out]
-    slopes = np.array([float(b.change @ b.lag_s / (b.lag_s @ b.lag_s)) for b in before if b.lag_s.size])
-    if len(slopes) < _FEWEST_QUIET:
-        return 0.0
-    mean, error = abs(float(slopes.mean())), float(slopes.std(ddof=1) / np.sqrt(len(slopes)))
-    return mean if mean > _SURELY * error else 0.0
+    least = (allowed / slope) ** 2
+    return replace(whole, drift=least), replace(whole, drift=max(whole.drift, least))
 
 
 def _first(bins: TensionBins, count: int, change: FloatArray) -> TensionBins:
