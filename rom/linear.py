@@ -33,6 +33,7 @@ _BRIEF_S = 0.5
 _BRIEF_PERIODS = 16
 _FLOOR = 5.0
 _NEAR_HALF_RATE = 0.7
+_SHAPES_MORE = 3  # of a hammer's noise than its band and contact ask for
 _FORCE_BAND = 1e-2  # lines weaker than this share of the strongest force line say nothing of the structure
 
 
@@ -114,28 +115,35 @@ def _part(
     terms, local = _terms(settings, bodies, measurement.test, {m.kind for m in measurement.motion.values()})
     orders = tuple(DERIVATIVE_ORDER[measurement.motion[body].kind] for body in bodies)
     group = f"{measurement.test}:{','.join(bodies)}:{stop - start}"
+    noise = [measurement.force_noise.get(body, 0.0) for body in bodies]
     return SpectralRecord(
         measurement.file, group, frequency, force_spectrum, motion_spectrum, orders, terms, local,
-        *(((0.0, 0.0), (0.0, 0.0)) if not np.any(force[start:stop]) else
-          (_force_errors(measurement), _sampling_errors(measurement))),
+        _force_errors(force[start:stop], noise, measurement.rate_hz, frequency),
+        _sampling_errors(measurement) if np.any(force[start:stop]) else (0.0, 0.0),
         samples=(start, stop),
     )  # fmt: skip
 
 
-def _force_errors(measurement: Measurement) -> tuple[float, float]:
-    """Return the standard errors of the hammer's impulse (relative) and of its instant [s] from its sensor's
-    noise.
+def _force_errors(
+    force: FloatArray, noise: Sequence[float], rate_hz: float, frequency: FloatArray
+) -> ComplexArray:
+    """Return spectra of what a hammer's noise leaves in its force, each one standard error large: (lines,
+    bodies, shapes).
+
+    White noise in the n samples of a contact is that in n orthonormal polynomials of time. The first changes
+    the impulse, the second its instant; a band of B over a contact of D tells little more than 2 B D apart.
     """
-    body = max(measurement.force, key=lambda name: float(np.abs(measurement.force[name]).max()), default=None)
-    if body is None or measurement.force_noise[body] == 0:
-        return (0.0, 0.0)
-    force = measurement.force[body]
-    inside = np.flatnonzero(force) / measurement.rate_hz
-    impulse = abs(float(force.sum()))
-    noise = measurement.force_noise[body]
-    return noise * np.sqrt(len(inside)) / impulse, noise * float(
-        np.sqrt(np.sum((inside - inside.mean()) ** 2))
-    ) / impulse
+    shapes = [np.zeros((len(frequency), len(noise), 0), dtype=np.complex128)]
+    for body in np.flatnonzero(np.asarray(noise)).tolist():
+        inside = np.flatnonzero(force[:, body])
+        for contact in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if inside.size else ():
+            told = min(len(contact), int(2 * frequency[-1] * len(contact) / rate_hz) + _SHAPES_MORE)
+            powers = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(contact)), told - 1)
+            turned = np.exp(-2j * np.pi * np.outer(frequency, contact) / rate_hz)
+            found = np.zeros((len(frequency), len(noise), told), dtype=np.complex128)
+            found[:, body] = noise[body] / rate_hz * (turned @ np.linalg.qr(powers)[0])
+            shapes.append(found)
+    return np.concatenate(shapes, axis=2)
 
 
 def _sampling_errors(measurement: Measurement) -> tuple[float, float]:

@@ -53,9 +53,10 @@ class SpectralRecord:
     """Spectra of one record: force (lines, bodies) and motion (lines, channels), one channel a moving body.
 
     `local` names the terms that belong to this record alone; the others have one value for all records.
-    `force_errors` are the standard errors of the force's relative gain and of its delay [s] that the hammer's
-    noise leaves, `sampling_errors` those that a pulse of few samples leaves, in the acceleration during the
-    contact as well; they are estimated beside the end states, within their own spread. `samples` are the
+    `force_errors` (lines, bodies, shapes) are spectra that the hammer's noise adds to the force, each times a
+    number of unit variance; None where there are none. `sampling_errors` are the standard errors of the
+    force's relative gain and of its delay [s] that a pulse of few samples leaves, in the acceleration during
+    the contact as well. Both are estimated beside the end states, within their own spread. `samples` are the
     first sample of the record that the spectra cover, and the one after the last.
     """
 
@@ -67,7 +68,7 @@ class SpectralRecord:
     orders: tuple[int, ...]
     terms: tuple[Term, ...]
     local: frozenset[str] = frozenset()
-    force_errors: tuple[float, float] = (0.0, 0.0)
+    force_errors: ComplexArray | None = None
     sampling_errors: tuple[float, float] = (0.0, 0.0)
     samples: tuple[int, int] = (0, 0)
 
@@ -123,10 +124,10 @@ def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Com
     """Return the projected residual and the derivative of the output by each free term in its `step_unit`."""
     system = _system(record, values)
     forced = (system.gain @ record.force[:, :, None])[:, :, 0]
-    ends, spread = _nuisance(record, system, forced)
-    prior = np.eye(ends.shape[2])[ends.shape[2] - len(spread) :]
+    ends, errors = _nuisance(record, system, forced)
+    prior = np.eye(ends.shape[2])[ends.shape[2] - errors :]
     columns = np.concatenate([_whitened(ends, whitener), prior])
-    white = np.concatenate([_whitened(record.motion - forced, whitener), np.zeros(len(spread))])
+    white = np.concatenate([_whitened(record.motion - forced, whitener), np.zeros(errors)])
     inverse = _inverse_gram(columns)
     states, left_over = _projected_out(columns, inverse, white)
     residual = record.motion - forced - ends @ states
@@ -134,7 +135,7 @@ def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Com
     jacobian = np.zeros((len(white), len(free)))
     if free:
         derivatives = _derivatives(record, values, system, states, residual)
-        jacobian[: len(white) - len(spread)] = _whitened(derivatives, whitener)
+        jacobian[: len(white) - errors] = _whitened(derivatives, whitener)
     return Linearised(
         left_over,
         _projected_out(columns, inverse, jacobian)[1],
@@ -187,15 +188,14 @@ def _system(record: SpectralRecord, values: Mapping[str, float]) -> _System:
     return _System(s, matrices["mass"], matrices["damping"], corner, receptance, coupled, gain)
 
 
-def _nuisance(
-    record: SpectralRecord, system: _System, forced: ComplexArray
-) -> tuple[ComplexArray, FloatArray]:
-    """Return columns of the end states and of the force's errors, and the standard errors of the latter."""
+def _nuisance(record: SpectralRecord, system: _System, forced: ComplexArray) -> tuple[ComplexArray, int]:
+    """Return columns of the end states and, last, of the force's errors, and how many the latter are."""
     s, gain, coupled = system.s, system.gain, system.coupled
     accelerations = np.array(record.orders) == 2
     aliased = forced - coupled * accelerations * (record.force / np.diag(system.mass))
-    spread = np.array([*record.force_errors, *record.sampling_errors])
-    errors = np.stack([forced, s[:, None] * forced, aliased, s[:, None] * aliased], axis=2) * spread
+    errors = np.stack([aliased, s[:, None] * aliased], axis=2) * np.array(record.sampling_errors)
+    if record.force_errors is not None:
+        errors = np.concatenate([gain @ record.force_errors, errors], axis=2)
     columns = [
         gain @ -system.mass + coupled[:, :, None] * _polynomial(s, record.orders, 1),
         gain @ -(s[:, None, None] * system.mass + system.damping)
@@ -203,7 +203,7 @@ def _nuisance(
         *([_sensor_ends(s, system.corner, record.orders)] if any(accelerations) else []),
         errors,
     ]
-    return np.concatenate(columns, axis=2), spread
+    return np.concatenate(columns, axis=2), errors.shape[2]
 
 
 def _derivatives(

@@ -60,8 +60,9 @@ def record(
     hit = np.zeros((SAMPLES, 2))
     hit[int(IMPACT_S * RATE_HZ), 0] = 50.0
     struck = spectrum(hit, RATE_HZ, (4.0, 400.0))[1] * np.exp(-2j * np.pi * f * delay_s)[:, None]
+    unsure = np.stack([1e-3 * struck, 2e-6j * np.pi * f[:, None] * struck], axis=2)
     part = SpectralRecord(f"{seed}", "coupled", f, struck, np.zeros_like(struck), (2, 2), _TERMS,
-                          force_errors=(1e-3, 1e-6), samples=(0, SAMPLES))  # fmt: skip
+                          force_errors=unsure, samples=(0, SAMPLES))  # fmt: skip
     values = {key(part, term): term.value for term in _TERMS}
     trace: Any = SimpleNamespace(
         bodies=BODIES, group=("coupled", BODIES), stride=1, rate_hz=RATE_HZ, parts=(part,),
