@@ -30,6 +30,7 @@ from discovery.likelihood import State, tau
 from discovery.motion import Frozen
 from discovery.side_by_side import side_by_side
 from discovery.tension_data import Data, Gained, Misfit, Pair, at_bounds
+from discovery.tension_rows import Drift
 from rom.channels import FloatArray
 from rom.effects import CATALOGUE, Added, LawChange, Member
 from rom.laws import Parameter
@@ -86,7 +87,7 @@ class LawSearch:
     data: Data
     free: tuple[str, ...]
     drifting: Frozen
-    drift: float  # its typical size [N/s]
+    drift: Drift
     jobs: int = 1
 
     def baseline(self) -> Slow:
@@ -249,7 +250,7 @@ class LawSearch:
         return {name: limited_number(numbers[name], errors.get(name, 0.0)) for name in self.free}
 
     def _drift(self, effect: Added, base: Slow) -> Gained:
-        """A reading of its own size in every record: a part of the courses' noise, its size unknown."""
+        """A reading of its own size in every record: a part of the courses' noise about what all share."""
         train = self.data.part(hold_out=False, of=self.drifting)
         problem = LawProblem(base.candidate, train, base.problem.offsets)
         state = problem.fitted(problem.solve(problem.theta0, base.state.scatter, base.state.u, steps=6))
@@ -258,7 +259,8 @@ class LawSearch:
         slow = self._with_costs(Slow(found, state, problem, np.zeros(0)), self.drifting)
         (name,) = own_names(effect)
         low, high = effect.parameters[name].bounds
-        typical = effect.with_values(**{name: float(np.clip(self.drift, low, high))})
+        mean = effect.with_values(**{name: float(np.clip(self.drift.mean, low, high))})
+        typical = limited(mean, {name: self.drift.spread})
         return Gained(
             typical, base.costs - slow.costs, (), self._beside(slow, _errors(slow)), slow.misfit.level
         )

@@ -20,7 +20,7 @@ from discovery.gauge_attribution import explained_by_gauge
 from discovery.law_attribution import LawSearch, Slow
 from discovery.law_likelihood import acts_at_rest
 from discovery.tension_data import Data, Gained, Misfit, Pair
-from discovery.tension_rows import frozen_of, noises, read_tensions, with_noise
+from discovery.tension_rows import drifted, frozen_of, noises, read_tensions
 from discovery.tension_views import tension_views
 from rom.campaign import Campaign
 from rom.channels import FloatArray
@@ -155,7 +155,7 @@ def _search(campaign: Campaign, found: Identification, model: Model, jobs: int) 
     noise_of = noises(ordered, _ALLOWED_DRIFT)
     if noise_of is None:
         return None
-    steady, drifting = noise_of
+    steady, drifting, drift = noise_of
     drifts = any(isinstance(e, Reading) and own_names(e) for e in model.effects)
     noise = drifting if drifts else steady
     data = Data(
@@ -163,9 +163,7 @@ def _search(campaign: Campaign, found: Identification, model: Model, jobs: int) 
         np.array([s.settings.test == "loosening" for s in ordered]),
     )  # fmt: skip
     free = tuple(found.gamma_fit.free) if found.gamma_fit is not None else ()
-    slope = 1.0 if drifting.of_tension else float(np.median([s.bins.slope for s in ordered]))
-    size = slope * float(np.sqrt(drifting.drift))
-    return LawSearch(data, free, with_noise(data.frozen, ordered, noise, drifting), size, jobs)
+    return LawSearch(data, free, drifted(data.frozen, ordered, noise, drifting, drift.mean), drift, jobs)
 
 
 def _explained(

@@ -35,6 +35,7 @@ _MEDIAN_OF_EXPONENTIAL = 0.6931
 _SAME = 1e-8
 _RANK = 5
 _FEWEST_QUIET = 6
+_SURELY = 3.0  # standard errors
 _ALLOWED = 0.3  # of the noise of a sample: so much of the peaks of any column is no finding
 
 
@@ -158,8 +159,16 @@ def _white(measurement: Measurement, tension: TensionRecord) -> float:
     return max(float(np.median(power[inside])) / _MEDIAN_OF_EXPONENTIAL, 1e-18)
 
 
-def noises(seen: Sequence[Seen], allowed: float) -> tuple[CourseNoise, CourseNoise] | None:
-    """Return the noise of courses with a drift that no gauge is free of, and with the one that it has.
+@dataclass(frozen=True)
+class Drift:
+    """A gauge's drift [N/s]: its mean over records, and by how much that of a record differs from it."""
+
+    mean: float
+    spread: float
+
+
+def noises(seen: Sequence[Seen], allowed: float) -> tuple[CourseNoise, CourseNoise, Drift] | None:
+    """Return the noise of courses with a drift that no gauge is free of, with the one that it has, and that.
 
     From training tests that leave the tension alone. What all of those share is no noise: it is taken out.
     None where there are none, and no time before a hit either.
@@ -172,19 +181,46 @@ def noises(seen: Sequence[Seen], allowed: float) -> tuple[CourseNoise, CourseNoi
         Drift [N/s] that is no finding, one standard deviation.
     """
     quiet = [s for s in seen if s.settings.test == "coupled" and not s.settings.hold_out]
+    before = [s.before for s in seen if s.before is not None and not s.settings.hold_out]
     count = min((len(s.bins.change) for s in quiet), default=0)
     if len(quiet) >= _FEWEST_QUIET and count:
         shared = np.mean([s.bins.change[:count] for s in quiet], axis=0)
         scale = np.sqrt(len(quiet) / (len(quiet) - 1))
         bins = [_first(s.bins, count, scale * (s.bins.change[:count] - shared)) for s in quiet]
     else:
-        bins = [s.before for s in seen if s.before is not None and not s.settings.hold_out]
+        bins = before
     whole = course_noise(bins, [])
     if whole is None:
         return None
     slope = 1.0 if whole.of_tension else float(np.median([s.bins.slope for s in seen]))
-    least = (allowed / slope) ** 2
-    return replace(whole, drift=least), replace(whole, drift=max(whole.drift, least))
+    steady = replace(whole, drift=(allowed / slope) ** 2)
+    drifting = replace(whole, drift=max(whole.drift, steady.drift))
+    mean = _shared_drift(before, [s.bins for s in quiet], drifting)
+    return steady, drifting, Drift(mean, slope * float(np.sqrt(drifting.drift)))
+
+
+def _shared_drift(before: Sequence[TensionBins], after: Sequence[TensionBins], noise: CourseNoise) -> float:
+    """Drift [N/s] that all records share; 0 where chance may have made it.
+
+    Seconds after hits that leave the tension alone tell it far better than what precedes them. But what
+    begins with the hit is no drift: where the two differ the time before the hits counts.
+    """
+    (mean, error), (finer, finer_error) = _mean_slope(before, noise), _mean_slope(after, noise)
+    if finer_error < error and abs(finer - mean) <= _SURELY * np.hypot(error, finer_error):
+        mean, error = finer, finer_error
+    return mean if abs(mean) > _SURELY * error else 0.0
+
+
+def _mean_slope(bins: Sequence[TensionBins], noise: CourseNoise) -> tuple[float, float]:
+    """Mean change a second [N/s], weighted by its noise, and its standard error as records scatter."""
+    if len(bins) < _FEWEST_QUIET:
+        return 0.0, np.inf
+    along = [np.linalg.solve(noise.covariance(one), one.lag_s) for one in bins]
+    weights = np.array([float(of @ one.lag_s) for of, one in zip(along, bins, strict=True)])
+    slopes = np.array([float(of @ one.change) for of, one in zip(along, bins, strict=True)]) / weights
+    mean = float(np.average(slopes, weights=weights))
+    scatter = float(np.average((slopes - mean) ** 2, weights=weights) / (len(bins) - 1))
+    return mean, float(np.sqrt(max(scatter, 1 / weights.sum())))
 
 
 def _first(bins: TensionBins, count: int, change: FloatArray) -> TensionBins:
@@ -216,11 +252,12 @@ def _thinned(nodes: FloatArray, end_s: float, small: bool) -> FloatArray:
     return np.concatenate([kept, [[end_s + 1e-3], *kept[1:, -1:]]], axis=1)
 
 
-def with_noise(frozen: Frozen, seen: Sequence[Seen], old: CourseNoise, new: CourseNoise) -> Frozen:
-    """The same motion with another noise of the courses."""
+def drifted(frozen: Frozen, seen: Sequence[Seen], old: CourseNoise, new: CourseNoise, drift: float) -> Frozen:
+    """The same motion with another noise of the courses, less a drift [N/s] that all have."""
     bins = frozen.change.shape[1]
     more = [(new.covariance(s.bins) - old.covariance(s.bins))[:bins, :bins] for s in seen]
-    return replace(frozen, covariance=frozen.covariance + np.stack(more))
+    change = frozen.change - drift * np.stack([s.bins.lag_s[:bins] for s in seen])
+    return replace(frozen, change=change, covariance=frozen.covariance + np.stack(more))
 
 
 def rest_of(seen: Seen, nodes: FloatArray) -> FloatArray:

@@ -2,10 +2,11 @@
 
 ``signal = level + sum of b_i column_i + noise``, by least squares over the samples before the impact, where
 the columns are what an effect of strength one does to the signal; all such numbers enter linearly. What comes
-out is drawn towards the model's own value b_0 as far as noise alone could have moved it:
-``b_0 + max(0, 1 - n / chi^2) (b - b_0)``, ``chi^2 = (b - b_0)' C^-1 (b - b_0)`` for n numbers. Where a record
-has nothing before an impact the model's values stand: nothing after it is looked at, on training records
-neither, so that errors mean the same on both.
+out is drawn towards the model's own value b_0. Where the model tells by how much records differ, in limits
+that hold 95 % of them, ``b_0 + S (S + C)^-1 (b - b_0)``, S their variance and C that of the noise in b; else
+as far as noise alone could have moved it, ``b_0 + max(0, 1 - n / chi^2) (b - b_0)``, ``chi^2 = (b - b_0)'
+C^-1 (b - b_0)`` for n numbers. Where a record has nothing before an impact the model's values stand: nothing
+after it is looked at, on training records neither, so that errors mean the same on both.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ _Kind = TypeVar("_Kind", bound=Added)
 _GUARD_S = 2e-3  # before the impact: its onset is known no better
 _FEWEST = 64  # samples before the impact
 _BATCHES = 8
+_Z95 = 1.959964
 _STILL = 1e-9  # share of the largest singular value below which a direction is not told
 
 
@@ -104,7 +106,7 @@ def _of_fault(model: Model, measurement: Measurement, fault: SensorFault) -> Mod
         return _with(model, fault, np.zeros(len(own_names(fault))))
     true = np.zeros(len(quiet))
     columns = np.stack([unit.apply(true, rate) - none.apply(true, rate) for unit, none in _units(fault)])
-    return _with(model, fault, _fit(quiet[None], _per_one(fault, columns), _own(fault)))
+    return _with(model, fault, _fit(quiet[None], _per_one(fault, columns), _own(fault), _spread(fault)))
 
 
 def _of_reading(model: Model, measurement: Measurement, reading: Reading) -> Model:
@@ -114,7 +116,7 @@ def _of_reading(model: Model, measurement: Measurement, reading: Reading) -> Mod
         return model
     rest = at_rest(count, tension.rate_hz, measurement)
     columns = np.stack([unit.added(rest) - none.added(rest) for unit, none in _units(reading)])
-    found = _fit(tension.samples[None, :count], _per_one(reading, columns), _own(reading))
+    found = _fit(tension.samples[None, :count], _per_one(reading, columns), _own(reading), _spread(reading))
     return _with(model, reading, found)
 
 
@@ -151,7 +153,7 @@ def _of_force(
     if not np.isfinite(signals).all() or not np.isfinite(columns).all():  # the model diverges as it is
         return model, None
     own = np.concatenate([_own(effect), np.zeros(2 * len(bodies))])
-    found = _fit(signals, np.stack(columns), own, drawn=len(units))
+    found = _fit(signals, np.stack(columns), own, _spread(effect), drawn=len(units))
     displacement, velocity = np.split(found[len(units) :], 2)
     state = OwnState(
         {body: rest[body] + float(value) for body, value in zip(bodies, displacement, strict=True)},
@@ -170,6 +172,13 @@ def at_rest(count: int, rate_hz: float, measurement: Measurement) -> Motion:
 def _own(effect: Added) -> FloatArray:
     """The model's values of a record's own numbers."""
     return np.array([effect.parameters[name].value for name in own_names(effect)])
+
+
+def _spread(effect: Added) -> FloatArray | None:
+    """Standard deviations of a record's own numbers about the model's; None where it does not tell them."""
+    limits = [(effect.parameters[name].low, effect.parameters[name].high) for name in own_names(effect)]
+    told = [(high - low) / (2 * _Z95) for low, high in limits if low is not None and high is not None]
+    return np.array(told) if len(told) == len(limits) else None
 
 
 def _units(effect: _Kind) -> list[tuple[_Kind, _Kind]]:
@@ -196,11 +205,17 @@ def _with(model: Model, effect: Added, found: FloatArray) -> Model:
     return model.with_values(values)
 
 
-def _fit(signals: FloatArray, columns: FloatArray, own: FloatArray, drawn: int | None = None) -> FloatArray:
+def _fit(
+    signals: FloatArray,
+    columns: FloatArray,
+    own: FloatArray,
+    spread: FloatArray | None,
+    drawn: int | None = None,
+) -> FloatArray:
     """Coefficients of columns (numbers, channels, samples) in signals (channels, samples), a level each.
 
-    The first ``drawn`` are drawn towards ``own``. Noise that is not white counts for as many times its
-    variance as the means of batches tell.
+    The first ``drawn`` are drawn towards ``own``, about which they differ by ``spread``. Noise that is not
+    white counts for as many times its variance as the means of batches tell.
     """
     signals = signals - signals.mean(axis=1, keepdims=True)
     columns = columns - columns.mean(axis=2, keepdims=True)
@@ -217,6 +232,10 @@ def _fit(signals: FloatArray, columns: FloatArray, own: FloatArray, drawn: int |
     covariance = np.asarray(factors @ factors.T) * _noise(residual)
     n = len(own) if drawn is None else drawn
     away = found[:n] - own[:n]
+    if spread is not None:
+        variance = np.diag(spread**2)
+        kept = variance @ np.linalg.pinv(variance + covariance[:n, :n]) @ away
+        return np.concatenate([own[:n] + kept, found[n:]])
     chi_square = float(away @ np.linalg.pinv(covariance[:n, :n]) @ away)
     share = max(0.0, 1 - n / chi_square) if chi_square > 0 else 0.0
     return np.concatenate([own[:n] + share * away, found[n:]])

@@ -26,6 +26,7 @@ from discovery.refits import Refits
 from discovery.state import silent
 from discovery.tension_attribution import TensionFindings, explain_freely
 from discovery.tension_data import Data, Misfit
+from discovery.tension_rows import Drift
 from discovery.tension_views import tension_views
 from discovery.trail import Chosen, Trail
 from rom.channels import FloatArray
@@ -92,7 +93,7 @@ def test_what_a_gauge_that_follows_the_speed_explains_as_well_is_no_rate() -> No
 
 def test_a_proposal_is_fitted_as_effects_of_the_catalogue_are() -> None:
     of = data(_G)
-    search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
+    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
     base = search.baseline()
     assert not base.misfit.is_noise
     single = [(m, e) for m, e in free_rates(of) if len(e.parameters) == 1][:1]
@@ -110,7 +111,7 @@ def test_a_proposal_is_fitted_as_effects_of_the_catalogue_are() -> None:
 
 def test_what_noise_gives_as_well_has_a_chance_that_says_so() -> None:
     of = data()
-    search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
+    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
     member = CATALOGUE["loosening-ratchet"]
     (found,), _ = search.explained([(member, member.at("tension"))], search.baseline(), lambda: None)
     assert found.p_value is not None
@@ -122,7 +123,7 @@ def test_a_free_form_that_explains_nothing_is_silent() -> None:
 
 
 def explained_freely(monkeypatch: pytest.MonkeyPatch, of: Data) -> TensionFindings:
-    search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
+    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
     monkeypatch.setattr(tension_attribution, "_search", lambda *_: search)
     return explain_freely(None, None, of.model)  # type: ignore[arg-type]
 
@@ -159,7 +160,7 @@ def test_a_model_has_one_free_form_in_its_tension_at_most(monkeypatch: pytest.Mo
 
 def test_what_is_left_over_has_a_place() -> None:
     of = data(_G)
-    noisy, quiet = (LawSearch(d, _NUMBERS, d.frozen, 0.0).baseline() for d in (of, data()))
+    noisy, quiet = (LawSearch(d, _NUMBERS, d.frozen, Drift(0.0, 0.0)).baseline() for d in (of, data()))
     told, still = tension_views(noisy), tension_views(quiet)
     assert set(told) == {"tension_by_preload", "tension_by_velocity", "tension_by_time"}
     assert all(0.2 < value < 2.0 for profile in still.values() for _, value in profile)

@@ -17,7 +17,7 @@ from discovery.prediction import predict
 from discovery.separating_laws import separating_hits
 from discovery.tension_attribution import explain_tension
 from discovery.tension_data import Data, Misfit, at_bounds
-from discovery.tension_rows import Seen, thinned
+from discovery.tension_rows import Drift, Seen, thinned
 from discovery.terms import baseline
 from rom.campaign import RecordSettings
 from rom.channels import FloatArray
@@ -89,7 +89,7 @@ def test_frozen_courses_are_near_those_of_full_simulation() -> None:
 
 def test_what_changes_the_law_is_found_beside_the_refitted_law() -> None:
     of = data(_STRONG.name)
-    search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
+    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
     base = search.baseline()
     members = [CATALOGUE[name] for name in ("loosening-displacement", "loosening-threshold")]
     pairs = [(member, member.at("tension")) for member in members]
@@ -111,7 +111,7 @@ def test_fits_do_not_depend_on_the_number_of_jobs() -> None:
     pairs = [(CATALOGUE[name], CATALOGUE[name].at("tension")) for name in names]
     told, done = [], []
     for jobs in (1, 3):
-        search = LawSearch(of, _NUMBERS, of.frozen, 0.02, jobs)
+        search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.02), jobs)
         gained, base = search.explained(pairs, search.baseline(), lambda: done.append(1))
         told.append([(one.effect, one.p_value, *one.gains) for one in gained] + [(base.training,)])
     assert told[0] == told[1]
@@ -120,7 +120,7 @@ def test_fits_do_not_depend_on_the_number_of_jobs() -> None:
 
 def test_between_two_laws_a_hit_is_named_that_would_tell_them_apart_and_none_beside_a_reading() -> None:
     of = data(_STRONG.name)
-    search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
+    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
     members = [CATALOGUE[n] for n in ("loosening-displacement", "loosening-ratchet", "relaxation-log")]
     pairs = [(member, member.at("tension")) for member in members]
     base = search.baseline()
@@ -138,7 +138,9 @@ def test_a_change_may_scatter_with_the_law_or_be_the_same_in_every_test(sharing:
     preloads = (8.0, 20.0, 60.0, 150.0, 300.0, 700.0, 1500.0, 3000.0)
     held = whole(freeze(rom.paper_model(), measured(true, preloads=preloads, scatter=0.7)))
     seen = tuple(seen_of(held, case) for case in range(len(held)))
-    search = LawSearch(Data(held.model, seen, held, len(seen), np.ones(len(seen))), _NUMBERS, held, 0.0)
+    search = LawSearch(
+        Data(held.model, seen, held, len(seen), np.ones(len(seen))), _NUMBERS, held, Drift(0.0, 0.0)
+    )
     base = search.baseline()
     member = CATALOGUE[_STRONG.name]
     (found,), base = search.explained([(member, member.at("tension"))], base, lambda: None)
@@ -146,14 +148,14 @@ def test_a_change_may_scatter_with_the_law_or_be_the_same_in_every_test(sharing:
     assert found.left == pytest.approx(1.0, abs=0.4)
     assert found.effect.parameters["g_x"].value == pytest.approx(0.5, rel=0.35)
     changed = replace(rom.paper_model(), effects=(_STRONG,))
-    again = LawSearch(replace(search.data, model=changed), _NUMBERS, held, 0.0).baseline()
+    again = LawSearch(replace(search.data, model=changed), _NUMBERS, held, Drift(0.0, 0.0)).baseline()
     assert again.candidate.sharing == sharing
     assert again.misfit.is_noise
 
 
 def test_nothing_explains_courses_of_the_law_itself() -> None:
     of = data()
-    search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
+    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
     member = CATALOGUE["loosening-displacement"]
     (one,), _ = search.explained([(member, member.at("tension"))], search.baseline(), lambda: None)
     assert -1 <= one.gains[: of.training].sum() < 12
@@ -162,7 +164,7 @@ def test_nothing_explains_courses_of_the_law_itself() -> None:
 
 def test_a_baseline_that_was_not_fitted_well_lends_no_effect_its_loss() -> None:
     of = data()
-    search = LawSearch(of, _NUMBERS, of.frozen, 0.0)
+    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
     good = search.baseline()
     missed = np.full_like(good.costs, 10.0)
     worse = replace(good.state, by_case=good.state.by_case + missed[: of.training])

@@ -55,6 +55,19 @@ def test_noise_alone_hardly_moves_them() -> None:
     assert np.count_nonzero(np.array(away) == 0.0) > 5
 
 
+@pytest.mark.parametrize(("spread", "within"), [(1e-3, 5e-3), (10.0, 0.5)])
+def test_limits_of_the_model_tell_how_far_a_record_may_differ(spread: float, within: float) -> None:
+    """Told to be alike records share the model's number; told to differ each has what it shows."""
+    model = held("tension-drift", "tension", d=0.8)
+    (drift,) = model.effects
+    number = replace(drift.parameters["d"], low=0.8 - 1.96 * spread, high=0.8 + 1.96 * spread)
+    model = replace(model, effects=(replace(drift, parameters={"d": number}),))
+    true = 0.8 if spread < 1 else -1.0
+    shown = record(held("tension-drift", "tension", d=true), noise=1.0)
+    (found,) = own(model, shown)
+    assert found == pytest.approx(true, abs=within)
+
+
 def test_ground_motion_is_found_with_the_state_it_keeps_up() -> None:
     true = held("ground-motion", "body:lo", F_a=0.15, F_b=-0.1, f=11.0)
     shown = record(true, noise=1.0, peak_n=20.0)
