@@ -101,9 +101,12 @@ def _missing(closure: Closure) -> Iterator[str]:
 
 
 def _numbers(closure: Closure) -> Iterator[str]:
+    from rom.own_numbers import own_names
+
     for found in closure.effects:
         effect = found.effect
-        numbers = [_with_limits(name, p) for name, p in effect.parameters.items()]
+        own = own_names(effect)
+        numbers = [_with_limits(name, p, name in own) for name, p in effect.parameters.items()]
         yield f"{effect.name}: {effect.equation}{', with ' if numbers else ''}{', '.join(numbers)}."
 
 
@@ -112,12 +115,13 @@ def _named(found: FoundEffect) -> str:
     return f"{what} in {place_words(found.effect.enters)}"
 
 
-def _with_limits(name: str, parameter: Parameter) -> str:
+def _with_limits(name: str, parameter: Parameter, of_records: bool) -> str:
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"
     shown = f"{name} = {_number(parameter.value)}{unit}"
     if parameter.low is None or parameter.high is None:
         return shown
-    return f"{shown} (95 %: {_number(parameter.low)} to {_number(parameter.high)})"
+    of = "95 % of records" if of_records else "95 %"
+    return f"{shown} ({of}: {_number(parameter.low)} to {_number(parameter.high)})"
 
 
 def _evidence(closure: Closure) -> Iterator[str]:

@@ -12,6 +12,7 @@ import pytest
 import discovery
 from discovery.closure import Screened
 from discovery.closure_words import lives_in, paragraph, place_words, sections
+from rom.effects import CATALOGUE
 from tests.discovery.sound_closure import (
     LADDER,
     closure,
@@ -32,6 +33,13 @@ def test_effects_are_named_with_place_equation_numbers_and_limits() -> None:
         "v_th = 0.025 m/s (95 %: 0.0225 to 0.0275)",
     ):
         assert part in text, part
+
+
+def test_limits_of_a_number_of_each_record_s_own_are_those_of_records() -> None:
+    drift = CATALOGUE["tension-drift"].at("tension")
+    drift = replace(drift, parameters={"d": replace(drift.parameters["d"], value=0.1, low=-0.1, high=0.3)})
+    text = closure(replace(friction(), effect=drift)).summary()
+    assert "d = 0.1 N/s (95 % of records: -0.1 to 0.3)" in text
 
 
 def test_the_evidence_says_how_much_how_often_and_how_sure() -> None:
