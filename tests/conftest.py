@@ -28,6 +28,11 @@ class Ran:
 Boltlaw = Callable[..., Ran]
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Seeds of the recovery of known laws: five tell a fault, the tables of the pages are of ten."""
+    parser.addoption("--seeds", type=int, default=5, help="seeds over which laws are recovered (5)")
+
+
 @pytest.fixture
 def boltlaw(capfd: pytest.CaptureFixture[str]) -> Boltlaw:
     """Run the program within this process."""
