@@ -120,7 +120,7 @@ def _part(
         measurement.file, group, frequency, force_spectrum, motion_spectrum, orders, terms, local,
         _force_errors(force[start:stop], noise, measurement.rate_hz, frequency),
         _sampling_errors(measurement) if np.any(force[start:stop]) else (0.0, 0.0),
-        samples=(start, stop),
+        samples=(start, stop), step_s=1 / measurement.rate_hz,
     )  # fmt: skip
 
 

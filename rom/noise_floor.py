@@ -89,7 +89,7 @@ def segment_before_hit(
     driving = spectrum(force, measurement.rate_hz, band)[1]
     return SpectralRecord(
         like.file, "before", frequency, driving, lines, like.orders, like.terms, like.local,
-        samples=(0, len(force)),
+        samples=(0, len(force)), step_s=1 / measurement.rate_hz,
     )  # fmt: skip
 
 

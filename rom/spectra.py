@@ -6,7 +6,9 @@ left out,
     X = Z(s)^-1 (F - M (dv + s dx) - C dx),   Z = s^2 M + s C + K,   s = 2 pi i f,
 
 where dx and dv are what displacement and velocity gain between the record's ends. They enter linearly, are
-eliminated for each record, and carry a free decay's initial state.
+eliminated for each record, and carry a free decay's initial state. Of samples h apart the sum stands for the
+integral: of motion y' = A y that gains dy between the ends it is (s - A)^-1 + h / 2 + h^2 (s - A) / 12 times
+-dy in place of (s - A)^-1 times -dy (Euler and Maclaurin), which shows where sensors are quiet.
 """
 
 from __future__ import annotations
@@ -57,7 +59,7 @@ class SpectralRecord:
     number of unit variance; None where there are none. `sampling_errors` are the standard errors of the
     force's relative gain and of its delay [s] that a pulse of few samples leaves, in the acceleration during
     the contact as well. Both are estimated beside the end states, within their own spread. `samples` are the
-    first sample of the record that the spectra cover, and the one after the last.
+    first sample of the record that the spectra cover, and the one after the last, `step_s` apart.
     """
 
     file: str
@@ -71,6 +73,7 @@ class SpectralRecord:
     force_errors: ComplexArray | None = None
     sampling_errors: tuple[float, float] = (0.0, 0.0)
     samples: tuple[int, int] = (0, 0)
+    step_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -160,6 +163,7 @@ class _System:
     s: ComplexArray
     mass: FloatArray
     damping: FloatArray
+    stiffness: FloatArray
     corner: float
     receptance: ComplexArray
     coupled: ComplexArray
@@ -185,7 +189,8 @@ def _system(record: SpectralRecord, values: Mapping[str, float]) -> _System:
         [s / (s + corner) if order == 2 else np.ones_like(s) for order in record.orders], axis=1
     )
     gain = (coupled * np.stack([s**order for order in record.orders], axis=1))[:, :, None] * receptance
-    return _System(s, matrices["mass"], matrices["damping"], corner, receptance, coupled, gain)
+    mass, damping, stiffness = (matrices[name] for name in ("mass", "damping", "stiffness"))
+    return _System(s, mass, damping, stiffness, corner, receptance, coupled, gain)
 
 
 def _nuisance(record: SpectralRecord, system: _System, forced: ComplexArray) -> tuple[ComplexArray, int]:
@@ -196,10 +201,11 @@ def _nuisance(record: SpectralRecord, system: _System, forced: ComplexArray) -> 
     errors = np.stack([aliased, s[:, None] * aliased], axis=2) * np.array(record.sampling_errors)
     if record.force_errors is not None:
         errors = np.concatenate([gain @ record.force_errors, errors], axis=2)
+    of_velocity, of_displacement = _of_samples(system, record)
     columns = [
-        gain @ -system.mass + coupled[:, :, None] * _polynomial(s, record.orders, 1),
+        gain @ -system.mass + coupled[:, :, None] * (_polynomial(s, record.orders, 1) - of_velocity),
         gain @ -(s[:, None, None] * system.mass + system.damping)
-        + coupled[:, :, None] * _polynomial(s, record.orders, 0),
+        + coupled[:, :, None] * (_polynomial(s, record.orders, 0) - of_displacement),
         *([_sensor_ends(s, system.corner, record.orders)] if any(accelerations) else []),
         errors,
     ]
@@ -270,6 +276,25 @@ def _polynomial(s: ComplexArray, orders: Sequence[int], state: int) -> ComplexAr
         if exponent >= 0:
             out[:, channel, channel] = s**exponent
     return out
+
+
+def _of_samples(system: _System, record: SpectralRecord) -> tuple[ComplexArray, ComplexArray]:
+    """Return by how much sums over samples differ from integrals for each gain in velocity, and in
+    displacement: (lines, channels, bodies).
+    """
+    n, h, s = len(record.orders), record.step_s, system.s[:, None, None]
+    none, one = np.zeros((n, n)), np.eye(n)
+    by_damping = -np.linalg.solve(system.mass, system.damping)
+    by_stiffness = -np.linalg.solve(system.mass, system.stiffness)
+    # displacement and its first three derivatives, of a gain in velocity and of one in displacement
+    of_velocity = np.stack([none, one, by_damping, by_damping @ by_damping + by_stiffness])
+    of_displacement = np.stack([one, none, by_stiffness, by_damping @ by_stiffness])
+    orders, channels = np.array(record.orders), np.arange(n)
+    first, second = (
+        gained[orders, channels] * (h / 2 + s * h**2 / 12) - gained[orders + 1, channels] * h**2 / 12
+        for gained in (of_velocity, of_displacement)
+    )
+    return first, second
 
 
 def _whitened(values: ComplexArray, whitener: ComplexArray) -> FloatArray:
