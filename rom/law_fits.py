@@ -18,6 +18,7 @@ from rom.laws import Law, Parameter
 
 Curve = Callable[[Law, FloatArray], FloatArray]
 _TINY = 1e-300
+_LEAST_SCALE = 1e-100  # its inverse can still be squared
 _LEAST_INFORMATION = 1e-9  # of the best told direction of the parameters, to a direction
 
 
@@ -103,7 +104,7 @@ def covariance_of(jacobian: FloatArray) -> FloatArray:
 
     Columns are scaled first, for parameters may differ by ten orders of magnitude.
     """
-    scale = np.maximum(np.linalg.norm(jacobian, axis=0), _TINY)
+    scale = np.maximum(np.linalg.norm(jacobian, axis=0), _LEAST_SCALE)
     _, size, directions = np.linalg.svd(jacobian / scale, full_matrices=False)
     spread = directions.T / np.maximum(size, _LEAST_INFORMATION * size.max()) / scale[:, None]
     return np.asarray(spread @ spread.T, dtype=np.float64)

@@ -29,8 +29,8 @@ Boltlaw = Callable[..., Ran]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Seeds of the recovery of known laws: five tell a fault, the tables of the pages are of ten."""
-    parser.addoption("--seeds", type=int, default=5, help="seeds over which laws are recovered (5)")
+    """Seeds of the recovery of known laws: the tables of the pages are of ten, fewer are sooner done."""
+    parser.addoption("--seeds", type=int, default=10, help="seeds over which laws are recovered (10)")
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ Forms are fitted with every number free; the form is told by races of a few with
 in them. The search among thousands is measured by ``python -m benchmarks.discovery``: docs/recovery.md.
 
 A law's campaign of a seed is one test, which processes of a run share out among them, and what was found
-under all seeds is judged by the tests after it: five, or as many as ``--seeds`` says.
+under all seeds is judged by the tests after it: ten, or as many as ``--seeds`` says.
 """
 
 from __future__ import annotations
