@@ -103,7 +103,7 @@ def test_faults_and_what_acts_in_the_tension_are_refitted_too_wherever_they_star
         [one["hold_out"] for one in oracle_errors(measured, twin, told)] for told in (truths, astray)
     )
     before = declared_errors(measured)["hold_out"]
-    for name, closeness in (("motion_nrmse", 0.05), ("tension_rmse_n", 0.002)):
+    for name, closeness in (("motion_nrmse", 0.05), ("tension_rmse_n", 0.01)):
         assert right[name] < 0.95 * before[name]  # type: ignore[literal-required]
         assert refound[name] == pytest.approx(right[name], rel=closeness)  # type: ignore[literal-required]
         assert off[name] != pytest.approx(true[name], rel=closeness)  # type: ignore[literal-required]
