@@ -10,12 +10,11 @@ import numpy as np
 
 from rom.channels import FloatArray
 from rom.effects import Added
-from rom.laws import Parameter
+from rom.laws import Z95, Parameter
 
 if TYPE_CHECKING:
     from discovery.law_attribution import Slow
 
-_Z95 = 1.959964
 
 Costs = Mapping[str, float]  # -2 log likelihood, or whitened squares, by record
 
@@ -121,7 +120,7 @@ def limited(effect: Added, errors: Mapping[str, float]) -> Added:
 def limited_number(number: Parameter, error: float) -> Parameter:
     """The number with 95 % limits from its standard error, within its range; none where no error is known."""
     low, high = number.bounds
-    half = _Z95 * error
+    half = Z95 * error
     if not (half > 0 and np.isfinite(half)):
         return replace(number, low=None, high=None)
     return replace(number, low=max(number.value - half, low), high=min(number.value + half, high))

@@ -35,7 +35,7 @@ _MEDIAN_OF_EXPONENTIAL = 0.6931
 _SAME = 1e-8
 _RANK = 5
 _FEWEST_QUIET = 6
-_SURELY = 3.0  # standard errors
+_AGREE = 3.0  # standard errors
 _ALLOWED = 0.3  # of the noise of a sample: so much of the peaks of any column is no finding
 
 
@@ -192,23 +192,31 @@ def noises(seen: Sequence[Seen], allowed: float) -> tuple[CourseNoise, CourseNoi
     whole = course_noise(bins, [])
     if whole is None:
         return None
-    slope = 1.0 if whole.of_tension else float(np.median([s.bins.slope for s in seen]))
-    steady = replace(whole, drift=(allowed / slope) ** 2)
+    mean = _shared_drift(before, [s.bins for s in quiet], _drifting(whole, seen, allowed))
+    if mean and bins is before:
+        own = [replace(one, change=one.change - mean * one.lag_s) for one in before]
+        whole = course_noise(own, []) or whole
+    steady = _drifting(whole, seen, allowed)
     drifting = replace(whole, drift=max(whole.drift, steady.drift))
-    mean = _shared_drift(before, [s.bins for s in quiet], drifting)
-    return steady, drifting, Drift(mean, slope * float(np.sqrt(drifting.drift)))
+    return steady, drifting, Drift(mean, allowed * float(np.sqrt(drifting.drift / steady.drift)))
+
+
+def _drifting(noise: CourseNoise, seen: Sequence[Seen], drift: float) -> CourseNoise:
+    """The same noise with another drift [N/s]."""
+    slope = 1.0 if noise.of_tension else float(np.median([s.bins.slope for s in seen]))
+    return replace(noise, drift=(drift / slope) ** 2)
 
 
 def _shared_drift(before: Sequence[TensionBins], after: Sequence[TensionBins], noise: CourseNoise) -> float:
-    """Drift [N/s] that all records share; 0 where chance may have made it.
+    """Drift [N/s] that all records share, drawn towards none as far as chance may have made it.
 
     Seconds after hits that leave the tension alone tell it far better than what precedes them. But what
     begins with the hit is no drift: where the two differ the time before the hits counts.
     """
     (mean, error), (finer, finer_error) = _mean_slope(before, noise), _mean_slope(after, noise)
-    if finer_error < error and abs(finer - mean) <= _SURELY * np.hypot(error, finer_error):
+    if finer_error < error and abs(finer - mean) <= _AGREE * np.hypot(error, finer_error):
         mean, error = finer, finer_error
-    return mean if abs(mean) > _SURELY * error else 0.0
+    return mean * max(0.0, 1 - (error / mean) ** 2) if mean else 0.0
 
 
 def _mean_slope(bins: Sequence[TensionBins], noise: CourseNoise) -> tuple[float, float]:
@@ -219,7 +227,8 @@ def _mean_slope(bins: Sequence[TensionBins], noise: CourseNoise) -> tuple[float,
     weights = np.array([float(of @ one.lag_s) for of, one in zip(along, bins, strict=True)])
     slopes = np.array([float(of @ one.change) for of, one in zip(along, bins, strict=True)]) / weights
     mean = float(np.average(slopes, weights=weights))
-    scatter = float(np.average((slopes - mean) ** 2, weights=weights) / (len(bins) - 1))
+    count = weights.sum() ** 2 / (weights**2).sum()  # as many of one weight scatter alike
+    scatter = float(np.average((slopes - mean) ** 2, weights=weights) / max(count - 1, 1))
     return mean, float(np.sqrt(max(scatter, 1 / weights.sum())))
 
 

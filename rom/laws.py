@@ -25,6 +25,10 @@ _UNLIMITED = (-math.inf, math.inf)
 _LN10 = 2.302585092994046
 
 
+Z95 = 1.959964
+"""Half the width of 95 % limits, in standard errors."""
+
+
 @dataclass(frozen=True)
 class Parameter:
     """A number with its unit, its 95 % limits where known, the range it may take, and its source.

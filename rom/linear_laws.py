@@ -9,13 +9,12 @@ import numpy as np
 
 from rom.campaign import LinkSettings
 from rom.law_fits import LawFit
-from rom.laws import Law, constant_damping, constant_stiffness, no_loosening
+from rom.laws import Z95, Law, constant_damping, constant_stiffness, no_loosening
 from rom.linear import LinearNames
 from rom.model import LinkLaws
 from rom.output_error import OutputErrorFit
 
 UNDETERMINED = 1.0  # standard error of a logarithm
-_Z95 = 1.959964
 
 
 def bolted_laws(
@@ -84,8 +83,8 @@ def _constant(law: Callable[[float], Law], parameter: str, linear: OutputErrorFi
         return made
     limited = replace(
         made.parameters[parameter],
-        low=value * np.exp(-_Z95 * error),
-        high=value * np.exp(_Z95 * error),
+        low=value * np.exp(-Z95 * error),
+        high=value * np.exp(Z95 * error),
         source="identified",
     )
     return replace(made, parameters={parameter: limited})

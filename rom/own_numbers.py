@@ -21,6 +21,7 @@ from rom.channels import FloatArray
 from rom.correction import corrected
 from rom.effects import CATALOGUE
 from rom.effects.effect import Added, Effect, Motion, Reading, SensorFault
+from rom.laws import Z95
 from rom.model import Model
 from rom.processing import Measurement
 
@@ -28,7 +29,6 @@ _Kind = TypeVar("_Kind", bound=Added)
 _GUARD_S = 2e-3  # before the impact: its onset is known no better
 _FEWEST = 64  # samples before the impact
 _BATCHES = 8
-_Z95 = 1.959964
 _STILL = 1e-9  # share of the largest singular value below which a direction is not told
 
 
@@ -177,7 +177,7 @@ def _own(effect: Added) -> FloatArray:
 def _spread(effect: Added) -> FloatArray | None:
     """Standard deviations of a record's own numbers about the model's; None where it does not tell them."""
     limits = [(effect.parameters[name].low, effect.parameters[name].high) for name in own_names(effect)]
-    told = [(high - low) / (2 * _Z95) for low, high in limits if low is not None and high is not None]
+    told = [(high - low) / (2 * Z95) for low, high in limits if low is not None and high is not None]
     return np.array(told) if len(told) == len(limits) else None
 
 

@@ -28,11 +28,6 @@ class Ran:
 Boltlaw = Callable[..., Ran]
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Seeds of the recovery of known laws: the tables of the pages are of ten, fewer are sooner done."""
-    parser.addoption("--seeds", type=int, default=10, help="seeds over which laws are recovered (10)")
-
-
 @pytest.fixture
 def boltlaw(capfd: pytest.CaptureFixture[str]) -> Boltlaw:
     """Run the program within this process."""

@@ -18,7 +18,6 @@ from discovery.tracing import Evidence, starting
 from rom.campaign import Campaign
 from rom.effects import Added, Effect, LawChange, SensorFault, candidates
 from rom.identification import identify_campaign
-from rom.own_numbers import own_names
 
 __all__ = ["declared_errors", "oracle_errors"]
 
@@ -75,9 +74,6 @@ def oracle_errors(campaign: Campaign, twin: Campaign, truths: Sequence[Truth]) -
     for fault in faults * len(faults):  # one may mislead the other's fit
         evidence = _fault_refitted(fault, evidence, refits)
     in_tension = [effect for effect in effects if effect.enters in ("tension", "sensor:tension")]
-    in_tension.sort(
-        key=lambda effect: not own_names(effect)
-    )  # what shows before the hits misleads the others
     for effect in in_tension:  # the motion is traced along them
         evidence = replace(evidence, baseline=without_effect(evidence.baseline, effect))
     state = refits.settled(evidence)

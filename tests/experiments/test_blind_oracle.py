@@ -92,8 +92,9 @@ def test_faults_and_what_acts_in_the_tension_are_refitted_too_wherever_they_star
         rig.Undeclared("loosening-ratchet", "tension", {"r": 8.8, "x_r": 0.0, "h_r": 0.9}),
         rig.Undeclared("tension-drift", "tension", {"d": 0.5}),
     )
-    folder = rig.run(tmp_path / "campaign", **SMALL, undeclared=hidden)
-    measured, twin = read_campaign(folder), read_campaign(rig.run(tmp_path / "twin", **SMALL))
+    still = {**SMALL, "scatter": 0.0}  # of gamma: what it does to two held-out losses would drown the rest
+    folder = rig.run(tmp_path / "campaign", **still, undeclared=hidden)
+    measured, twin = read_campaign(folder), read_campaign(rig.run(tmp_path / "twin", **still))
     truths = json.loads(rig.truth_path(folder).read_text())["undeclared"]
     astray = [
         {**one, "parameters": {name: {"value": 0.8 * p["value"]} for name, p in one["parameters"].items()}}
@@ -103,7 +104,7 @@ def test_faults_and_what_acts_in_the_tension_are_refitted_too_wherever_they_star
         [one["hold_out"] for one in oracle_errors(measured, twin, told)] for told in (truths, astray)
     )
     before = declared_errors(measured)["hold_out"]
-    for name, closeness in (("motion_nrmse", 0.05), ("tension_rmse_n", 0.01)):
+    for name, closeness in (("motion_nrmse", 0.05), ("tension_rmse_n", 0.002)):
         assert right[name] < 0.95 * before[name]  # type: ignore[literal-required]
         assert refound[name] == pytest.approx(right[name], rel=closeness)  # type: ignore[literal-required]
         assert off[name] != pytest.approx(true[name], rel=closeness)  # type: ignore[literal-required]
