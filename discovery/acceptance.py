@@ -75,6 +75,14 @@ def is_sure(one: Explanation) -> bool:
     return not unseen.size or float(unseen.sum()) / spread > held_out
 
 
+def is_told(one: Explanation) -> bool:
+    """Whether a difference in the motion is more than chance makes, however small its share of the cost."""
+    spread, unseen = spread_of(one), one.gains(hold_out=True)
+    trained, held_out = (limit * spread for limit in _OF_MOTION)
+    seen = float(one.gains(hold_out=False).sum())
+    return seen > trained and (not unseen.size or float(unseen.sum()) > held_out)
+
+
 def in_tension(one: Explanation) -> bool:
     """Whether an effect shows in the tension alone."""
     return one.effect.enters in ("tension", "sensor:tension")

@@ -8,7 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
-from discovery.acceptance import MATERIAL, QUIET, harms, in_tension, is_quiet, is_sure, merit, spread_of
+from discovery.acceptance import (
+    MATERIAL,
+    QUIET,
+    harms,
+    in_tension,
+    is_quiet,
+    is_sure,
+    is_told,
+    merit,
+    spread_of,
+)
 from discovery.at_rest import explain_at_rest
 from discovery.attribution import Probe, by_chance, explain, screen, worth_fitting
 from discovery.closure import Closure, Screened, Step
@@ -287,15 +297,38 @@ class _Loop:
 
         Where names leave next to nothing of much the term must do better by itself: no others follow it.
         """
-        formed = self.formed(start.last, seed) if path.last.level > QUIET else None
+        if path.last.level <= QUIET:
+            return self._or_nearer(path, start, seed)
+        formed = self.formed(start.last, seed)
         if formed is None:
             return path
         if not path.is_quiet:
             return path.or_better(self.moved(start, formed))
         if spread_of(formed.best) >= path.last.level:
             return path
-        after = self.refits.settled(sharpened(self.refits.beside(start.last, formed.best)))
-        return path.or_better(start.longer(formed, after))
+        return path.or_better(start.longer(formed, self._by_itself(start, formed)))
+
+    def _or_nearer(self, path: Trail, start: Trail, seed: int) -> Trail:
+        """The trail, or from its start a term by itself where one beside the names shows their form wrong.
+
+        A drag with |v|^1.5 leaves next to noise where one with v^2 is put in its place. The right form with
+        another knee leaves as much, but no term by itself does better than that.
+        """
+        forces = any(isinstance(one.best.effect, Effect) for one in path.chosen[len(start.chosen) :])
+        if not forces or not any(is_told(one) for one in free_forms(path.last.evidence, seed)):
+            return path
+        formed = self.formed(start.last, seed)
+        if formed is None:
+            return path
+        named, after = path.last.evidence, self._by_itself(start, formed)
+        if len(after.evidence.traces) < len(named.traces):
+            return path
+        if not is_told(_told(formed.best, named, after.evidence)):
+            return path
+        return replace(start.longer(formed, after), screened=path.screened)
+
+    def _by_itself(self, start: Trail, formed: Chosen) -> State:
+        return self.refits.settled(sharpened(self.refits.beside(start.last, formed.best)))
 
     def formed(self, state: State, seed: int) -> Chosen | None:
         """The best term without the catalogue; None where even that does not predict held-out records."""

@@ -12,7 +12,7 @@ import pytest
 sys.path.append(str(Path(__file__).parents[2]))
 
 from benchmarks.false_alarms import null_of, rows
-from discovery.acceptance import harms, is_alike, is_exact, is_quiet, is_sure, matters
+from discovery.acceptance import harms, is_alike, is_exact, is_quiet, is_sure, is_told, matters
 from discovery.closure import ErrorsByKind
 from discovery.explanation import Explanation
 from rom.effects import CATALOGUE
@@ -66,6 +66,16 @@ def test_in_the_motion_a_few_records_do_not_outvote_the_others(
         hold_out=frozenset(files),
     )
     assert is_sure(several) is sure
+
+
+def test_a_difference_in_the_motion_is_told_however_small_its_share() -> None:
+    slight = replace(explained(200.0, 30.0, place="joint", left=1.0), before={"t.h5": 1e5, "h.h5": 1e4})
+    slight = replace(slight, after={"t.h5": 1e5 - 200.0, "h.h5": 1e4 - 30.0})
+    assert is_told(slight)
+    assert not is_sure(slight)
+    assert not is_told(replace(slight, left=1.5))
+    assert not is_told(explained(100.0, 30.0, place="joint", left=1.0))
+    assert not is_told(explained(200.0, 10.0, place="joint", left=1.0))
 
 
 def test_what_is_left_makes_a_gain_less_telling() -> None:

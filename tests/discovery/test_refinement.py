@@ -167,6 +167,20 @@ def test_the_loop_closes_on_a_cubic_flexure() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "named"),
+    [
+        (Undeclared("outside-fractional-drag", "flexure_lo", {"c_f": 60.0}), "free-form"),
+        (Undeclared("quadratic-damping", "flexure_lo", {"c2": 60.0}), "quadratic-damping"),
+    ],
+)
+def test_a_form_that_is_not_the_true_one_gives_way_to_a_free_one(hidden: Undeclared, named: str) -> None:
+    closure = closed(hidden)
+    assert closure.verdict == "closed"
+    assert [(one.effect.name, one.effect.enters) for one in closure.effects] == [(named, "flexure_lo")]
+
+
+@pytest.mark.slow
 def test_the_loop_closes_on_a_wrong_gain_and_tells_it_exactly() -> None:
     closure = closed(GAIN)
     (found,) = closure.effects
