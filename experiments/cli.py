@@ -18,12 +18,13 @@ from experiments.execution import execution
 from experiments.faults import INTERRUPTED, a_campaign, a_model, existing, tell
 from experiments.memory import return_freed_arrays
 from experiments.results import results_folder, writable
+from rom.provenance import program_version
 
 Report = Callable[[int, int], None]
 
 app = typer.Typer(
     name="boltlaw",
-    help="From impact tests of a bolted joint to a model whose bolt tension is a state.",
+    help="Identify a model of a bolted joint, its tension a state, from impact tests; find what it lacks.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -38,10 +39,27 @@ Out = Annotated[
     Path | None, typer.Option(help="Folder for results; default: CAMPAIGN-results beside the campaign.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
-Jobs = Annotated[int, typer.Option(min=1, help="Processes; results do not depend on it.")]
+Jobs = Annotated[
+    int, typer.Option(min=1, help="Processes; results do not depend on it.", show_default="all cores")
+]
 Cluster = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, tcp://host:port.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no summary.")]
 _CORES = os.cpu_count() or 1
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"boltlaw {program_version()}")
+        raise typer.Exit
+
+
+@app.callback()
+def _program(
+    _version: Annotated[
+        bool, typer.Option("--version", help="Show the version.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    pass
 
 
 @app.command(epilog="Example: boltlaw rig rig-campaign --cases 12 --duration-s 2.5")
@@ -50,30 +68,40 @@ def rig(
         Path, typer.Argument(help="Folder to create; the truth goes to NEW_DIR.truth.json beside it.")
     ],
     cases: Annotated[
-        int | None, typer.Option(min=2, help="Preloads; default: the paper's full scale.")
+        int | None,
+        typer.Option(
+            min=2,
+            help="Number of preloads; default: the paper's 58, with 58 coupled and 84 loosening tests.",
+        ),
     ] = None,
     noise: Annotated[float, typer.Option(min=0.0, help="Factor on all noise.")] = 1.0,
     scatter: Annotated[
         float, typer.Option(min=0.0, help="Factor on gamma's scatter from test to test.")
     ] = 1.0,
     strengths: Annotated[
-        str, typer.Option(help="Loosening hits per preload, as shares of 1608.7 N: 1,0.8,0.6.")
+        str, typer.Option(help="Loosening hits at each preload, as shares of 1608.7 N, such as 1,0.8,0.6.")
     ] = "1",
     law: Annotated[
-        str | None, typer.Option(help="Tension law that the bolt follows; default: that of the paper.")
+        str | None,
+        typer.Option(
+            help="Tension law that the bolt follows: power-1, power-2, power-3, power-5, constant-quadratic, "
+            "displacement-2, displacement-4, threshold, threshold-30 or velocity-and-displacement; default: "
+            "that of the paper."
+        ),
     ] = None,
     undeclared: Annotated[
         list[str] | None,
         typer.Option(
             metavar="EFFECT[@PLACE][:KEY=VALUE,...]",
-            help="Physics or sensor fault that the campaign does not tell, such as coulomb-friction:F_c=2 or "
+            help="Physics or sensor fault not declared in campaign.toml, such as coulomb-friction:F_c=2 or "
             "cubic-stiffness@flexure_so; may be repeated. `python -m experiments.rig` lists them.",
         ),
     ] = None,
-    duration_s: Annotated[float | None, typer.Option(help="Length of a record [s].")] = None,
-    hold_out_every: Annotated[
-        int, typer.Option(min=0, help="One in so many preloads is held out; 0: none.")
-    ] = 5,
+    duration_s: Annotated[
+        float | None,
+        typer.Option(help="Length of a record [s]; default: 30.5 at full scale, 8.5 with --cases."),
+    ] = None,
+    hold_out_every: Annotated[int, typer.Option(min=0, help="Hold out every n-th preload; 0: none.")] = 5,
     out: Annotated[
         Path | None, typer.Option(help="Folder in which NEW_DIR is created; default: here.")
     ] = None,
@@ -157,7 +185,7 @@ def identify(
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for results.")] = Path("reproduction"),
     cases: Annotated[
-        int | None, typer.Option(min=8, help="Preloads; default: the paper's full scale.")
+        int | None, typer.Option(min=8, help="Number of preloads; default: the paper's 58.")
     ] = None,
     seed: Seed = 0,
     jobs: Jobs = _CORES,
@@ -178,7 +206,7 @@ def discover(
     campaign: CampaignPath,
     tightening: Annotated[
         bool,
-        typer.Option("--tightening", help="Also laws that tighten, and the records in which the bolt did."),
+        typer.Option("--tightening", help="Also try laws that tighten, and keep records whose tension rose."),
     ] = False,
     out: Out = None,
     seed: Seed = 0,
@@ -242,7 +270,7 @@ def report(
     ],
     out: Annotated[Path | None, typer.Option(help="Folder for report.html; default: DIR.")] = None,
     seed: Seed = 0,  # noqa: ARG001 - every command takes the same options
-    jobs: Jobs = 1,  # noqa: ARG001
+    jobs: Jobs = _CORES,  # noqa: ARG001
     quiet: Quiet = False,
 ) -> None:
     """Make one self-contained page of the result files in a folder."""

@@ -16,6 +16,8 @@ import pytest
 import typer
 
 from experiments.cli import app
+from experiments.rig.rivals import RIVALS
+from rom.provenance import program_version
 from tests.rom.malformed import MALFORMED, Spoil
 from tests.rom.sound_campaign import write_sound_campaign
 
@@ -230,6 +232,16 @@ def test_help_shows_an_example(command: str, boltlaw: Boltlaw) -> None:
     assert example.split()[1] == command
     for option in ("--out", "--seed", "--jobs", "--quiet"):
         assert option in ran.out or (command, option) == ("rig", "--out")
+
+
+def test_help_names_every_law_that_the_rig_knows(boltlaw: Boltlaw) -> None:
+    told = re.sub(r"\s+", "", boltlaw("rig", "--help").out)  # names are broken at hyphens too
+    assert [name for name in RIVALS if name not in told] == []
+
+
+def test_the_version_is_that_of_the_results(boltlaw: Boltlaw) -> None:
+    ran = boltlaw("--version")
+    assert (ran.code, ran.out, ran.err) == (0, f"boltlaw {program_version()}\n", "")
 
 
 def test_the_examples_run_as_printed(
