@@ -145,6 +145,29 @@ def test_iwan_has_its_stiffness_its_limit_and_its_power_of_dissipation():
     assert slope == pytest.approx(2.5, abs=0.25)
 
 
+def pulled(name: str, velocity: float, seconds: float, k=9e5, T=150.0, **values):
+    """Displacement and force of an effect that is pulled at a constant velocity from rest."""
+    t = np.linspace(0, seconds, 8001)
+    effect = at(name, "joint", **values)
+    path = t, velocity * t, np.full_like(t, velocity), t[2]
+    return path[1][::2], driven(effect.function, list(effect.values), effect.states, path, T=T, k=k)
+
+
+@pytest.mark.parametrize("velocity", [-2e-3, 5e-3, 4e-2])
+def test_lugre_slides_along_its_stribeck_curve(velocity):
+    values = {"kappa": 0.5, "mu": 0.1, "rise": 0.4, "v_s": 5e-3, "sigma": 30.0}
+    x, force = pulled("lugre", velocity, 8e-4 / abs(velocity), **values)
+    friction = 0.1 * 150.0 * (1 + 0.4 * np.exp(-((velocity / 5e-3) ** 2)))
+    assert force[-1] + 0.5 * 9e5 * x[-1] == pytest.approx(np.sign(velocity) * friction, rel=1e-4)
+
+
+def test_valanis_goes_from_its_spring_to_its_tangent():
+    x, force = pulled("valanis", 0.05, 0.02, kappa=0.4, tangent=0.6, curve=0.6, steepness=3e4)
+    slope = np.diff(force) / np.diff(x) / (0.4 * 9e5)
+    assert slope[0] == pytest.approx(0.0, abs=0.01)
+    assert slope[-1] == pytest.approx(-(1 - 0.6), rel=1e-3)
+
+
 def test_bouc_wen_yields_at_its_yield_displacement():
     x, _, force, _ = loop("bouc-wen", 1e-3, 16.0, kappa=0.3, x_y=6e-5, n=2.0, beta=0.5)
     spring = 0.3 * 9e5

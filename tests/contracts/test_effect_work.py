@@ -12,10 +12,10 @@ PASSIVE = [member for member in FORCES if member.passive]
 CONSERVATIVE = list(link_stiffness.MEMBERS)
 
 
-def work(member: Member, seed: int) -> tuple[float, float]:
+def work(member: Member, seed: int, ground: bool = False) -> tuple[float, float]:
     """Work of the force along a closed random motion [J], and what its size would be without sign."""
     rng = np.random.default_rng(seed)
-    p = list(drawn(member, rng, share=0.9).values())
+    p = list(drawn(member, rng, share=0.9, ground=ground).values())
     path = motion(rng)
     force = driven(member.function, p, len(member.state_units), path)
     power, step = force * path[2][::2], path[3]
@@ -25,9 +25,10 @@ def work(member: Member, seed: int) -> tuple[float, float]:
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("member", PASSIVE, ids=name_of)
 def test_a_passive_effect_takes_energy_over_a_closed_motion(member, seed):
-    taken, size = work(member, seed)
-    assert size > 0.0
-    assert taken > 1e-6 * size
+    for ground in {False, "ground" in member.places}:
+        taken, size = work(member, seed, ground)
+        assert size > 0.0
+        assert taken > 1e-6 * size
 
 
 @pytest.mark.parametrize("seed", range(3))

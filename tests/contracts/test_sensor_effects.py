@@ -46,6 +46,13 @@ def test_a_skew_is_a_delay(name, tau):
     assert shown[inside] == pytest.approx(np.sin(2 * np.pi * 173 * (TIME - tau))[inside], abs=1e-6)
 
 
+def test_hum_is_a_line_of_the_mains():
+    shown = fault("hum", "sensor:force_lo", A=0.3, B=-0.4, f=50.0).apply(np.zeros_like(TIME), RATE)
+    lines = np.fft.rfft(shown) * 2 / len(TIME)
+    assert lines[50] == pytest.approx(0.3 + 0.4j, abs=1e-9)  # B sin is -i B in a transform
+    assert abs(np.delete(lines, 50)).max() < 1e-9
+
+
 def test_coupling_lets_pass_what_is_fast_and_leads_what_is_slow():
     r, frequency = 5.0, 2.0
     time = np.arange(5 * 19200) / RATE
