@@ -20,7 +20,8 @@ QUIET = 1.2
 """Mean square of a residual that still counts as noise."""
 ALIKE = 12.0
 """Difference in cost within chance."""
-_NEAR = 0.05  # of the gain: what a slightly wrong form of the right effect may lose
+NEAR = 0.05
+"""Of the gain: what a slightly wrong form of the right effect may lose."""
 _MATTERS, _MATTERS_MORE = 0.02, 0.1  # of an error
 _SCATTER = 0.2  # of an error of few records that is noise for the most part
 _HARM = 1.5  # times an error
@@ -96,7 +97,7 @@ def is_alike(one: Explanation, best: Explanation) -> bool:
     for hold_out in {held, held and not in_tension(best)}:
         gain = best.gains(hold_out=hold_out).sum()
         lag = gain - one.gains(hold_out=hold_out).sum()
-        if lag / spread > max(ALIKE, _NEAR * gain / spread):
+        if lag / spread > max(ALIKE, NEAR * gain / spread):
             return False
     return True
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from scipy import stats
 
-from discovery.acceptance import ALIKE, spread_of
+from discovery.acceptance import ALIKE, NEAR, spread_of
 from discovery.attribution import Probe, explanation, motion_channels
 from discovery.closure import FoundEffect, LookAlike, Screened
 from discovery.explanation import Explanation
@@ -24,7 +24,7 @@ def found_effect(best: Explanation, rivals: Sequence[Explanation], state: State)
         (e for e in state.model.effects if (e.name, e.enters) == (best.effect.name, best.effect.enters)),
         best.effect,
     )
-    tests = separating_tests(effect, [one.effect for one in rivals], state.evidence, ALIKE)
+    tests = separating_tests(effect, [one.effect for one in rivals], state.evidence, ALIKE, NEAR)
     tests = [test or separating_hits(best.slow, one.slow) for test, one in zip(tests, rivals, strict=True)]
     gains = best.gains(hold_out=True)
     costs = best.cost(hold_out=True)

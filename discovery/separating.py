@@ -1,20 +1,22 @@
 """Which test would tell two effects apart that the records at hand cannot.
 
 For effects A and B and a test that could be made, the outputs of both are taken along the motion that the
-refined model (A in it) would have there; what the model's numbers and B's own can imitate, over the records
-at hand and that test together, is taken off. What is then left of the difference, beyond what was left
-before, is by how much the test would raise the cost of B over that of A.
+refined model (A in it) would have there; what the numbers of the model with B in A's place can imitate, over
+the records at hand and that test together, is taken off. What is then left of the difference, beyond what was
+left before, is by how much the test would raise the cost of B over that of A. A test tells the two apart
+where that is beyond chance and more than a slightly wrong form of A might lose there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from discovery.attribution import free_numbers, output_of, slopes_of
-from discovery.baseline import size_of
+from discovery.baseline import effect_number, size_of
 from discovery.state import with_effects
 from discovery.traces import Trace
 from discovery.tracing import Evidence, weigh
@@ -22,7 +24,8 @@ from rom.channels import FloatArray
 from rom.effects import CATALOGUE, Added, Effect, SensorFault
 from rom.replay import replay
 
-_FACTORS = (1.0, 2.0, 4.0)  # of the force of a record
+_FACTORS = (1.0, -1.0, 2.0, -2.0, 4.0, -4.0)  # of the force of a record; below 0: from the other side
+_REPEATS = (1, 3, 10)
 _PRELOADS = 3  # of those in the records
 _RCOND = 1e-12
 
@@ -45,20 +48,26 @@ class _Normal:
     def __add__(self, other: _Normal) -> _Normal:
         return _Normal(self.squares + other.squares, self.right + other.right, self.cost + other.cost)
 
+    def repeated(self, times: int) -> _Normal:
+        """Of a record that is measured so many times."""
+        return _Normal(times * self.squares, times * self.right, times * self.cost)
+
 
 @dataclass(frozen=True, eq=False)
 class _Test:
     """A test in words, how much harder than one at hand it is, and the motion of the model in it."""
 
     words: str
-    factor: float
+    harder: float
     trace: Trace
 
 
-def separating_tests(best: Added, rivals: Sequence[Added], evidence: Evidence, enough: float) -> list[str]:
+def separating_tests(
+    best: Added, rivals: Sequence[Added], evidence: Evidence, enough: float, near: float
+) -> list[str]:
     """Return for every rival the test, in words, that would tell it from the best effect.
 
-    Of the tests that would, one that is no harder than it must be; of these the one that tells most.
+    Of the tests that would, one that need be repeated least, then the mildest, then the one that tells most.
 
     Parameters
     ----------
@@ -68,8 +77,8 @@ def separating_tests(best: Added, rivals: Sequence[Added], evidence: Evidence, e
         With their fitted numbers.
     evidence : Evidence
         The refined model on the records at hand.
-    enough : float
-        Difference in cost that tells two effects apart.
+    enough, near : float
+        Difference in cost that tells two effects apart: so much, and such a share of what the best explains.
 
     Returns
     -------
@@ -83,31 +92,32 @@ def separating_tests(best: Added, rivals: Sequence[Added], evidence: Evidence, e
     if not tests:
         return [""] * len(rivals)
     traced = with_effects(weigh([test.trace for test in tests], evidence.baseline, evidence.floors))
+    here = evidence.of_training()
+    needed = np.maximum(enough, near * _gains(best, None, here, traced))
     return [
-        _words(_gains(best, rival, evidence.of_training(), traced), tests, enough) if moves else ""
+        _words(_gains(best, rival, here, traced), tests, needed) if moves else ""
         for rival, moves in zip(rivals, in_motion[1:], strict=True)
     ]
 
 
 def _tests(evidence: Evidence) -> Iterator[_Test]:
-    """Tests like those at hand, and with harder hits: what the model would do there."""
-    by_body: dict[str, list[Trace]] = {}
+    """Tests like those at hand, from the other side and with harder hits too, as the model has them."""
+    alike: dict[tuple[str, bool], list[Trace]] = {}
     for trace in evidence.of_training().traces:
         force = trace.measurement.force
-        if trace.measurement.test != "uncoupled" and trace.measurement.impact_s is not None and force:
-            by_body.setdefault(max(force, key=lambda name: float(np.abs(force[name]).max())), []).append(
-                trace
-            )
-    for body, traces in by_body.items():
+        if trace.measurement.impact_s is not None and force:
+            body = max(force, key=lambda name: float(np.abs(force[name]).max()))
+            alike.setdefault((body, trace.measurement.test == "uncoupled"), []).append(trace)
+    for (body, alone), traces in alike.items():
         ordered = sorted(traces, key=lambda trace: trace.level)
         places = np.unique(np.linspace(0, len(ordered) - 1, _PRELOADS).astype(int))
-        for trace in (ordered[place] for place in places):
-            peak = float(np.abs(trace.measurement.force[body]).max())
-            for factor in _FACTORS:
-                imagined = _imagined(trace, evidence, factor)
-                if imagined is not None:
-                    words = f"hit {body} with {factor * peak:.3g} N at {trace.level:.3g} N of tension"
-                    yield _Test(words, factor, imagined)
+        for trace, factor in product((ordered[place] for place in places), _FACTORS):
+            imagined = _imagined(trace, evidence, factor)
+            if imagined is not None:
+                peak = abs(factor) * float(np.abs(trace.measurement.force[body]).max())
+                where = "alone, bolt out," if alone else f"at {trace.level:.3g} N of tension"
+                side = "" if factor > 0 else " from the other side"
+                yield _Test(f"hit {body} {where} with {peak:.3g} N{side}", abs(factor), imagined)
 
 
 def _imagined(trace: Trace, evidence: Evidence, factor: float) -> Trace | None:
@@ -133,24 +143,33 @@ def _imagined(trace: Trace, evidence: Evidence, factor: float) -> Trace | None:
     )
 
 
-def _gains(best: Added, rival: Added, evidence: Evidence, tests: Evidence) -> FloatArray:
-    """By how much each test would raise the cost of the rival over that of the best effect, (tests,)."""
-    here = _normals(best, rival, evidence, evidence.names)
+def _gains(best: Added, rival: Added | None, evidence: Evidence, tests: Evidence) -> FloatArray:
+    """By how much tests raise the cost of the rival, or of no effect, over the best's, (tests, repeats).
+
+    The model with the rival has not the best one's numbers: free, they would imitate that one's whole force.
+    """
+    gone = {effect_number(best, name) for name in best.parameters}
+    names = [name for name in evidence.names if name not in gone]
+    here = _normals(best, rival, evidence, names)
     now = sum(here[1:], here[0])
     left = now.left()
-    return np.array([(now + one).left() - left for one in _normals(best, rival, tests, evidence.names)])
+    every = _normals(best, rival, tests, names)
+    return np.array([[(now + one.repeated(n)).left() - left for n in _REPEATS] for one in every])
 
 
-def _normals(best: Added, rival: Added, evidence: Evidence, names: Sequence[str]) -> list[_Normal]:
+def _normals(best: Added, rival: Added | None, evidence: Evidence, names: Sequence[str]) -> list[_Normal]:
     """The sums of every record."""
-    member = CATALOGUE[rival.name]
-    free = free_numbers(rival, member)
-    sizes = np.array([size_of(rival.parameters[name].value) for name in free])
     place = {name: k for k, name in enumerate(evidence.names)}
     none = np.zeros(len(evidence.residual))
-    own = [evidence.jacobian[:, place[name]] if name in place else none for name in names]
-    columns = np.column_stack([*own, slopes_of(rival, free, sizes, evidence)])
-    difference = output_of(rival, evidence) - output_of(best, evidence)
+    columns = np.column_stack(
+        [evidence.jacobian[:, place[name]] if name in place else none for name in names]
+    )
+    difference = -output_of(best, evidence)
+    if rival is not None:
+        free = free_numbers(rival, CATALOGUE[rival.name])
+        sizes = np.array([size_of(rival.parameters[name].value) for name in free])
+        columns = np.column_stack([columns, slopes_of(rival, free, sizes, evidence)])
+        difference += output_of(rival, evidence)
     found = []
     for record in range(len(evidence.traces)):
         rows = evidence.owner == record
@@ -159,9 +178,12 @@ def _normals(best: Added, rival: Added, evidence: Evidence, names: Sequence[str]
     return found
 
 
-def _words(gains: FloatArray, tests: Sequence[_Test], enough: float) -> str:
-    telling = [(test, gain) for test, gain in zip(tests, gains, strict=True) if gain >= enough]
-    if not telling:
-        return f"none of {len(tests)} hits tried, up to {_FACTORS[-1]:g} times as hard as those at hand"
-    test, gain = max(telling, key=lambda one: (-one[0].factor, one[1]))
-    return f"{test.words}: the cost would differ by {gain:.3g}, and {enough:g} tells"
+def _words(gains: FloatArray, tests: Sequence[_Test], needed: FloatArray) -> str:
+    for times, *columns in zip(_REPEATS, gains.T, needed.T, strict=True):
+        telling = [one for one in zip(tests, *columns, strict=True) if one[1] >= one[2]]
+        if telling:
+            test, gain, enough = max(telling, key=lambda one: (-one[0].harder, one[1] / one[2]))
+            repeats = f", {times} times" if times > 1 else ""
+            return f"{test.words}{repeats}: the cost would differ by {gain:.3g}, and {enough:.3g} tells"
+    most = f"{max(_FACTORS):g} times as hard as those at hand, {_REPEATS[-1]} times each"
+    return f"none of {len(tests)} hits tried, up to {most}"
