@@ -67,21 +67,18 @@ def is_sure(one: Explanation) -> bool:
     """
     if one.p_value is not None and one.p_value > FALSE_ALARMS:
         return False
-    trained, held_out = _OF_TENSION if in_tension(one) else _OF_MOTION
-    spread, unseen = spread_of(one), one.gains(hold_out=True)
-    if float(one.gains(hold_out=False).sum()) / spread <= trained or one.share() <= MATERIAL:
-        return False
+    unseen = one.gains(hold_out=True)
     if not in_tension(one) and 2 * int(np.sum(unseen > 0)) < unseen.size:
         return False
-    return not unseen.size or float(unseen.sum()) / spread > held_out
+    return one.share() > MATERIAL and is_told(one)
 
 
 def is_told(one: Explanation) -> bool:
-    """Whether a difference in the motion is more than chance makes, however small its share of the cost."""
+    """Whether an effect gains more than chance makes, however small its share of the cost."""
+    trained, held_out = _OF_TENSION if in_tension(one) else _OF_MOTION
     spread, unseen = spread_of(one), one.gains(hold_out=True)
-    trained, held_out = (limit * spread for limit in _OF_MOTION)
     seen = float(one.gains(hold_out=False).sum())
-    return seen > trained and (not unseen.size or float(unseen.sum()) > held_out)
+    return seen / spread > trained and (not unseen.size or float(unseen.sum()) / spread > held_out)
 
 
 def in_tension(one: Explanation) -> bool:
