@@ -23,7 +23,7 @@ from discovery.tracing import Evidence, weigh
 from rom.channels import FloatArray
 from rom.effects import CATALOGUE, Added, Effect, SensorFault
 from rom.replay import replay
-from rom.spectra import SpectralRecord
+from rom.spectra import ComplexArray, SpectralRecord
 
 _FACTORS = (1.0, -1.0, 2.0, -2.0, 4.0, -4.0)  # of the force of a record; below 0: from the other side
 _REPEATS = (1, 3, 10)
@@ -159,12 +159,14 @@ def _imagined(trace: Trace, evidence: Evidence, body: str, times: float) -> Trac
 
 def _struck(part: SpectralRecord, here: int, there: int, times: float) -> SpectralRecord:
     """Spectra of a force that goes from one body to another and is multiplied; the hammer's noise stays."""
-    force, errors = np.zeros_like(part.force), part.force_errors
-    force[:, there] = times * part.force[:, here]
-    if errors is not None:
-        errors = np.zeros_like(errors)
-        errors[:, there] = part.force_errors[:, here]
-    return replace(part, force=force, force_errors=errors, motion=times * part.motion)
+
+    def moved(columns: ComplexArray) -> ComplexArray:
+        out = np.zeros_like(columns)
+        out[:, there] = columns[:, here]
+        return out
+
+    errors = None if part.force_errors is None else moved(part.force_errors)
+    return replace(part, force=times * moved(part.force), force_errors=errors, motion=times * part.motion)
 
 
 def _gains(best: Added, rival: Added | None, evidence: Evidence, tests: Evidence) -> FloatArray:
