@@ -185,9 +185,7 @@ def effect_table(results: Sequence[Result]) -> str:
 
 def _effect_row(name: str, mine: Sequence[Result]) -> tuple[object, ...]:
     scores = [score(result) for result in mine]
-    firsts = [effect for r in mine for effect in r["closure"]["effects"][:1]]
-    others = Counter(effect["name"] for effect in firsts if effect["name"] != name)
-    alike = Counter(one["name"] for effect in firsts for one in effect["look_alikes"])
+    others = Counter(effect["name"] for effect in _firsts(mine) if effect["name"] != name)
     return (
         name,
         len(mine),
@@ -204,8 +202,17 @@ def _effect_row(name: str, mine: Sequence[Result]) -> tuple[object, ...]:
         median(ratio(r, "oracle") for r in mine),
         median((r["closing_cpu_s"] for r in mine), ".0f"),
         _counted(others),
-        _counted(alike),
+        _counted(_alike(mine)),
     )
+
+
+def _firsts(results: Iterable[Result]) -> list[Found]:
+    return [effect for r in results for effect in r["closure"]["effects"][:1]]
+
+
+def _alike(results: Iterable[Result]) -> Counter[str]:
+    """Look-alikes of the effects that were named first."""
+    return Counter(one["name"] for effect in _firsts(results) for one in effect["look_alikes"])
 
 
 def _errors(results: Sequence[Result]) -> list[str]:
@@ -227,13 +234,15 @@ def _counted(names: Counter[str]) -> str:
 def kind_table(results: Sequence[Result]) -> str:
     """Return a row for every kind of effect, of those that are felt."""
     header = (
-        "kind", "effects", "campaigns", "class first", "listed", "kind of place", "before", "after", "oracle",
+        "kind", "effects", "campaigns", "influence [%]", "class first", "listed", "kind of place", "before",
+        "after", "oracle", "look-alikes told",
     )  # fmt: skip
     rows = []
     for kind, mine in _grouped(filter(is_felt, results), _kind).items():
         scores, names = [score(r) for r in mine], {r["truth"][0]["name"] for r in mine}
         told = (_count(getattr(s, what) for s in scores) for what in ("class_", "listed", "kind_of_place"))
-        rows.append((kind, len(names), len(mine), *told, *_errors(mine)))
+        alike = sum(bool(effect["look_alikes"]) for effect in _firsts(mine))
+        rows.append((kind, len(names), len(mine), _percent(mine), *told, *_errors(mine), f"in {alike}"))
     return table(header, rows)
 
 

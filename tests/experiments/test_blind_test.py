@@ -249,9 +249,11 @@ def test_effects_are_told_by_kind_with_errors_of_what_they_act_on() -> None:
         result("one", [skew], [found("acceleration-skew", "sensor:acceleration_lo")]),
     ]
     text = tables(rows)
-    assert cells(text, "force |")[1:] == ["1", "1", *["1 of 1"] * 3, "0.4", "0.044", "0.04"]
-    assert cells(text, "sensor |")[1:6] == ["1", "1", *["1 of 1"] * 3]
-    assert cells(text, "sensor, tension's")[1:] == ["1", "1", *["0 of 1"] * 3, "1 N", "0.5 N", "0.25 N"]
+    force, sensor, gauge_s = (cells(text, kind)[1:] for kind in ("force |", "sensor |", "sensor, tension's"))
+    assert force == ["1", "1", force[2], *["1 of 1"] * 3, "0.4", "0.044", "0.04", "in 0"]
+    assert sensor[:2] + sensor[3:6] == ["1", "1", *["1 of 1"] * 3]
+    assert gauge_s[3:] == ["0 of 1"] * 3 + ["1 N", "0.5 N", "0.25 N", "in 0"]
+    assert float(force[2]) == CUBIC["influence_percent"]["percent"]
 
 
 def test_levels_of_noise_and_faults_are_told_apart() -> None:
