@@ -65,6 +65,8 @@ class FoundEffect:
         Held-out records that it explains better than the model without it, and how many there are.
     basis : str
         What it explains, in words: the residual; of what shows before the hits what they show.
+    chance : {"drawn", "likelihood ratio"}
+        Where `p_value` comes from. The latter takes rows as independent, which a misfit is not.
     """
 
     effect: Added
@@ -74,6 +76,7 @@ class FoundEffect:
     p_value: float
     wins: tuple[int, int]
     basis: str = "the residual"
+    chance: Literal["drawn", "likelihood ratio"] = "drawn"
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,14 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from discovery.force_pictures import (
-    DISPLACEMENT,
     FORCE,
-    VELOCITY,
     Data,
     draw_loop,
     draw_map,
     pair,
     scale_of,
     told,
+    units_of,
 )
 from discovery.localisation import COURSES
 
@@ -32,7 +31,7 @@ _VIEWS = {  # others are said as they are named
     "by_time": "time since the impact",
     "by_harmonic": "harmonic of the dominant frequency",
     "by_place": "place of a missing force",
-    "by_sign": "sign of the joint's displacement",
+    "by_sign": "sign of the displacement",
     "tension_by_preload": "preload, of the tension's courses",
     "tension_by_velocity": "relative velocity, of the tension's courses",
     "tension_by_time": "time since the impact, of the tension's courses",
@@ -41,7 +40,7 @@ _PLACED = {  # what is said before a label where it stands out
     "by_time": "after the impact",
     "by_harmonic": "",
     "by_place": "as a force,",
-    "by_sign": "displacement of the joint",
+    "by_sign": "displacement",
     "tension_by_preload": "courses of the tension at",
     "tension_by_velocity": "courses of the tension at",
     "tension_by_time": "courses of the tension after",
@@ -53,6 +52,11 @@ _MEASURES = (
     ("tension_rmse_n", "the tension after the impact", 1.0, " N"),
     ("link_force_nrmse", "the link force", 100.0, " %"),
 )
+_CHANCES = {
+    "drawn": "the chance that the best of the whole catalogue does as well where nothing is missing",
+    "likelihood ratio": "the chance of that were noise alone left, independent from row to row, times the "
+    "number of effects tried",
+}
 _STANDS_OUT = 1.3  # times the smallest of its view
 _NAMED = 3
 _SURE = 0.01
@@ -133,10 +137,7 @@ def _evidence(closure: Closure) -> Iterator[str]:
         if records:
             text += f", and {won} of {records} held-out records are met better with it"
         if _known(found.p_value):
-            text += (
-                "; the chance that the best of the whole catalogue does as well where nothing is missing: "
-                f"p {_chance(found.p_value)}"
-            )
+            text += f"; {_CHANCES[found.chance]}: p {_chance(found.p_value)}"
         yield " ".join([f"{text}.", *_on_look_alikes(found)])
     yield from _on_the_rest(closure)
 
@@ -328,17 +329,17 @@ def _draw_views(made: Figure | SubFigure, rows: int, before: Localisation, after
 
 def _draw_forces(made: Figure | SubFigure, before: Data, after: Data) -> None:
     axes = made.subplots(1, 3, squeeze=False)[0]
-    limit = scale_of(before, after)
+    limit, units = scale_of(before, after), units_of(before, after)
     for ax, one, when in zip(axes, (before, after), ("before", "after"), strict=False):
-        mesh = draw_map(ax, one, limit)
+        mesh = draw_map(ax, one, limit, units)
         ax.set_title(f"force left at {one['place']}, {when}", loc="left", fontsize="medium")
-        ax.set_xlabel(DISPLACEMENT)
-    axes[0].set_ylabel(VELOCITY)
+        ax.set_xlabel(units.displacement)
+    axes[0].set_ylabel(units.velocity)
     made.colorbar(mesh, ax=axes[:2]).ax.set_title("[N]", fontsize="medium")
     for one, colour, when in ((before, "C1", "before"), (after, "C0", "after")):
-        draw_loop(axes[2], one, colour, when)
+        draw_loop(axes[2], one, colour, when, units)
     axes[2].set_title("first cycles of the largest motion", loc="left", fontsize="medium")
-    axes[2].set(xlabel=DISPLACEMENT, ylabel=FORCE)
+    axes[2].set(xlabel=units.displacement, ylabel=FORCE)
 
 
 def _draw_view(ax: Axes, before: Mapping[str, float], after: Mapping[str, float]) -> None:

@@ -231,6 +231,7 @@ def _told(found: _Found, last: _Stage) -> FoundEffect:
         share=best.share(),
         p_value=min(1.0, tried * chance),
         wins=(int((gains > 0).sum()), len(gains)),
+        chance="likelihood ratio",
     )
 
 

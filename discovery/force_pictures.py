@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.collections import QuadMesh
 
 Data = Mapping[str, Any]
-DISPLACEMENT, VELOCITY, FORCE = "Displacement [µm]", "Velocity [mm/s]", "Force [N]"
+FORCE = "Force [N]"
+_LENGTHS = ((2e-3, "µm", 1e6), (2.0, "mm", 1e3), (np.inf, "m", 1.0))  # below [m] or [m/s], unit, factor
+_SPEEDS = ((2.0, "mm/s", 1e3), (np.inf, "m/s", 1.0))
 _COLOURS, _NOWHERE = "RdBu_r", "0.93"
 _MOST = 95.0  # percentile of a map that has the deepest colour: single bins may be far off
 _MIDDLE = 0.15  # of a decade, on either side of rest
@@ -44,11 +47,28 @@ def scale_of(*maps: Data) -> float:
     return float(np.percentile(known, _MOST)) if known.size and known.any() else 1.0
 
 
-def draw_map(ax: Axes, one: Data, limit: float) -> QuadMesh:
-    """Draw the mean force over displacement and velocity, red where it pulls back; grey: no motion."""
-    x, v = (
-        factor * np.asarray(one[key]) for key, factor in (("displacement_m", 1e6), ("velocity_m_per_s", 1e3))
+@dataclass(frozen=True)
+class Units:
+    """Names of the axes of motion with their units, and the factors from SI to these."""
+
+    displacement: str
+    velocity: str
+    factors: tuple[float, float]
+
+
+def units_of(*maps: Data) -> Units:
+    """Return units in which the motion of some maps makes short numbers."""
+    (length, by_length), (speed, by_speed) = (
+        next((unit, factor) for below, unit, factor in known if max(max(one[key]) for one in maps) < below)
+        for key, known in (("displacement_m", _LENGTHS), ("velocity_m_per_s", _SPEEDS))
     )
+    return Units(f"Displacement [{length}]", f"Velocity [{speed}]", (by_length, by_speed))
+
+
+def draw_map(ax: Axes, one: Data, limit: float, units: Units) -> QuadMesh:
+    """Draw the mean force over displacement and velocity, red where it pulls back; grey: no motion."""
+    keys = ("displacement_m", "velocity_m_per_s")
+    x, v = (factor * np.asarray(one[key]) for key, factor in zip(keys, units.factors, strict=True))
     # as an image: hundreds of cells would be most of a page's bytes, and show seams
     mesh = ax.pcolormesh(x, v, _values(one), cmap=_COLOURS, vmin=-limit, vmax=limit, rasterized=True)
     ax.set_facecolor(_NOWHERE)
@@ -63,10 +83,10 @@ def draw_map(ax: Axes, one: Data, limit: float) -> QuadMesh:
     return mesh
 
 
-def draw_loop(ax: Axes, one: Data, colour: str, label: str) -> None:
+def draw_loop(ax: Axes, one: Data, colour: str, label: str, units: Units) -> None:
     """Draw the force over displacement in the first cycles of the record with the largest motion."""
     x, force = (np.asarray(one["loop"][key], dtype=float) for key in ("displacement_m", "force_n"))
-    ax.plot(1e6 * x, force, color=colour, lw=0.8, label=label)
+    ax.plot(units.factors[0] * x, force, color=colour, lw=0.8, label=label)
 
 
 def _ticks(middle: float, largest: float) -> list[float]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from scipy import stats
 
 from discovery.force_fits import Unbalanced
-from discovery.localisation import Localisation, Profile
+from discovery.localisation import Localisation, Profile, sides_of
+from discovery.unbalanced import Course, ForceMap, force_map
 from rom.channels import FloatArray
 from rom.comparison import Judged
 from rom.equation_error import Balance, ForceRecord
@@ -60,27 +61,44 @@ def _rms_of_motion(record: ForceRecord) -> float:
 
 def localise_forces(state: Unbalanced, numbers: tuple[tuple[str, float], ...]) -> Localisation:
     """Return where the residual of the training records lives."""
-    parts = list(_parts(state))
+    parts = list(_parts(state, state.residual))
     squares = np.concatenate([rows for _, _, rows in parts]) ** 2
+    forces = tuple(_force_maps(state))
     return Localisation(
         by_channel=_means((balance.channel, rows) for _, balance, rows in parts),
         by_test=_means((record.settings.test, rows) for record, _, rows in parts),
         by_frequency=_by_frequency(parts),
         by_preload=(),
         by_amplitude=_by_amplitude(parts),
+        by_place=tuple((one.place, one.level) for one in forces),
+        by_sign=sides_of(forces[0]) if len(forces) == 1 else (),  # one link's, as with a bolt
         whiteness_p=_whiteness([rows for _, _, rows in parts]),
         total=float(squares.mean()),
         numbers=numbers,
+        forces=forces,
     )
 
 
-def _parts(state: Unbalanced) -> Iterable[tuple[ForceRecord, Balance, FloatArray]]:
+def _force_maps(state: Unbalanced) -> Iterator[ForceMap]:
+    """Map of what is left unbalanced on every body, and in every link that is driven on its own."""
+    found: dict[str, list[Course]] = {}
+    noises = _parts(state, state.balances.noise)
+    for (record, balance, rows), (_, _, noise) in zip(_parts(state, state.residual), noises, strict=True):
+        x, v = (record.smoothing.rows(one, record.rate_hz) for one in record.motion[balance.place][:2])
+        time = np.arange(len(rows)) / record.smoothing.rate_hz(record.rate_hz)
+        name = balance.place.replace("body:", "body ")
+        found.setdefault(name, []).append(Course(time, noise * rows, x, v, noise**2))
+    yield from (force_map(name, courses) for name, courses in found.items())
+
+
+def _parts(state: Unbalanced, values: FloatArray) -> Iterator[tuple[ForceRecord, Balance, FloatArray]]:
+    """Rows of every balance of the training records, of values that all rows have."""
     first = 0
     for record in state.balances.records:
         for balance in record.balances:
             count = len(balance.terms["force"])
             if not record.settings.hold_out:
-                yield record, balance, state.residual[first : first + count]
+                yield record, balance, values[first : first + count]
             first += count
 
 

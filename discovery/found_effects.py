@@ -41,6 +41,7 @@ def found_effect(best: Explanation, rivals: Sequence[Explanation], state: State)
         p_value=_nominal(best, state) if best.p_value is None else best.p_value,
         wins=(int((gains > 0).sum()), len(gains)),
         basis=best.basis,
+        chance="likelihood ratio" if best.p_value is None else "drawn",
     )
 
 

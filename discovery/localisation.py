@@ -53,7 +53,8 @@ class Localisation:
     by_time, by_harmonic, by_place, by_sign : tuple of (str, float)
         The same by time since the impact, by harmonics of each record's dominant frequency, as a force on
         each body or in the bolted link, and of that link's force where its displacement is positive and
-        negative (`discovery.residual_views`, `discovery.unbalanced`). Empty where bodies are driven.
+        negative (`discovery.residual_views`, `discovery.unbalanced`). Where bodies are driven there are no
+        impacts, and no view along time since them and harmonics.
     whiteness_p : float
         Chance of so much correlation with the force where nothing is left but noise.
     total : float
@@ -137,7 +138,12 @@ def localise(
 def _by_sign(forces: Sequence[ForceMap], links: Sequence[str]) -> Profile:
     """Mean square of the force of the first bolted link that has moved, by the sign of its displacement."""
     one = next((force for force in forces if force.place in links), None)
-    sides = () if one is None else (("positive", one.level_positive), ("negative", one.level_negative))
+    return () if one is None else sides_of(one)
+
+
+def sides_of(force: ForceMap) -> Profile:
+    """Mean square of a force by the sign of its displacement."""
+    sides = (("positive", force.level_positive), ("negative", force.level_negative))
     return tuple((label, value) for label, value in sides if np.isfinite(value))
 
 

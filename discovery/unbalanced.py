@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy import fft
+from scipy import fft, interpolate
 
 from discovery.residual_views import ROUND, Lines, Place
 from rom.channels import FloatArray
@@ -342,8 +342,10 @@ def _loop(one: Course) -> tuple[Mapping[str, FloatArray], float]:
     x, force, v = one.displacement[cycles], one.force[cycles], one.velocity[cycles]
     step_s = float(one.time[1] - one.time[0])
     number = max((min(2 * _LOOPS, len(turns) - 1)) / 2, 0.5)
-    thin = slice(None, None, max(len(x) // _FINE, 1))
-    return {"displacement_m": x[thin], "force_n": force[thin]}, float(np.sum(force * v) * step_s / number)
+    along = np.linspace(0, len(x) - 1, min(_FINE, 8 * len(x)))  # a smooth line also where samples are few
+    drawn = interpolate.CubicSpline(np.arange(len(x)), np.stack([x, force], axis=1))(along)
+    loop = {"displacement_m": drawn[:, 0], "force_n": drawn[:, 1]}
+    return loop, float(np.sum(force * v) * step_s / number)
 
 
 def _plain(value: float) -> float | None:

@@ -10,8 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from discovery.force_pictures import DISPLACEMENT, FORCE, VELOCITY, draw_loop, draw_map, scale_of
-from experiments.report.closures import class_words, correlations, effects_of, forces, place_words, view_words
+from discovery.force_pictures import FORCE, Units, draw_loop, draw_map, scale_of, units_of
+from experiments.report.closures import (
+    class_words,
+    correlations,
+    effects_of,
+    forces,
+    place_words,
+    view_words,
+)
 from experiments.report.style import (
     BACKGROUND,
     BLUE,
@@ -48,7 +55,7 @@ def closure_figures(data: Data) -> dict[str, Figure]:
         "closure-errors": (len(data.get("steps") or ()) > 1 and _measured(data), errors_by_step),
         "closure-residual": (_views(data), residual_by_view),
         "closure-correlation": (correlations(data), correlation),
-        "closure-force": (forces(data), unbalanced_force),
+        "closure-force": (_has_maps(data), unbalanced_force),
         "closure-screened": (_screened(data), leader_board),
         "closure-effects": (_curves(data), effects),
     }
@@ -112,6 +119,11 @@ def correlation(data: Data) -> Figure:
     return figure
 
 
+def _has_maps(data: Data) -> bool:
+    """Return whether the unbalanced force is told over motion, not by its numbers alone."""
+    return all("force_n" in one for one in forces(data) or ({},))
+
+
 @styled
 def unbalanced_force(data: Data) -> Figure:
     """Force left unbalanced where most was a function of motion: maps with one scale, and first cycles."""
@@ -121,26 +133,27 @@ def unbalanced_force(data: Data) -> Figure:
     figure = panels(height_mm=105.0)[0]
     figure.clear()
     upper, lower = figure.subfigures(2, 1, squeeze=False, height_ratios=(1.15, 1.0))[:, 0]
-    _maps(upper, shown)
+    units = units_of(*shown)
+    _maps(upper, shown, units)
     ax = lower.subplots()
     for one, colour, when in zip(shown, (_BEFORE, _AFTER)[-len(shown) :], _WHENS, strict=False):
-        draw_loop(ax, one, colour, when)
+        draw_loop(ax, one, colour, when, units)
     ax.set_title("First cycles")
-    ax.set(xlabel=DISPLACEMENT, ylabel=FORCE)
+    ax.set(xlabel=units.displacement, ylabel=FORCE)
     if len(shown) > 1:
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=2)
     return figure
 
 
-def _maps(figure: SubFigure, shown: Sequence[Data]) -> None:
+def _maps(figure: SubFigure, shown: Sequence[Data], units: Units) -> None:
     """Draw forces over motion side by side with one scale of colours."""
     axes = figure.subplots(1, len(shown), squeeze=False, sharey=True)[0]
     limit = scale_of(*shown)
     for ax, one, when in zip(axes, shown, _WHENS, strict=False):
-        mesh = draw_map(ax, one, limit)
+        mesh = draw_map(ax, one, limit, units)
         ax.set_title(f"{when}, {class_words(one['place'])}" if len(shown) > 1 else class_words(one["place"]))
-        ax.set_xlabel(DISPLACEMENT)
-    axes[0].set_ylabel(VELOCITY)
+        ax.set_xlabel(units.displacement)
+    axes[0].set_ylabel(units.velocity)
     figure.colorbar(mesh, ax=axes, location="top", aspect=40, shrink=0.8).set_label(FORCE)
 
 

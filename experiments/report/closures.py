@@ -56,7 +56,7 @@ _VIEWS = {
     "by_time": "Time since the impact",
     "by_harmonic": "Harmonic",
     "by_place": "As a force",
-    "by_sign": "Displacement of the joint",
+    "by_sign": "Displacement",
     "tension_by_preload": "Tension's courses by preload",
     "tension_by_velocity": "Tension's courses by velocity",
     "tension_by_time": "Tension's courses by time",
@@ -193,7 +193,7 @@ def blocks(data: Data) -> list[Block]:
     look-alikes.
     """
     found = [Block("Errors before and after", tables=tuple(_error_tables(data)))]
-    lived = tuple(table for table in (_most(data), _force(data)) if table.rows)
+    lived = tuple(table for table in (_most(data), force_table(data)) if table.rows)
     found += [Block("Where the residual lived", tables=lived)] if lived else []
     found += [_effect_block(effect) for effect in effects_of(data)]
     return [block for block in found if block.tables or block.shown]
@@ -258,7 +258,7 @@ def forces(data: Data) -> tuple[Data, Data] | None:
     return pair(_mappings(before), _mappings(after))
 
 
-def _force(data: Data) -> Table:
+def force_table(data: Data) -> Table:
     """Return how much of the unbalanced force is a function of motion, what it does, and what is left."""
     both = forces(data)
     if both is None:
@@ -303,12 +303,13 @@ def _evidence(effect: Data) -> Iterator[str]:
     if effect.get("source") == "free-form":
         yield "Found without the catalogue, by sparse regression."
     if isinstance(share, float):
-        yield f"Share of the residual that it takes away: {_share(share)}."
+        yield f"Share of {effect.get('share_of') or 'the residual'} that it takes away: {_share(share)}."
     if isinstance(wins, Sequence) and len(wins) == 2 and wins[1]:
         yield f"Held-out records that it meets better: {wins[0]} of {wins[1]}."
     if isinstance(p, float):
         chance = f"= {trimmed(number(p, 2))}" if p >= 1e-4 else "below 10⁻⁴"
-        yield f"Chance of that where nothing is missing: p {chance}."
+        how = "" if effect.get("p_value_from") in (None, "drawn") else " (rows independent)"
+        yield f"Chance of that where nothing is missing{how}: p {chance}."
 
 
 def _parameters(effect: Data) -> Table:

@@ -11,7 +11,7 @@ from typing import Any
 
 from experiments.report import closures
 from experiments.report.closures import effects_of, place_words
-from experiments.report.tables import MEASURES, error_rows
+from experiments.report.tables import MEASURES, Table, error_rows
 from experiments.report.wording import NONE, number, with_limits
 
 Data = Mapping[str, Any]
@@ -27,6 +27,7 @@ _VIEWS = {
     "simulation_rms_m": ("Simulated less measured displacement, RMS", "10⁻³ m, or mV", 1e3),
 }
 _SCREENED = 12
+_QUESTIONS = ("What was missing", "How one knows", "Of the other candidates", "What changed", "What remains")
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ SETS: Mapping[str, MeasuredSet] = {
     "tribometer": MeasuredSet(
         "Tribometer: a reciprocating contact",
         "A slider moves by 0.24 mm to and fro under a normal force of 5 N. Held out: the last two fifths.",
-        "FrictionModels.jl, examples (J. Christopherson); the rig is not described there",
+        "FrictionModels.jl, examples/test_data_2.txt (J. Christopherson); the rig is not described there",
         {},
     ),
 }
@@ -80,6 +81,9 @@ def page(references: Mapping[str, Data]) -> str:
         "model is declared, `boltlaw close` says what it lacks. Every number below is in `docs/measured/`; "
         "the commands of a section make it anew, and this page is written by "
         "`python -m experiments.studies.measured`.",
+        "`closed` says that less than 3 % of what was beyond noise in the residual's mean square is left, "
+        "**not** that the residual is at noise: these sensors are far quieter than a simple model is right. "
+        "`unexplained` says that more is left, even where a named effect takes away most of it.",
         overview(references),
         *(section(name, references[name]) for name in SETS if name in references),
     ]
@@ -124,13 +128,15 @@ def _percent(value: object, key: str) -> str:
 def section(name: str, reference: Data) -> str:
     """Return what there is to tell of one set."""
     about, closure = SETS[name], reference["closure"]
-    told = closures.answer(closure)
+    told, force = closures.answer(closure), closures.force_table(closure)
     parts = [
         f"## {about.title}",
         f"{about.what} Source: {about.source}.",
         f"**Declared:** {declared(reference['model'])}.",
-        f"**{told.verdict}** {' '.join(told.sentences)}",
+        f"**{told.verdict}**",
+        "\n".join(_items(told.sentences)),
         f"![Where the residual lived, before and after](images/measured-{name}.svg)",
+        *_force(name, force),
         table(("parameter", "value", "95 % limits", "unit", "published"), parameter_rows(about, reference)),
         _published_note(about),
         error_table(closure["errors"]),
@@ -142,6 +148,26 @@ def section(name: str, reference: Data) -> str:
         f"Program version {closure['program_version']}, {number(float(closure['elapsed_s']), 3)} s.",
     ]
     return "\n\n".join(part for part in parts if part)
+
+
+def _items(sentences: Sequence[str]) -> Iterator[str]:
+    """Yield an item of a list for each question that is answered, the sentences after it with it."""
+    item: list[str] = []
+    for sentence in sentences:
+        if item and sentence.startswith(_QUESTIONS):
+            yield f"- {' '.join(item)}"
+            item = []
+        item.append(sentence)
+    if item:
+        yield f"- {' '.join(item)}"
+
+
+def _force(name: str, told: Table) -> Iterator[str]:
+    """Yield the picture of the force that was left over motion, and its numbers."""
+    if told.rows:
+        yield f"**{told.caption}**, as a function of motion:"
+        yield f"![The force that was left, over displacement and velocity](images/measured-{name}-force.svg)"
+        yield table([str(head) for head in told.columns], [[str(cell) for cell in row] for row in told.rows])
 
 
 def declared(model: Data) -> str:

@@ -100,6 +100,8 @@ def _effect_row(found: FoundEffect) -> dict[str, Any]:
         "source": found.source,
         "share": found.share,
         "p_value": found.p_value,
+        "p_value_from": found.chance,
+        "share_of": found.basis,
         "wins": list(found.wins),
     }
 

@@ -20,6 +20,7 @@ from rom.records import replacing
 
 FORMAT = "boltlaw-measured/1"
 _LEFT_OUT = ("curve",)  # of an effect: large, and drawn in the report only
+_MAPS = ("displacement_m", "velocity_m_per_s", "force_n", "loop")  # of a force: large, and drawn at once
 
 
 class MeasuredError(ValueError):
@@ -43,13 +44,19 @@ def reference(name: str, results: Path) -> dict[str, Any]:
     effects = [
         {key: value for key, value in effect.items() if key not in _LEFT_OUT} for effect in closure["effects"]
     ]
-    kept = {**closure, "effects": effects}
+    residual = {when: _without_maps(views) for when, views in closure["residual"].items()}
+    kept = {**closure, "effects": effects, "residual": residual}
     return {
         "format": FORMAT,
         "set": name,
         "closure": kept,
         "model": {key: model[key] for key in ("bodies", "links", "effects")},
     }
+
+
+def _without_maps(views: Mapping[str, Any]) -> dict[str, Any]:
+    forces = [{k: v for k, v in one.items() if k not in _MAPS} for one in views.get("forces", ())]
+    return {**views, "forces": forces} if forces else dict(views)
 
 
 def _read(path: Path, expected: str) -> dict[str, Any]:
@@ -81,6 +88,9 @@ def run(docs: Path, results: Mapping[str, Path]) -> Path:
     every = {**stored, **new}
     text = page(every)
     figures = {name: closure_figures(one["closure"]).get("closure-residual") for name, one in every.items()}
+    for name, folder in results.items():
+        closure = _read(folder / "closure.json", "boltlaw-closure/1")
+        figures[f"{name}-force"] = closure_figures(closure).get("closure-force")
     for folder in (docs / "measured", docs / "images"):
         folder.mkdir(parents=True, exist_ok=True)
     for name, one in new.items():

@@ -159,7 +159,7 @@ def test_the_views_of_time_harmonic_place_and_sign_are_said_and_drawn() -> None:
         "after the impact 0 to 0.1 s (9 times noise)",
         "; 3rd harmonic (7 times noise)",
         "as a force, body so (6 times noise)",
-        "displacement of the joint positive (5 times noise)",
+        "displacement positive (5 times noise)",
         "courses of the tension at 0 to 30 N (4 times noise)",
         "As a force on the link joint 80 % of it is one function of displacement and velocity, odd in "
         "velocity by 90 %; 10 % is memory",
@@ -172,7 +172,7 @@ def test_the_views_of_time_harmonic_place_and_sign_are_said_and_drawn() -> None:
         "by time since the impact",
         "by harmonic of the dominant frequency",
         "by place of a missing force",
-        "by sign of the joint's displacement",
+        "by sign of the displacement",
     ]
     assert titles[9] == "by preload, of the tension's courses"
     assert titles[10:13] == [
