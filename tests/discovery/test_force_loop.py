@@ -35,6 +35,10 @@ def test_nothing_is_found_where_a_driven_oscillator_lacks_nothing(tmp_path: Path
     found = close_loop(twins.driven(tmp_path / "clean"))
     assert (found.verdict, found.effects) == ("no-effect", ())
     assert found.residual_before.total == pytest.approx(1.0, abs=0.15)
+    (force,) = found.residual_before.forces
+    assert (force.place, force.level) == ("body mass", pytest.approx(1.0, abs=0.15))
+    assert force.explained < 0.05
+    assert force.explained_p > 0.01
     assert found.model.structure.bodies[0].mass == pytest.approx(2.0, rel=2e-3)
     assert found.model.parameters["guide.stiffness.k"].value == pytest.approx(8000.0, rel=2e-3)
 
@@ -59,6 +63,10 @@ def test_cubic_stiffness_of_a_driven_oscillator_is_named(tmp_path: Path) -> None
     assert [(one.effect.name, one.effect.enters) for one in found.effects] == [("cubic-stiffness", "guide")]
     assert found.verdict == "closed"
     assert found.effects[0].effect.parameters["k3"].value == pytest.approx(2e7, rel=0.05)
+    (force,) = found.residual_before.forces
+    assert force.explained > 0.4
+    assert force.elastic > 0.9
+    assert force.level_positive == pytest.approx(force.level_negative, rel=0.2)
     before, after = (errors["hold_out"]["motion_nrmse"] for errors in (found.before, found.after))
     assert before is not None
     assert after is not None
@@ -69,6 +77,9 @@ def test_coulomb_friction_of_a_floating_mass_is_named(tmp_path: Path) -> None:
     found = close_loop(twins.driven(tmp_path / "coulomb", stiffness=0.0, extra=coulomb))
     assert [(one.effect.name, one.effect.enters) for one in found.effects] == [("coulomb-friction", "guide")]
     assert found.effects[0].effect.parameters["F_c"].value == pytest.approx(5.0, rel=0.05)
+    (force,) = found.residual_before.forces
+    assert force.explained > 0.7
+    assert force.elastic < 0.1
     assert found.model.structure.bodies[0].mass == pytest.approx(2.0, rel=0.02)
 
 
