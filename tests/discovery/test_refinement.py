@@ -25,7 +25,9 @@ from discovery.tracing import Evidence, gather, starting, weigh
 from discovery.trail import Chosen, Trail
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
-from rom.effects import CATALOGUE
+from rom.effects import CATALOGUE, register
+from rom.effects.link_friction import Array
+from rom.effects.member import Member, parameter
 from rom.identification import identify_campaign
 
 GAIN = Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1})
@@ -96,6 +98,28 @@ def test_the_true_effect_explains_the_residual_and_its_strength_comes_out() -> N
     assert fitted.cost(hold_out=False) < sum(
         cost for file, cost in fitted.before.items() if file not in fitted.hold_out
     )
+
+
+# ruff: noqa: ARG001 - an effect has the arguments of its place
+def own_cubic(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    return p[0] * x * x * x
+
+
+def test_an_effect_of_ones_own_is_screened_and_fitted_as_the_catalogue_is() -> None:
+    found, strength = evidence(CUBIC), {"q": parameter(5e8, "N/m3", 0.0, 2e10)}
+    register(
+        Member("own-cubic", ("ground",), "F = q * x ** 3", strength, {"q": 1e8}, ("own",), "", own_cubic)
+    )
+    try:
+        own = next(p for p in screen(found) if p[0].effect.name == "own-cubic")
+        assert own[0].effect.enters == "flexure_lo"
+        fitted = explain(own, found)
+    finally:
+        rom.effects._members.pop("own-cubic")
+    assert fitted.effect.parameters["q"].value == pytest.approx(1e9, rel=0.05)
+    assert fitted.share(hold_out=True) > 0.2
 
 
 def test_an_effect_of_zero_strength_changes_nothing() -> None:
