@@ -6,27 +6,27 @@ from experiments.rig.undeclared import KINDS
 _HEAD = """# Undeclared physics of the virtual rig
 
 Printed by `python -m experiments.rig`. `boltlaw rig NEW_DIR --undeclared EFFECT[@PLACE][:key=value,...]`
-(again for a second one) measures a campaign on a rig that has more than the campaign tells: a force,
-another law of loosening, a sign in the measured tension, or a faulty channel. The campaign folder does not
-betray it; the truth file beside it names it, with all its numbers and how much it changes motion, loss and
-readings (percent, against the rig without it, in six trial tests without noise).
+(again for a second one) measures a campaign on a rig that has more than `campaign.toml` declares: a force,
+another law of loosening, a reading in the measured tension that is none, or a faulty channel. Only the truth
+file beside the folder names it, with all its numbers and how much it changes motion, loss and readings
+(percent, against the rig without it, in six trial tests without noise).
 
     boltlaw rig campaign --cases 20 --undeclared coulomb-friction:F_c=2,mu=0 --undeclared hum@sensor:tension
 
 From Python, `experiments.studies.rig` has `Undeclared("cubic-stiffness", "flexure_so", {"k3": 2e9})` for
 `run(..., undeclared=(...,))`, and `draw(rng, name)` for one of random strength. The table has usual values
-and, in brackets, how far `draw` goes. A strength (bold) of zero is no effect, to the last bit; strengths
+and, in brackets, the range of `draw`. A strength (bold) of zero is no effect, to the last bit; strengths
 that are not given keep their usual values. In an equation the force pulls the first body of a link back; x,
 v are relative there, T is the tension, k the link's stiffness, z, dz/dt an internal state, F and D the
 joint's force and its viscous part, a its relative acceleration, `rate` the law's rate so far, `follow`
 gamma(T) over its value at 100 N. The rig solves them with code of its own, sharp where a model may be
-smooth. Effects in the joint, on the tension and in its channel are gone with the bolt; a phase, a drift's
-size, is every record's own.
+smooth. Effects in the joint, on the tension and in its channel are absent in tests without the bolt; phases
+and the sizes of drifts are drawn anew for each record.
 """
 _TITLES = {
     "force": "Forces in links and on bodies",
     "rate": "Changes of the tension law",
-    "reading": "Signs in the measured tension",
+    "reading": "Readings of the tension",
     "fault": "Faulty channels",
 }
 
