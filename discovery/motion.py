@@ -25,7 +25,7 @@ from rom.model import Model
 _LEAD_S = 0.004  # a hit begins before its impact is noticed
 _BURST_S, _EARLY_S, _SETTLED_S = 0.06, 0.12, 0.5
 _PER_PERIOD = 16
-_WIDE = 1.0e3  # standard deviation of a nuisance direction, in largest noise of a bin
+_WIDE = 1.0e3  # variance of a nuisance direction, in largest variance of a bin
 _NOTHING = 1e-16  # of the largest exposure
 _RECENT = 32  # interpolated exposures that are kept: a fit asks for the same ones again and again
 _LEAST_FINAL = 0.01  # of the initial tension
