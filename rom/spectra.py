@@ -123,6 +123,7 @@ def step_unit(name: str, value: float) -> float:
     return _CORNER_STEP if name.startswith(CORNER) else value
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a step of a fit too far has no number for a cost
 def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: ComplexArray) -> Linearised:
     """Return the projected residual and the derivative of the output by each free term in its `step_unit`."""
     system = _system(record, values)
@@ -252,6 +253,8 @@ def _inverse_gram(columns: FloatArray) -> FloatArray:
     """Return (A^T A)^-1 of tall A, its columns scaled; a fifth of the work of an orthogonal basis."""
     size = np.sqrt(np.einsum("ij,ij->j", columns, columns)) + np.finfo(float).tiny
     gram = (columns.T @ columns) / np.multiply.outer(size, size)
+    if not np.isfinite(gram).all():
+        return np.full_like(gram, np.nan)
     return np.asarray(np.linalg.pinv(gram, rcond=1e-13, hermitian=True) / np.multiply.outer(size, size))
 
 

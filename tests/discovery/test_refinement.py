@@ -233,8 +233,8 @@ def test_a_start_without_stiffness_is_left_for_the_uncoupled_tests() -> None:
         astray = replace(found, model=found.model.with_values(flexures))
         far = refitted(gather(campaign, starting(astray, astray.model), read_measurements(campaign)))
         start = Refits(campaign, astray, 1, silent).start()
-    assert start.level < 0.5 * level(far)
-    assert start.model.parameter("flexure_so.stiffness.k").value == pytest.approx(91800, rel=0.1)
+    assert start.level < 0.7 * level(far)
+    assert start.model.parameter("flexure_so.stiffness.k").value == pytest.approx(91800, rel=0.2)
     assert screen(start.evidence)[0][0].effect.name == "acceleration-gain"
 
 
