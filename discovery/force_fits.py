@@ -29,7 +29,7 @@ from rom.structure import GROUND
 _Z95 = 1.96
 _EVALUATIONS = 15
 _STEP = 1e-3
-_STARTS, _NEARLY = 2, 0.8  # starting points; of the best one's gain
+_STARTS, _NEARLY = 6, 0.5  # starting points; of the best one's gain
 _OWN_STIFFNESS = re.compile(r"\bk\b")
 _WORST = 1e6  # of a row where an effect is no number
 
