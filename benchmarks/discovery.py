@@ -37,8 +37,10 @@ from benchmarks.discovery_truth import (
     read_truth,
     same_motion,
 )
-from discovery.discover import discover
-from discovery.factors import (
+from discovery.courses.fit import refine
+from discovery.courses.frozen_motion import Frozen
+from discovery.laws.candidate import BASELINE, Candidate, Term
+from discovery.laws.factors import (
     displacement_power,
     dissipated_power,
     tension_logistic,
@@ -47,16 +49,14 @@ from discovery.factors import (
     velocity_power,
     velocity_threshold,
 )
-from discovery.fitting import refine
-from discovery.identifiability import exponent_profile
-from discovery.motion import Frozen
-from discovery.pairs import compare_laws, not_told_apart
-from discovery.ranked import Ranking
-from discovery.ranking import race
-from discovery.terms import BASELINE, Candidate, Term
+from discovery.ranking.confidence_sets import exponent_profile
+from discovery.ranking.discover import discover
+from discovery.ranking.pairwise import compare_laws, not_told_apart
+from discovery.ranking.race import race
+from discovery.ranking.result import Ranking
 from experiments.studies import rig
-from rom.campaign import Campaign
-from rom.identification import Identification
+from rom.campaign.campaign import Campaign
+from rom.identification.identify import Identification
 
 SURE = 0.01
 

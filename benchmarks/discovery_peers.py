@@ -19,11 +19,11 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from discovery.motion import Frozen
-from rom.campaign import Campaign
-from rom.channels import FloatArray
-from rom.laws import Law, free_form_law
-from rom.processing import process
+from discovery.courses.frozen_motion import Frozen
+from rom.campaign.campaign import Campaign
+from rom.campaign.channels import FloatArray
+from rom.model.laws import Law, free_form_law
+from rom.signals.processing import process
 
 WINDOW_S = 0.25  # after the hit; the losses of nominal hits are over by then
 ROWS = 4000  # of symbolic regression, drawn from all

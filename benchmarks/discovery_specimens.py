@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.discovery_truth import LAWS, Truth, read_truth, truth_of
-from discovery.motion import Frozen, freeze
+from discovery.courses.frozen_motion import Frozen, freeze
 from experiments.rig.campaign import Laboratory, settings
 from experiments.rig.plant import Plant
 from experiments.rig.schedule import Case, plan
 from experiments.rig.sensors import Instruments
 from experiments.studies import rig
-from rom.campaign import Campaign, Record, RecordSettings, read_campaign
-from rom.checks import moving_bodies
-from rom.courses import TensionCourse
-from rom.identification import Identification, identify_campaign
-from rom.model import Model
-from rom.reduction import reduce_records, reduce_sound, tension_courses
+from rom.campaign.campaign import Campaign, Record, RecordSettings, read_campaign
+from rom.campaign.checks import moving_bodies
+from rom.identification.identify import Identification, identify_campaign
+from rom.identification.reduce import reduce_records, reduce_sound, tension_courses
+from rom.model.model import Model
+from rom.signals.tension_bins import TensionCourse
 
 PRELOADS = 20
 HOLD_OUT_EVERY = 5

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from discovery.factors import (
+from discovery.courses.frozen_motion import Frozen
+from discovery.laws.candidate import Candidate, Term
+from discovery.laws.factors import (
     displacement_power,
     tension_logistic,
     tension_power,
@@ -17,12 +19,10 @@ from discovery.factors import (
     velocity_power,
     velocity_threshold,
 )
-from discovery.motion import Frozen
-from discovery.terms import Candidate, Term
 from experiments.rig.plant import LooseningTerm
 from experiments.rig.rivals import RIVALS
-from rom.channels import FloatArray
-from rom.laws import Law
+from rom.campaign.channels import FloatArray
+from rom.model.laws import Law
 
 LAWS: Mapping[str, tuple[LooseningTerm, ...]] = {
     "eq13": (LooseningTerm(),),

@@ -4,7 +4,7 @@ Campaigns of the virtual rig without undeclared effect (20 preloads, records of 
 held out) at several levels of noise. The effects in the motion that promise most are fitted, whether or not a
 closure would find them worth it, and all in the tension and its gauge; the table gives the largest gain in
 cost of any of them, in units of what is left over and as a share of the cost, and in how many campaigns signs
-of records drawn anew let it pass (``discovery.chance``). The conditions of ``discovery.acceptance`` have to
+of records drawn anew let it pass (``discovery.decide.chance``). The conditions of ``discovery.decide.acceptance`` have to
 stand above. In the tension gains are too large, if anything: the rig's gauge has a reading of its own,
 5 N/mm, which is an effect.
 """
@@ -21,18 +21,18 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from discovery.acceptance import is_sure, spread_of
-from discovery.attribution import by_chance, explain, screen
-from discovery.chance import FALSE_ALARMS
-from discovery.explanation import Explanation
-from discovery.state import refitted, set_aside
-from discovery.tension_attribution import explain_tension
-from discovery.traces import read_measurements
-from discovery.tracing import gather, starting
+from discovery.decide.acceptance import is_sure, spread_of
+from discovery.decide.chance import FALSE_ALARMS
+from discovery.decide.explanation import Explanation
+from discovery.explain.motion import by_chance, explain, screen
+from discovery.explain.tension import explain_tension
+from discovery.loop.state import refitted, set_aside
+from discovery.residual.output_error import gather, starting
+from discovery.residual.trajectory import read_measurements
 from experiments.studies import rig
-from experiments.studies.blind_test import DURATION_S, HOLD_OUT_EVERY, PRELOADS
-from rom.campaign import read_campaign
-from rom.identification import identify_campaign
+from experiments.studies.blind.trials import DURATION_S, HOLD_OUT_EVERY, PRELOADS
+from rom.campaign.campaign import read_campaign
+from rom.identification.identify import identify_campaign
 
 PARTS = ("motion", "tension")
 FITTED = 8

@@ -19,11 +19,11 @@ import numpy as np
 from scipy import stats
 
 from experiments.studies import rig
-from rom.campaign import read_campaign
-from rom.identification import Identification, identify_campaign
-from rom.joint import MODAL_LIMIT, JointEstimate
-from rom.law_fits import gamma_curve, link_curve
-from rom.laws import Law, logistic_damping, logistic_loosening, logistic_stiffness
+from rom.campaign.campaign import read_campaign
+from rom.identification.curve_fits import gamma_curve, link_curve
+from rom.identification.identify import Identification, identify_campaign
+from rom.identification.joint import MODAL_LIMIT, JointEstimate
+from rom.model.laws import Law, logistic_damping, logistic_loosening, logistic_stiffness
 
 SOFT_N = 150.0
 GRID_N = (20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 3000.0)

@@ -18,9 +18,9 @@ from rich.table import Table
 
 from benchmarks.peers import RATE_HZ
 from benchmarks.simulation import NOISE_N, hit, seconds
-from rom.model import Model
+from rom.model.model import Model
+from rom.model.structure import Body, Link, Structure
 from rom.parameters.he_2025 import paper_model
-from rom.structure import Body, Link, Structure
 
 
 def chain(links: int) -> Model:

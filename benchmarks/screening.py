@@ -14,12 +14,12 @@ from dataclasses import replace
 import numpy as np
 from rich.console import Console
 
+from benchmarks.frozen_screening import freeze, screen
 from benchmarks.peers import RATE_HZ, FloatArray
 from benchmarks.simulation import NOISE_N, hit
-from rom.laws import Law, logistic_loosening, power_loosening
-from rom.model import Model
+from rom.model.laws import Law, logistic_loosening, power_loosening
+from rom.model.model import Model
 from rom.parameters.he_2025 import paper_model
-from rom.screening import freeze, screen
 
 FULL, OTHERS = 400, 400
 

@@ -23,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.peers import PEERS, RATE_HZ, FloatArray, runge_kutta
-from rom.model import Model
+from rom.model.model import Model
 from rom.parameters.he_2025 import paper_model
 
 PRELOADS = (6.0, 20.0, 60.0, 150.0, 300.0, 700.0, 3000.0)

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy import ndimage
 
-from rom.signals import split_tension
+from rom.signals.filters import split_tension
 
 FloatArray = npt.NDArray[np.float64]
 Split = Callable[[FloatArray], FloatArray]

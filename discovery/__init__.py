@@ -18,18 +18,18 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from discovery.discover import discover
+from discovery.ranking.discover import discover
 
 if TYPE_CHECKING:
-    from discovery.closure import Closure
-    from discovery.ranked import RankedLaw, Ranking
-    from discovery.refinement import close_loop
+    from discovery.loop.close_loop import close_loop
+    from discovery.loop.result import Closure
+    from discovery.ranking.result import RankedLaw, Ranking
 
 _HOME = {
-    "Closure": "discovery.closure",
-    "RankedLaw": "discovery.ranked",
-    "Ranking": "discovery.ranked",
-    "close_loop": "discovery.refinement",
+    "Closure": "discovery.loop.result",
+    "RankedLaw": "discovery.ranking.result",
+    "Ranking": "discovery.ranking.result",
+    "close_loop": "discovery.loop.close_loop",
 }
 __all__ = ["Closure", "RankedLaw", "Ranking", "close_loop", "discover"]
 

@@ -14,10 +14,10 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from experiments.execution import execution
-from experiments.faults import INTERRUPTED, a_campaign, a_model, existing, tell
-from experiments.memory import return_freed_arrays
+from experiments.errors import INTERRUPTED, a_campaign, a_model, existing, tell
 from experiments.results import results_folder, writable
+from experiments.run.execution import execution
+from experiments.run.memory import return_freed_arrays
 from rom.provenance import program_version
 
 Report = Callable[[int, int], None]

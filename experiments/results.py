@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from rom.campaign.record import replacing
 from rom.provenance import program_version, versions
-from rom.records import replacing
 
 
 def write_result(

@@ -21,26 +21,26 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rom.campaign import Campaign, CampaignError, read_campaign, write_campaign
-    from rom.identification import identify
-    from rom.model import Model
+    from rom.campaign.campaign import Campaign, CampaignError, read_campaign, write_campaign
+    from rom.evaluation.error_measures import compare, summarise
+    from rom.identification.identify import identify
+    from rom.model.assembly import Response
+    from rom.model.model import Model
     from rom.model_file import load_model
     from rom.parameters.he_2025 import paper_model
-    from rom.residuals import compare, summarise
-    from rom.simulation import Response
 
 _HOME = {
-    "Campaign": "rom.campaign",
-    "CampaignError": "rom.campaign",
-    "Model": "rom.model",
-    "Response": "rom.simulation",
-    "compare": "rom.residuals",
-    "identify": "rom.identification",
+    "Campaign": "rom.campaign.campaign",
+    "CampaignError": "rom.campaign.campaign",
+    "Model": "rom.model.model",
+    "Response": "rom.model.assembly",
+    "compare": "rom.evaluation.error_measures",
+    "identify": "rom.identification.identify",
     "load_model": "rom.model_file",
     "paper_model": "rom.parameters.he_2025",
-    "read_campaign": "rom.campaign",
-    "summarise": "rom.residuals",
-    "write_campaign": "rom.campaign",
+    "read_campaign": "rom.campaign.campaign",
+    "summarise": "rom.evaluation.error_measures",
+    "write_campaign": "rom.campaign.campaign",
 }
 __all__ = [
     "Campaign",

@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rom.laws import Law, Parameter, law_from_text
-from rom.model import LinkLaws, Model
+from rom.model.laws import Law, Parameter, law_from_text
+from rom.model.model import LinkLaws, Model
+from rom.model.structure import Body, Link, Structure
 from rom.provenance import program_version, versions
-from rom.structure import Body, Link, Structure
 
 FORMAT = "boltlaw-model/1"
 

@@ -12,23 +12,23 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.ranked import Ranking
-from discovery.terms import rivals_always_in_the_race
-from rom.identification import Identification
-from rom.joint import JointEstimate
-from rom.laws import Parameter, constant_damping, constant_stiffness
-from rom.loosening import GammaEstimate
-from rom.model import LinkLaws, Model
+from discovery.laws.candidate import rivals_always_in_the_race
+from discovery.ranking.result import Ranking
+from rom.identification.gamma import GammaEstimate
+from rom.identification.identify import Identification
+from rom.identification.joint import JointEstimate
+from rom.model.laws import Parameter, constant_damping, constant_stiffness
+from rom.model.model import LinkLaws, Model
+from rom.model.structure import Body, Link, Structure
 from rom.parameters.he_2025 import nominal_impact
-from rom.quality import Doubt
-from rom.shown import Shown
-from rom.structure import Body, Link, Structure
+from rom.signals.quality import Doubt
+from rom.views import Shown
 from tests.discovery.sound_closure import closure, friction
 from tests.experiments.test_discover import ranked
 from tests.rom.sound_campaign import write_sound_campaign
 
 WITH_EXAMPLES = (
-    "rom", "rom.campaign", "rom.model_file", "rom.simulation", "discovery.closure", "discovery.ranked",
+    "rom", "rom.campaign.campaign", "rom.model_file", "rom.model.assembly", "discovery.loop.result", "discovery.ranking.result",
 )  # fmt: skip
 
 
@@ -151,7 +151,7 @@ def test_several_bolts_have_a_row_each_and_none_is_refused() -> None:
 
 
 def test_a_parameter_without_limits_has_none() -> None:
-    from rom.shown import with_limits
+    from rom.views import with_limits
 
     assert with_limits(Parameter(4.0, "1")) == "4"
     assert with_limits(Parameter(4.0, "N", 3.0, 5.0)) == "4 N (95 %: 3 to 5)"

@@ -22,7 +22,7 @@ def collect(name: str, source: Path, channel_map: Path | None = None) -> Collect
         If there is no such set, or the source is not what it should be.
     """
     from experiments.datasets import emps, laboratory, silverbox, tribometer
-    from rom.channels import one_of
+    from rom.campaign.channels import one_of
 
     if name in EXPORTS:
         return laboratory.collect(source, name, channel_map)

@@ -16,10 +16,10 @@ from typing import Any
 from pydantic import ValidationError
 
 from experiments.datasets.collected import SourceError
-from rom.campaign import FORMAT as CAMPAIGN_FORMAT
-from rom.campaign import CampaignSettings
-from rom.channels import channel_names, one_of
-from rom.settings import parsing_faults, record_faults, structure_faults
+from rom.campaign.campaign import FORMAT as CAMPAIGN_FORMAT
+from rom.campaign.campaign import CampaignSettings
+from rom.campaign.channels import channel_names, one_of
+from rom.campaign.settings import parsing_faults, record_faults, structure_faults
 
 FORMAT = "boltlaw-import/1"
 FILE = "import.toml"

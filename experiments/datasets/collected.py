@@ -8,8 +8,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from rom.campaign import CampaignSettings
-from rom.channels import Channel
+from rom.campaign.campaign import CampaignSettings
+from rom.campaign.channels import Channel
 
 Records = Iterable[tuple[str, Mapping[str, Channel]]]
 

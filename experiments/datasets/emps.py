@@ -12,8 +12,8 @@ from pathlib import Path
 
 from experiments.datasets.collected import Collected, SourceError, file_of
 from experiments.datasets.vectors import mat_vectors, rate_of, same_length
-from rom.campaign import FORMAT, CampaignSettings
-from rom.channels import Channel
+from rom.campaign.campaign import FORMAT, CampaignSettings
+from rom.campaign.channels import Channel
 
 RATE_HZ = 1000.0
 FILES = {"records/emps.h5": "DATA_EMPS.mat", "records/emps_pulses.h5": "DATA_EMPS_PULSES.mat"}

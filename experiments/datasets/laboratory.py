@@ -14,7 +14,7 @@ from experiments.datasets.channel_map import FILE, ChannelMap, Rule, read_map, r
 from experiments.datasets.collected import Collected, SourceError, unreadable
 from experiments.datasets.signals import Signal, timed
 from experiments.datasets.units import known_units, quantity, si_factor
-from rom.channels import MOST_CHOICES, Channel, default_rate, one_of
+from rom.campaign.channels import MOST_CHOICES, Channel, default_rate, one_of
 
 Read = Callable[[Path], list[Signal]]
 Sources = Mapping[str, tuple[Path, Mapping[str, Rule]]]

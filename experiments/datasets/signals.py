@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from experiments.datasets.vectors import rate_of
-from rom.channels import FloatArray
+from rom.campaign.channels import FloatArray
 
 _TIME = re.compile(r"(?:^|[./])(?:t|[Tt]ime|TIME|[Zz]eit)(?![A-Za-z])[^./]*$")
 _SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3}

@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from experiments.datasets.collected import Collected, SourceError, file_of
 from experiments.datasets.vectors import mat_vectors, same_length
-from rom.campaign import FORMAT, CampaignSettings
-from rom.channels import Channel, FloatArray
+from rom.campaign.campaign import FORMAT, CampaignSettings
+from rom.campaign.channels import Channel, FloatArray
 
 RATE_HZ = 1e7 / 2**14
 FILE = "SNLS80mV.mat"

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from experiments.datasets.collected import Collected, SourceError, file_of, unreadable
-from rom.campaign import FORMAT, CampaignSettings
-from rom.channels import Channel, FloatArray
+from rom.campaign.campaign import FORMAT, CampaignSettings
+from rom.campaign.channels import Channel, FloatArray
 
 RATE_HZ = 200.0
 FILE = "test_data_2.txt"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from experiments.datasets.collected import SourceError, unreadable
-from rom.channels import FloatArray
+from rom.campaign.channels import FloatArray
 
 STEP_TOLERANCE = 0.25  # of a sample: jitter of a printed time; a lost sample is a whole one
 

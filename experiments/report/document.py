@@ -12,12 +12,12 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from experiments.report import closures, equations, rankings, verdicts
-from experiments.report.captions import caption, order
+from experiments.figures.captions import caption, order
 from experiments.report.results import Result, Results, read_results
-from experiments.report.scores import comparison_tables, identification_of, mappings
-from experiments.report.tables import Table, parameters_table, tables_of
-from experiments.report.wording import label, number
+from experiments.text import closures, equations, rankings, verdicts
+from experiments.text.scores import comparison_tables, identification_of, mappings
+from experiments.text.tables import Table, parameters_table, tables_of
+from experiments.text.wording import label, number
 
 Data = Mapping[str, Any]
 

@@ -13,8 +13,8 @@ from experiments.rig.schedule import Case
 from experiments.rig.sensors import CALIBRATION, Instruments, Transducer, couple, drift, sample, strain_of
 from experiments.rig.simulation import Motion, run
 from experiments.rig.undeclared import Undeclared
-from rom.campaign import CampaignSettings
-from rom.records import Channel
+from rom.campaign.campaign import CampaignSettings
+from rom.campaign.record import Channel
 
 Truth = dict[str, object]
 

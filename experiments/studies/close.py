@@ -8,15 +8,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from experiments.publication import results_into
 from experiments.results import plain, results_folder, write_result
+from experiments.run.publication import results_into
 from experiments.studies.effect_curves import effect_curves
 from experiments.studies.identify import Progress, save_figures
-from rom.campaign import read_campaign
+from rom.campaign.campaign import read_campaign
 
 if TYPE_CHECKING:
-    from discovery.closure import Closure, FoundEffect, Kind
-    from rom.laws import Parameter
+    from discovery.loop.result import Closure, FoundEffect, Kind
+    from rom.model.laws import Parameter
 
 _KINDS: tuple[Kind, ...] = ("training", "hold_out")
 
@@ -38,7 +38,7 @@ def run(
         If the campaign cannot be used.
     """
     import discovery
-    from experiments.report.closure import closure_figures
+    from experiments.figures.closure import closure_figures
 
     started = time.perf_counter()
     report = progress or (lambda _: None)
@@ -60,7 +60,7 @@ def run(
 
 def closure_section(closure: Closure) -> dict[str, Any]:
     """Return what closure.json says, but for its header."""
-    from discovery.closure_words import sections
+    from discovery.views.closure import sections
 
     return {
         "verdict": closure.verdict,
@@ -127,7 +127,7 @@ def model_section(content: Mapping[str, Any]) -> dict[str, Any]:
 
 def summary(path: Path) -> str:
     """Return a few lines for people: the verdict, what was missing, how one knows, what remains."""
-    from experiments.report.verdicts import answer
+    from experiments.text.verdicts import answer
 
     data = json.loads(path.read_text(encoding="utf-8"))
     found = answer("closure", data)

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.publication import results_into
 from experiments.results import plain, results_folder, write_result
+from experiments.run.publication import results_into
 from experiments.studies.identify import Progress, save_figures
-from rom.campaign import Campaign, read_campaign
-from rom.channels import FloatArray
-from rom.courses import TensionCourse
-from rom.laws import Parameter
+from rom.campaign.campaign import Campaign, read_campaign
+from rom.campaign.channels import FloatArray
+from rom.model.laws import Parameter
+from rom.signals.tension_bins import TensionCourse
 
 if TYPE_CHECKING:
-    from discovery.identifiability import ExponentProfile, MotionProfile
-    from discovery.proposals import Proposal
-    from discovery.ranked import RankedLaw, Ranking
+    from discovery.ranking.confidence_sets import ExponentProfile, MotionProfile
+    from discovery.ranking.result import RankedLaw, Ranking
+    from discovery.separating_tests.hits import Proposal
 
 _CHI2_95 = 3.841459
 _SHOWN = 8  # laws in the summary
@@ -45,7 +45,7 @@ def run(
         If the campaign cannot be used, or holds too few loosening records to compare laws.
     """
     import discovery
-    from experiments.report.discovery import discovery_figures
+    from experiments.figures.discovery import discovery_figures
 
     started = time.perf_counter()
     report = progress or (lambda _: None)
@@ -71,7 +71,7 @@ def enough(campaign: Campaign, path: Path) -> None:
     ValueError
         If fewer than four loosening records may be fitted to.
     """
-    from discovery.discover import LEAST_CASES
+    from discovery.ranking.discover import LEAST_CASES
 
     training = [record for record in campaign.select("loosening") if not record.hold_out]
     if len(training) < LEAST_CASES:
@@ -83,9 +83,9 @@ def enough(campaign: Campaign, path: Path) -> None:
 
 def summary(path: Path) -> str:
     """Return a few lines for people: which law, how sure, what it beats, and the leader board."""
-    from discovery.ranked import OFTEN
-    from experiments.report import rankings
-    from experiments.report.wording import law_name, number, trimmed
+    from discovery.ranking.result import OFTEN
+    from experiments.text import rankings
+    from experiments.text.wording import law_name, number, trimmed
 
     data = json.loads(path.read_text(encoding="utf-8"))
     found = rankings.answer(data)
@@ -104,7 +104,7 @@ def summary(path: Path) -> str:
 
 def ranking_section(ranking: Ranking) -> dict[str, Any]:
     """Return what ranking.json says, but for its header."""
-    from experiments.report.discovery import drawn_laws
+    from experiments.figures.discovery import drawn_laws
 
     content = {
         "laws": [_law_row(law) for law in ranking.laws],
@@ -217,7 +217,7 @@ def _case_rows(ranking: Ranking, names: Sequence[str]) -> list[dict[str, Any]]:
 
 def _predicted(ranking: Ranking, law: RankedLaw, courses: Sequence[TensionCourse]) -> list[FloatArray]:
     """Return the mean tensions [N] of each test in its bins, then in its final window, by full simulation."""
-    from discovery.ranked import with_law
+    from discovery.ranking.result import with_law
 
     model = with_law(ranking.identified, law)
     found: dict[int, FloatArray] = {}

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from rom.campaign import Campaign, RecordSettings
-from rom.channels import FloatArray
+from rom.campaign.campaign import Campaign, RecordSettings
+from rom.campaign.channels import FloatArray
 from rom.effects import Added, Effect, LawChange, Reading
 from rom.effects.observation import motion_of
-from rom.link_force import force_of_effects
-from rom.model import Model
-from rom.processing import process
-from rom.quality import assess
-from rom.replay import Replay, replay
+from rom.evaluation.replay import Replay, replay
+from rom.model.link_force import force_of_effects
+from rom.model.model import Model
+from rom.signals.processing import process
+from rom.signals.quality import assess
 
 _TESTS = ("loosening", "driven", "coupled", "free")  # the hardest motion first
 _SHOWN_S = 0.2  # after the impact

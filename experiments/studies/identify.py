@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.publication import results_into
 from experiments.results import plain, results_folder
-from rom.campaign import Campaign, read_campaign
-from rom.comparison import Judged, judge, without_loosening
-from rom.identification import Identification, identify_campaign
-from rom.joint import JointEstimate
-from rom.loosening import GammaEstimate
-from rom.residuals import summarise
+from experiments.run.publication import results_into
+from rom.campaign.campaign import Campaign, read_campaign
+from rom.evaluation.error_measures import summarise
+from rom.evaluation.evaluate import Judged, judge, without_loosening
+from rom.identification.gamma import GammaEstimate
+from rom.identification.identify import Identification, identify_campaign
+from rom.identification.joint import JointEstimate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,7 +81,7 @@ def examine(
 
 def draw(outcome: Outcome) -> dict[str, Figure]:
     """Return the figures that the identification's data allow, by name."""
-    from experiments.report import figures  # matplotlib is loaded when something is drawn
+    from experiments.figures import identification as figures  # matplotlib is loaded when something is drawn
 
     campaign, found = outcome.campaign, outcome.identification
     doubtful = [doubt.file for judged in outcome.judged for doubt in judged.doubts]
@@ -102,7 +102,7 @@ def draw(outcome: Outcome) -> dict[str, Figure]:
 
 def save_figures(drawn: Mapping[str, Figure], folder: Path) -> None:
     """Write figures to an existing folder; nothing is written before all of them could be drawn."""
-    from experiments.report.style import save
+    from experiments.figures.style import save
 
     for name, figure in drawn.items():
         save(figure, folder / f"{name}.svg")

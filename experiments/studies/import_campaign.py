@@ -12,10 +12,10 @@ from pathlib import Path
 
 from experiments.datasets import Collected, SourceError, collect
 from experiments.datasets.download import fetch
-from experiments.faults import existing
+from experiments.errors import existing
 from experiments.results import writable
-from rom.campaign import read_campaign, write_campaign
-from rom.channels import Channel
+from rom.campaign.campaign import read_campaign, write_campaign
+from rom.campaign.channels import Channel
 
 Progress = Callable[[int, int], None]
 

@@ -13,10 +13,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from experiments.report.measured import SETS, page
 from experiments.results import plain
-from rom.channels import one_of
-from rom.records import replacing
+from experiments.text.measured import SETS, page
+from rom.campaign.channels import one_of
+from rom.campaign.record import replacing
 
 FORMAT = "boltlaw-measured/1"
 _LEFT_OUT = ("curve",)  # of an effect: large, and drawn in the report only
@@ -80,8 +80,8 @@ def run(docs: Path, results: Mapping[str, Path]) -> Path:
     ValueError
         If results or a reference are not what they should be; nothing is written then.
     """
-    from experiments.report.closure import closure_figures
-    from experiments.report.style import save
+    from experiments.figures.closure import closure_figures
+    from experiments.figures.style import save
 
     new = {name: reference(name, folder) for name, folder in results.items()}
     stored = {path.stem: _read(path, FORMAT) for path in sorted((docs / "measured").glob("*.json"))}

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from experiments.results import results_folder, write_result
-from rom.campaign import read_campaign
-from rom.checks import file_digest
-from rom.comparison import Judged, judge
+from rom.campaign.campaign import read_campaign
+from rom.campaign.checks import file_digest
+from rom.evaluation.error_measures import summarise
+from rom.evaluation.evaluate import Judged, judge
 from rom.model_file import load_model
-from rom.residuals import summarise
 
 
 def run(

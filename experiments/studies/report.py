@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from experiments.publication import finish
-from rom.records import replacing
+from experiments.run.publication import finish
+from rom.campaign.record import replacing
 
 
 def run(directory: str | Path, out: str | Path | None = None) -> Path:

@@ -14,15 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from experiments.publication import results_into
 from experiments.results import write_result
+from experiments.run.publication import results_into
 from experiments.studies import rig
 from experiments.studies.identify import Outcome, Progress, draw, errors_by_set, examine, save_figures
-from rom.campaign import read_campaign
-from rom.comparison import Judged, judge, without_loosening
-from rom.modal import maximum_frequency
+from rom.campaign.campaign import read_campaign
+from rom.evaluation.error_measures import Comparison, summarise
+from rom.evaluation.evaluate import Judged, judge, without_loosening
+from rom.identification.modal import maximum_frequency
 from rom.parameters import he_2025
-from rom.residuals import Comparison, summarise
 
 _RATE_HZ = 76800.0
 _DURATION_S = 8.0

@@ -15,8 +15,8 @@ from experiments.rig.schedule import plan
 from experiments.rig.sensors import Instruments
 from experiments.rig.strength import Influence, draw, influence
 from experiments.rig.undeclared import KINDS, Undeclared, undeclared_from_text
-from rom.campaign import write_campaign
-from rom.records import Channel, replacing
+from rom.campaign.campaign import write_campaign
+from rom.campaign.record import Channel, replacing
 
 __all__ = [
     "KINDS",

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rom.effects.effect import Added, Effect, Motion, Reading, SensorFault
 from rom.effects.free_form import FREE_FORM, free_form
-from rom.effects.law_change import LawChange
 from rom.effects.member import Member
-from rom.laws import Parameter
+from rom.model.effect import Added, Effect, Motion, Reading, SensorFault
+from rom.model.law_change import LawChange
+from rom.model.laws import Parameter
 
 if TYPE_CHECKING:
-    from rom.model import Model
+    from rom.model.model import Model
 
 __all__ = [
     "CATALOGUE",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rom.effects import CATALOGUE, Member, look_alikes
 from rom.effects.member import OF_CHANNEL
-from rom.laws import Parameter
+from rom.model.laws import Parameter
 
 _HEAD = """# The catalogue of effects
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import cache
 
-from rom.effects.effect import Added, Effect
-from rom.effects.law_change import LawChange
-from rom.expressions import compile_expression
-from rom.laws import Parameter
+from rom.model.effect import Added, Effect
+from rom.model.expressions import compile_expression
+from rom.model.law_change import LawChange
+from rom.model.laws import Parameter
 
 FREE_FORM = "free-form"
 _ARGUMENTS = ("t", "x", "v", "T", "k", "c")

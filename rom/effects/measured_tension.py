@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from rom.effects.effect import FloatArray, Motion, Numbers
 from rom.effects.member import Member, parameter
 from rom.kernels.elementwise import elementwise, times
+from rom.model.effect import FloatArray, Motion, Numbers
 
 
 @elementwise

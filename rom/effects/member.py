@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any, Literal
 
-from rom.effects.effect import Added, Effect, Reading, Samples, SensorFault
-from rom.effects.law_change import LawChange
-from rom.laws import Parameter
+from rom.model.effect import Added, Effect, Reading, Samples, SensorFault
+from rom.model.law_change import LawChange
+from rom.model.laws import Parameter
 
 Place = Literal["joint", "ground", "body", "tension", "sensor:force", "sensor:acceleration", "sensor:tension"]
 NONE: Mapping[str, Any] = {}

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rom.effects.effect import FloatArray, Motion, Reading
-from rom.link_force import force_of_effects
+from rom.model.effect import FloatArray, Motion, Reading
+from rom.model.link_force import force_of_effects
 
 if TYPE_CHECKING:
-    from rom.model import Model
-    from rom.simulation import Response
+    from rom.model.assembly import Response
+    from rom.model.model import Model
 
 
 def motion_of(model: Model, response: Response, impact_s: float = 0.0) -> Motion:

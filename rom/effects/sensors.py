@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from rom.effects.effect import FloatArray, Numbers
 from rom.effects.member import OF_CHANNEL, Member, parameter
 from rom.kernels.elementwise import elementwise, times
+from rom.model.effect import FloatArray, Numbers
 
 
 @elementwise

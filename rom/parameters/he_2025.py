@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rom.channels import FloatArray
-from rom.laws import (
+from rom.campaign.channels import FloatArray
+from rom.model.laws import (
     Law,
     Parameter,
     constant_damping,
@@ -19,8 +19,8 @@ from rom.laws import (
     logistic_loosening,
     logistic_stiffness,
 )
-from rom.model import LinkLaws, Model
-from rom.structure import Body, Link, Structure
+from rom.model.model import LinkLaws, Model
+from rom.model.structure import Body, Link, Structure
 
 MASS_LO = Parameter(8.625, "kg", source="section 2.2")
 MASS_SO = Parameter(0.9888, "kg", source="section 2.2")

@@ -7,7 +7,7 @@ import pytest
 
 from rom.effects import LawChange, Motion
 from rom.effects.member import OF_CHANNEL
-from rom.laws import logistic_loosening
+from rom.model.laws import logistic_loosening
 from tests.contracts.effect_cases import compiled, drawn, evaluated, members, name_of, rescaled, scale_of
 
 FORCES, RATES = members("force"), members("tension rate")

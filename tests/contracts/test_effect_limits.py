@@ -5,9 +5,9 @@ import pytest
 from scipy.special import ellipk
 
 from rom.effects import CATALOGUE
-from rom.laws import constant_damping, constant_stiffness
-from rom.model import LinkLaws, Model
-from rom.structure import Body, Link, Structure
+from rom.model.laws import constant_damping, constant_stiffness
+from rom.model.model import LinkLaws, Model
+from rom.model.structure import Body, Link, Structure
 from tests.contracts.effect_cases import compiled, driven
 
 RATE = 19200.0

@@ -10,7 +10,7 @@ import pytest
 
 import rom
 from rom.effects import CATALOGUE, Effect, LawChange, Motion, Reading, SensorFault, candidates, free_form
-from rom.laws import Parameter
+from rom.model.laws import Parameter
 from rom.parameters.he_2025 import nominal_impact, paper_model
 
 RATE = 19200.0

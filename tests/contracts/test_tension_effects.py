@@ -5,7 +5,7 @@ import pytest
 
 from rom.effects import CATALOGUE, LawChange, Motion, free_form
 from rom.effects.observation import tension_reading
-from rom.laws import Parameter, free_form_law, logistic_loosening, no_loosening, power_loosening
+from rom.model.laws import Parameter, free_form_law, logistic_loosening, no_loosening, power_loosening
 from rom.parameters.he_2025 import nominal_impact, paper_model
 
 LAW = logistic_loosening(11.79, 7.974, -0.00362)

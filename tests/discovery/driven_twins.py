@@ -11,8 +11,8 @@ import numpy as np
 from scipy import io
 
 import rom
-from rom.campaign import CampaignSettings, write_campaign
-from rom.channels import Channel, FloatArray
+from rom.campaign.campaign import CampaignSettings, write_campaign
+from rom.campaign.channels import Channel, FloatArray
 
 RATE_HZ, SECONDS, RECORDS, SUBSTEPS = 500.0, 8.0, 4, 4
 CYCLED_HZ = 200.0

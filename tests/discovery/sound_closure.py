@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from discovery.closure import Closure, FoundEffect, LookAlike, Screened, Step
-from discovery.localisation import Localisation, Profile
-from discovery.unbalanced import ForceMap
+from discovery.localisation.force_map import ForceMap
+from discovery.localisation.localise import Localisation, Profile
+from discovery.loop.result import Closure, FoundEffect, LookAlike, Screened, Step
 from rom.effects import CATALOGUE, Added, free_form
-from rom.laws import Parameter
+from rom.evaluation.error_measures import Errors
+from rom.model.laws import Parameter
 from rom.parameters.he_2025 import paper_model
-from rom.residuals import Errors
 
 LADDER = "several force levels at one preload"
 

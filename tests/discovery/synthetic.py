@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 import rom
-from discovery.factors import tension_logistic, velocity_power
-from discovery.motion import Frozen, freeze
-from discovery.terms import Candidate, Term, baseline
-from rom.courses import CourseNoise, TensionBins, TensionCourse
-from rom.model import Model
+from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.laws.candidate import Candidate, Term, baseline
+from discovery.laws.factors import tension_logistic, velocity_power
+from rom.model.model import Model
+from rom.signals.tension_bins import CourseNoise, TensionBins, TensionCourse
 
 NOISE = CourseNoise(white=9.4e-8, walk=1e-7, drift=1.7e-5, of_tension=True)  # as the virtual rig has
 RATE_HZ, TENSION_RATE_HZ = 19200.0, 4800.0

@@ -8,10 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from discovery.residual_views import Lines, Place
-from rom.channels import FloatArray
-from rom.output_error import whitener
-from rom.spectra import ComplexArray, SpectralRecord, Term, key, linearise, spectrum, transfer
+from discovery.localisation.lines import Lines, Place
+from rom.campaign.channels import FloatArray
+from rom.identification.output_error import whitener
+from rom.identification.spectral_model import (
+    ComplexArray,
+    SpectralRecord,
+    Term,
+    key,
+    linearise,
+    spectrum,
+    transfer,
+)
 
 RATE_HZ, SAMPLES, IMPACT_S, DOMINANT_HZ = 2000.0, 4000, 0.1, 20.0  # the first mode
 BODIES = ("lo", "so")

@@ -12,9 +12,9 @@ import pytest
 sys.path.append(str(Path(__file__).parents[2]))
 
 from benchmarks.false_alarms import null_of, rows
-from discovery.acceptance import harms, is_alike, is_exact, is_quiet, is_sure, is_told, matters
-from discovery.closure import ErrorsByKind
-from discovery.explanation import Explanation
+from discovery.decide.acceptance import harms, is_alike, is_exact, is_quiet, is_sure, is_told, matters
+from discovery.decide.explanation import Explanation
+from discovery.loop.result import ErrorsByKind
 from rom.effects import CATALOGUE
 
 

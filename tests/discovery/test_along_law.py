@@ -9,12 +9,12 @@ import pytest
 
 import rom
 from discovery import close_loop
-from discovery.traces import read_measurements, trace_records
-from discovery.tracing import starting
+from discovery.residual.output_error import starting
+from discovery.residual.trajectory import read_measurements, trace_records
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 from rom.effects import CATALOGUE
-from rom.identification import identify_campaign
+from rom.identification.identify import identify_campaign
 
 RATCHET = Undeclared("loosening-ratchet", "tension", {"r": 8.8213, "x_r": 0.0, "h_r": 0.9126})
 SOFT = Undeclared("oscillating-tension-stiffness", "joint", {"a": 1e5, "b": 0.0})

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.acceptance import is_sure
-from discovery.at_rest import explain_at_rest
-from discovery.explanation import Explanation
-from rom.channels import FloatArray
+from discovery.decide.acceptance import is_sure
+from discovery.decide.explanation import Explanation
+from discovery.explain.at_rest import explain_at_rest
+from rom.campaign.channels import FloatArray
 
 _RATE_HZ, _HIT_S, _RECORDS = 4800.0, 0.5, 10
 

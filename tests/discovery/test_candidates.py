@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.candidates import Proposals, propose
-from discovery.factors import displacement_power, tension_logistic, velocity_power
-from discovery.fitting import fit
-from discovery.motion import Frozen, freeze
-from discovery.ranked import term_form
-from discovery.terms import Candidate, Term, baseline
+from discovery.courses.fit import fit
+from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.laws.candidate import Candidate, Term, baseline
+from discovery.laws.factors import displacement_power, tension_logistic, velocity_power
+from discovery.ranking.result import term_form
+from discovery.search.shortlist import Proposals, propose
 from tests.discovery.synthetic import frozen, measured
 
 PRELOADS = (8.0, 20.0, 60.0, 150.0, 300.0, 900.0)

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discovery.acceptance import is_sure
-from discovery.attribution import Probe, by_chance
-from discovery.chance import (
+from discovery.decide.acceptance import is_sure
+from discovery.decide.chance import (
     FALSE_ALARMS,
     FEWEST_RECORDS,
     by_record,
@@ -15,7 +14,8 @@ from discovery.chance import (
     largest_of_noise,
     p_value,
 )
-from discovery.explanation import Explanation
+from discovery.decide.explanation import Explanation
+from discovery.explain.motion import Probe, by_chance
 from rom.effects import CATALOGUE
 
 RECORDS, ROWS, EFFECTS = 20, 50, 30

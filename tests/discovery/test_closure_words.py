@@ -10,8 +10,8 @@ from dataclasses import replace
 import pytest
 
 import discovery
-from discovery.closure import Screened
-from discovery.closure_words import lives_in, paragraph, place_words, sections
+from discovery.loop.result import Screened
+from discovery.views.closure import lives_in, paragraph, place_words, sections
 from rom.effects import CATALOGUE
 from tests.discovery.sound_closure import (
     LADDER,
@@ -82,7 +82,7 @@ def test_no_effect_says_so_and_names_no_effect_as_found() -> None:
     ("effects", "what"), [((), "no effect of the catalogue"), ((unknown_force(),), "a term")]
 )
 def test_unexplained_says_where_the_rest_lives(
-    effects: tuple[discovery.closure.FoundEffect, ...], what: str
+    effects: tuple[discovery.loop.result.FoundEffect, ...], what: str
 ) -> None:
     said = sections(closure(*effects, verdict="unexplained"))
     assert what in said["missing"]
@@ -222,12 +222,10 @@ def test_errors_of_every_step_as_a_frame() -> None:
 
 
 def test_closed_loops_are_imported_when_they_are_used() -> None:
-    assert discovery.Closure is discovery.closure.Closure
+    assert discovery.Closure is discovery.loop.result.Closure
     assert {"close_loop", "discover", "Closure"} <= set(dir(discovery))
     with pytest.raises(AttributeError, match="close_lop"):
         discovery.close_lop  # noqa: B018 - the access is what is tested
-    code = (
-        "import sys, discovery; print([m for m in sys.modules if m in ('discovery.closure', 'matplotlib')])"
-    )
+    code = "import sys, discovery; print([m for m in sys.modules if m in ('discovery.loop.result', 'matplotlib')])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

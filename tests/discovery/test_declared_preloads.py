@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.acceptance import is_sure
-from discovery.declared_preloads import explain_by_preloads
-from discovery.explanation import Explanation
-from rom.channels import FloatArray
+from discovery.decide.acceptance import is_sure
+from discovery.decide.explanation import Explanation
+from discovery.explain.calibration import explain_by_preloads
+from rom.campaign.channels import FloatArray
 
 PRELOADS = np.repeat(np.geomspace(6.0, 3000.0, 20), 2)
 NOTHING: tuple[float, float, float] = (0.0, 0.0, 0.0)

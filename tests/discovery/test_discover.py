@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from discovery.discover import _held_out, _left_out
-from rom.quality import Doubt
-from rom.reduction import ReducedRecord
+from discovery.ranking.discover import _held_out, _left_out
+from rom.identification.reduce import ReducedRecord
+from rom.signals.quality import Doubt
 
 
 def test_columns_that_no_sparse_fit_could_take_are_named() -> None:

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.acceptance import is_sure
-from discovery.disturbances import explain_disturbances
-from discovery.refinement import close_loop
-from discovery.state import refitted
-from discovery.traces import read_measurements
-from discovery.tracing import Evidence, gather, lasting_force, starting
+from discovery.decide.acceptance import is_sure
+from discovery.explain.ground_motion import explain_disturbances
+from discovery.loop.close_loop import close_loop
+from discovery.loop.state import refitted
+from discovery.residual.output_error import Evidence, gather, lasting_force, starting
+from discovery.residual.trajectory import read_measurements
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 from rom.effects import CATALOGUE
-from rom.identification import identify_campaign
+from rom.identification.identify import identify_campaign
 
 SHAKEN = Undeclared("ground-motion", "body:lo", {"F_a": 0.02, "F_b": 0.0, "f": 11.3})
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discovery.explanation import standard_errors
+from discovery.decide.explanation import standard_errors
 
 _RECORDS, _ROWS, _SETS = 25, 30, 400
 

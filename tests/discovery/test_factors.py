@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from discovery import factors
-from discovery.factors import Factor, Inner
+from discovery.laws import factors
+from discovery.laws.factors import Factor, Inner
 
 X, V = np.array([1e-4, -2e-4, 0.0]), np.array([0.03, -0.05, 0.0])
 F, D = np.array([10.0, -40.0, 0.0]), np.array([3.0, -5.0, 0.0])

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.factors import displacement_power, tension_power, velocity_power
-from discovery.fitting import Fit, fit, fit_losses, log_predictive, predict, refine, resimulate
-from discovery.motion import freeze
-from discovery.terms import Candidate, Term, baseline, constant_power, no_loosening
+from discovery.courses.fit import Fit, fit, fit_losses, log_predictive, predict, refine, resimulate
+from discovery.courses.frozen_motion import freeze
+from discovery.laws.candidate import Candidate, Term, baseline, constant_power, no_loosening
+from discovery.laws.factors import displacement_power, tension_power, velocity_power
 from tests.discovery.synthetic import free_power, frozen, measured, with_power
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discovery.closure import Closure
-from discovery.force_fits import Unbalanced, explain_forces, screen_forces
-from discovery.refinement import close_loop
-from rom.campaign import Campaign
-from rom.channels import FloatArray
-from rom.driven import balances_of, declared_model
+from discovery.explain.force_balance import Unbalanced, explain_forces, screen_forces
+from discovery.loop.close_loop import close_loop
+from discovery.loop.result import Closure
+from rom.campaign.campaign import Campaign
+from rom.campaign.channels import FloatArray
+from rom.identification.force_balance import balances_of, declared_model
 from tests.discovery import driven_twins as twins
 from tests.shared import measured
 

@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 
 import rom
-from discovery.attribution import explanation
-from discovery.found_effects import found_effect
-from discovery.state import State, lacking, refitted, with_effects
-from discovery.traces import read_measurements
-from discovery.tracing import gather, starting, weigh
+from discovery.explain.motion import explanation
+from discovery.loop.found_effects import found_effect
+from discovery.loop.state import State, lacking, refitted, with_effects
+from discovery.residual.output_error import gather, starting, weigh
+from discovery.residual.trajectory import read_measurements
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 from rom.effects import CATALOGUE
-from rom.identification import identify_campaign
+from rom.identification.identify import identify_campaign
 
 
 def half_width(parameter: rom.Parameter) -> float:

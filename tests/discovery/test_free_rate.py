@@ -13,25 +13,26 @@ import numpy as np
 import pytest
 
 import rom
-from discovery import refinement, tension_attribution
-from discovery.chance import FALSE_ALARMS
-from discovery.explanation import Explanation
-from discovery.free_rate import free_rates
-from discovery.free_tension import with_free_form
-from discovery.law_attribution import LawSearch, _silent
-from discovery.law_likelihood import law_candidate
-from discovery.motion import freeze
-from discovery.refinement import _Loop
-from discovery.refits import Refits
-from discovery.state import silent
-from discovery.tension_attribution import TensionFindings, explain_freely
-from discovery.tension_data import Data, Misfit
-from discovery.tension_rows import Drift
-from discovery.tension_views import tension_views
-from discovery.trail import Chosen, Trail
-from rom.channels import FloatArray
+from discovery.courses.frozen_motion import freeze
+from discovery.courses.tension_likelihood import law_candidate
+from discovery.decide.chance import FALSE_ALARMS
+from discovery.decide.explanation import Explanation
+from discovery.explain import tension as tension_attribution
+from discovery.explain.free_rate import free_rates
+from discovery.explain.tension import TensionFindings, explain_freely
+from discovery.explain.tension_law import LawSearch, _silent
+from discovery.localisation.tension import tension_views
+from discovery.loop import close_loop as refinement
+from discovery.loop.close_loop import _Loop
+from discovery.loop.free_tension import with_free_form
+from discovery.loop.history import Chosen, Trail
+from discovery.loop.refits import Refits
+from discovery.loop.state import silent
+from discovery.residual.tension import Drift
+from discovery.residual.tension_data import Data, Misfit
+from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, LawChange, free_form
-from rom.laws import Parameter
+from rom.model.laws import Parameter
 from rom.parameters.he_2025 import nominal_impact
 from tests.discovery.synthetic import measured
 from tests.discovery.test_tension_attribution import seen_of, whole

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.factors import displacement_power, tension_exponential, tension_power, velocity_power
-from discovery.fitting import fit, refine
-from discovery.identifiability import (
+from discovery.courses.fit import fit, refine
+from discovery.courses.frozen_motion import freeze
+from discovery.laws.candidate import BASELINE, Candidate, Term, baseline, constant_power, no_loosening
+from discovery.laws.factors import displacement_power, tension_exponential, tension_power, velocity_power
+from discovery.ranking.confidence_sets import (
     ExponentProfile,
     compare_laws,
     exponent_profile,
     motion_profile,
     not_told_apart,
 )
-from discovery.motion import freeze
-from discovery.terms import BASELINE, Candidate, Term, baseline, constant_power, no_loosening
 from tests.discovery.synthetic import free_power, frozen, measured, small, with_power
 
 VALUES = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)

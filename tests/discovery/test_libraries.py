@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discovery.factors import displacement_threshold, tension_exponential, tension_power, velocity_power
-from discovery.libraries import (
+from discovery.laws.factors import displacement_threshold, tension_exponential, tension_power, velocity_power
+from discovery.search.libraries import (
     Scales,
     TermLibrary,
     grid,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.law_likelihood import LawProblem, course, law_candidate, resimulated
-from discovery.likelihood import least_within
-from discovery.motion import freeze
+from discovery.courses.frozen_motion import freeze
+from discovery.courses.marginal_likelihood import least_within
+from discovery.courses.tension_likelihood import LawProblem, course, law_candidate, resimulated
 from rom.effects import CATALOGUE
 from tests.discovery.synthetic import measured
 

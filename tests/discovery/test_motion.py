@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.factors import displacement_power, velocity_power
-from discovery.motion import freeze
+from discovery.courses.frozen_motion import freeze
+from discovery.laws.factors import displacement_power, velocity_power
 from tests.discovery.synthetic import frozen, measured, model_with, with_power
 
 BINS = 9

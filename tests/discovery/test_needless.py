@@ -11,27 +11,27 @@ import numpy as np
 import pytest
 
 import rom
-from discovery import refinement
-from discovery.at_rest import explain_at_rest
-from discovery.attribution import explanation
-from discovery.explanation import Explanation
-from discovery.force_fits import Unbalanced
-from discovery.force_loop import _together
-from discovery.force_loop import _without_needless as without_needless_forces
-from discovery.needless import without_needless, without_needless_in_tension
-from discovery.refinement import _Loop
-from discovery.refits import Refits
-from discovery.state import State, silent, with_effects
-from discovery.tension_attribution import TensionFindings
-from discovery.tension_data import Misfit
-from discovery.tracing import weigh
-from discovery.trail import Chosen, Trail
+from discovery.decide.explanation import Explanation
+from discovery.explain.at_rest import explain_at_rest
+from discovery.explain.force_balance import Unbalanced
+from discovery.explain.motion import explanation
+from discovery.explain.tension import TensionFindings
+from discovery.loop import close_loop as refinement
+from discovery.loop.close_loop import _Loop
+from discovery.loop.force_loop import _together
+from discovery.loop.force_loop import _without_needless as without_needless_forces
+from discovery.loop.history import Chosen, Trail
+from discovery.loop.redundant import without_needless, without_needless_in_tension
+from discovery.loop.refits import Refits
+from discovery.loop.state import State, silent, with_effects
+from discovery.residual.output_error import weigh
+from discovery.residual.tension_data import Misfit
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
-from rom.channels import FloatArray
-from rom.driven import balances_of
+from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Added, Effect
-from rom.identification import identify_campaign
+from rom.identification.force_balance import balances_of
+from rom.identification.identify import identify_campaign
 from tests.discovery import driven_twins as twins
 
 CUBIC = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})

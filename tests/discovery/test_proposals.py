@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.factors import tension_power, velocity_power
-from discovery.fitting import fit, log_predictive, refine
-from discovery.motion import freeze
-from discovery.proposals import Proposal, propose_tests
-from discovery.terms import Candidate, Term, baseline, constant_power, no_loosening
+from discovery.courses.fit import fit, log_predictive, refine
+from discovery.courses.frozen_motion import freeze
+from discovery.laws.candidate import Candidate, Term, baseline, constant_power, no_loosening
+from discovery.laws.factors import tension_power, velocity_power
+from discovery.separating_tests.hits import Proposal, propose_tests
 from tests.discovery.synthetic import RATE_HZ, free_power, measured, model_with, small
 
 

@@ -8,19 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discovery.factors import (
-    displacement_power,
-    tension_exponential,
-    tension_logistic,
-    tension_power,
-    velocity_power,
-    velocity_threshold,
-)
-from discovery.fitting import refine
-from discovery.motion import Frozen, freeze
-from discovery.ranked import Ranking, equation_name, names_of
-from discovery.ranking import RankedLaw, _at_bound, _listed, _merged, race
-from discovery.terms import (
+from discovery.courses.fit import refine
+from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.laws.candidate import (
     BASELINE,
     CONSTANT_QUADRATIC,
     NO_LOOSENING,
@@ -29,10 +19,20 @@ from discovery.terms import (
     baseline,
     rivals_always_in_the_race,
 )
+from discovery.laws.factors import (
+    displacement_power,
+    tension_exponential,
+    tension_logistic,
+    tension_power,
+    velocity_power,
+    velocity_threshold,
+)
+from discovery.ranking.race import RankedLaw, _at_bound, _listed, _merged, race
+from discovery.ranking.result import Ranking, equation_name, names_of
 from rom import paper_model
-from rom.campaign import read_campaign
-from rom.identification import identify_campaign
-from rom.reduction import reduce_records, tension_courses
+from rom.campaign.campaign import read_campaign
+from rom.identification.identify import identify_campaign
+from rom.identification.reduce import reduce_records, tension_courses
 from tests.discovery.synthetic import measured, with_power
 
 FREE = Candidate("free", (Term(velocity_power(), tension_logistic()),), (1e11,), "hand")

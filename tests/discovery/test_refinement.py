@@ -13,22 +13,22 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.attribution import explain, explanation, output_of, screen
-from discovery.closure import Closure
-from discovery.localisation import localise
-from discovery.refinement import _Loop, close_loop
-from discovery.refits import Refits
-from discovery.separating import separating_tests
-from discovery.state import level, refitted, sharpened, silent, with_effects
-from discovery.traces import read_measurements
-from discovery.tracing import Evidence, gather, starting, weigh
-from discovery.trail import Chosen, Trail
+from discovery.explain.motion import explain, explanation, output_of, screen
+from discovery.localisation.localise import localise
+from discovery.loop.close_loop import _Loop, close_loop
+from discovery.loop.history import Chosen, Trail
+from discovery.loop.refits import Refits
+from discovery.loop.result import Closure
+from discovery.loop.state import level, refitted, sharpened, silent, with_effects
+from discovery.residual.output_error import Evidence, gather, starting, weigh
+from discovery.residual.trajectory import read_measurements
+from discovery.separating_tests.effects import separating_tests
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 from rom.effects import CATALOGUE, register
 from rom.effects.link_friction import Array
 from rom.effects.member import Member, parameter
-from rom.identification import identify_campaign
+from rom.identification.identify import identify_campaign
 
 GAIN = Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1})
 CUBIC = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
@@ -286,7 +286,7 @@ def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_
 
 
 def test_hits_that_come_too_soon_to_tell_noise_by_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("discovery.tracing.quiet_seconds", lambda _: 0.0)
+    monkeypatch.setattr("discovery.residual.output_error.quiet_seconds", lambda _: 0.0)
     with TemporaryDirectory() as scratch:
         campaign = measured(Path(scratch) / "campaign")
         found = identify_campaign(campaign)

@@ -3,11 +3,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discovery.factors import tension_exponential, tension_logistic, tension_power, velocity_power
-from discovery.fitting import Fit, fit
-from discovery.libraries import Scales, TermLibrary, motion_factors
-from discovery.prediction import predict
-from discovery.regression import (
+from discovery.courses.fit import Fit, fit
+from discovery.courses.prediction import predict
+from discovery.laws.candidate import Candidate, Term, baseline
+from discovery.laws.factors import tension_exponential, tension_logistic, tension_power, velocity_power
+from discovery.search.libraries import Scales, TermLibrary, motion_factors
+from discovery.search.sparse_regression import (
     along,
     forward,
     integrals,
@@ -19,7 +20,6 @@ from discovery.regression import (
     weighted,
     whitener,
 )
-from discovery.terms import Candidate, Term, baseline
 from tests.discovery.synthetic import frozen
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discovery.residual_views import by_harmonic, by_place, by_time, line_correlation, repeatability
-from rom.channels import FloatArray
+from discovery.localisation.lines import by_harmonic, by_place, by_time, line_correlation, repeatability
+from rom.campaign.channels import FloatArray
 from tests.discovery.synthetic_lines import (
     DOMINANT_HZ,
     IMPACT_S,

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discovery.scales import OF_GROUND, OF_JOINT, Scale, at_scale, powers, scale_of
+from discovery.explain.scales import OF_GROUND, OF_JOINT, Scale, at_scale, powers, scale_of
 from rom.effects import CATALOGUE
 
 

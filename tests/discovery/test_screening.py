@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from discovery.regression import Rows
-from discovery.screening import best_pairs, judged, marginal_deviance, single_terms
+from discovery.search.quick_likelihood import best_pairs, judged, marginal_deviance, single_terms
+from discovery.search.sparse_regression import Rows
 
 CASES, BINS = 30, 8
 

@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.explanation import limited
-from discovery.gauge_attribution import explained_by_gauge
-from discovery.law_attribution import LawSearch
-from discovery.law_likelihood import course, law_candidate, resimulated, slow_reading
-from discovery.motion import Frozen, freeze
-from discovery.prediction import predict
-from discovery.separating_laws import separating_hits
-from discovery.tension_attribution import explain_tension
-from discovery.tension_data import Data, Misfit, at_bounds
-from discovery.tension_rows import Drift, Seen, thinned
-from discovery.terms import baseline
-from rom.campaign import RecordSettings
-from rom.channels import FloatArray
-from rom.courses import TensionBins
+from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.courses.prediction import predict
+from discovery.courses.tension_likelihood import course, law_candidate, resimulated, slow_reading
+from discovery.decide.explanation import limited
+from discovery.explain.gauge import explained_by_gauge
+from discovery.explain.tension import explain_tension
+from discovery.explain.tension_law import LawSearch
+from discovery.laws.candidate import baseline
+from discovery.residual.tension import Drift, Seen, thinned
+from discovery.residual.tension_data import Data, Misfit, at_bounds
+from discovery.separating_tests.law_changes import separating_hits
+from rom.campaign.campaign import RecordSettings
+from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Reading, SensorFault
-from rom.identification import identify_campaign
+from rom.identification.identify import identify_campaign
+from rom.signals.tension_bins import TensionBins
 from tests.discovery.synthetic import frozen, measured
 
 _NUMBERS = ("gamma_d", "gamma_i", "rho")

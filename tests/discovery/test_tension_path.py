@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from discovery import refinement
-from discovery.explanation import Explanation
-from discovery.refinement import _Loop
-from discovery.refits import Refits
-from discovery.state import silent
-from discovery.tension_attribution import TensionFindings
-from discovery.tension_data import Misfit
-from discovery.trail import Trail
+from discovery.decide.explanation import Explanation
+from discovery.explain.tension import TensionFindings
+from discovery.loop import close_loop as refinement
+from discovery.loop.close_loop import _Loop
+from discovery.loop.history import Trail
+from discovery.loop.refits import Refits
+from discovery.loop.state import silent
+from discovery.residual.tension_data import Misfit
 from rom.effects import CATALOGUE
 
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from discovery import close_loop
-from discovery.tension_rows import Drift, noises
+from discovery.residual.tension import Drift, noises
 from experiments.studies import rig
-from rom.campaign import read_campaign, write_campaign
-from rom.courses import bins_after_hit, bins_before_hit
+from rom.campaign.campaign import read_campaign, write_campaign
+from rom.signals.tension_bins import bins_after_hit, bins_before_hit
 
 RATE_HZ, PRETRIGGER_S, DURATION_S, TESTS = 4800.0, 0.5, 2.5, 16
 ALLOWED = 0.005

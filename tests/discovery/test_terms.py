@@ -6,15 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from discovery.factors import (
-    displacement_power,
-    tension_exponential,
-    tension_logistic,
-    tension_power,
-    velocity_power,
-    velocity_threshold,
-)
-from discovery.terms import (
+from discovery.laws.candidate import (
     BASELINE,
     Candidate,
     Term,
@@ -23,7 +15,15 @@ from discovery.terms import (
     no_loosening,
     rivals_always_in_the_race,
 )
-from rom.laws import logistic_loosening
+from discovery.laws.factors import (
+    displacement_power,
+    tension_exponential,
+    tension_logistic,
+    tension_power,
+    velocity_power,
+    velocity_threshold,
+)
+from rom.model.laws import logistic_loosening
 
 THREE = (
     Term(velocity_power(3.0), tension_logistic()),

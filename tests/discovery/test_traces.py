@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discovery.traces import Trace, _above_noise
-from rom.spectra import spectrum
+from discovery.residual.trajectory import Trace, _above_noise
+from rom.identification.spectral_model import spectrum
 
 _RATE_HZ, _QUIET, _ALL = 4800.0, 2000, 12000
 

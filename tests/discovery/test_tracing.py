@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 import rom
-from discovery import refinement
-from discovery.baseline import Baseline
-from discovery.refits import Refits
-from discovery.state import State, silent
-from discovery.tracing import Evidence
-from discovery.trail import Trail
+from discovery.loop import close_loop as refinement
+from discovery.loop.history import Trail
+from discovery.loop.refits import Refits
+from discovery.loop.state import State, silent
+from discovery.residual.free_parameters import Baseline
+from discovery.residual.output_error import Evidence
 from rom.effects import CATALOGUE
-from rom.ties import Tie
+from rom.identification.priors import Tie
 
 ROWS = 4000
 NAMES = ("flexure_lo.stiffness", "flexure_so.stiffness")

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 import rom
-from discovery.explanation import Explanation
-from discovery.tension_data import Misfit
-from discovery.trail import Trail, alike, courses
+from discovery.decide.explanation import Explanation
+from discovery.loop.history import Trail, alike, courses
+from discovery.residual.tension_data import Misfit
 from rom.effects import CATALOGUE
 
 

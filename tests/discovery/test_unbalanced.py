@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from discovery.force_pictures import pair
-from discovery.unbalanced import ForceMap, courses_at, force_map, force_maps
-from rom.channels import FloatArray
+from discovery.localisation.force_map import ForceMap, courses_at, force_map, force_maps
+from discovery.views.force import pair
+from rom.campaign.channels import FloatArray
 from tests.discovery.synthetic_lines import JOINT, PLACES, Law, campaign, record, silence
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discovery import validation
-from discovery.fitting import fit, log_predictive
-from discovery.likelihood import Problem
-from discovery.motion import Frozen, freeze
-from discovery.terms import BASELINE, CONSTANT_QUARTIC, baseline, rivals_always_in_the_race
+from discovery.courses.fit import fit, log_predictive
+from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.courses.marginal_likelihood import Problem
+from discovery.laws.candidate import BASELINE, CONSTANT_QUARTIC, baseline, rivals_always_in_the_race
+from discovery.ranking import cross_validation as validation
 from rom import paper_model
 from tests.discovery.synthetic import measured
 

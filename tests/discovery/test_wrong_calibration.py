@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.refinement import _Loop
-from discovery.refits import Refits
-from discovery.state import silent
-from discovery.trail import Trail
+from discovery.loop.close_loop import _Loop
+from discovery.loop.history import Trail
+from discovery.loop.refits import Refits
+from discovery.loop.state import silent
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
-from rom.identification import identify_campaign
+from rom.identification.identify import identify_campaign
 
 pytestmark = pytest.mark.slow
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from scipy.io import savemat
 
-from rom.campaign import Campaign, RecordSettings
+from rom.campaign.campaign import Campaign, RecordSettings
 
 _GRAVITY = 9.80665
 _EVERY = 2  # of so many coupled and loosening tests one is kept, over all preloads

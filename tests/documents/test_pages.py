@@ -17,7 +17,7 @@ import discovery
 import rom
 import rom.effects
 from experiments.cli import run
-from rom.laws import power_loosening
+from rom.model.laws import power_loosening
 from tests.documents.blocks import PAGES, REPOSITORY, SHOWN, Block, blocks, carry_out, commands, left_out
 from tests.documents.lab import write_lab
 from tests.shared import Shared

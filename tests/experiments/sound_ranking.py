@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rom.residuals import Errors
+from rom.evaluation.error_measures import Errors
 
 TIME_S = [0.0015, 0.0045, 0.009, 0.018, 0.04, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0]
 BASELINE = "gamma(T) baseline"

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from discovery.closure import ErrorsByKind
-from experiments.studies import blind_oracle, rig
-from experiments.studies.blind_oracle import declared_errors, oracle_errors
-from rom.campaign import Campaign, read_campaign
-from rom.identification import Identification, identify_campaign
+from discovery.loop.result import ErrorsByKind
+from experiments.studies import rig
+from experiments.studies.blind import oracle as blind_oracle
+from experiments.studies.blind.oracle import declared_errors, oracle_errors
+from rom.campaign.campaign import Campaign, read_campaign
+from rom.identification.identify import Identification, identify_campaign
 
 pytestmark = pytest.mark.slow
 SMALL = {"cases": 6, "noise": 1.0, "seed": 1, "jobs": 1, "duration_s": 2.5, "hold_out_every": 3}

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.studies import blind_test, rig
-from experiments.studies.blind_scores import (
+from experiments.studies import rig
+from experiments.studies.blind import trials as blind_test
+from experiments.studies.blind.scores import (
     answer,
     has_needless,
     how_many_found,
@@ -21,8 +22,8 @@ from experiments.studies.blind_scores import (
     same_class,
     score,
 )
-from experiments.studies.blind_tables import tables
-from experiments.studies.blind_test import Trial, missing, planned, read_results
+from experiments.studies.blind.tables import tables
+from experiments.studies.blind.trials import Trial, missing, planned, read_results
 from rom.effects import CATALOGUE
 
 Row = dict[str, Any]

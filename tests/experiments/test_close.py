@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 import discovery
-from discovery.closure import Closure
+from discovery.loop.result import Closure
 from experiments.studies import close
 from experiments.studies.effect_curves import effect_curves
-from rom.campaign import CampaignError, CampaignSettings, read_campaign, write_campaign
+from rom.campaign.campaign import CampaignError, CampaignSettings, read_campaign, write_campaign
+from rom.campaign.record import Channel
 from rom.effects import CATALOGUE
-from rom.identification import identify
+from rom.identification.identify import identify
 from rom.model_file import load_model
 from rom.parameters.he_2025 import nominal_impact, paper_model
-from rom.records import Channel
 from tests.discovery import driven_twins as twins
 from tests.discovery.sound_closure import closure, friction, skew, threshold, unknown_force
 from tests.rom.sound_campaign import LOOSENING, sound_settings, write_sound_campaign
@@ -209,7 +209,7 @@ def test_a_figure_that_cannot_be_drawn_leaves_no_files(
         raise RuntimeError("no ink")
 
     finding(closure(friction()))
-    monkeypatch.setattr("experiments.report.closure.closure_figures", fail)
+    monkeypatch.setattr("experiments.figures.closure.closure_figures", fail)
     assert boltlaw("close", campaign, "--out", tmp_path / "results", "--jobs", 1).code == 1
     assert not (tmp_path / "results").exists()
 

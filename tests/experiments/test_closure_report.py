@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discovery.closure import Closure
-from experiments.report import closures
-from experiments.report.closure import closure_figures
-from experiments.report.equations import effect_equations
-from experiments.report.style import COLUMN_MM, save
+from discovery.loop.result import Closure
+from experiments.figures.closure import closure_figures
+from experiments.figures.style import COLUMN_MM, save
 from experiments.results import plain
 from experiments.studies import report
 from experiments.studies.close import closure_section, model_section
+from experiments.text import closures
+from experiments.text.equations import effect_equations
 from rom.effects import CATALOGUE
 from tests.discovery.sound_closure import (
     LADDER,

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discovery.fitting import Fit
-from discovery.identifiability import ExponentProfile, MotionProfile
-from discovery.proposals import Proposal
-from discovery.ranked import RankedLaw, Ranking
-from discovery.terms import BASELINE, Candidate, rivals_always_in_the_race
+from discovery.courses.fit import Fit
+from discovery.laws.candidate import BASELINE, Candidate, rivals_always_in_the_race
+from discovery.ranking.confidence_sets import ExponentProfile, MotionProfile
+from discovery.ranking.result import RankedLaw, Ranking
+from discovery.separating_tests.hits import Proposal
 from experiments.studies import discover
-from rom.courses import TensionCourse
-from rom.laws import Parameter
+from rom.model.laws import Parameter
 from rom.model_file import load_model
 from rom.parameters.he_2025 import nominal_impact, paper_model
+from rom.signals.tension_bins import TensionCourse
 from tests.experiments.sound_ranking import errors
 from tests.rom.sound_campaign import write_sound_campaign
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from distributed import Client
 
-from experiments.execution import ClusterError, execution
+from experiments.run.execution import ClusterError, execution
 from rom.parameters import he_2025
 
 PRELOADS = np.geomspace(6.0, 3000.0, 24)
@@ -93,7 +93,7 @@ def test_cluster_gives_the_same_numbers_and_survives_a_lost_worker(
 
 
 def test_no_scheduler_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("experiments.execution._CONNECT_S", 0.5)
+    monkeypatch.setattr("experiments.run.execution._CONNECT_S", 0.5)
     with (
         pytest.raises(ClusterError, match=r"tcp://127.0.0.1:9: no scheduler answers"),
         execution("tcp://127.0.0.1:9"),

@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from experiments.report import figures
-from experiments.report.curves import damped_frequencies
-from experiments.report.style import COLUMN_MM
-from experiments.report.tensions import thinned
-from rom.calibration import Calibration, fit_calibration
-from rom.campaign import WindowSettings
-from rom.frequency_response import Estimate, Mode, frequency_response
-from rom.identification import Identification
-from rom.joint import JointEstimate
-from rom.law_fits import LawFit, fit_law, gamma_curve
-from rom.loosening import GammaEstimate
+from experiments.figures import identification as figures
+from experiments.figures.curves import damped_frequencies
+from experiments.figures.style import COLUMN_MM
+from experiments.figures.tensions import thinned
+from rom.campaign.campaign import WindowSettings
+from rom.evaluation.error_measures import Comparison, simulate_measurement
+from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
+from rom.identification.frequency_response import Estimate, Mode, frequency_response
+from rom.identification.gamma import GammaEstimate
+from rom.identification.identify import Identification
+from rom.identification.joint import JointEstimate
+from rom.identification.reduce import FirstMode, UncoupledTest
 from rom.parameters.he_2025 import CALIBRATION, nominal_impact, paper_model
-from rom.processing import Measurement, Motion, TensionRecord
-from rom.reduction import FirstMode, UncoupledTest
-from rom.residuals import Comparison, simulate_measurement
-from rom.signals import FilterChain
+from rom.signals.calibration import Calibration, fit_calibration
+from rom.signals.filters import FilterChain
+from rom.signals.processing import Measurement, Motion, TensionRecord
 
 RATE_HZ = 4800.0
 TENSIONS = np.geomspace(6.0, 3000.0, 12)

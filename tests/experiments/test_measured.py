@@ -9,15 +9,15 @@ from typing import Any
 
 import pytest
 
-from discovery.closure import Closure
-from experiments.report.measured import SETS, alone_table, views_table
+from discovery.loop.result import Closure
 from experiments.results import plain, write_result
 from experiments.studies.close import closure_section
 from experiments.studies.measured import main, run
+from experiments.text.measured import SETS, alone_table, views_table
 from rom.effects import CATALOGUE
-from rom.laws import Parameter, constant_damping, constant_stiffness
-from rom.model import LinkLaws, Model
-from rom.structure import Body, Link, Structure
+from rom.model.laws import Parameter, constant_damping, constant_stiffness
+from rom.model.model import LinkLaws, Model
+from rom.model.structure import Body, Link, Structure
 from tests.discovery.sound_closure import closure, friction
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -9,12 +9,12 @@ import pytest
 
 from experiments.studies.predict import run
 from rom import Model
-from rom.campaign import read_campaign, write_campaign
-from rom.comparison import judge
+from rom.campaign.campaign import read_campaign, write_campaign
 from rom.effects import CATALOGUE, SensorFault, free_form
-from rom.laws import Parameter
+from rom.evaluation.error_measures import summarise
+from rom.evaluation.evaluate import judge
+from rom.model.laws import Parameter
 from rom.parameters.he_2025 import paper_model
-from rom.residuals import summarise
 from tests.rom.shown_records import SETTINGS, channels
 
 EFFECTS = (

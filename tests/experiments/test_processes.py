@@ -15,14 +15,14 @@ from typing import Any
 import pytest
 from joblib import Parallel, delayed
 
-from experiments.execution import execution
-from experiments.processes import RemoteTraceback, Worker, WorkerLostError
+from experiments.run.execution import execution
+from experiments.run.processes import RemoteTraceback, Worker, WorkerLostError
 
 _LONG_S = 60.0
 INTERRUPTED = f"""
 import signal
 from tests.experiments.test_processes import many, slept
-from experiments.execution import execution
+from experiments.run.execution import execution
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for what runs behind it
 with execution():
     print(*many(slept, 8), flush=True)

@@ -16,9 +16,9 @@ from typing import Any
 
 import pytest
 
-from experiments.publication import LOCK, MADE, MAKING, BusyError, finish, results_into
+from experiments.run.publication import LOCK, MADE, MAKING, BusyError, finish, results_into
+from rom.campaign.record import write_channels
 from rom.parameters.he_2025 import paper_model
-from rom.records import write_channels
 from tests.rom.sound_campaign import UNCOUPLED, sound_channels, write_sound_campaign
 
 Boltlaw = Callable[..., Any]
@@ -31,7 +31,7 @@ RUN = """
 import signal, sys, time
 import discovery, experiments.studies.identify as identify
 from experiments.cli import run
-from experiments.report import style
+from experiments.figures import style
 from tests.discovery.sound_closure import closure
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for what runs behind it
 discovery.close_loop = lambda *_: closure(verdict="no-effect")
@@ -248,7 +248,7 @@ def test_a_record_that_changes_under_way_is_told_and_nothing_is_written(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     """After the check, before it is read again."""
-    from rom import campaign as reader
+    from rom.campaign.campaign import campaign as reader
 
     record, read = campaign / UNCOUPLED, reader.read_channels
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from experiments.studies import rig
-from rom.campaign import read_campaign
+from rom.campaign.campaign import read_campaign
 from rom.parameters.he_2025 import paper_model
 from tests.rom.sound_campaign import write_sound_campaign
 
@@ -85,7 +85,7 @@ def test_a_result_tells_what_is_needed_to_repeat_it(
 def test_a_prediction_tells_its_model_byte_by_byte(tmp_path: Path, boltlaw: Boltlaw) -> None:
     from hashlib import sha256
 
-    from rom.campaign import write_campaign
+    from rom.campaign.campaign import write_campaign
     from tests.rom.shown_records import SETTINGS, channels
 
     model = paper_model()

@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from experiments.report.equations import expression, math
 from experiments.report.results import ResultError
-from experiments.report.verdicts import answer
-from experiments.report.wording import label, number, with_limits
 from experiments.studies import report
+from experiments.text.equations import expression, math
+from experiments.text.verdicts import answer
+from experiments.text.wording import label, number, with_limits
 from rom.parameters.he_2025 import paper_model
 
 HEADLINES = ("tension_loss_error_percent_median", "final_tension_error_percent_median", "motion_nrmse")

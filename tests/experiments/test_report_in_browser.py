@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from experiments.report.closure import closure_figures
-from experiments.report.discovery import discovery_figures
+from experiments.figures.closure import closure_figures
+from experiments.figures.discovery import discovery_figures
 from experiments.studies import report
 from experiments.studies.identify import save_figures
 from rom.parameters.he_2025 import paper_model

@@ -9,7 +9,7 @@ import pytest
 from experiments.rig import schedule, sensors
 from experiments.rig.excitation import STEP_RATE_HZ
 from experiments.studies import rig
-from rom.campaign import read_campaign
+from rom.campaign.campaign import read_campaign
 
 # --- sensors ------------------------------------------------------------------------------------------------
 

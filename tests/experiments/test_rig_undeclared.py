@@ -15,7 +15,7 @@ from experiments.rig.strength import drawn
 from experiments.rig.undeclared import KINDS, Undeclared, undeclared_from_text
 from rom.effects import CATALOGUE, Motion
 from rom.effects.member import OF_CHANNEL
-from rom.model import Model
+from rom.model.model import Model
 from rom.parameters.he_2025 import paper_model
 
 NOMINAL = Hit("lo", 1608.7, 0.0100003, contact_time(1608.7))

@@ -14,7 +14,7 @@ from experiments.rig.schedule import Case
 from experiments.rig.sensors import Instruments
 from experiments.rig.undeclared import KINDS, Undeclared
 from experiments.studies import rig
-from rom.campaign import read_campaign
+from rom.campaign.campaign import read_campaign
 
 ROOT = Path(__file__).parents[2]
 SMALL = {"cases": 2, "duration_s": 2.5, "jobs": 1, "seed": 6, "hold_out_every": 0}

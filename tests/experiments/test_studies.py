@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from experiments.studies import identify, reproduce
-from rom.loosening import GammaEstimate
+from rom.identification.gamma import GammaEstimate
 
 Boltlaw = Callable[..., Any]
 
@@ -150,7 +150,7 @@ def test_the_seed_alone_decides_what_the_rig_measures(tmp_path: Path, boltlaw: B
     for name, seed, jobs in (("a", 5, 1), ("b", 5, 2), ("c", 6, 1)):
         ran = boltlaw("rig", tmp_path / name, *small, "--seed", seed, "--jobs", jobs)
         assert (ran.code, ran.out, ran.err) == (0, "", "")
-    from rom.campaign import read_campaign
+    from rom.campaign.campaign import read_campaign
 
     a, b, c = (read_campaign(tmp_path / name).digest for name in "abc")
     assert a == b

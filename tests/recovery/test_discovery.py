@@ -27,10 +27,10 @@ sys.path.append(str(Path(__file__).parents[2]))
 from benchmarks.discovery import SURE, Trial, contenders, race_of_forms, score
 from benchmarks.discovery_specimens import Setting, Specimen, specimen
 from benchmarks.discovery_truth import LAWS, curve_error, held_out_error, same_motion, truth_of
-from discovery.fitting import refine
-from discovery.identifiability import exponent_profile
-from discovery.terms import Candidate, baseline
-from rom.identification import Identification
+from discovery.courses.fit import refine
+from discovery.laws.candidate import Candidate, baseline
+from discovery.ranking.confidence_sets import exponent_profile
+from rom.identification.identify import Identification
 from tests.shared import Shared
 
 pytestmark = pytest.mark.slow

@@ -54,8 +54,8 @@ def test_a_wrong_truth_is_not_recovered() -> None:
 
     from benchmarks.identification import read_truth, score
     from experiments.studies import rig
-    from rom.campaign import read_campaign
-    from rom.identification import identify_campaign
+    from rom.campaign.campaign import read_campaign
+    from rom.identification.identify import identify_campaign
 
     with tempfile.TemporaryDirectory() as scratch:
         folder = rig.run(

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from rom.campaign import Campaign, CampaignSettings, read_campaign, write_campaign
-from rom.records import Channel
+from rom.campaign.campaign import Campaign, CampaignSettings, read_campaign, write_campaign
+from rom.campaign.record import Channel
 
 Channels = Mapping[str, Channel]
 LinkRow = tuple[str, tuple[str, str], str, float, float]  # name, ends, law, stiffness, damping

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 from scipy.io import savemat
 
-from rom.records import write_channels
+from rom.campaign.record import write_channels
 from tests.rom.random_settings import OUTSIDE
 from tests.rom.sound_campaign import LOOSENING, sound_channels
 

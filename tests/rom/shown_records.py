@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from rom import Model
-from rom.campaign import CampaignSettings, Record, RecordSettings
-from rom.channels import Channel
+from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
+from rom.campaign.channels import Channel
 from rom.effects import SensorFault
 from rom.effects.observation import tension_reading
-from rom.processing import Measurement, process
+from rom.signals.processing import Measurement, process
 from tests.rom.lumped import pulse
 
 RATE_HZ, TENSION_RATE_HZ, SECONDS, IMPACT_S = 4800.0, 1200.0, 3.0, 0.5

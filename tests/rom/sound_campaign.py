@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rom.campaign import CampaignSettings, write_campaign
-from rom.records import Channel
+from rom.campaign.campaign import CampaignSettings, write_campaign
+from rom.campaign.record import Channel
 
 MOTION_RATE_HZ, TENSION_RATE_HZ, DURATION_S = 400, 100, 3.0
 UNCOUPLED, COUPLED, LOOSENING = "records/uncoupled.h5", "records/coupled.mat", "records/loosening.h5"

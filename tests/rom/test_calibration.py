@@ -2,7 +2,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from rom.calibration import Calibration, fit_calibration
+from rom.signals.calibration import Calibration, fit_calibration
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from rom.campaign import Campaign, CampaignError, CampaignSettings, read_campaign, write_campaign
-from rom.records import Channel, RecordError, write_channels
+from rom.campaign.campaign import Campaign, CampaignError, CampaignSettings, read_campaign, write_campaign
+from rom.campaign.record import Channel, RecordError, write_channels
 from tests.rom.malformed import MALFORMED, Spoil
 from tests.rom.sound_campaign import (
     COUPLED,

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rom.campaign import read_campaign
-from rom.correction import corrected
+from rom.campaign.campaign import read_campaign
 from rom.effects import CATALOGUE, SensorFault, candidates
-from rom.identification import Identification, identify_campaign, relearned
-from rom.law_fits import gamma_curve
-from rom.model import Model
+from rom.evaluation.error_measures import Comparison, compare, compare_all
+from rom.identification.curve_fits import gamma_curve
+from rom.identification.identify import Identification, identify_campaign, relearned
+from rom.model.model import Model
 from rom.parameters.he_2025 import paper_model
-from rom.processing import Measurement
-from rom.residuals import Comparison, compare, compare_all
+from rom.signals.processing import Measurement
+from rom.signals.sensor_correction import corrected
 from tests.rom.shown_records import IMPACT_S, RATE_HZ, SETTINGS, record
 
 MODEL = paper_model()

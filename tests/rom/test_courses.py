@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rom.campaign import Campaign, read_campaign
-from rom.courses import CourseNoise, TensionBins, bins_after_hit, bins_before_hit, course_noise
-from rom.processing import Measurement, process
-from rom.reduction import reduce_records, tension_courses
+from rom.campaign.campaign import Campaign, read_campaign
+from rom.identification.reduce import reduce_records, tension_courses
+from rom.signals.processing import Measurement, process
+from rom.signals.tension_bins import CourseNoise, TensionBins, bins_after_hit, bins_before_hit, course_noise
 
 RATE = 4800.0
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import rom
-from rom.channels import Channel
-from rom.driven import balances_of, is_driven
-from rom.equation_error import Smoothing, noise_of
-from rom.identification import identify_campaign
+from rom.campaign.channels import Channel
+from rom.identification.equation_error import Smoothing, noise_of
+from rom.identification.force_balance import balances_of, is_driven
+from rom.identification.identify import identify_campaign
 from tests.discovery import driven_twins as twins
 
 

@@ -10,11 +10,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 
-from rom.flexures import as_uncoupled, constants, of_stiffness, unlikely, unsettled
-from rom.identification import Identification, identify_campaign
-from rom.laws import constant_stiffness
-from rom.model import Model
-from rom.ties import Misfit
+from rom.identification.identify import Identification, identify_campaign
+from rom.identification.priors import Misfit
+from rom.identification.uncoupled_priors import as_uncoupled, constants, of_stiffness, unlikely, unsettled
+from rom.model.laws import constant_stiffness
+from rom.model.model import Model
 from tests.rom.lumped import campaign, noisy, pulse, respond
 
 RATE_HZ, SAMPLES, FINE = 4000.0, 10000, 4

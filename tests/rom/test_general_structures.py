@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import rom
-from rom.campaign import Campaign
-from rom.comparison import judge
-from rom.model import Model
-from rom.residuals import summarise
+from rom.campaign.campaign import Campaign
+from rom.evaluation.error_measures import summarise
+from rom.evaluation.evaluate import judge
+from rom.model.model import Model
 from tests.rom.lumped import LinkRow, campaign, noisy, pulse, random_force, respond
 
 RATE_HZ, SAMPLES = 2000.0, 6000

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discovery.refits import Refits
-from discovery.state import silent
+from discovery.loop.refits import Refits
+from discovery.loop.state import silent
 from experiments.rig.sensors import Instruments, chain
 from experiments.studies import rig
-from rom.campaign import read_campaign
-from rom.identification import identify_campaign
-from rom.linear import spectral_records
-from rom.processing import process
-from rom.spectra import spectrum
+from rom.campaign.campaign import read_campaign
+from rom.identification.identify import identify_campaign
+from rom.identification.record_spectra import spectral_records
+from rom.identification.spectral_model import spectrum
+from rom.signals.processing import process
 
 DRAWS = 200
 

@@ -8,13 +8,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rom.effects.effect import Effect
 from rom.kernels.block import advance, free_motion
 from rom.kernels.exponential import Task, _prepare
 from rom.kernels.propagators import NODES, SAMPLE, TICKS, build
 from rom.kernels.sweeps import solve, solve_laws
-from rom.laws import Parameter, constant_damping, constant_stiffness, no_loosening, power_loosening
-from rom.model import LinkLaws, Model
+from rom.model.effect import Effect
+from rom.model.laws import Parameter, constant_damping, constant_stiffness, no_loosening, power_loosening
+from rom.model.model import LinkLaws, Model
 from rom.parameters.he_2025 import paper_model
 
 RATE = 19200.0

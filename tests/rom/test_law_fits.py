@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rom.law_fits import LawFit, excess_scatter, fit_law, gamma_curve, link_curve
-from rom.laws import Law, constant_stiffness, logistic_damping, logistic_loosening, logistic_stiffness
+from rom.identification.curve_fits import LawFit, excess_scatter, fit_law, gamma_curve, link_curve
+from rom.model.laws import Law, constant_stiffness, logistic_damping, logistic_loosening, logistic_stiffness
 from rom.parameters import he_2025
 
 TENSION = np.geomspace(6.0, 3000.0, 20)

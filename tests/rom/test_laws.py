@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rom.laws import (
+from rom.model.laws import (
     Parameter,
     constant_damping,
     constant_stiffness,

@@ -7,10 +7,10 @@ import pytest
 
 from rom import Model
 from rom.effects import CATALOGUE, free_form
-from rom.laws import Parameter, constant_damping, constant_stiffness
-from rom.model import LinkLaws
+from rom.model.laws import Parameter, constant_damping, constant_stiffness
+from rom.model.model import LinkLaws
+from rom.model.structure import Body, Link, Structure
 from rom.parameters.he_2025 import nominal_impact, paper_model
-from rom.structure import Body, Link, Structure
 
 RATE_HZ = 19200.0
 MODEL = paper_model()

@@ -9,9 +9,8 @@ import pytest
 from scipy import optimize, stats
 
 from rom.effects import CATALOGUE
-from rom.law_fits import LawFit, fit_law, gamma_curve
-from rom.laws import logistic_loosening, no_loosening, power_loosening
-from rom.loosening import (
+from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
+from rom.identification.gamma import (
     GAMMA_BOUND,
     GammaEstimate,
     LooseningCase,
@@ -21,7 +20,8 @@ from rom.loosening import (
     own_rate,
     refine_gamma_law,
 )
-from rom.model import Model
+from rom.model.laws import logistic_loosening, no_loosening, power_loosening
+from rom.model.model import Model
 from rom.parameters import he_2025
 
 RATE_HZ, WINDOW_S = 9600.0, (0.75, 0.8)

@@ -3,8 +3,8 @@ import numpy.typing as npt
 import pytest
 from scipy import signal
 
-from rom import modal
-from rom.signals import FilterChain
+from rom.identification import modal
+from rom.signals.filters import FilterChain
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -4,11 +4,11 @@ import json
 import numpy as np
 import pytest
 
-from rom.laws import Parameter, constant_damping, constant_stiffness, free_form_law, power_loosening
-from rom.model import LinkLaws, Model
+from rom.model.laws import Parameter, constant_damping, constant_stiffness, free_form_law, power_loosening
+from rom.model.model import LinkLaws, Model
+from rom.model.structure import Body, Link, Structure
 from rom.model_file import ModelFileError, load_model
 from rom.parameters.he_2025 import paper_model
-from rom.structure import Body, Link, Structure
 
 RATE = 19200.0
 
@@ -130,7 +130,7 @@ def test_a_large_structure_goes_link_by_link_to_the_same_result(monkeypatch):
     model, tensions = chain(), {"j0": 100.0, "j1": 50.0, "j2": 300.0}
     dense = model.simulate({"b0": hit(100.0)}, RATE, tensions)
     many = model.final_tension(hit(100.0)[None], RATE, [list(tensions.values())], window_s=(0.1, 0.2))
-    monkeypatch.setattr("rom.simulation.DENSE_BODIES", 2)
+    monkeypatch.setattr("rom.model.assembly.DENSE_BODIES", 2)
     links = model.simulate({"b0": hit(100.0)}, RATE, tensions)
     assert np.isnan(links.estimated_error)
     for bolt, start in tensions.items():
@@ -319,7 +319,7 @@ def test_a_second_hit_anywhere_in_the_ring_down_is_seen(place, monkeypatch):
     force[place : place + 12] += 300.0
     found = model.final_tension(force[None], RATE, [150.0])[0]
     bins = model.mean_tensions(force[None], RATE, [150.0], [0.0, 1.0, 25600 / RATE])[0]
-    monkeypatch.setattr("rom.sweep.DENSE_BODIES", 0)
+    monkeypatch.setattr("rom.model.batch.DENSE_BODIES", 0)
     exact = model.final_tension(force[None], RATE, [150.0])[0]
     assert found == pytest.approx(exact, abs=1e-4 * (150.0 - exact))
     assert bins == pytest.approx(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rom.noise_floor import Quiet, noise_floors
-from rom.spectra import Linearised
+from rom.identification.noise_spectrum import Quiet, noise_floors
+from rom.identification.spectral_model import Linearised
 
 SECONDS, SENSOR, AMBIENT = 0.5, 1e-4, 9.0  # powers a second of record
 MODE_HZ = 100.0

@@ -28,7 +28,7 @@ def test_an_error_gives_the_threads_back() -> None:
 
 def test_the_long_work_of_the_packages_runs_so() -> None:
     from discovery import discover
-    from discovery.refinement import close_loop
-    from rom.identification import identify_campaign
+    from discovery.loop.close_loop import close_loop
+    from rom.identification.identify import identify_campaign
 
     assert all(hasattr(one, "__wrapped__") for one in (discover, close_loop, identify_campaign))

@@ -7,8 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rom.output_error import OutputErrorFit, fit_output_error, whitener
-from rom.spectra import CORNER, DERIVATIVE_ORDER, SpectralRecord, Term, linearise, spectrum
+from rom.identification.output_error import OutputErrorFit, fit_output_error, whitener
+from rom.identification.spectral_model import (
+    CORNER,
+    DERIVATIVE_ORDER,
+    SpectralRecord,
+    Term,
+    linearise,
+    spectrum,
+)
 from tests.rom.lumped import noisy, pulse, random_force, respond
 
 RATE_HZ, SAMPLES = 1000.0, 4000

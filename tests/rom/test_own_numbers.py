@@ -9,10 +9,10 @@ import pytest
 
 from rom import Model
 from rom.effects import CATALOGUE
-from rom.own_numbers import own_names, own_numbers
+from rom.evaluation.error_measures import compare
+from rom.evaluation.replay import replay
 from rom.parameters.he_2025 import paper_model
-from rom.replay import replay
-from rom.residuals import compare
+from rom.signals.per_record_parameters import own_names, own_numbers
 from tests.rom.shown_records import SETTINGS, record
 
 MODEL, HELD = paper_model(), {"joint": 200.0}

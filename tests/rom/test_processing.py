@@ -7,9 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rom.campaign import CampaignSettings, Record, RecordSettings
-from rom.channels import Channel
-from rom.processing import Motion, cutoff, dominant_frequency, driven_displacement, gated_force, process
+from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
+from rom.campaign.channels import Channel
+from rom.signals.processing import (
+    Motion,
+    cutoff,
+    dominant_frequency,
+    driven_displacement,
+    gated_force,
+    process,
+)
 from tests.rom.lumped import pulse
 
 RATE_HZ = 4800.0

@@ -7,10 +7,10 @@ import numpy.typing as npt
 import pytest
 from scipy import signal
 
-from rom.campaign import CampaignSettings, Record, RecordSettings
-from rom.channels import FloatArray
-from rom.quality import Doubt, assess
-from rom.records import Channel
+from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
+from rom.campaign.channels import FloatArray
+from rom.campaign.record import Channel
+from rom.signals.quality import Doubt, assess
 from tests.rom.sound_campaign import sound_settings
 
 RATE_HZ, DURATION_S, IMPACT_S = 19200, 1.2, 0.5

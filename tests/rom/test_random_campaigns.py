@@ -18,8 +18,8 @@ import tomli_w
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from rom.campaign import CampaignError, read_campaign
-from rom.records import inspect_channels, write_channels
+from rom.campaign.campaign import CampaignError, read_campaign
+from rom.campaign.record import inspect_channels, write_channels
 from tests.rom.random_records import (
     H5_OPTIONS,
     PICKLED,

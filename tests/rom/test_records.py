@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.io import savemat
 
-from rom.channels import channel_names, default_rate, nearest
-from rom.records import Channel, RecordError, read_channels, write_channels
+from rom.campaign.channels import channel_names, default_rate, nearest
+from rom.campaign.record import Channel, RecordError, read_channels, write_channels
 
 FINITE = hnp.arrays(np.float64, 12, elements=st.floats(allow_nan=False, allow_infinity=False))
 

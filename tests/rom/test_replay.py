@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rom.channels import Channel
-from rom.comparison import without_loosening
+from rom.campaign.channels import Channel
 from rom.effects import CATALOGUE
+from rom.evaluation.error_measures import compare
+from rom.evaluation.evaluate import without_loosening
+from rom.evaluation.replay import driven_forces, replay, shown_tension
 from rom.parameters.he_2025 import paper_model
-from rom.processing import Measurement, TensionRecord
-from rom.replay import driven_forces, replay, shown_tension
-from rom.residuals import compare
+from rom.signals.processing import Measurement, TensionRecord
 from tests.rom.shown_records import SETTINGS, TENSION_RATE_HZ, record
 
 MODEL, WINDOWS = paper_model(), SETTINGS.windows

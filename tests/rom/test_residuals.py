@@ -8,20 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rom.campaign import WindowSettings
-from rom.channels import Channel
-from rom.laws import (
+from rom.campaign.campaign import WindowSettings
+from rom.campaign.channels import Channel
+from rom.evaluation.error_measures import Comparison, compare, compare_all, simulate_measurement, summarise
+from rom.model.laws import (
     constant_damping,
     constant_stiffness,
     logistic_stiffness,
     no_loosening,
     power_loosening,
 )
-from rom.model import LinkLaws, Model
-from rom.processing import Measurement, Motion, TensionRecord
-from rom.residuals import Comparison, compare, compare_all, simulate_measurement, summarise
-from rom.signals import FilterChain
-from rom.structure import Body, Link, Structure
+from rom.model.model import LinkLaws, Model
+from rom.model.structure import Body, Link, Structure
+from rom.signals.filters import FilterChain
+from rom.signals.processing import Measurement, Motion, TensionRecord
 from tests.rom.lumped import pulse, respond
 
 RATE_HZ, SAMPLES = 4800.0, 9600

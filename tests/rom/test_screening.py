@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from rom.laws import constant_damping, logistic_loosening, no_loosening, power_loosening
+from benchmarks.frozen_screening import freeze, screen
+from rom.model.laws import constant_damping, logistic_loosening, no_loosening, power_loosening
 from rom.parameters.he_2025 import paper_model
-from rom.screening import freeze, screen
 
 RATE = 19200.0
 TENSIONS = np.array([21.5, 60.0, 152.7, 317.0, 700.0, 2999.3])

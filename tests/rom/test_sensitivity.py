@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rom.laws import constant_damping, constant_stiffness, power_loosening
-from rom.model import LinkLaws
+from benchmarks.sensitivity import final_tension_sensitivity, mean_tensions_sensitivity, motion_sensitivity
+from rom.model.laws import constant_damping, constant_stiffness, power_loosening
+from rom.model.model import LinkLaws
 from rom.parameters.he_2025 import paper_model
-from rom.sensitivity import final_tension_sensitivity, mean_tensions_sensitivity, motion_sensitivity
 
 RATE = 19200.0
 

@@ -6,7 +6,7 @@ import numpy.typing as npt
 import pytest
 from scipy import integrate, signal
 
-from rom.signals import FilterChain, decimate, find_impact, for_straight_lines, split_tension
+from rom.signals.filters import FilterChain, decimate, find_impact, for_straight_lines, split_tension
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from rom.structure import Body, Link, Structure
+from rom.model.structure import Body, Link, Structure
 
 
 def two_oscillators() -> Structure:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rom.flexures import fit_near
-from rom.output_error import fit_output_error, values_of
-from rom.spectra import SpectralRecord
-from rom.ties import Tie, misfits, pull
+from rom.identification.output_error import fit_output_error, values_of
+from rom.identification.priors import Tie, misfits, pull
+from rom.identification.spectral_model import SpectralRecord
+from rom.identification.uncoupled_priors import fit_near
 from tests.rom.lumped import noisy, pulse, respond
 from tests.rom.test_output_error import LINKS, RATE_HZ, SAMPLES, one_body
 

@@ -25,7 +25,7 @@ from rom.effects import (
     places,
     register,
 )
-from rom.laws import Parameter, logistic_stiffness
+from rom.model.laws import Parameter, logistic_stiffness
 from rom.parameters.he_2025 import nominal_impact, paper_model
 
 CHANNELS = ("force_lo", "acceleration_lo", "acceleration_so", "strain")

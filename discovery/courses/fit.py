@@ -1,0 +1,167 @@
+"""Fitting a candidate law to the tension courses of many tests at once, case-to-case scatter included.
+
+One bolt loosens faster than the next at the same preload and hit: every case has its own factor exp(u) on the
+rate, a random effect, and no law earns credit for following it. Courses are solved along frozen exposures;
+``refine`` adds the difference to full re-simulation, and fits again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discovery.courses.marginal_likelihood import Problem, step, tau
+from discovery.courses.prediction import predict, resimulate
+from discovery.laws.candidate import Candidate
+from rom.campaign.channels import FloatArray
+
+if TYPE_CHECKING:
+    from discovery.courses.frozen_motion import Frozen
+
+__all__ = ["Fit", "fit", "fit_losses", "log_predictive", "predict", "refine", "resimulate"]
+
+_ITERATIONS = 30
+_SETTLED = 0.01  # of the deviance
+_ROUNDS = 3  # of correction by re-simulation
+_SAME_NOISE, _SAME_CHANGE = 0.05, 1e-4  # of corrections: far below what can be told
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted candidate.
+
+    Attributes
+    ----------
+    candidate : Candidate
+        With its refined numbers.
+    free : tuple of str
+        What was fitted; `covariance` is that of ln coefficients (of coefficients that may have either sign:
+        as they are) and of inner parameters.
+    deviance : float
+        -2 log marginal likelihood of the cases fitted.
+    scatter : tuple of float
+        a and b of ln tau.
+    offsets : ndarray, shape (cases, bins)
+        Full re-simulation minus frozen course [N].
+    deviations : ndarray, shape (cases,)
+        u at its mode.
+    of_losses : bool
+        Whether it was fitted to the losses alone, the courses left aside.
+    """
+
+    candidate: Candidate
+    free: tuple[str, ...]
+    covariance: FloatArray
+    deviance: float
+    scatter: tuple[float, float]
+    offsets: FloatArray
+    deviations: FloatArray
+    converged: bool
+    of_losses: bool = False
+
+    def tau(self, initial: FloatArray) -> FloatArray:
+        """Scatter of the log rate at tensions [N]."""
+        return tau(np.array(self.scatter), initial)
+
+    def limits(self, name: str) -> tuple[float, float]:
+        """95 % limits of a fitted number."""
+        error = float(np.sqrt(max(self.covariance[self.free.index(name)][self.free.index(name)], 0.0)))
+        value = self.candidate.parameters[name].value
+        if name in self.candidate.coefficient_names and value > 0:
+            return value * float(np.exp(-1.96 * error)), value * float(np.exp(1.96 * error))
+        return value - 1.96 * error, value + 1.96 * error
+
+
+def refine(candidate: Candidate, frozen: Frozen, rounds: int = _ROUNDS) -> Fit:
+    """Fit, re-simulate in full, correct the frozen courses by the difference, and fit again.
+
+    Until the corrections stay the same, to a small part of the noise.
+    """
+    found = fit(candidate, frozen)
+    for _ in range(rounds if candidate.terms else 0):
+        offsets = correction(found, frozen)
+        if not np.isfinite(offsets).all():
+            return replace(found, converged=False)
+        if unchanged(offsets, found, frozen):
+            return found
+        found = fit(found.candidate, frozen, offsets, found)
+    return found
+
+
+def correction(found: Fit, frozen: Frozen) -> FloatArray:
+    """Full re-simulation minus frozen course, (cases, bins) [N]; not finite where it diverged."""
+    full = resimulate(found.candidate, frozen, found.deviations)
+    return full - predict(found.candidate, frozen, deviations=found.deviations)
+
+
+def unchanged(offsets: FloatArray, found: Fit, frozen: Frozen) -> bool:
+    """Whether corrections are those of a fit, to a small part of the noise or of the change."""
+    noise = np.sqrt(np.stack([np.diag(c.covariance)[-frozen.change.shape[1] :] for c in frozen.courses]))
+    change = predict(found.candidate, frozen, found.offsets, found.deviations)
+    near = _SAME_NOISE * noise + _SAME_CHANGE * np.abs(change)
+    return bool((np.abs(offsets - found.offsets) <= near).all())
+
+
+def fit(
+    candidate: Candidate, frozen: Frozen, offsets: FloatArray | None = None, start: Fit | None = None
+) -> Fit:
+    """Fit the free numbers of a candidate by marginal maximum likelihood along the frozen motion.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        Its numbers are the start; coefficients of known sign are first scaled to the measured losses.
+    frozen : Frozen
+        Motion and measured courses.
+    offsets : ndarray, shape (cases, bins)
+        Added to every predicted course [N].
+    start : Fit
+        Scatter and deviations to start from, of the same cases.
+    """
+    problem = Problem(candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
+    state = problem.first(start)
+    damping, converged = 1e-3, not candidate.terms
+    for _ in range(_ITERATIONS if candidate.terms else 1):
+        state = problem.scattered(state)
+        trial, damping = step(problem, state, damping)
+        if trial is None:
+            converged = True
+            break
+        gain, state = state.deviance - trial.deviance, trial
+        if gain < _SETTLED:
+            converged = True
+            break
+    state = problem.scattered(state)
+    return Fit(
+        problem.at(state.theta),
+        candidate.free,
+        problem.covariance(state),
+        state.deviance,
+        (float(state.scatter[0]), float(state.scatter[1])),
+        problem.offsets,
+        state.u,
+        converged,
+    )
+
+
+def fit_losses(candidate: Candidate, frozen: Frozen, offsets: FloatArray | None = None) -> Fit:
+    """Fit to the changes in the last bin alone, as He et al. (2025), Section 3.5, to final tensions.
+
+    For a law whose courses are not those measured: the shape of the courses, which it cannot follow, would
+    otherwise decide its numbers, at the cost of the losses. The deviance is still that of the courses.
+    """
+    whole = Problem(candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
+    found = fit(candidate, frozen.last_bin(), whole.offsets[:, -1:])
+    after = Problem(found.candidate, frozen, whole.offsets)
+    state = after.solve(after.theta0, np.array(found.scatter), found.deviations, steps=12)
+    return replace(found, deviance=state.deviance, offsets=whole.offsets, of_losses=True)
+
+
+def log_predictive(fitted: Fit, frozen: Frozen, offsets: FloatArray | None = None) -> FloatArray:
+    """Log marginal density of the courses of each case under a fitted law, (cases,): also of unseen cases."""
+    problem = Problem(fitted.candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
+    state = problem.solve(problem.theta0, np.array(fitted.scatter), np.zeros(len(frozen)), steps=12)
+    normal = problem.log_determinant + frozen.change.shape[1] * np.log(2 * np.pi)
+    return np.asarray(-0.5 * (state.by_case + normal))

@@ -1,0 +1,339 @@
+"""The motion of all loosening tests, frozen: what tension laws are fitted along before full re-simulation.
+
+Every test is simulated once with the identified model and its own gamma of ``|v|^4 T``, so that the motion
+has felt the measured loss. Along it a motion factor m has the exposure ``M(t) = integral of m from the hit
+to t``, and a law is one scalar equation, ``dT = sum_j c_j g_j(T) dM_j``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from discovery.laws.factors import Factor
+from rom.campaign.channels import FloatArray
+from rom.identification.gamma import LooseningCase, identify_gamma
+from rom.model.laws import power_loosening
+from rom.model.model import Model
+from rom.signals.tension_bins import TensionCourse
+
+_LEAD_S = 0.004  # a hit begins before its impact is noticed
+_BURST_S, _EARLY_S, _SETTLED_S = 0.06, 0.12, 0.5
+_PER_PERIOD = 16
+_WIDE = 1.0e3  # variance of a nuisance direction, in largest variance of a bin
+_NOTHING = 1e-16  # of the largest exposure
+_RECENT = 32  # interpolated exposures that are kept: a fit asks for the same ones again and again
+_LEAST_FINAL = 0.01  # of the initial tension
+
+
+Corners = list[tuple[float, float]]  # values of a grid about a number, and their weights
+
+
+@dataclass(frozen=True, eq=False)
+class Frozen:
+    """Frozen motion, exposures and measured courses of many tests.
+
+    Attributes
+    ----------
+    courses : tuple of TensionCourse
+        What was measured.
+    model : Model
+        The identified model.
+    nodes : ndarray, shape (6, nodes of all cases)
+        Time from the hit [s], relative displacement [m] and velocity [m/s], link force and its damping part
+        [N], tension [N]; dense in the first 60 ms. `starts`, shape (cases + 1,), divides them.
+    knots_s : ndarray, shape (knots,)
+        Times from the hit at which exposures are kept [s]; the edges of the bins are among them.
+    averages : ndarray, shape (bins, knots)
+        Weights of the knots in the mean over each bin.
+    change : ndarray, shape (cases, bins)
+        Measured changes of tension [N].
+    covariance : ndarray, shape (cases, bins, bins)
+        Their covariance with two wide directions for an oscillating part ``a x + b x^2`` [N^2].
+    signed : bool
+        Whether tests may tighten: a case's deviation u makes its rate 1 + u times the law's, not exp(u).
+    """
+
+    courses: tuple[TensionCourse, ...]
+    model: Model
+    nodes: FloatArray
+    starts: npt.NDArray[np.int64]
+    knots_s: FloatArray
+    averages: FloatArray
+    change: FloatArray
+    covariance: FloatArray
+    signed: bool = False
+    _exposures: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
+    _recent: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
+    _whole: Frozen | None = field(default=None, repr=False)  # of a subset: where its exposures are kept
+    _index: tuple[int, ...] = field(default=(), repr=False)
+
+    def __len__(self) -> int:
+        return len(self.courses)
+
+    @cached_property
+    def initial(self) -> FloatArray:
+        """Tension before the hit [N], (cases,)."""
+        return np.array([course.initial for course in self.courses])
+
+    @property
+    def link(self) -> str:
+        """Name of the bolted link."""
+        return self.model.structure.bolted_links[0]
+
+    def factors(self, deviations: FloatArray | None) -> FloatArray:
+        """Factor of every case on a law's rate, (cases,), from its deviation; 1 where none are given."""
+        if deviations is None:
+            return np.ones(len(self))
+        return 1.0 + deviations if self.signed else np.exp(deviations)
+
+    def of_case(self, case: int) -> FloatArray:
+        """Nodes of one case, (6, nodes)."""
+        return self.nodes[:, self.starts[case] : self.starts[case + 1]]
+
+    def exposure(self, factor: Factor) -> FloatArray:
+        """Cumulative integral of a motion factor at the knots, (cases, knots) [its unit times s].
+
+        Between a grid's values of the inner parameters it is interpolated by cubics, in its logarithm along
+        exponents: a fit moves them often, and the integrals at the grid's values serve all fits.
+        """
+        if self._whole is not None:
+            return self._whole.exposure(factor)[list(self._index)]
+        if factor.key not in self._recent:
+            corners = [_corners(inner.value, inner.step) for inner in factor.inner.values()]
+            logarithmic = [inner.unit == "1" for inner in factor.inner.values()]
+            while len(self._recent) >= _RECENT:
+                del self._recent[next(iter(self._recent))]
+            self._recent[factor.key] = self._interpolated(factor, tuple(factor.inner), corners, logarithmic)
+        return self._recent[factor.key]
+
+    def _interpolated(
+        self, factor: Factor, names: tuple[str, ...], corners: list[Corners], logarithmic: list[bool]
+    ) -> FloatArray:
+        """Interpolate along the first inner parameter, and within that along the others."""
+        if not names:
+            return self._integrated(factor)
+        parts = [
+            self._interpolated(factor.at_node(names[0], value), names[1:], corners[1:], logarithmic[1:])
+            for value, _ in corners[0]
+        ]
+        weights = [weight for _, weight in corners[0]]
+        if len(parts) == 1:
+            return parts[0]
+        if not logarithmic[0]:
+            return np.maximum(sum(w * part for w, part in zip(weights, parts, strict=True)), 0.0)
+        floors = [max(_NOTHING * float(part.max()), 1e-300) for part in parts]
+        logs = [np.log(np.maximum(part, floor)) for part, floor in zip(parts, floors, strict=True)]
+        return np.exp(sum(w * log for w, log in zip(weights, logs, strict=True)))
+
+    def _integrated(self, factor: Factor) -> FloatArray:
+        if factor.key not in self._exposures:
+            values = factor.of_motion(*self.nodes[1:5])
+            steps, place, share = self._quadrature
+            total = np.cumsum(np.concatenate([[0.0], (values[1:] + values[:-1]) * steps]))
+            at_knots = total[place] + share * (total[place + 1] - total[place])
+            self._exposures[factor.key] = at_knots - at_knots[:, :1]
+        return self._exposures[factor.key]
+
+    @cached_property
+    def _quadrature(self) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
+        """Half the steps of the trapezoidal rule, and where the knots lie between nodes, (cases, knots)."""
+        time = self.nodes[0]
+        steps = 0.5 * np.maximum(np.diff(time), 0.0)  # no step leads from one case to the next
+        places, shares = [], []
+        for a, b in pairwise(self.starts):
+            place = np.clip(np.searchsorted(time[a:b], self.knots_s, side="right") - 1, 0, b - a - 2) + a
+            places.append(place)
+            shares.append(np.clip((self.knots_s - time[place]) / (time[place + 1] - time[place]), 0.0, 1.0))
+        return steps, np.stack(places), np.stack(shares)
+
+    def subset(self, index: Sequence[int] | npt.NDArray[np.int64]) -> Frozen:
+        """The same for some of the cases, in the order of ``index``; repeats are allowed."""
+        chosen = [int(i) for i in index]
+        parts = [self.of_case(i) for i in chosen]
+        return replace(
+            self,
+            courses=tuple(self.courses[i] for i in chosen),
+            nodes=np.concatenate(parts, axis=1),
+            starts=np.cumsum([0, *(part.shape[1] for part in parts)]),
+            change=self.change[chosen],
+            covariance=self.covariance[chosen],
+            _exposures={},
+            _recent={},
+            _whole=self._whole or self,
+            _index=tuple(self._index[i] for i in chosen) if self._whole else tuple(chosen),
+        )
+
+    def last_bin(self) -> Frozen:
+        """The same with the last bin alone: the losses."""
+        return replace(
+            self,
+            averages=self.averages[-1:],
+            change=self.change[:, -1:],
+            covariance=self.covariance[:, -1:, -1:],
+        )
+
+    def without_cache(self) -> Frozen:
+        """The same without kept exposures, to be sent to another process."""
+        return replace(self, _exposures={}, _recent={})
+
+
+def freeze(model: Model, courses: Sequence[TensionCourse], *, signed: bool = False) -> Frozen:
+    """Simulate every test with its own gamma and keep the motion of the bolted link.
+
+    Parameters
+    ----------
+    model : Model
+        The identified model.
+    courses : sequence of TensionCourse
+        What was measured.
+    signed : bool
+        Whether tests may tighten.
+
+    Raises
+    ------
+    ValueError
+        If there are no courses, or the model has not one bolted link.
+    """
+    bolts = model.structure.bolted_links
+    if len(bolts) != 1:
+        raise ValueError(f"a tension law needs a model with one bolted link, this one has {len(bolts)}")
+    if not courses:
+        raise ValueError("found no loosening record with tension, force and a hit; expected some to fit")
+    bins = min(len(course.change) for course in courses)
+    offsets = np.median([c.edges_s[: bins + 1] - c.impact_s for c in courses], axis=0)
+    knots = _knots(offsets)
+    nodes = _simulated(model, courses, float(offsets[-1]))
+    averages = _averages(knots, offsets)
+    kept = tuple(_cut(course, bins) for course in courses)
+    covariance = [
+        _with_nuisance(course.covariance, part, offsets) for course, part in zip(kept, nodes, strict=True)
+    ]
+    return Frozen(
+        courses=kept,
+        model=model,
+        nodes=np.concatenate(nodes, axis=1),
+        starts=np.cumsum([0, *(part.shape[1] for part in nodes)]),
+        knots_s=knots,
+        averages=averages,
+        change=np.stack([course.change for course in kept]),
+        covariance=np.stack(covariance),
+        signed=signed,
+    )
+
+
+def _cut(course: TensionCourse, bins: int) -> TensionCourse:
+    return replace(
+        course,
+        edges_s=course.edges_s[: bins + 1],
+        change=course.change[:bins],
+        covariance=course.covariance[:bins, :bins],
+    )
+
+
+def _simulated(model: Model, courses: Sequence[TensionCourse], end_s: float) -> list[FloatArray]:
+    link = next(link for link in model.structure.links if link.law == "bolted")
+    window = courses[0].final_window
+    cases = [
+        LooseningCase(c.file, c.body, c.force, c.rate_hz, c.initial,
+                      max(c.final, _LEAST_FINAL * c.initial), c.final_error)
+        for c in courses
+    ]  # fmt: skip
+    gammas = identify_gamma(model, cases, window)
+    laws = model.link_laws[link.name]
+    found = []
+    for course, estimate in zip(courses, gammas, strict=True):
+        rate = power_loosening(max(estimate.gamma, 0.0))
+        own = replace(model, link_laws={**model.link_laws, link.name: replace(laws, tension_rate=rate)})
+        response = own.simulate({course.body: course.force}, course.rate_hz, course.initial)
+        hit = round(course.impact_s * course.rate_hz)
+        first = max(hit - round(_LEAD_S * course.rate_hz), 0)
+        last = min(hit + int(end_s * course.rate_hz) + 1, len(course.force))
+        x, v = (
+            _relative(motion, link.first, link.second)[first:last]
+            for motion in (response.displacement, response.velocity)
+        )
+        tension = np.asarray(response.tension)[first:last]
+        time = np.arange(first, last) / course.rate_hz - course.impact_s
+        places = _places(v, time)
+        x, v, tension = x[places], v[places], tension[places]
+        damping = laws.damping(tension) * v
+        force = laws.stiffness(tension) * x + damping
+        found.append(np.stack([time[places], x, v, force, damping, tension]))
+    return found
+
+
+def _relative(motion: object, first: str, second: str) -> FloatArray:
+    values = [motion[body] if body != "ground" else 0.0 for body in (first, second)]  # type: ignore[index]
+    return np.asarray(values[0] - values[1])
+
+
+def _places(v: FloatArray, time: FloatArray) -> npt.NDArray[np.int64]:
+    """Every sample in the burst, ever fewer until the motion settles, then some a period."""
+    late = v[time > _SETTLED_S]
+    crossings = int(np.sum(np.signbit(late[1:]) != np.signbit(late[:-1])))
+    stride = 4
+    if crossings:
+        stride = max(int(2 * len(late) / (crossings * _PER_PERIOD)), 1)
+    index = np.arange(len(v))
+    chosen = (time < _BURST_S) | (index % min(stride, 64) == 0)
+    chosen |= ((time < _EARLY_S) & (index % 4 == 0)) | ((time < _SETTLED_S) & (index % 16 == 0))
+    return np.flatnonzero(chosen)
+
+
+def _knots(offsets: FloatArray) -> FloatArray:
+    """Knots every quarter of a millisecond at first, ever wider later, and at every edge of a bin."""
+    fine = np.concatenate(
+        [[-_LEAD_S], np.arange(0.0, 0.024, 2.5e-4), np.arange(0.024, 0.06, 1e-3), np.arange(0.06, 0.13, 5e-3)]
+    )
+    late = np.geomspace(0.13, max(offsets[-1], 0.14), 36)
+    every = np.unique(np.round(np.concatenate([fine, late, offsets]), 9))
+    return np.asarray(every[every <= offsets[-1] + 1e-9])
+
+
+def _averages(knots: FloatArray, offsets: FloatArray) -> FloatArray:
+    weights = np.zeros((len(offsets) - 1, len(knots)))
+    for row, (low, high) in enumerate(pairwise(offsets)):
+        inside = np.flatnonzero((knots >= low - 1e-8) & (knots <= high + 1e-8))
+        half = 0.5 * np.diff(knots[inside]) / (knots[inside[-1]] - knots[inside[0]])
+        weights[row, inside[:-1]] += half
+        weights[row, inside[1:]] += half
+    return weights
+
+
+def _cumulative(values: FloatArray, time: FloatArray, knots: FloatArray) -> FloatArray:
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
+    return np.asarray(np.interp(knots, time, total))
+
+
+def _corners(value: float, step: float) -> Corners:
+    """The four values of a grid about a number with Lagrange's weights; itself where it is one of them."""
+    first = int(np.floor(value / step))
+    share = value / step - first
+    if min(share, 1 - share) < 1e-9:
+        return [(round(value / step) * step, 1.0)]
+    first = max(first - 1, 0)
+    at = value / step - first
+    weights = [
+        float(np.prod([(at - other) / (node - other) for other in range(4) if other != node]))
+        for node in range(4)
+    ]
+    return [((first + node) * step, weight) for node, weight in enumerate(weights)]
+
+
+def _with_nuisance(covariance: FloatArray, nodes: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Add wide directions for what oscillates with the motion: it is no loss, whatever its size."""
+    scale = _WIDE * float(np.max(np.diag(covariance)))
+    result = covariance.copy()
+    for signal in (nodes[1], nodes[1] ** 2):
+        total = _cumulative(signal, nodes[0], offsets)
+        mean = np.diff(total) / np.diff(offsets)
+        size = float(np.abs(mean).max())
+        if size > 0:
+            result += scale * np.multiply.outer(mean, mean) / size**2
+    return result

@@ -1,0 +1,368 @@
+"""The marginal likelihood of a candidate law, its scatter integrated out, and steps that raise it.
+
+    y_i = f_i(theta, u_i) + e_i,   u_i ~ N(0, tau_i^2),   e_i ~ N(0, C_i),   ln tau_i = a + b ln(T_i / 100 N)
+
+u_i is integrated out by Laplace's method; a step in theta is a Gauss-Newton step of the model made linear in
+u_i about its mode (M. Lindstrom and D. Bates, Biometrics 46, 673, 1990).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import optimize
+
+from discovery.courses.prediction import predict
+from discovery.laws.candidate import Candidate
+from rom.campaign.channels import FloatArray
+
+if TYPE_CHECKING:
+    from discovery.courses.fit import Fit
+    from discovery.courses.frozen_motion import Frozen
+
+_TALLEST_STEP = 1.0
+_STEP_U, _STEP = 1e-4, 1e-4
+_LEAST_SCATTER, _LARGEST_SCATTER = 0.01, 5.0
+_LOWEST_LOG, _HIGHEST_LOG = float(np.log(_LEAST_SCATTER)), float(np.log(_LARGEST_SCATTER))
+_SLOPE_PRIOR = 1.0
+_SAME_SCATTER = 0.01  # of a and b: changes the deviance in second order
+_NO_GAIN = 1e-3  # of the deviance, foreseen: not worth a trial
+_WORTH_LENGTHENING = 1e-3  # of the deviance: for less no number is to run far
+_TINY = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A place of the fit: parameters, scatter, modes, and what the likelihood is made of there."""
+
+    theta: FloatArray
+    scatter: FloatArray
+    u: FloatArray
+    residual: FloatArray  # whitened, (cases, bins)
+    slope: FloatArray  # whitened derivative with respect to u
+    by_case: FloatArray
+
+    @property
+    def deviance(self) -> float:
+        """-2 log marginal likelihood, but for what no law changes."""
+        return float(self.by_case.sum())
+
+
+@dataclass(eq=False)
+class Problem:
+    """The fit of one candidate: its free numbers as a vector, and the likelihood."""
+
+    candidate: Candidate
+    frozen: Frozen
+    offsets: FloatArray
+    whitener: FloatArray = field(init=False)
+    log_determinant: FloatArray = field(init=False)
+    theta0: FloatArray = field(init=False)
+    _last: dict[bytes, Candidate] = field(init=False, default_factory=dict)
+    _known_scales: dict[object, dict[str, tuple[float, bool]]] = field(init=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        roots = np.linalg.cholesky(self.frozen.covariance)
+        self.whitener = np.linalg.inv(roots)
+        self.log_determinant = 2 * np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        self.theta0 = self._vector(self.candidate)
+
+    def _vector(self, candidate: Candidate) -> FloatArray:
+        """Free numbers: of a coefficient the log of the typical relative loss it makes; inner as they are."""
+        values = candidate.parameters
+        scales = self._scales(candidate)
+        out = []
+        for name in candidate.free:
+            value = values[name].value
+            if name in scales:
+                size, signed = scales[name]
+                out.append(value * size if signed else np.log(max(value * size, _TINY)))
+            else:
+                out.append(value)
+        return np.array(out)
+
+    def _scales(self, candidate: Candidate) -> dict[str, tuple[float, bool]]:
+        """Typical exposure over tension of every term, by its coefficient's name, and if it is signed."""
+        key = tuple((term.motion.key, term.tension.key) for term in candidate.terms)
+        if key not in self._known_scales:
+            self._known_scales[key] = self._found_scales(candidate)
+        return self._known_scales[key]
+
+    def _found_scales(self, candidate: Candidate) -> dict[str, tuple[float, bool]]:
+        initial = np.maximum(self.frozen.initial, 1e-9)
+        found = {}
+        for j, term in enumerate(candidate.terms):
+            size = self.frozen.exposure(term.motion)[:, -1] * term.tension.of_tension(initial) / initial
+            some = size[size > 0]
+            typical = float(np.exp(np.mean(np.log(some)))) if some.size else 1.0
+            found[candidate.label("gamma", j)] = (typical, term.sign == 0)
+        return found
+
+    def at(self, theta: FloatArray) -> Candidate:
+        """The candidate with the numbers of a vector; the last one asked for is kept."""
+        key = theta.tobytes()
+        if key not in self._last:
+            self._last = {key: self._with_numbers(theta)}
+        return self._last[key]
+
+    def _with_numbers(self, theta: FloatArray) -> Candidate:
+        values = dict(zip(self.candidate.free, theta, strict=True))
+        moved = self.candidate.with_values({n: v for n, v in values.items() if not self._is_coefficient(n)})
+        return moved.with_values(
+            {
+                name: values[name] / size
+                if signed
+                else float(np.exp(np.clip(values[name], -690, 690))) / size
+                for name, (size, signed) in self._scales(moved).items()
+            }
+        )
+
+    def _is_coefficient(self, name: str) -> bool:
+        return name in self.candidate.coefficient_names
+
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest vector: inner numbers keep to their ranges, coefficients are free."""
+        ranges: Mapping[str, tuple[float, float]] = {
+            name: parameter.bounds for name, parameter in self.candidate.parameters.items()
+        }
+        free = (-np.inf, np.inf)
+        rows = [free if self._is_coefficient(name) else ranges[name] for name in self.candidate.free]
+        low, high = np.array(rows).reshape(-1, 2).T
+        return low, high
+
+    def clipped(self, theta: FloatArray) -> FloatArray:
+        """The vector with inner numbers within their ranges."""
+        return np.clip(theta, *self.bounds)
+
+    def first(self, start: Fit | None) -> State:
+        """The start: coefficients scaled to the measured losses unless a fit is at hand."""
+        if start is not None:
+            return self.solve(self.theta0, np.array(start.scatter), start.deviations, steps=6)
+        factors, told = self._own_rates()
+        logs = np.log(np.maximum(np.abs(factors), _TINY))
+        shift = float((told * logs).sum() / told.sum()) if told.sum() > 0 else 0.0
+        u = np.clip(factors / np.exp(shift) - 1, -3, 3) if self.frozen.signed else logs - shift
+        theta = self.theta0.copy()
+        for place, name in enumerate(self.candidate.free):
+            theta[place] += shift if self._is_coefficient(name) else 0.0
+        spread = float(np.clip(np.std(u), 0.1, _LARGEST_SCATTER))
+        return self.solve(theta, np.array([np.log(spread), 0.0]), u, steps=12)
+
+    def _own_rates(self) -> tuple[FloatArray, FloatArray]:
+        """Factor on the law that each case's last bin asks for, and how well it tells it, 0 to 1.
+
+        A start from which Newton's method is safe: far above it the tension is gone and has no slope.
+        """
+        initial = np.maximum(self.frozen.initial, 1e-9)
+        exposure = np.zeros(len(initial))
+        for term, value in zip(self.candidate.terms, self.candidate.coefficients, strict=True):
+            if term.sign < 0:
+                size = self.frozen.exposure(term.motion)[:, -1] * term.tension.of_tension(initial) / initial
+                exposure += value * size
+        if any(term.sign >= 0 for term in self.candidate.terms) or not (exposure > 0).any():
+            return np.ones(len(initial)), np.zeros(len(initial))
+        error = np.sqrt(self.frozen.covariance[:, -1, -1])
+        lost = np.abs(self.frozen.change[:, -1]) if self.frozen.signed else -self.frozen.change[:, -1]
+        loss = np.maximum(lost, 0.3 * error)
+        told = (exposure > 0) * loss**2 / (loss**2 + 4 * error**2)
+        exposure = np.maximum(exposure, float(exposure[exposure > 0].min()))
+        if self.frozen.signed:
+            change = np.log(np.maximum(1 + self.frozen.change[:, -1] / initial, 1e-3))
+            return -change / exposure, told
+        return -np.log(np.maximum(1 - loss / initial, 1e-3)) / exposure, told
+
+    def solve(self, theta: FloatArray, scatter: FloatArray, u: FloatArray, steps: int = 4) -> State:
+        """Modes of u by Newton steps, all cases at once, and the likelihood there."""
+        candidate = self.at(theta)
+        tau2 = tau(scatter, self.frozen.initial) ** 2
+        for step in range(steps + 1):
+            residual = self._whitened(self.frozen.change - self._course(candidate, u))
+            ahead = self._whitened(self.frozen.change - self._course(candidate, u + _STEP_U))
+            slope = (residual - ahead) / _STEP_U
+            information = (slope**2).sum(axis=1)
+            newton = ((slope * residual).sum(axis=1) - u / tau2) / (information + 1 / tau2)
+            if step == steps or np.abs(newton).max() < 1e-3:
+                break
+            u = u + np.clip(newton, -_TALLEST_STEP, _TALLEST_STEP)
+        by_case = (residual**2).sum(axis=1) + u**2 / tau2 + np.log1p(tau2 * information)
+        return State(theta, scatter, u, residual, slope, by_case)
+
+    def _course(self, candidate: Candidate, u: FloatArray) -> FloatArray:
+        return predict(candidate, self.frozen, self.offsets, u)
+
+    def _whitened(self, rows: FloatArray) -> FloatArray:
+        return np.asarray(np.einsum("cij,cj->ci", self.whitener, rows))
+
+    def scattered(self, state: State) -> State:
+        """The same place with the scatter that its deviations ask for."""
+        information = (state.slope**2).sum(axis=1)
+        seen = (state.slope * state.residual).sum(axis=1) + information * state.u
+
+        logs, square = _log_tension(self.frozen.initial), seen**2
+
+        def deviance(scatter: FloatArray) -> float:
+            tau2 = _tau(scatter, logs) ** 2
+            spread = tau2 * information
+            return float((np.log1p(spread) - tau2 / (1 + spread) * square).sum()) + float(
+                (scatter[1] / _SLOPE_PRIOR) ** 2
+            )
+
+        found = optimize.minimize(
+            deviance,
+            state.scatter,
+            method="Nelder-Mead",
+            options={"xatol": 5e-3, "fatol": 5e-3, "maxiter": 120},
+        )
+        scatter = np.array(
+            [np.clip(found.x[0], np.log(_LEAST_SCATTER), np.log(_LARGEST_SCATTER)), found.x[1]]
+        )
+        if np.abs(scatter - state.scatter).max() < _SAME_SCATTER:
+            return state
+        return self.solve(state.theta, scatter, state.u)
+
+    def normal_equations(self, state: State) -> tuple[FloatArray, FloatArray]:
+        """Information matrix and right side of the step, u integrated out."""
+        matrices, rights = self.by_case(state)
+        return matrices.sum(axis=0), rights.sum(axis=0)
+
+    def jacobian(self, state: State) -> FloatArray:
+        """Whitened derivatives of the courses with respect to the vector, (cases, bins, p)."""
+        columns = []
+        for place in range(len(state.theta)):
+            step = _STEP * max(1e-3, abs(state.theta[place])) if not self._log_place(place) else _STEP
+            moved = state.theta.copy()
+            moved[place] += step
+            back = self.clipped(moved)[place] != moved[place]
+            moved[place] -= 2 * step if back else 0.0
+            ahead = self._whitened(self.frozen.change - self._course(self.at(moved), state.u))
+            columns.append((state.residual - ahead) / (moved[place] - state.theta[place]))
+        return np.stack(columns, axis=-1)
+
+    def by_case(self, state: State) -> tuple[FloatArray, FloatArray]:
+        """What every case adds to the normal equations, (cases, p, p) and (cases, p)."""
+        tau2 = tau(state.scatter, self.frozen.initial) ** 2
+        jacobian = self.jacobian(state)
+        information = (state.slope**2).sum(axis=1)
+        share = tau2 / (1 + tau2 * information)
+        cross = np.einsum("cb,cbp->cp", state.slope, jacobian)
+        linear = state.residual + state.slope * state.u[:, None]
+        seen = (state.slope * linear).sum(axis=1)
+        matrix = np.einsum("cbp,cbq->cpq", jacobian, jacobian) - np.einsum(
+            "c,cp,cq->cpq", share, cross, cross
+        )
+        right = np.einsum("cbp,cb->cp", jacobian, linear) - (share * seen)[:, None] * cross
+        return matrix, right
+
+    def resampled(self, state: State, counts: FloatArray) -> FloatArray:
+        """Steps from the fit to all cases to fits in which they count as often as given.
+
+        (draws, cases) to (draws, p): one Gauss-Newton step each, in ln coefficients and inner numbers.
+        """
+        matrices, rights = self.by_case(state)
+        scale = np.sqrt(np.maximum(np.diag(matrices.sum(axis=0)), _TINY))
+        left = np.einsum("dc,cpq->dpq", counts, matrices) / np.outer(scale, scale)
+        inverse = np.linalg.pinv(left, rcond=1e-8, hermitian=True)
+        steps = np.einsum("dpq,dq->dp", inverse, counts @ rights / scale) / scale
+        return np.asarray(steps @ self._to_coefficients(state.theta).T)
+
+    def _log_place(self, place: int) -> bool:
+        return self._is_coefficient(self.candidate.free[place])
+
+    def covariance(self, state: State) -> FloatArray:
+        """Covariance of ln coefficients and inner numbers."""
+        size = len(state.theta)
+        if not size:
+            return np.zeros((0, 0))
+        matrix, _ = self.normal_equations(state)
+        scale = np.sqrt(np.maximum(np.diag(matrix), _TINY))
+        inverse = np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-10, hermitian=True)
+        turn = self._to_coefficients(state.theta)
+        return np.asarray(turn @ (inverse / np.outer(scale, scale)) @ turn.T)
+
+    def _to_coefficients(self, theta: FloatArray) -> FloatArray:
+        """Derivatives of (ln coefficients, inner numbers) with respect to the vector."""
+
+        def values(vector: FloatArray) -> FloatArray:
+            candidate = self.at(vector)
+            out = []
+            for name in candidate.free:
+                value = candidate.parameters[name].value
+                signed = self._is_coefficient(name) and value <= 0
+                out.append(np.log(max(value, _TINY)) if self._is_coefficient(name) and not signed else value)
+            return np.array(out)
+
+        here = values(theta)
+        columns = []
+        for place in range(len(theta)):
+            step = 1e-5 * max(1e-3, abs(theta[place]))
+            moved = theta.copy()
+            moved[place] += step
+            columns.append((values(moved) - here) / step)
+        return np.stack(columns, axis=1)
+
+
+def step(problem: Problem, state: State, damping: float) -> tuple[State | None, float]:
+    """One accepted Levenberg-Marquardt step, or None where none lowers the deviance."""
+    if not len(state.theta):
+        return None, damping
+    matrix, right = problem.normal_equations(state)
+    diagonal = np.diag(matrix).copy()
+    diagonal[diagonal <= 0] = max(float(diagonal.max()), 1.0) * 1e-12
+    low, high = (bound - state.theta for bound in problem.bounds)
+    for _ in range(8):
+        damped = matrix + np.diag(damping * diagonal + 1e-12 * diagonal.max())
+        change = least_within(damped, right, low, high)
+        if 2 * change @ right - change @ matrix @ change < _NO_GAIN:
+            return None, damping
+        trial = problem.solve(problem.clipped(state.theta + change), state.scatter, state.u)
+        if np.isfinite(trial.deviance) and trial.deviance < state.deviance:
+            return _lengthened(problem, state, trial, change), max(damping / 5, 1e-9)
+        damping *= 8
+    return None, damping
+
+
+def _lengthened(problem: Problem, state: State, best: State, change: FloatArray) -> State:
+    """Go on along a change for as long as twice as much lowers the deviance further.
+
+    Far from the measured courses their curvature makes a Gauss-Newton step up to twenty times too short.
+    """
+    while state.deviance - best.deviance > _WORTH_LENGTHENING * state.deviance:
+        change = 2 * change
+        trial = problem.solve(problem.clipped(state.theta + change), best.scatter, best.u)
+        if not trial.deviance < best.deviance:
+            break
+        best = trial
+    return best
+
+
+def least_within(matrix: FloatArray, right: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """The change d within a range that makes d' M d - 2 r' d least.
+
+    Were the free one clipped instead, numbers beside one at its end would make up for what it may not do.
+    """
+    change = np.linalg.solve(matrix, right)
+    if not ((change < low) | (change > high)).any():  # nor where it is not finite
+        return np.asarray(change)
+    scale = np.sqrt(np.diag(matrix))
+    root = np.linalg.cholesky(matrix / np.outer(scale, scale)).T
+    aim = np.linalg.solve(root.T, right / scale)
+    return np.asarray(optimize.lsq_linear(root, aim, (low * scale, high * scale), method="bvls").x / scale)
+
+
+def tau(scatter: FloatArray, initial: FloatArray) -> FloatArray:
+    """Scatter of the log rate at tensions [N], from a and b of its law."""
+    return _tau(scatter, _log_tension(initial))
+
+
+def _log_tension(initial: FloatArray) -> FloatArray:
+    return np.asarray(np.log(np.maximum(initial, 1e-3) / 100.0))
+
+
+def _tau(scatter: FloatArray, log_tension: FloatArray) -> FloatArray:
+    logs = scatter[0] + scatter[1] * log_tension
+    return np.asarray(np.exp(np.minimum(np.maximum(logs, _LOWEST_LOG), _HIGHEST_LOG)))

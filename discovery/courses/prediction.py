@@ -1,0 +1,79 @@
+"""Courses of the tension under a candidate law: along frozen exposures, and by full re-simulation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discovery.laws.candidate import Candidate
+from rom.campaign.channels import FloatArray
+
+if TYPE_CHECKING:
+    from discovery.courses.frozen_motion import Frozen
+
+_HIGHEST = 10.0  # no tension beyond so many times the highest initial one
+
+
+def predict(
+    candidate: Candidate,
+    frozen: Frozen,
+    offsets: FloatArray | None = None,
+    deviations: FloatArray | None = None,
+) -> FloatArray:
+    """Changes of tension [N] in every bin along the frozen motion, (cases, bins)."""
+    if not candidate.terms:
+        return np.zeros_like(frozen.change)
+    from rom.kernels.exposures import follow_exposures
+
+    tension = [term.tension for term in candidate.terms]
+    width = max(max(len(factor.inner) for factor in tension), 1)
+    parameters = np.zeros((len(tension), width))
+    for row, factor in enumerate(tension):
+        parameters[row, : len(factor.inner)] = [inner.value for inner in factor.inner.values()]
+    addresses = np.array([factor.address for factor in tension], dtype=np.int64)
+    parts = [frozen.exposure(term.motion) for term in candidate.terms]
+    exposures = np.stack(parts) if len(parts) > 1 else parts[0][None]
+    signs = [term.sign or 1 for term in candidate.terms]
+    weights = np.array(candidate.coefficients) * signs
+    rates = frozen.factors(deviations)
+    initial = frozen.initial
+    course = follow_exposures(
+        addresses, parameters, np.multiply.outer(rates, weights), exposures, initial, _HIGHEST * initial.max()
+    )
+    change = course @ frozen.averages.T - np.maximum(initial, 0.0)[:, None]
+    return np.asarray(change if offsets is None else change + offsets)
+
+
+def resimulate(candidate: Candidate, frozen: Frozen, deviations: FloatArray | None = None) -> FloatArray:
+    """Changes of tension [N] by full coupled re-simulation, (cases, bins); nan where it diverged."""
+    if not candidate.terms:
+        return np.zeros_like(frozen.change)
+    link, law = frozen.link, candidate.law()
+    laws = replace(frozen.model.link_laws[link], tension_rate=law)
+    model = replace(frozen.model, link_laws={**frozen.model.link_laws, link: laws})
+    rates = frozen.factors(deviations)
+    out = np.empty_like(frozen.change)
+    keys = [(c.body, c.rate_hz, len(c.force), c.tension_rate_hz) for c in frozen.courses]
+    for key in dict.fromkeys(keys):
+        index = [i for i, other in enumerate(keys) if other == key]
+        courses = [frozen.courses[i] for i in index]
+        vary = {
+            f"{link}.tension_rate.{candidate.label('gamma', j)}": value * rates[index]
+            for j, value in enumerate(candidate.coefficients)
+        }
+        initial = np.array([max(course.initial, 0.0) for course in courses])
+        means = model.mean_tensions(
+            np.stack([course.force for course in courses]), key[1], initial,
+            np.stack([course.edges_s for course in courses]), vary, key[0],
+            tension_rate_hz=_common(key[1], key[3]),
+        )  # fmt: skip
+        out[index] = means - initial[:, None]
+    return out
+
+
+def _common(rate_hz: float, tension_rate_hz: float) -> float | None:
+    """The rate of the measured means where the simulation has it too."""
+    ratio = rate_hz / tension_rate_hz
+    return tension_rate_hz if ratio >= 1 and abs(ratio - round(ratio)) < 1e-9 else None

@@ -1,0 +1,239 @@
+"""The likelihood of any tension law, and of a gauge's slow readings, along frozen motion.
+
+    y_i = mean over bins of T_i + reading,   dT_i/dt = exp(u_i) law(T_i, x, v, F, D),   u_i ~ N(0, tau_i^2)
+
+A general law has no exposures: every case is followed node by node. The rest, u integrated out and the
+steps, is that of ``discovery.courses.marginal_likelihood``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from discovery.courses.frozen_motion import Frozen
+from discovery.courses.marginal_likelihood import Problem, State, step
+from discovery.laws.candidate import Candidate
+from rom.campaign.channels import FloatArray
+from rom.effects import Added, LawChange, Motion, Reading, SensorFault
+from rom.model.law_change import prefix_of
+from rom.model.laws import Law, Parameter, free_form_law
+from rom.model.model import Model
+
+if TYPE_CHECKING:
+    from discovery.courses.fit import Fit
+
+_OWN = "own_rate"
+_HIGHEST = 10.0
+SETTLED = 0.05  # of the deviance
+ITERATIONS = 20
+_NEVER = 1e6  # stands for a course that is lost, in newton
+_PER_BIN = 24
+
+
+@dataclass(frozen=True)
+class LawCandidate(Candidate):
+    """Any law of the tension, and what the gauge adds to it, with the numbers that a fit moves.
+
+    Attributes
+    ----------
+    rate : Law
+        With the number ``own_rate`` that multiplies it.
+    effect : Added or None
+        A reading or a fault of the gauge, linear in time or not; what changes the law is in the law.
+    moved : tuple of str
+        Names in the law, and those in the effect.
+    sharing : int or None
+        As for `law_candidate`.
+    """
+
+    rate: Law | None = None
+    effect: Added | None = None
+    moved: tuple[str, ...] = ()
+    sharing: int | None = None
+
+    @property
+    def acting(self) -> Law:
+        """The law, own rates in it."""
+        assert self.rate is not None
+        return self.rate
+
+    @property
+    def parameters(self) -> dict[str, Parameter]:
+        """Numbers of the law and of the effect."""
+        own = dict(self.effect.parameters) if self.effect is not None else {}
+        return {**self.acting.parameters, **own}
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the numbers that a fit moves."""
+        return self.moved
+
+    def law(self) -> Law:
+        """The law for a model's bolted link."""
+        return self.acting
+
+    def rated(self, factors: FloatArray) -> dict[str, FloatArray]:
+        """Numbers that make what scatters of the rate so many times as fast, by name, each (cases,)."""
+        return {_OWN: factors}
+
+    def with_values(self, values: Mapping[str, float]) -> LawCandidate:
+        """The same candidate with other numbers, each within its range."""
+        ranges = self.parameters
+        values = {name: float(np.clip(value, *ranges[name].bounds)) for name, value in values.items()}
+        of_law = {name: value for name, value in values.items() if name in self.acting.parameters}
+        of_effect = {name: value for name, value in values.items() if name not in of_law}
+        effect = self.effect
+        if effect is not None and of_effect:
+            effect = effect.with_values(**of_effect)
+        return replace(self, rate=self.acting.with_values(**of_law), effect=effect)
+
+
+def law_candidate(
+    model: Model, effect: Added | None, baseline: tuple[str, ...], sharing: int | None = None
+) -> LawCandidate:
+    """Return a model's tension law, with one more effect, the numbers of both free.
+
+    Parameters
+    ----------
+    model : Model
+        The current model, what it holds already in it.
+    effect : Added or None
+        A change of the law, a reading or a fault.
+    baseline : tuple of str
+        Numbers of the model's own law that are free.
+    sharing : int or None
+        How many of the changes, in order, share the law's scatter from test to test; those after them are
+        the same in every test. None: all of them.
+    """
+    first = model.link_laws[model.structure.bolted_links[0]].tension_rate
+    assert first is not None
+    changes = changes_of(model, effect)
+    law = first
+    for place, change in enumerate(changes):
+        law = _scattering(law) if place == sharing else law
+        law = change.changed(law, prefix_of(change), first)
+    rate = law if _OWN in law.parameters else _scattering(law)
+    own = tuple(n for n in rate.parameters if n != _OWN and (n in baseline or n not in first.parameters))
+    beside = None if isinstance(effect, LawChange) else effect
+    added = tuple(beside.parameters) if beside is not None else ()
+    return LawCandidate(rate.name, (), (), rate=rate, effect=beside, moved=(*own, *added), sharing=sharing)
+
+
+def _scattering(law: Law) -> Law:
+    """The law with a factor of its own in every test."""
+    every = {**law.parameters, _OWN: Parameter(1.0, "1")}
+    return free_form_law(f"{law.name}, own rate", f"{_OWN} * ({law.equation})", "tension rate", every)
+
+
+def changes_of(model: Model, effect: Added | None) -> tuple[LawChange, ...]:
+    """Changes of a model's tension law in order, with one more effect."""
+    return tuple(one for one in (*model.effects, effect) if isinstance(one, LawChange))
+
+
+def names_of(effect: Added) -> Mapping[str, str]:
+    """Names of an effect's numbers among a candidate's, by their names in the effect."""
+    if not isinstance(effect, LawChange):
+        return {name: name for name in effect.parameters}
+    return {name: prefix_of(effect) + name for name in effect.parameters}
+
+
+@dataclass(eq=False)
+class LawProblem(Problem):
+    """The fit of one general law: the course is followed along the nodes."""
+
+    @property
+    def general(self) -> LawCandidate:
+        """The candidate that is fitted."""
+        assert isinstance(self.candidate, LawCandidate)
+        return self.candidate
+
+    def _course(self, candidate: Candidate, u: FloatArray) -> FloatArray:
+        assert isinstance(candidate, LawCandidate)
+        return course(candidate, self.frozen, u) + self.offsets
+
+    def first(self, start: Fit | None) -> State:
+        """The start: unit rates, unless a fit is at hand."""
+        if start is not None:
+            return self.solve(self.theta0, np.array(start.scatter), start.deviations, steps=6)
+        return self.solve(self.theta0, np.array([np.log(0.5), 0.0]), np.zeros(len(self.frozen)), steps=12)
+
+    def fitted(self, state: State, settled: float = SETTLED, most: int = ITERATIONS) -> State:
+        """The best place that steps from a state lead to, each lowering the deviance by more than asked."""
+        damping = 1e-3
+        for _ in range(most):
+            state = self.scattered(state)
+            trial, damping = step(self, state, damping)
+            if trial is None:
+                return state
+            gain, state = state.deviance - trial.deviance, trial
+            if gain < settled:
+                break
+        return self.scattered(state)
+
+
+def course(candidate: LawCandidate, frozen: Frozen, u: FloatArray) -> FloatArray:
+    """Changes of the measured tension [N] in every bin along the frozen motion, (cases, bins)."""
+    from rom.kernels.law_courses import follow_courses
+
+    law, effect, initial = candidate.acting, candidate.effect, frozen.initial
+    p = np.tile(law.values, (len(frozen), 1))
+    p[:, list(law.parameters).index(_OWN)] = np.exp(np.clip(u, -50.0, 50.0))
+    true = effect.remove(initial, 1.0) if isinstance(effect, SensorFault) else initial
+    true = np.maximum(true, 0.0)
+    means = np.empty_like(frozen.change)
+    edges = bin_edges(frozen)
+    highest = _HIGHEST * max(float(true.max()), 1.0)
+    follow_courses(law.address, p, frozen.nodes[:5], frozen.starts, edges, true, highest, means)
+    means = np.nan_to_num(means, nan=_NEVER)
+    if isinstance(effect, SensorFault):
+        return np.asarray(effect.apply(means, 1.0) - initial[:, None])
+    added = slow_reading(effect, edges) if isinstance(effect, Reading) else 0.0
+    return np.asarray(means - np.maximum(initial, 0.0)[:, None] + added)
+
+
+def bin_edges(frozen: Frozen) -> FloatArray:
+    """Edges of the bins [s] from the hit: those of one record, to a sample those of all."""
+    return np.asarray(frozen.courses[0].edges_s - frozen.courses[0].impact_s)
+
+
+def slow_reading(effect: Reading, edges: FloatArray) -> FloatArray:
+    """What a reading adds to the mean of every bin while nothing moves [N], (bins,)."""
+    share = (np.arange(_PER_BIN) + 0.5) / _PER_BIN
+    time = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()
+    still = np.zeros_like(time)
+    added = effect.added(Motion(time, 0.0, still, still, {"": still}))
+    return np.asarray(added.reshape(-1, _PER_BIN).mean(axis=1))
+
+
+def acts_at_rest(reading: Reading) -> bool:
+    """Whether a reading adds anything while nothing moves."""
+    return bool(np.any(slow_reading(reading, np.array([0.0, 0.1, 1.0]))))
+
+
+def resimulated(candidate: LawCandidate, frozen: Frozen, u: FloatArray, model: Model) -> FloatArray:
+    """Changes of the measured tension [N] by full simulation, (cases, bins); nan where it diverged."""
+    link, effect = frozen.link, candidate.effect
+    laws = replace(model.link_laws[link], tension_rate=candidate.acting)
+    kept = tuple(e for e in model.effects if not isinstance(e, (LawChange, Reading, SensorFault)))
+    own = replace(model, link_laws={**model.link_laws, link: laws}, effects=kept)
+    measured = frozen.initial
+    initial = effect.remove(measured, 1.0) if isinstance(effect, SensorFault) else measured
+    out = np.empty_like(frozen.change)
+    keys = [(c.body, c.rate_hz, len(c.force), c.tension_rate_hz) for c in frozen.courses]
+    for key in dict.fromkeys(keys):
+        index = [i for i, other in enumerate(keys) if other == key]
+        courses = [frozen.courses[i] for i in index]
+        rates = np.exp(np.clip(u[index], -50.0, 50.0))
+        out[index] = own.mean_tensions(
+            np.stack([c.force for c in courses]), key[1], np.maximum(initial[index], 0.0),
+            np.stack([c.edges_s for c in courses]), {f"{link}.tension_rate.{_OWN}": rates}, key[0],
+            tension_rate_hz=key[3] if abs(key[1] / key[3] - round(key[1] / key[3])) < 1e-9 else None,
+        )  # fmt: skip
+    if isinstance(effect, SensorFault):
+        return np.asarray(effect.apply(out, 1.0) - measured[:, None])
+    added = slow_reading(effect, bin_edges(frozen)) if isinstance(effect, Reading) else 0.0
+    return np.asarray(out - np.maximum(measured, 0.0)[:, None] + added)

@@ -1,0 +1,158 @@
+"""A term for a residual that no effect of the catalogue explains: sparse sums over the motion, by pysindy.
+
+    F = sum_j g_j phi_j(x, v, T)
+
+in one link; in one to the ground x and v are those of a body. The columns are the whitened outputs of the
+terms, what the model's numbers can imitate taken off, so that a sparse fit of them is an output-error fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from discovery.decide.explanation import Explanation
+from discovery.explain.motion import explanation, output_of
+from discovery.residual.output_error import Evidence
+from discovery.search.sparse_regression import sparse_supports, usable
+from rom.campaign.channels import FloatArray
+from rom.effects import CATALOGUE, Added, Effect, Member, free_form
+from rom.model.laws import Parameter
+from rom.model.structure import GROUND
+
+Terms = Mapping[str, tuple[float, ...]]
+_TERMS: Terms = {  # expression and the powers of N, m, s in its coefficient's unit
+    "x ** 2": (1, -2, 0),
+    "abs(x) * x": (1, -2, 0),
+    "x ** 3": (1, -3, 0),
+    "x ** 5": (1, -5, 0),
+    "v ** 2": (1, -2, 2),
+    "abs(v) * v": (1, -2, 2),
+    "v ** 3": (1, -3, 3),
+    "sign(v) * sqrt(abs(v))": (1, -0.5, 0.5),
+    "tanh(v / {v})": (1, 0, 0),
+    "abs(x) * v": (1, -2, 1),
+    "x * v": (1, -2, 1),
+    "x ** 2 * v": (1, -3, 1),
+    "x * v ** 2": (1, -3, 2),
+    "x * abs(v)": (1, -2, 1),
+    "max(x, 0)": (1, -1, 0),
+    "max(v, 0)": (1, -1, 1),
+    "max(abs(x) - {x}, 0) * sign(x)": (1, -1, 0),
+}
+_OF_TENSION: Terms = {
+    "T * tanh(v / {v})": (0, 0, 0),
+    "T * x": (0, -1, 0),
+    "T * v": (0, -1, 1),
+    "T * x ** 2": (0, -2, 0),
+}
+MOST_TERMS = 3
+PRICE = 12.0
+"""In cost, of a term."""
+_TYPICAL = 0.1  # of the largest velocity, where a sign turns
+
+
+def free_forms(evidence: Evidence, seed: int = 0) -> tuple[Explanation, ...]:
+    """Fit the best sparse sum of terms at every link, each with its costs on held-out records too."""
+    model = evidence.baseline.model
+    taken = {effect.enters for effect in model.effects if effect.name == "free-form"}
+    left, found = evidence.beyond(evidence.residual), []
+    for link in model.structure.links:
+        ends = (link.first, link.second)
+        if link.name in taken:
+            continue
+        peaks = np.array([[np.abs(m).max() for m in trace.relative(ends)] for trace in evidence.traces])
+        terms = terms_at(*np.median(peaks, axis=0), tension=link.law == "bolted" and GROUND not in ends)
+        columns = np.stack(
+            [evidence.beyond(output_of(one, evidence)) for one in single_terms(terms, link.name)], axis=1
+        )
+        effect = sparse_sum(columns, left, terms, link.name, seed)
+        if effect is not None:
+            found.append(explanation(effect, member_of(effect), evidence))
+    return tuple(found)
+
+
+def terms_at(x: float, v: float, *, tension: bool) -> Terms:
+    """Terms with the scales of a motion in them, its largest displacement [m] and velocity [m/s]."""
+    x, v = float(f"{x:.2g}"), float(f"{v:.2g}")
+    terms = {**_TERMS, **(_OF_TENSION if tension else {})}
+    return {text.format(v=f"{_TYPICAL * v:.3g}", x=f"{0.5 * x:.3g}"): unit for text, unit in terms.items()}
+
+
+def single_terms(terms: Terms, enters: str) -> list[Effect]:
+    """Every term by itself, its coefficient one."""
+    return [_sum([text], [1.0], enters, terms) for text in terms]
+
+
+def sparse_sum(columns: FloatArray, left: FloatArray, terms: Terms, enters: str, seed: int) -> Effect | None:
+    """The sum of lowest cost with a price for every term; None where no two terms are told apart.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (rows, terms)
+        What each term makes of the whitened rows, what the model's numbers can imitate taken off.
+    left : ndarray, shape (rows,)
+        The residual, the same taken off.
+    terms : mapping
+        As `terms_at` has them.
+    enters : str
+        The link.
+    seed : int
+        Of the ensembles.
+    """
+    texts = list(terms)
+    sound = [k for k in range(len(texts)) if np.isfinite(columns[:, k]).all()]
+    kept, _ = usable(columns[:, sound], [texts[k] for k in sound])
+    if len(kept) < 2:
+        return None
+    place = [sound[k] for k in kept]
+    basis, triangle = np.linalg.qr(columns[:, place])
+    target = basis.T @ left
+    spread = max(float(left @ left) / len(left), 1.0)
+    best, lowest = None, np.inf
+    for support in sparse_supports(triangle, target, np.random.default_rng(seed)):
+        if len(support) > MOST_TERMS:
+            continue
+        chosen = sorted(support)
+        values, residual = _least_squares(triangle[:, chosen], target)
+        cost = residual / spread + PRICE * len(chosen)
+        if cost < lowest:
+            best, lowest = ([texts[place[k]] for k in chosen], values), cost
+    return None if best is None else _sum(best[0], list(best[1]), enters, terms)
+
+
+def _least_squares(columns: FloatArray, target: FloatArray) -> tuple[FloatArray, float]:
+    values = np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0], dtype=np.float64)
+    return values, float(np.sum((target - columns @ values) ** 2))
+
+
+def _sum(texts: Sequence[str], values: Sequence[float], enters: str, terms: Terms) -> Effect:
+    """The force of a sum of terms."""
+    equation = " + ".join(f"g_{j} * ({text})" for j, text in enumerate(texts, 1))
+    parameters = {
+        f"g_{j}": Parameter(float(value), _unit(terms[text]))
+        for j, (text, value) in enumerate(zip(texts, values, strict=True), 1)
+    }
+    effect = free_form(equation, enters, parameters)
+    assert isinstance(effect, Effect)
+    return effect
+
+
+def _unit(powers: tuple[float, ...]) -> str:
+    parts = [
+        f"{base}^{p:g}" if p != 1 else base for base, p in zip(("N", "m", "s"), powers, strict=True) if p
+    ]
+    return " ".join(parts) or "1"
+
+
+def member_of(effect: Added) -> Member:
+    """What a fit needs to know of an effect; of a free form that all its numbers are strengths."""
+    if effect.name in CATALOGUE:
+        return CATALOGUE[effect.name]
+    assert isinstance(effect, Effect)
+    names = dict(effect.parameters)
+    return Member(
+        effect.name, ("joint",), effect.equation, names, {name: p.value for name, p in names.items()}, (),
+        "found from the residual", effect.function,
+    )  # fmt: skip

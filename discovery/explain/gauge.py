@@ -1,0 +1,127 @@
+"""Readings that follow the motion, and faults of the gauge: what each takes from the fast part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from discovery.decide.explanation import limited, standard_errors
+from discovery.residual.tension import Projected, Seen, altered, disturbed, following
+from discovery.residual.tension_data import Data, Gained, Pair, at_bounds
+from rom.campaign.channels import FloatArray
+from rom.effects import CATALOGUE, Added, Member, Motion, Reading, SensorFault
+from rom.signals.per_record_parameters import own_names
+
+_LINE_HZ = np.arange(-0.15, 0.151, 0.05)  # about a line's nominal frequency
+_ALLOWED = 0.3  # of the smallest plausible strength of a fault: in every record by chance
+
+
+def explained_by_gauge(data: Data, effects: Sequence[Pair]) -> tuple[list[Gained], FloatArray]:
+    """Gains of effects in the fast part, and its cost by record."""
+    readings = [(m, e) for m, e in effects if isinstance(e, Reading)]
+    gained: list[Gained] = []
+    cost = np.zeros(len(data.seen))
+    if readings:
+        rows, places = _rows(data, readings)
+        cost += [float(row.seen @ row.seen) for row in rows]
+        gained += [_linear(data, effect, rows, places[effect.path]) for _, effect in readings]
+    for member, effect in effects:
+        if not isinstance(effect, SensorFault):
+            continue
+        found, before = _line(data, member, effect) if own_names(effect) else _altered(data, member, effect)
+        cost += before
+        gained.append(found)
+    return gained, cost
+
+
+def _rows(data: Data, readings: Sequence[Pair]) -> tuple[list[Projected], Mapping[str, slice]]:
+    units: list[Reading] = []
+    places = {}
+    for member, effect in readings:
+        first = len(units)
+        for name in member.strengths:
+            none = effect.with_values(**dict.fromkeys(member.strengths, 0.0))
+            unit = none.with_values(**{name: member.strengths[name]})
+            assert isinstance(unit, Reading)
+            units.append(unit)
+        places[effect.path] = slice(first, len(units))
+    rows = []
+    for case, seen in enumerate(data.seen):
+        motion = _measured_motion(seen)
+        rows.append(following(seen, data.nodes(case), [unit.added(motion) for unit in units]))
+    return rows, places
+
+
+def _linear(data: Data, effect: Added, rows: Sequence[Projected], place: slice) -> Gained:
+    train = rows[: data.training]
+    squares = np.array([row.columns[:, place].T @ row.columns[:, place] for row in train])
+    rights = np.array([row.columns[:, place].T @ row.seen for row in train])
+    inverse = np.linalg.pinv(squares.sum(axis=0))
+    found = inverse @ rights.sum(axis=0)
+    scores = rights - squares @ found
+    error = standard_errors(inverse, scores)
+    left = [row.seen - row.columns[:, place] @ found for row in rows]
+    gains = [float(row.seen @ row.seen - rest @ rest) for row, rest in zip(rows, left, strict=True)]
+    names = list(effect.parameters)[: len(found)]
+    least = CATALOGUE[effect.name].strengths
+    values, errors = {}, {}
+    for name, value, spread in zip(names, found, error, strict=True):
+        low, high = effect.parameters[name].bounds
+        values[name] = float(np.clip(value * least[name], low, high))
+        errors[name] = float(spread * least[name])
+    told = limited(effect.with_values(**values), errors)
+    return Gained(told, np.array(gains), at_bounds(told))
+
+
+def _altered(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, FloatArray]:
+    (name,) = member.strengths
+    low, high = effect.parameters[name].bounds
+    sizes = np.geomspace(0.2 * member.strengths[name], high, 60)
+    grid = np.concatenate([-sizes[::-1], sizes] if low < 0 else [sizes])
+    faults = [effect.with_values(**{name: float(value)}) for value in grid]
+    least = int(np.argmin(np.abs(grid - _ALLOWED * member.strengths[name])))
+    rows = [altered(seen, data.nodes(case), faults, least) for case, seen in enumerate(data.seen)]
+    gains = np.array(
+        [(row.seen @ row.seen) - ((row.seen[:, None] - row.columns) ** 2).sum(axis=0) for row in rows]
+    )
+    total = gains[: data.training].sum(axis=0)
+    best = int(np.argmax(total))
+    bend = -np.gradient(np.gradient(total, grid), grid)[best]
+    told = limited(faults[best], {name: float(np.sqrt(2 / max(bend, 1e-300)))})
+    before = np.array([float(row.seen @ row.seen) for row in rows])
+    return Gained(told, gains[:, best], at_bounds(told)), before
+
+
+def _line(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, FloatArray]:
+    """A disturbance of each record's own size, told before the hit, at one frequency for all."""
+    own = own_names(effect)
+    (inner,) = [name for name in effect.parameters if name not in own]
+    grid = np.array([f + d for f in member.inner[inner] for d in _LINE_HZ])
+    none = effect.with_values(**dict.fromkeys(own, 0.0))
+    gains, coefficients, before = [], [], []
+    for case, seen in enumerate(data.seen):
+        zero = np.zeros(len(seen.tension))
+        groups = [
+            [none.with_values(**{name: 1.0, inner: float(f)}).apply(zero, seen.rate_hz) for name in own]
+            for f in grid
+        ]
+        row = disturbed(seen, data.nodes(case), groups)
+        assert row.own is not None
+        before.append(float(row.seen @ row.seen))
+        sizes = row.own.reshape(len(grid), len(own))
+        parts = row.columns.reshape(len(row.seen), len(grid), len(own))
+        rest = row.seen[:, None] - np.einsum("rfo,fo->rf", parts, sizes)
+        gains.append(before[-1] - (rest**2).sum(axis=0))
+        coefficients.append(sizes)
+    table = np.array(gains)
+    best = int(np.argmax(table[: data.training].sum(axis=0)))
+    mean = np.array(coefficients)[: data.training, best].mean(axis=0)
+    values = dict(zip(own, mean.tolist(), strict=True))
+    found = effect.with_values(**values, **{inner: float(grid[best])})
+    return Gained(found, table[:, best]), np.array(before)
+
+
+def _measured_motion(seen: Seen) -> Motion:
+    time = np.arange(len(seen.tension)) / seen.rate_hz
+    return Motion(time, seen.course.impact_s, seen.displacement, seen.link_force, seen.bodies)

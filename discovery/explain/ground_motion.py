@@ -1,0 +1,141 @@
+"""Forces that act all the time, such as that of a ground that moves: told before the hits, judged after them.
+
+    a_i = argmin |r_i - G P(f) a|^2 before the hit of record i,   gain = sum_i |R_i|^2 - |R_i - S(f) a_i|^2
+
+r: the whitened motion before the hit, end states projected out (`rom.identification.noise_spectrum`), so that a mode that
+rings by itself is none; P: the force of strength one; R, S: the same of what follows. The numbers a_i are
+each record's own, the frequency f is that of all. The noise floor comes from before the hits too and holds
+the disturbance, so that gains come out too small.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from joblib import delayed
+from scipy import optimize
+
+from discovery.decide.explanation import Explanation
+from discovery.explain.motion import explanation, motion_channels, output_of
+from discovery.residual.output_error import Evidence, lasting_force
+from discovery.residual.trajectory import Trace
+from discovery.threads import side_by_side
+from rom.effects import Effect, Member, candidates
+from rom.identification.noise_spectrum import quiet_seconds, segment_before_hit
+from rom.identification.spectral_model import ComplexArray, Linearised, SpectralRecord, linearise
+from rom.signals.per_record_parameters import own_names
+
+_STEPS_PER_LINE = 4  # of a spectrum before the hits
+_PROMISING = 2.0  # times what noise is expected to give
+_REACH_HZ, _STEP_HZ = 1.0, 0.1
+_BAND = 2.0  # times the highest frequency that is looked for
+
+Own = dict[str, dict[str, float]]
+"""Numbers by name, of each file."""
+
+
+def explain_disturbances(evidence: Evidence, jobs: int = 1) -> tuple[Explanation, ...]:
+    """Return what every lasting force explains that has numbers of each record's own.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Traces of all records; disturbances that its model holds are known.
+    jobs : int
+        Threads.
+    """
+    seconds = quiet_seconds([trace.measurement for trace in evidence.traces])
+    known = {effect.path for effect in evidence.baseline.model.effects}
+    if seconds == 0:
+        return ()
+    tasks = (
+        delayed(_explained)(member, effect, evidence, seconds)
+        for member, effect in candidates(evidence.baseline.model, motion_channels(evidence))
+        if isinstance(effect, Effect) and _lasts(member, effect) and effect.path not in known
+    )
+    return tuple(told for told in side_by_side(jobs)(tasks) if told is not None)
+
+
+def _explained(member: Member, effect: Effect, evidence: Evidence, seconds: float) -> Explanation | None:
+    return _Disturbance(member, effect, evidence, seconds).explained()
+
+
+def _lasts(member: Member, effect: Effect) -> bool:
+    """Whether a force on a body has numbers of each record's own, and a frequency that all share."""
+    return bool(own_names(effect)) and len(member.inner) == 1 and effect.enters.startswith("body:")
+
+
+class _Disturbance:
+    """One effect at one place, and the motion before the hits of all records that it moves."""
+
+    def __init__(self, member: Member, effect: Effect, evidence: Evidence, seconds: float) -> None:
+        self.member, self.evidence, self.seconds = member, evidence, seconds
+        self.effect = effect.with_values(**dict.fromkeys(own_names(effect), 0.0))
+        (self.inner,) = member.inner
+        bounds = [effect.parameters[name].bounds for name in own_names(effect)]
+        self.range = np.array(bounds).T
+        highest = _BAND * effect.parameters[self.inner].bounds[1]
+        self.body = effect.enters.partition(":")[2]
+        self.rest = [
+            (trace, *_at_rest(evidence, trace, seconds, highest))
+            for trace in evidence.traces
+            if self.body in trace.bodies
+        ]
+
+    def explained(self) -> Explanation | None:
+        """The effect at its best frequency; None where nothing before the hits promises one."""
+        low, high = self.effect.parameters[self.inner].bounds
+        low = max(low, 1 / self.seconds)  # less than a period is like a level and its slope
+        grid = np.arange(low, high, 1 / (_STEPS_PER_LINE * self.seconds))
+        gains = [self._before(at)[1] for at in grid]
+        chance = len(own_names(self.effect)) * sum(not t.settings.hold_out for t, _, _ in self.rest)
+        if not chance or max(gains) < _PROMISING * chance:
+            return None
+        rough = float(grid[int(np.argmax(gains))])
+        near = np.arange(rough - _REACH_HZ, rough + _REACH_HZ, _STEP_HZ)
+        best = max((float(at) for at in near if low <= at <= high), key=self._after)
+        reach = (max(best - _STEP_HZ, low), min(best + _STEP_HZ, high))
+        at = optimize.minimize_scalar(lambda hz: -self._after(float(hz)), bounds=reach, method="bounded").x
+        own = self._before(float(at))[0]
+        sizes = np.array([list(numbers.values()) for numbers in own.values()])
+        typical = dict(zip(own_names(self.effect), np.sqrt((sizes**2).mean(axis=0)).tolist(), strict=True))
+        effect = self.effect.with_values(**typical, **{self.inner: float(at)})
+        return explanation(effect, self.member, self.evidence.with_own(effect.path, own))
+
+    def _before(self, at: float) -> tuple[Own, float]:
+        """Numbers of all records by what precedes their hits, and what they take from the training cost."""
+        own, gain, names = {}, 0.0, own_names(self.effect)
+        lines: dict[tuple[float, float, int], list[ComplexArray]] = {}
+        units = [self.effect.with_values(**{name: 1.0, self.inner: at}) for name in names]
+        for trace, segment, linear in self.rest:
+            place, band = trace.bodies.index(self.body), segment.frequency
+            key = trace.measurement.rate_hz, float(band[0]), len(band)
+            if key not in lines:  # the same force in all records
+                forces = (lasting_force(trace, [unit], segment.samples[1])[:, place] for unit in units)
+                lines[key] = [trace.lines(force, segment) for force in forces]
+            columns = [linear.projected(linear.gain[:, :, place] * one[:, None]) for one in lines[key]]
+            table = np.stack(columns, axis=1)
+            told = np.clip(np.linalg.lstsq(table, linear.residual, rcond=None)[0], *self.range)
+            own[trace.settings.file] = dict(zip(names, told.tolist(), strict=True))
+            out = table @ told
+            gain += 0.0 if trace.settings.hold_out else float(out @ (2 * linear.residual - out))
+        return own, gain
+
+    def _after(self, at: float) -> float:
+        """What the numbers from before the hits take from the training cost after them."""
+        own, _ = self._before(at)
+        effect, training = self.effect.with_values(**{self.inner: at}), self.evidence.of_training()
+        output = output_of(effect, training.with_own(effect.path, own))
+        return float(2 * output @ training.residual - output @ output)
+
+
+def _at_rest(
+    evidence: Evidence, trace: Trace, seconds: float, highest_hz: float
+) -> tuple[SpectralRecord, Linearised]:
+    """Spectra of a record before its hit, and what is left of them, whitened."""
+    model, seen = evidence.baseline.model, trace.seen()
+    count = int(seconds * seen.rate_hz)
+    known = lasting_force(trace, model.effects, count)
+    segment = segment_before_hit(seen, trace.bodies, trace.parts[0], known, highest_hz)
+    values = evidence.baseline.values(trace.parts[0], trace.level)
+    whitener = evidence.floors[trace.group].whitener(segment, values, count / seen.rate_hz)
+    return segment, linearise(segment, values, whitener)

@@ -1,0 +1,343 @@
+"""Which missing effect explains a residual of the motion: a quick screen of the catalogue, then joint fits.
+
+An effect is fitted beside all numbers of the declared model, most of which it resembles: what those explain
+is taken off its output and off the residual first (variable projection; G. Golub and V. Pereyra, SIAM J.
+Numer. Anal. 10, 413, 1973). Numbers come from training records; costs are told for held-out ones too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from discovery.decide.acceptance import MATERIAL
+from discovery.decide.chance import FEWEST_RECORDS, by_record, largest_by_chance, p_value
+from discovery.decide.explanation import Explanation, limited, standard_errors
+from discovery.residual.output_error import Evidence, effect_force
+from discovery.residual.trajectory import Progress, Trace
+from rom.campaign.channels import FloatArray
+from rom.effects import Added, Effect, Member, SensorFault, candidates, look_alikes
+from rom.identification.spectral_model import ComplexArray, Linearised, SpectralRecord
+from rom.signals.per_record_parameters import own_names
+
+_ITERATIONS = 12
+_DIFFERENCE = 1e-3  # of a parameter's size
+_SETTLED = 1e-4  # of the cost
+_SHARE = 5  # one record in so many, and as many of those that most is left over of, tell what to look at
+_ROUGHLY, _AT_LEAST, _PROBES = 0.1, 12, 3  # of the best gain there; effects; probes of each
+_STARTS = 2  # points of an effect's grid from which it is fitted
+_TRIED = 5  # of the screened effects
+_PROMISING, _WORTH = 0.3, 0.4  # of what an effect must explain; of what the first one does
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """An effect at a small strength, and how much of the residual it explains at its best strength.
+
+    `gain` is the cost taken away from the training records, `amplitude` the best multiple of the probe's
+    strength, `kept` the share of its output that no number of the model can imitate, `scores` what each
+    record tells of it (`discovery.decide.chance`).
+    """
+
+    member: Member
+    effect: Added
+    gain: float
+    amplitude: float
+    kept: float
+    scores: FloatArray | None = None
+
+
+def motion_channels(evidence: Evidence) -> tuple[str, ...]:
+    """Names of the force and motion channels that the records hold."""
+    names: dict[str, None] = {}
+    for trace in evidence.traces:
+        names |= {f"force_{body}": None for body in trace.measurement.force}
+        names |= {f"{motion.kind}_{body}": None for body, motion in trace.measurement.motion.items()}
+    return tuple(names)
+
+
+def output_of(effect: Added, evidence: Evidence) -> FloatArray:
+    """Whitened change of the output that an effect makes on all records, (rows,).
+
+    A force acts along the motion that was measured; a fault changes what the sensor shows of it.
+    """
+    model, forces = evidence.baseline.model, {}
+
+    def change(trace: Trace, part: SpectralRecord, linear: Linearised) -> ComplexArray | None:
+        if isinstance(effect, SensorFault):
+            return _of_fault(effect, trace, part, linear)
+        assert isinstance(effect, Effect)
+        if id(trace) not in forces:
+            forces[id(trace)] = effect_force(trace, effect, model)
+        found = forces[id(trace)]
+        if found is None:
+            return None
+        on_bodies = trace.forces(*found, part)
+        return np.asarray((linear.gain @ on_bodies[:, :, None])[:, :, 0])
+
+    return evidence.output(change)
+
+
+def _of_fault(
+    fault: SensorFault, trace: Trace, part: SpectralRecord, linear: Linearised
+) -> ComplexArray | None:
+    quantity, _, body = fault.channel.partition("_")
+    seen = trace.seen()
+    if body not in trace.bodies:
+        return None
+    place = trace.bodies.index(body)
+    if quantity == "force":
+        if body not in seen.force:
+            return None
+        true = fault.remove(seen.force[body], seen.rate_hz)
+        lines = trace.lines(np.where(seen.force[body] != 0, true - seen.force[body], 0.0), part)
+        return np.asarray(linear.gain[:, :, place] * lines[:, None])
+    motion = seen.motion[body]
+    if motion.kind != quantity:
+        return None
+    others = [m.samples for other, m in seen.motion.items() if other != body and m.kind == quantity]
+    if fault.other and not others:
+        return None
+    true = fault.remove(motion.samples, seen.rate_hz, others[0] if fault.other else None)
+    out = np.zeros(part.motion.shape, dtype=np.complex128)
+    out[:, place] = trace.lines(motion.samples - true, part)
+    return out
+
+
+def screen(
+    evidence: Evidence, jobs: int = 1, progress: Progress | None = None
+) -> tuple[tuple[Probe, ...], ...]:
+    """Try every effect of the catalogue at every place at small strengths; each effect's probes, best first.
+
+    On some training records first, then the best of them on all. Effects are ordered by what their best probe
+    explains.
+    """
+    evidence = evidence.of_training()
+    model = evidence.baseline.model
+    known = {(effect.name, effect.enters) for effect in model.effects}
+    there = [
+        (member, member.probes(effect))
+        for member, effect in candidates(model, motion_channels(evidence))
+        if member.kind in ("force", "sensor")
+        and effect.enters != "sensor:tension"
+        and not own_names(effect)  # those show before the hits
+        and (effect.name, effect.enters) not in known
+    ]
+    rough = _probed_all(there, evidence.of(_telling(evidence)), jobs, progress)
+    best = rough[0][0].gain if rough else 0.0
+    worth = [
+        (probes[0].member, [probe.effect for probe in probes[:_PROBES]])
+        for place, probes in enumerate(rough)
+        if place < _AT_LEAST or probes[0].gain > _ROUGHLY * best
+    ]
+    return _probed_all(worth, evidence, jobs, None)
+
+
+def _telling(evidence: Evidence) -> list[int]:
+    """Places of some records: those that most is left over of, and a few of all."""
+    costs = np.array(list(evidence.costs(evidence.left_over(evidence.residual)).values()))
+    most = np.argsort(costs)[::-1][: -(-len(costs) // _SHARE)]
+    return sorted({*most.tolist(), *range(0, len(costs), _SHARE)})
+
+
+def _probed_all(
+    there: Sequence[tuple[Member, Sequence[Added]]],
+    evidence: Evidence,
+    jobs: int,
+    progress: Progress | None,
+) -> tuple[tuple[Probe, ...], ...]:
+    """Probes of every effect, best first; effects by what their best one explains."""
+    left = evidence.beyond(evidence.residual)
+    tasks = (delayed(_probed)(member, probes, evidence, left) for member, probes in there)
+    found: list[tuple[Probe, ...]] = []
+    for probed in Parallel(n_jobs=jobs, prefer="threads", return_as="generator")(tasks):
+        found.append(probed)
+        if progress is not None:
+            progress(len(found), len(there))
+    return tuple(sorted((probes for probes in found if probes), key=lambda probes: -probes[0].gain))
+
+
+def _probed(
+    member: Member, probes: Sequence[Added], evidence: Evidence, left: FloatArray
+) -> tuple[Probe, ...]:
+    found = []
+    for probe in probes:
+        output = output_of(probe, evidence)
+        beyond = evidence.beyond(output)
+        whole, size = float(np.sum(output[evidence.training] ** 2)), float(beyond @ beyond)
+        if size <= 1e-18 * whole or whole == 0.0 or not np.isfinite(size):
+            continue
+        along = float(beyond @ left)
+        amplitude = float(np.clip(along / size, *_reach(member, probe)))
+        gain = amplitude * (2 * along - amplitude * size)
+        kept = float(np.sqrt(size / whole))
+        scores = by_record(beyond, left, evidence.owner[evidence.training], len(evidence.traces))
+        found.append(Probe(member, probe, gain, amplitude, kept, scores))
+    return tuple(sorted(found, key=lambda probe: -probe.gain))
+
+
+def _reach(member: Member, probe: Added) -> tuple[float, float]:
+    """Multiples of a probe's strength that its range allows."""
+    numbers = [probe.parameters[name] for name in member.strengths if probe.parameters[name].value]
+    ends = [sorted(bound / number.value for bound in number.bounds) for number in numbers]
+    return max(low for low, _ in ends), min(high for _, high in ends)
+
+
+def by_chance(probes: Sequence[Sequence[Probe]]) -> FloatArray | None:
+    """The largest gain of any effect of a screen under draws of the records' signs, (draws,).
+
+    Over effects that a rough screen left out too it was the same on three campaigns. None where there are too
+    few records for their signs to tell anything.
+    """
+    scores = [one.scores for ones in probes for one in ones if one.scores is not None]
+    if not scores or len(scores[0]) < FEWEST_RECORDS:
+        return None
+    return largest_by_chance(np.stack(scores))
+
+
+def worth_fitting(probes: Sequence[Sequence[Probe]], left: float) -> list[Sequence[Probe]]:
+    """The first effects of a screen, and what shares a class and place with the very first.
+
+    Not those that explain next to nothing of what is ``left``, or far less than the first.
+    """
+    least = _PROMISING * MATERIAL * left
+    first = probes[0][0] if probes else None
+    if first is None or first.gain < least:
+        return []
+    alike = look_alikes(first.effect.name)
+
+    def in_class(one: Sequence[Probe]) -> bool:
+        return one[0].effect.name in alike and one[0].effect.enters == first.effect.enters
+
+    near = [one for one in probes if one[0].gain >= max(_WORTH * first.gain, least)]
+    return [*near[:_TRIED], *(one for one in near[_TRIED:] if in_class(one))]
+
+
+def explain(probes: Sequence[Probe], evidence: Evidence, largest: FloatArray | None = None) -> Explanation:
+    """Fit an effect and the model's numbers together, from its best probes.
+
+    Its chance is that of its best probe among the ``largest`` gains that the screen makes by chance.
+    """
+    training = evidence.of_training()
+    fits = [_fitted(start, training) for start in _starts(probes)]
+    effect = min(fits, key=lambda fit: fit[1])[0]
+    found = explanation(effect, probes[0].member, evidence)
+    return found if largest is None else replace(found, p_value=p_value(probes[0].gain, largest))
+
+
+def _starts(probes: Sequence[Probe]) -> list[tuple[Member, Added]]:
+    """The best probes of different inner numbers, each at the strength that suits it."""
+    found: dict[tuple[float, ...], tuple[Member, Added]] = {}
+    for probe in probes:
+        strengths = {
+            name: probe.effect.parameters[name].value * probe.amplitude
+            for name in probe.member.strengths
+            if probe.effect.parameters[name].value
+        }
+        inner = tuple(probe.effect.parameters[name].value for name in probe.member.inner)
+        if inner not in found and len(found) < _STARTS:
+            found[inner] = probe.member, _set(probe.effect, strengths)
+    return list(found.values())
+
+
+def _set(effect: Added, values: Mapping[str, float]) -> Added:
+    """The effect with values cut to their bounds."""
+    return effect.with_values(
+        **{name: float(np.clip(value, *effect.parameters[name].bounds)) for name, value in values.items()}
+    )
+
+
+def free_numbers(effect: Added, member: Member) -> tuple[str, ...]:
+    """Parameters that a fit moves: not those of the link's own stiffness, of a record, or of a choice."""
+    held = {*member.of_stiffness, *member.by_record}
+    return tuple(
+        name
+        for name, parameter in effect.parameters.items()
+        if name not in held and not _is_choice(member, name) and parameter.bounds[0] < parameter.bounds[1]
+    )
+
+
+def _is_choice(member: Member, name: str) -> bool:
+    return set(member.inner.get(name, ())) == {-1.0, 1.0}
+
+
+def _sizes(effect: Added, names: Sequence[str], member: Member) -> FloatArray:
+    """What a parameter's steps are counted in."""
+    return np.array(
+        [max(abs(effect.parameters[n].value), 0.3 * abs(member.parameters[n].value), 1e-12) for n in names]
+    )
+
+
+def _fitted(start: tuple[Member, Added], evidence: Evidence) -> tuple[Added, float]:
+    """Levenberg-Marquardt steps in an effect's numbers, those of the model taken out at every step."""
+    member, effect = start
+    names = free_numbers(effect, member)
+    left = evidence.beyond(evidence.residual - output_of(effect, evidence))
+    cost, damping = float(left @ left), 1e-4
+    for _ in range(_ITERATIONS):
+        slopes = _slopes(effect, names, member, evidence)
+        matrix, right = slopes.T @ slopes, slopes.T @ left
+        trial = None
+        for _ in range(6):
+            step = np.linalg.lstsq(matrix + damping * np.diag(np.diag(matrix)), right, rcond=1e-12)[0]
+            moved = dict(zip(names, step * _sizes(effect, names, member), strict=True))
+            trial = _set(effect, {n: effect.parameters[n].value + moved[n] for n in names})
+            after = evidence.beyond(evidence.residual - output_of(trial, evidence))
+            if float(after @ after) < cost:
+                break
+            trial, damping = None, max(damping * 10, 1e-6)
+        if trial is None:
+            break
+        gain = cost - float(after @ after)
+        effect, left, cost, damping = trial, after, cost - gain, damping / 10
+        if gain < _SETTLED * cost:
+            break
+    return effect, cost
+
+
+def _slopes(effect: Added, names: Sequence[str], member: Member, evidence: Evidence) -> FloatArray:
+    """Slopes of the output by an effect's numbers in their sizes, the model's taken off: (rows, numbers)."""
+    return evidence.beyond(slopes_of(effect, names, _sizes(effect, names, member), evidence))
+
+
+def slopes_of(effect: Added, names: Sequence[str], sizes: FloatArray, evidence: Evidence) -> FloatArray:
+    """Slopes of an effect's output by its numbers, by differences, (rows, numbers)."""
+    here, columns = output_of(effect, evidence), []
+    for name, size in zip(names, sizes, strict=True):
+        old = effect.parameters[name]
+        ahead = old.value + _DIFFERENCE * size
+        ahead = ahead if ahead <= old.bounds[1] else old.value - _DIFFERENCE * size
+        moved = output_of(_set(effect, {name: ahead}), evidence)
+        columns.append((moved - here) / (ahead - old.value) * size)
+    return np.stack(columns, axis=1)
+
+
+def explanation(effect: Added, member: Member, evidence: Evidence) -> Explanation:
+    """Costs with an effect and without, and its numbers with their limits."""
+    names = free_numbers(effect, member)
+    rows = evidence.residual - output_of(effect, evidence)
+    beyond = evidence.beyond(rows)
+    spread = max(float(beyond @ beyond) / len(beyond), 1.0)
+    slopes = _slopes(effect, names, member, evidence)
+    inverse = np.asarray(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12, hermitian=True), dtype=float)
+    errors = standard_errors(inverse, _by_record(slopes, beyond, evidence), spread)
+    errors *= _sizes(effect, names, member)
+    return Explanation(
+        effect=limited(effect, dict(zip(names, errors.tolist(), strict=True))),
+        before=evidence.costs(evidence.left_over(evidence.residual)),
+        after=evidence.costs(evidence.left_over(rows)),
+        samples=evidence.samples,
+        hold_out=frozenset(t.settings.file for t in evidence.traces if t.settings.hold_out),
+        free_numbers=len(names),
+        at_bound=tuple(n for n in names if effect.parameters[n].value in effect.parameters[n].bounds),
+    )
+
+
+def _by_record(slopes: FloatArray, left: FloatArray, evidence: Evidence) -> FloatArray:
+    """Slopes times what is left over, summed over the rows of every record, (records, numbers)."""
+    owner, records = evidence.owner[evidence.training], len(evidence.traces)
+    products = (slopes * left[:, None])[: len(owner)]
+    return np.stack([np.bincount(owner, weights=one, minlength=records) for one in products.T], axis=1)

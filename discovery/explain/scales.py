@@ -1,0 +1,115 @@
+"""The catalogue's ranges at the scale of a motion that was measured.
+
+Defaults and ranges of the catalogue are those of a lap joint that moves by 0.1 mm and of a flexure that moves
+by 1 mm. A parameter of the unit N^a m^b s^c goes to another link as ``(F/F_0)^a (X/X_0)^(b+c) (V/V_0)^-c``,
+with F, X and V the force, displacement and velocity there: all that has no unit stays as it is.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rom.effects import Effect, Member
+from rom.identification.equation_error import Balance
+from rom.identification.force_balance import Balances
+from rom.model.laws import Parameter
+
+_POWERS = {
+    "1": (0, 0, 0),
+    "N": (1, 0, 0),
+    "m": (0, 1, 0),
+    "s": (0, 0, 1),
+    "Hz": (0, 0, -1),
+    "kg": (1, -1, 2),
+}
+_WIDER = 10.0  # than the scaled ranges: peaks of a motion are a rough measure of it
+_TOKEN = re.compile(r"([A-Za-z]+|1)(\d*)")
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Typical force [N], and largest displacement [m] and velocity [m/s] of a place."""
+
+    force: float
+    displacement: float
+    velocity: float
+
+    def over(self, other: Scale, unit: str) -> float:
+        """Factor by which a number of a unit is larger here than there."""
+        n, m, s = powers(unit)
+        return float(
+            (self.force / other.force) ** n
+            * (self.displacement / other.displacement) ** (m + s)
+            * (self.velocity / other.velocity) ** -s
+        )
+
+
+OF_JOINT, OF_GROUND = Scale(30.0, 1e-4, 0.05), Scale(10.0, 1e-3, 0.1)
+
+
+def powers(unit: str) -> tuple[int, int, int]:
+    """Return the powers of N, m and s in a unit such as ``"N s2/m2"``.
+
+    Raises
+    ------
+    ValueError
+        If the unit holds anything else.
+    """
+    total = np.zeros(3, dtype=int)
+    for place, part in enumerate(unit.split("/")):
+        for token in part.split():
+            match = _TOKEN.fullmatch(token)
+            if match is None or match[1] not in _POWERS:
+                raise ValueError(f"a unit must be made of {', '.join(_POWERS)}, got {unit!r}")
+            total += (-1 if place else 1) * int(match[2] or 1) * np.array(_POWERS[match[1]])
+    return int(total[0]), int(total[1]), int(total[2])
+
+
+def scale_of(balances: Balances, enters: str) -> Scale | None:
+    """Scale of a place over the training records; None where nothing moves or pulls there.
+
+    A body that nobody drives is pulled by its links as hard as its mass resists.
+    """
+    masses = {f"body:{body.name}": body.mass_kg or 0.0 for body in balances.settings.body}
+    force, x, v = [], [0.0], [0.0]
+    for record in balances.records:
+        if record.settings.hold_out or enters not in record.motion:
+            continue
+        motion = record.motion[enters]
+        x.append(float(np.ptp(motion[0])) / 2)
+        v.append(float(np.abs(motion[1]).max()))
+        near = [b for b in record.balances if enters == b.place or enters in b.pulls]
+        force += [_typical_force(balance, masses.get(balance.place, 0.0)) for balance in near]
+    found = Scale(max(force, default=0.0), max(x), max(v))
+    return found if min(found.force, found.displacement, found.velocity) > 0 else None
+
+
+def _typical_force(balance: Balance, mass: float) -> float:
+    driven = float(balance.terms["force"].std())
+    return driven if driven > 0 or not mass else mass * float(balance.terms["acceleration"].std())
+
+
+def sees_normal_force(balances: Balances, enters: str) -> bool:
+    """Whether the normal force of a link was measured."""
+    motions = [record.motion[enters] for record in balances.records if enters in record.motion]
+    return any(np.any(motion[2] > 0) for motion in motions)
+
+
+def at_scale(member: Member, effect: Effect, scale: Scale, *, ground: bool) -> Effect:
+    """The effect with defaults and ranges of the scale of its place."""
+    known = OF_GROUND if ground else OF_JOINT
+    numbers: Mapping[str, Parameter] = {**member.parameters, **(member.ground if ground else {})}
+    scaled = {}
+    for name, number in numbers.items():
+        factor = scale.over(known, number.unit)
+        low, high = (bound * factor for bound in number.bounds)
+        if number.unit != "1":
+            low, high = low * (_WIDER if low < 0 else 1 / _WIDER), high * _WIDER
+        scaled[name] = replace(number, value=number.value * factor, bounds=(low, high))
+    made = member.at(effect.enters, scaled)
+    assert isinstance(made, Effect)
+    return made

@@ -1,0 +1,87 @@
+"""At which preload, speed and time from the hit a law leaves over what of the tension's courses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from discovery.courses.marginal_likelihood import tau
+from discovery.courses.tension_likelihood import bin_edges
+from discovery.explain.tension_law import Slow
+from discovery.localisation.localise import Profile, class_label
+from rom.campaign.channels import FloatArray
+
+_PRELOADS = (30.0, 100.0, 300.0, 1000.0)  # [N]
+_SPEEDS = (1.0, 3.0, 10.0, 30.0, 100.0)  # [mm/s]
+_TIMES = (10.0, 30.0, 100.0, 300.0, 1000.0)  # [ms]
+_FEWEST = 5.0  # free numbers: of fewer little can be said
+
+
+def tension_views(slow: Slow) -> Mapping[str, Profile]:
+    """Mean square of what a law leaves over of the training courses, 1 being noise, along three views.
+
+    Whitened residuals are those of each bin given the bins before it, so that they belong to what the rate
+    was between these. Squares are divided by what noise alone would leave in the same bins: less than their
+    number, since every course has a rate of its own, and two directions of which nothing is told.
+
+    Parameters
+    ----------
+    slow : Slow
+        A law fitted to the training courses.
+
+    Returns
+    -------
+    mapping of str to tuple of (str, float)
+        ``tension_by_preload``: tension before the hit [N]; ``tension_by_velocity``: largest relative velocity
+        in the bin [mm/s]; ``tension_by_time``: middle of the bin from the hit [ms]. A label of the class and
+        the mean square there; classes of less than five free numbers are left out.
+    """
+    frozen = slow.problem.frozen
+    squares, numbers = slow.state.residual**2, _free_numbers(slow)
+    bins = bin_edges(frozen)
+    middle = 0.5 * (bins[1:] + bins[:-1]) * 1e3
+    views = {
+        "tension_by_preload": (np.broadcast_to(frozen.initial[:, None], squares.shape), _PRELOADS, "N"),
+        "tension_by_velocity": (_speeds(slow) * 1e3, _SPEEDS, "mm/s"),
+        "tension_by_time": (np.broadcast_to(middle, squares.shape), _TIMES, "ms"),
+    }
+    return {
+        name: _profile(values, edges, unit, squares, numbers) for name, (values, edges, unit) in views.items()
+    }
+
+
+def _free_numbers(slow: Slow) -> FloatArray:
+    """Mean square of every whitened residual were it noise, (cases, bins)."""
+    frozen, state, whitener = slow.problem.frozen, slow.state, slow.problem.whitener
+    noise = np.stack([course.covariance for course in frozen.courses])
+    by_noise = np.einsum("cij,cjk,cik->ci", whitener, noise, whitener)
+    information = (state.slope**2).sum(axis=1)
+    told = 1 / (information + 1 / tau(state.scatter, frozen.initial) ** 2)
+    return np.asarray(np.maximum(by_noise - told[:, None] * state.slope**2, 0.0))
+
+
+def _speeds(slow: Slow) -> FloatArray:
+    """Largest relative velocity in every bin [m/s], (cases, bins)."""
+    frozen = slow.problem.frozen
+    edges = bin_edges(frozen)
+    found = np.zeros_like(slow.state.residual)
+    for case in range(len(frozen)):
+        nodes = frozen.of_case(case)
+        time, speed = nodes[0], nodes[2]
+        place = np.searchsorted(edges, time, side="right") - 1
+        inside = (place >= 0) & (place < found.shape[1])
+        np.maximum.at(found[case], place[inside], np.abs(speed[inside]))
+    return found
+
+
+def _profile(
+    values: FloatArray, edges: Sequence[float], unit: str, squares: FloatArray, numbers: FloatArray
+) -> Profile:
+    place = np.searchsorted(edges, values)
+    found = []
+    for k in range(len(edges) + 1):
+        inside = place == k
+        if (count := float(numbers[inside].sum())) >= _FEWEST:
+            found.append((class_label(k, edges, unit), float(squares[inside].sum()) / count))
+    return tuple(found)

@@ -1,0 +1,198 @@
+"""A model on a campaign: what it leaves over, its errors, and the fit of all its numbers together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from discovery.explain.motion import Probe, explain, free_numbers, output_of, slopes_of
+from discovery.loop.result import ErrorsByKind
+from discovery.residual.free_parameters import Baseline, effect_number, size_of
+from discovery.residual.output_error import Evidence, noise_of, weigh
+from rom.campaign.campaign import Campaign
+from rom.effects import CATALOGUE, Added, Effect, SensorFault
+from rom.evaluation.error_measures import summarise
+from rom.evaluation.evaluate import judge
+from rom.identification.identify import Identification, relearned
+from rom.identification.reduce import Progress
+from rom.model.laws import Parameter
+from rom.model.model import Model
+
+Stages = Callable[[str], Progress | None]
+_LOUDER = 2.0  # in power: noise that it is worth to weigh by anew
+_REFITS, _DAMPINGS, _SETTLED = 5, (0.0, 1e-4, 1e-2, 1.0), 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A model, what it leaves over, its errors, and the identification with its tension law."""
+
+    model: Model
+    evidence: Evidence
+    errors: ErrorsByKind
+    found: Identification
+
+    @property
+    def level(self) -> float:
+        """Mean square of what the model leaves over on training records; 1 is noise.
+
+        At the numbers that it has: those that would suit better are no excuse.
+        """
+        return level(self.evidence)
+
+
+def silent(_stage: str) -> None:
+    """Tell nobody of a stage."""
+
+
+def set_aside(found: Identification) -> frozenset[str]:
+    """Files of doubtful quality."""
+    return frozenset(doubt.file for doubt in found.set_aside)
+
+
+def settled(
+    campaign: Campaign,
+    found: Identification,
+    evidence: Evidence,
+    jobs: int = 1,
+    stage: Stages = silent,
+    *,
+    learned: bool = False,
+) -> State:
+    """Learn the tension law anew beside a model's other numbers, and tell the errors.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Its records that were not set aside are simulated, held-out ones too.
+    found : Identification
+        For the courses of the tension.
+    evidence : Evidence
+        The model, and its residual.
+    jobs : int
+        Processes.
+    stage : callable
+        As for `discovery.close_loop`.
+    learned : bool
+        Whether the model's tension law is one already that belongs to its other numbers.
+    """
+    model = evidence.baseline.model
+    anew = replace(found, model=model) if learned else relearned(found, model)
+    model = replace(anew.model, identification=None)
+    aside = set_aside(found)
+    records = [r for r in campaign.settings.record if r.file not in aside]
+    judged = judge([model], campaign, records, jobs, stage("errors"))
+    training, hold_out = (
+        summarise(c for one in judged for c in one.comparisons if one.settings.hold_out is held)
+        for held in (False, True)
+    )
+    evidence = replace(evidence, baseline=replace(evidence.baseline, model=model))
+    return State(model, evidence, {"training": training, "hold_out": hold_out}, anew)
+
+
+def refitted(evidence: Evidence) -> Evidence:
+    """Gauss-Newton steps in all numbers of a model, those of its effects among them, on training records.
+
+    Damped ones where a free one does not lower the cost, none where that does not help either.
+    """
+    for _ in range(_REFITS):
+        beside = with_effects(evidence)
+        trials = (
+            weigh(evidence.traces, evidence.baseline.moved(beside.steps(beside.residual, d)), evidence.floors)
+            for d in _DAMPINGS
+        )
+        better = next((one for one in trials if cost(one) < cost(evidence)), None)
+        if better is None:
+            return beside
+        done = cost(evidence) - cost(better) < _SETTLED * cost(better)
+        evidence = better
+        if done:
+            break
+    return with_effects(evidence)
+
+
+def approached(evidence: Evidence, effect: Effect) -> Evidence:
+    """Return the evidence with an effect in its model, whose numbers suit training records as slopes tell."""
+    rows = evidence.residual - output_of(effect, evidence)
+    here = float(np.sum(rows[evidence.training] ** 2))
+    for damping in _DAMPINGS:
+        moved = evidence.baseline.moved(evidence.steps(rows, damping))
+        beside = weigh(evidence.traces, replace(moved, model=effect.added_to(moved.model)), evidence.floors)
+        if cost(beside) < here:
+            return beside
+    same = replace(evidence.baseline, model=effect.added_to(evidence.baseline.model))
+    return weigh(evidence.traces, same, evidence.floors)
+
+
+def retold(evidence: Evidence, fault: SensorFault) -> Baseline:
+    """Return the baseline with a fault of its model moved to where the records that it corrects want it.
+
+    What is left of a fault that is small adds to it; from afar, slopes by all numbers are off.
+    """
+    member, baseline = CATALOGUE[fault.name], evidence.baseline
+    none = fault.with_values(**dict.fromkeys(member.strengths, 0.0))
+    more = explain([Probe(member, none, 0.0, 1.0, 1.0)], evidence).effect
+    values = {
+        name: float(np.clip(p.value + more.parameters[name].value, *p.bounds))
+        for name, p in fault.parameters.items()
+        if name in member.strengths
+    }
+    moved = fault.with_values(**values)
+    effects = tuple(moved if e.path == fault.path else e for e in baseline.model.effects)
+    return replace(baseline, model=replace(baseline.model, effects=effects))
+
+
+def with_law(model: Model, numbers: Mapping[str, Parameter]) -> Model:
+    """Return the model with other numbers in its tension law."""
+    if not numbers:
+        return model
+    link = model.structure.bolted_links[0]
+    law = model.link_laws[link].tension_rate
+    assert law is not None
+    laws = replace(model.link_laws[link], tension_rate=replace(law, parameters={**law.parameters, **numbers}))
+    return replace(model, link_laws={**model.link_laws, link: laws})
+
+
+def sharpened(evidence: Evidence) -> Evidence:
+    """Refit beside the noise of bodies struck alone as it is now, where an effect had passed for it."""
+    floors = noise_of(evidence.baseline, evidence.traces)
+    both = evidence.floors.keys() & floors.keys()  # none of a group's records may be simulable any more
+    if all(evidence.floors[one].sensor.max() < _LOUDER * floors[one].sensor.max() for one in both):
+        return evidence
+    return refitted(weigh(evidence.traces, evidence.baseline, floors))
+
+
+def lacking(evidence: Evidence, effect: Effect) -> Evidence:
+    """What a model leaves over without one of its effects, all other numbers as they are."""
+    return weigh(evidence.traces, without_effect(evidence.baseline, effect), evidence.floors)
+
+
+def without_effect(baseline: Baseline, effect: Added) -> Baseline:
+    """Return the baseline without one of its model's effects."""
+    kept = tuple(e for e in baseline.model.effects if e.path != effect.path)
+    return replace(baseline, model=replace(baseline.model, effects=kept))
+
+
+def cost(evidence: Evidence) -> float:
+    """Squares of the residual on training records."""
+    return float(np.sum(evidence.residual[evidence.training] ** 2))
+
+
+def with_effects(evidence: Evidence) -> Evidence:
+    """The same with slopes by the numbers of the model's own forces."""
+    columns, names = [evidence.jacobian], list(evidence.names)
+    for effect in evidence.baseline.model.effects:
+        if isinstance(effect, Effect):
+            member = CATALOGUE.get(effect.name)
+            free = tuple(effect.parameters) if member is None else free_numbers(effect, member)
+            sizes = np.array([size_of(effect.parameters[name].value) for name in free])
+            columns.append(slopes_of(effect, free, sizes, evidence))
+            names += [effect_number(effect, name) for name in free]
+    return replace(evidence, jacobian=np.concatenate(columns, axis=1), names=tuple(names))
+
+
+def level(evidence: Evidence) -> float:
+    """Mean square of the residual on training records."""
+    return cost(evidence) / float(evidence.training.sum())

@@ -1,0 +1,157 @@
+"""From a campaign to a ranking of tension laws: identify, freeze, propose, race, and see what is open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from discovery.courses.fit import refine
+from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.laws.candidate import baseline
+from discovery.ranking.confidence_sets import exponent_profile, motion_profile
+from discovery.ranking.pairwise import compare_laws, not_told_apart
+from discovery.ranking.race import race
+from discovery.ranking.result import Ranking
+from discovery.search.shortlist import propose
+from discovery.separating_tests.hits import propose_tests
+from rom.campaign.campaign import Campaign
+from rom.identification.identify import Identification, identify_campaign
+from rom.identification.reduce import Progress, reduce_records, tension_courses
+from rom.one_thread import one_threaded
+from rom.signals.quality import Doubt
+from rom.signals.tension_bins import TensionCourse
+
+Stages = Callable[[str], Progress | None]
+LEAST_CASES = 4
+_TIGHTENED = 3.0  # standard errors
+_NAMED = 5  # of columns left out
+_COMPARED, _NEAR = 6, 10.0  # first laws, and those of nearly the same BIC
+
+
+@one_threaded
+def discover(
+    campaign: Campaign,
+    jobs: int = 1,
+    progress: Stages | None = None,
+    seed: int = 0,
+    tightening: bool = False,
+) -> Ranking:
+    """Rank the tension laws that the loosening records of a campaign support.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        As read by `rom.read_campaign`; nothing is fitted to its held-out records.
+    jobs : int
+        Processes; the numbers do not depend on it.
+    progress : callable
+        Called with the name of a stage; returns what is then called with (done, in all), or None.
+    seed : int
+        Seed of folds, ensembles and resampling.
+    tightening : bool
+        Whether records whose tension rose are fitted too, and laws may have a term of either sign.
+
+    Returns
+    -------
+    Ranking
+        Laws, the first one first; `model` is the identified model with the first law.
+
+    Raises
+    ------
+    ValueError
+        If the model has not one bolted link, or fewer than four training records with a hit and a tension
+        are left.
+    """
+    stage: Stages = progress or (lambda _: None)
+    found = identify_campaign(campaign, jobs, stage("identifying"))
+    unseen, doubts = _held_out(campaign, found, jobs, stage)
+    kept, rose = _loosened(found.courses, tightening)
+    if len(kept) < LEAST_CASES:
+        raise ValueError(
+            f"{campaign.path}: found {len(kept)} loosening records with a hit and a tension that may be "
+            f"fitted, expected {LEAST_CASES} or more to compare tension laws"
+        )
+    model = replace(found.model, identification=None)
+    frozen = freeze(model, kept, signed=tightening)
+    hold_out = freeze(model, unseen, signed=tightening) if unseen else None
+    first = refine(baseline(), frozen)
+    proposals = propose(frozen, first, seed, tightening, jobs, stage("proposing laws"))
+    laws = race(proposals.candidates, frozen, hold_out, campaign, seed, jobs, stage("ranking laws"))
+    ranking = Ranking(
+        laws=laws,
+        considered=proposals.considered,
+        identified=found.model,
+        inclusion=proposals.inclusion,
+        courses=(*frozen.courses, *(hold_out.courses if hold_out else ())),
+        scatter=laws[0].fit.scatter,
+        set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in (*found.set_aside, *doubts)),
+        warnings=(
+            *found.warnings,
+            *(f"{file}: its tension rose; not fitted" for file in rose),
+            *_left_out(proposals.dropped),
+        ),
+    )
+    return _with_what_is_open(ranking, frozen, jobs, stage)
+
+
+def _held_out(
+    campaign: Campaign, found: Identification, jobs: int, stage: Stages
+) -> tuple[tuple[TensionCourse, ...], tuple[Doubt, ...]]:
+    """Return the courses of the held-out loosening records, and why others of them are set aside."""
+    records = campaign.select("loosening", hold_out=True)
+    if not records:
+        return (), ()
+    reduced = list(reduce_records(campaign, records, jobs, stage("reading held-out records")))
+    sound = [record for record in reduced if not record.doubts]
+    doubts = tuple(doubt for record in reduced for doubt in record.doubts)
+    return tension_courses(sound, found.course_noise, campaign.settings), doubts
+
+
+def _loosened(
+    courses: Sequence[TensionCourse], tightening: bool
+) -> tuple[tuple[TensionCourse, ...], tuple[str, ...]]:
+    """Return the courses to fit, and the files of those that tightened beyond their noise."""
+    rose = {
+        course.file
+        for course in courses
+        if not tightening and course.change[-1] > _TIGHTENED * np.sqrt(course.covariance[-1, -1])
+    }
+    return tuple(c for c in courses if c.file not in rose), tuple(sorted(rose))
+
+
+def _left_out(columns: Sequence[str]) -> tuple[str, ...]:
+    """Say which columns the sparse fits could not take."""
+    if not columns:
+        return ()
+    more = f" and {len(columns) - _NAMED} more" if len(columns) > _NAMED else ""
+    named = "; ".join(columns[:_NAMED])
+    return (f"sparse fits: left out columns that are zero or multiples of others: {named}{more}",)
+
+
+def _with_what_is_open(ranking: Ranking, frozen: Frozen, jobs: int, stage: Stages) -> Ranking:
+    """Add the exponents' confidence sets, the laws not told apart, and the tests that would tell them."""
+    report = stage("what is still open")
+    winner = ranking.laws[0]
+    if report is not None:
+        report(0, 3)
+    profile = exponent_profile(frozen, winner.candidate, jobs=jobs)
+    if report is not None:
+        report(1, 3)
+    motion = motion_profile(frozen, winner.candidate, jobs=jobs)
+    if report is not None:
+        report(2, 3)
+    compared = [law for law in ranking.laws if law.rank <= _COMPARED or law.delta_bic < _NEAR]
+    fits = [replace(law.fit, candidate=law.candidate) for law in compared]
+    pairs = compare_laws(fits, frozen, {law.name: law.scores for law in compared})
+    tests = propose_tests(fits[:3], frozen)
+    if report is not None:
+        report(3, 3)
+    return replace(
+        ranking,
+        profile=profile,
+        motion_profile=motion,
+        indistinguishable=not_told_apart(pairs, winner.name),
+        proposals=tests,
+    )

@@ -1,0 +1,130 @@
+"""Laws pair by pair: which of two the courses support, and which they do not tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from discovery.courses.fit import Fit, log_predictive, predict
+from discovery.courses.frozen_motion import Frozen
+from discovery.ranking.cross_validation import Index, beyond_chance, paired, preload_groups
+from rom.campaign.channels import FloatArray
+
+_STEP = 1e-4  # of ln rate
+_CLEAR = float(np.log(20.0))  # smallest sum of log scores that counts as evidence
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two laws, and whether the campaign tells them apart.
+
+    Attributes
+    ----------
+    first, second : str
+        Names; the first has the better score.
+    score_difference, standard_error : float
+        Sum over the cases of the differences of log scores, each cut as in the ranking so that no record
+        decides, and its standard error, paired and from preload to preload.
+    separation : float
+        Expected log likelihood ratio of the two over all cases, if one of them were true: what the difference
+        of their predicted courses amounts to beside noise and scatter of the rate.
+    told_apart : bool
+        Whether the difference is beyond chance, and both difference and separation are 20 to 1 at least.
+    """
+
+    first: str
+    second: str
+    score_difference: float
+    standard_error: float
+    separation: float
+    told_apart: bool
+
+    @property
+    def summary(self) -> str:
+        """The result in one sentence."""
+        score = f"log score {self.score_difference:+.1f} +- {self.standard_error:.1f}"
+        if self.told_apart:
+            return f"{self.first!r} is better than {self.second!r} ({score})"
+        why = (
+            "their predicted courses differ by less than noise and scatter"
+            if self.separation < _CLEAR
+            else "the courses do not decide"
+        )
+        return f"{self.first!r} and {self.second!r} cannot be told apart: {why} ({score})"
+
+
+def compare_laws(
+    fits: Sequence[Fit], frozen: Frozen, scores: Mapping[str, FloatArray] | None = None
+) -> tuple[Pair, ...]:
+    """Compare laws pair by pair.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        Fitted to the cases of ``frozen``, with different names.
+    frozen : Frozen
+        Motion and measured courses.
+    scores : mapping of str to ndarray, shape (cases,)
+        Log scores of every case by law, cross-validated. Not given: log marginal likelihoods of the fits
+        themselves, less half the logarithm of the number of cases for every free number.
+    """
+    own = {
+        found.candidate.name: log_predictive(found, frozen, found.offsets)
+        - 0.5 * np.log(len(frozen)) * len(found.free) / len(frozen)
+        for found in fits
+        if scores is None or found.candidate.name not in scores
+    }
+    known = {**own, **(scores or {})}
+    groups = preload_groups(frozen)
+    return tuple(_pair(a, b, frozen, known, groups) for a, b in combinations(fits, 2))
+
+
+def not_told_apart(pairs: Sequence[Pair], name: str) -> tuple[str, ...]:
+    """Names of the laws that the campaign does not tell from this one."""
+    return tuple(
+        pair.second if pair.first == name else pair.first
+        for pair in pairs
+        if name in (pair.first, pair.second) and not pair.told_apart
+    )
+
+
+def _pair(a: Fit, b: Fit, frozen: Frozen, scores: Mapping[str, FloatArray], groups: Index) -> Pair:
+    total, error = paired(scores[a.candidate.name], scores[b.candidate.name], groups)
+    if total < 0:
+        a, b, total = b, a, -total
+    chance = beyond_chance(int(groups.max()) + 1) * error
+    apart = separation(a, b, frozen)
+    told = total > max(chance, _CLEAR) and apart > _CLEAR
+    return Pair(a.candidate.name, b.candidate.name, total, error, apart, told)
+
+
+def separation(a: Fit, b: Fit, frozen: Frozen) -> float:
+    """Expected log likelihood ratio of two fitted laws over all cases, if the one or the other were true.
+
+    The smaller of both ways, of normal courses whose covariance holds noise and scatter of the rate.
+    """
+    (mean_a, cov_a), (mean_b, cov_b) = (_marginal(found, frozen) for found in (a, b))
+    return min(_divergence(mean_a, cov_a, mean_b, cov_b), _divergence(mean_b, cov_b, mean_a, cov_a))
+
+
+def _marginal(found: Fit, frozen: Frozen) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of the courses, linear in the deviations about their modes."""
+    here = predict(found.candidate, frozen, found.offsets, found.deviations)
+    ahead = predict(found.candidate, frozen, found.offsets, found.deviations + _STEP)
+    slope = (ahead - here) / _STEP
+    spread = found.tau(frozen.initial)[:, None] * slope
+    return here - slope * found.deviations[:, None], frozen.covariance + np.einsum(
+        "ci,cj->cij", spread, spread
+    )
+
+
+def _divergence(mean: FloatArray, cov: FloatArray, other: FloatArray, other_cov: FloatArray) -> float:
+    """Kullback-Leibler divergence of normal distributions, summed over the cases."""
+    difference = (mean - other)[..., None]
+    square = (difference * np.linalg.solve(other_cov, difference)).sum()
+    trace = np.trace(np.linalg.solve(other_cov, cov), axis1=1, axis2=2).sum() - mean.size
+    logs = (np.linalg.slogdet(other_cov)[1] - np.linalg.slogdet(cov)[1]).sum()
+    return float(0.5 * (square + trace + logs))

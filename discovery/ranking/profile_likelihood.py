@@ -1,0 +1,153 @@
+"""Fits of a law along one of its exponents, and where the deviance rises beyond a limit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from joblib import Parallel, delayed
+from scipy import optimize, stats
+
+from discovery.courses.fit import Fit, correction, fit, predict, refine, resimulate
+from discovery.courses.frozen_motion import Frozen
+from discovery.laws.candidate import Candidate
+from discovery.laws.factors import Factor, Inner
+from rom.campaign.channels import FloatArray
+
+_NEVER_BY_CHANCE = 1e-4
+_NUISANCES = 2  # directions of a case's course that say nothing
+_CLOSE = 0.005  # of an exponent
+_FAR = 100.0  # no value is worth a fit beyond this deviance
+
+Side = list[tuple[float, Fit]]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Fits of a form along one of its exponents; offsets to full re-simulation are linear between anchors."""
+
+    frozen: Frozen
+    form: Candidate
+    name: str
+    ends: tuple[float, float]
+    anchors: tuple[tuple[float, FloatArray], ...] = ()
+
+    def value(self, found: Fit) -> float:
+        """The exponent of a fit."""
+        return found.candidate.parameters[self.name].value
+
+    def _moved(self, candidate: Candidate, change: Callable[[Inner], Inner]) -> Candidate:
+        """The candidate with its exponent changed; the coefficient keeps the loss that it makes."""
+        terms, coefficients = list(candidate.terms), list(candidate.coefficients)
+        for j, term in enumerate(candidate.terms):
+            inner = {
+                name: change(old) if candidate.label(name, j) == self.name else old
+                for name, old in term.motion.inner.items()
+            }
+            motion = replace(term.motion, inner=inner)
+            if motion != term.motion:
+                coefficients[j] *= self._exposed(term.motion) / self._exposed(motion)
+                terms[j] = replace(term, motion=motion)
+        return replace(candidate, terms=tuple(terms), coefficients=tuple(coefficients))
+
+    def _exposed(self, factor: Factor) -> float:
+        last = self.frozen.exposure(factor)[:, -1]
+        some = last[last > 0]
+        return float(np.exp(np.mean(np.log(some)))) if some.size else 1.0
+
+    def best(self, candidate: Candidate) -> Fit:
+        """Fit with the exponent free within the ends, fully re-simulated."""
+        low, high = self.ends
+        freed = self._moved(
+            candidate,
+            lambda old: replace(
+                old, value=float(np.clip(old.value, low, high)), low=low, high=high, free=True
+            ),
+        )
+        return refine(freed, self.frozen)
+
+    def at(self, value: float, near: Fit) -> Fit:
+        """Fit with the exponent held, from a fit nearby."""
+        low, high = self.ends
+        held = self._moved(
+            near.candidate, lambda old: replace(old, value=value, low=low, high=high, free=False)
+        )
+        return fit(held, self.frozen, self._offsets(value, near), near)
+
+    def _offsets(self, value: float, near: Fit) -> FloatArray:
+        if not self.anchors:
+            return near.offsets
+        places, sizes = zip(*sorted(self.anchors, key=lambda anchor: anchor[0]), strict=True)
+        weights = (np.interp(value, places, row) for row in np.eye(len(places)))
+        return np.asarray(sum(weight * size for weight, size in zip(weights, sizes, strict=True)))
+
+    def anchored(self, *fits: Fit) -> Curve:
+        """The same curve, with the offsets of more full re-simulations."""
+        found = []
+        for one in fits:
+            offsets = correction(one, self.frozen)
+            if np.isfinite(offsets).all():
+                found.append((self.value(one), offsets))
+        return replace(self, anchors=(*self.anchors, *found))
+
+    def sides(self, best: Fit, values: FloatArray, jobs: int) -> tuple[Side, Side]:
+        """Fits at the values below the best and above, outwards, each from its neighbour."""
+        centre = self.value(best)
+        below, above = values[values <= centre][::-1], values[values > centre]
+        bare = replace(self, frozen=self.frozen.without_cache()) if jobs > 1 else self
+        left, right = Parallel(n_jobs=min(jobs, 2))(delayed(bare.side)(best, s) for s in (below, above))
+        return left, right
+
+    def side(self, best: Fit, values: FloatArray) -> Side:
+        """Fits at values, each from the one before, until the deviance is far beyond any limit."""
+        near, found = best, []
+        for value in values:
+            near = self.at(float(value), near)
+            found.append((float(value), near))
+            if near.deviance - best.deviance > _FAR * dispersion_of(best, self.frozen)[0]:
+                break
+        return found
+
+    def of_model(self, best: Fit) -> float:
+        """Shift of the exponent with the identified model, half width of its 95 % limits.
+
+        Root of the sum of squares over the model's numbers that have limits, each moved to its upper one.
+        """
+        model, total = self.frozen.model, 0.0
+        plain = resimulate(best.candidate, self.frozen, best.deviations)
+        for path, parameter in model.parameters.items():
+            if parameter.high is None or ".tension_rate." in path:
+                continue
+            other = replace(self.frozen, model=model.with_values({path: parameter.high}))
+            change = resimulate(best.candidate, other, best.deviations) - plain
+            if np.isfinite(change).all():
+                moved = fit(best.candidate, self.frozen, best.offsets + change, best)
+                total += (self.value(moved) - self.value(best)) ** 2
+        return float(np.sqrt(total))
+
+    def end(self, best: Fit, side: Side, threshold: float, close: float = _CLOSE) -> float:
+        """Where the deviance crosses the threshold for the last time on a side; nan where the values end."""
+        known = [(self.value(best), best)] + [pair for pair in side if pair[0] != self.value(best)]
+        above = [found.deviance - best.deviance - threshold for _, found in known]
+        last = max(place for place, size in enumerate(above) if size <= 0)
+        if last == len(known) - 1:
+            return float("nan")
+        (inner, near), (outer, _) = known[last], known[last + 1]
+
+        @cache
+        def excess(value: float) -> float:
+            rise = max(self.at(value, near).deviance - best.deviance, 0.0) if value != inner else 0.0
+            return float(np.sqrt(rise) - np.sqrt(threshold))  # nearly straight in the exponent
+
+        return float(optimize.brentq(excess, inner, outer, xtol=close)) if excess(outer) > 0 else outer
+
+
+def dispersion_of(found: Fit, frozen: Frozen) -> tuple[float, bool]:
+    """Mean square of the whitened residuals, one at least, and whether chance allows it."""
+    residual = frozen.change - predict(found.candidate, frozen, found.offsets, found.deviations)
+    solved = np.linalg.solve(frozen.covariance, residual[..., None])[..., 0]
+    square = float((residual * solved).sum() + ((found.deviations / found.tau(frozen.initial)) ** 2).sum())
+    freedom = max(residual.size - _NUISANCES * len(frozen) - len(found.free), 1)
+    return max(square / freedom, 1.0), bool(stats.chi2.sf(square, freedom) > _NEVER_BY_CHANCE)

@@ -1,0 +1,354 @@
+"""The race of candidate tension laws: fitted, re-simulated, cross-validated, compared, ranked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from discovery.courses.fit import Fit, correction, fit, fit_losses, predict, unchanged
+from discovery.courses.frozen_motion import Frozen
+from discovery.laws.candidate import BASELINE, Candidate, rivals_always_in_the_race
+from discovery.ranking import cross_validation as validation
+from discovery.ranking.cross_validation import CrossValidation, Fold
+from discovery.ranking.result import OFTEN, RankedLaw, Ranking, names_of, with_law
+from rom.campaign.campaign import Campaign
+from rom.campaign.channels import FloatArray
+from rom.evaluation.error_measures import Errors, summarise
+from rom.evaluation.evaluate import judge
+from rom.identification.reduce import Progress
+from rom.model.laws import Parameter
+
+__all__ = ["RankedLaw", "Ranking", "race"]
+
+_REFINED = (12, 32, 200.0)  # candidates fitted again with full re-simulation: least, most, reach of BIC
+_VALIDATED = (8, 18, 100.0)  # cross-validated
+_LISTED = 10  # that are judged by every error measure
+_CHUNKS = 4  # for each process and stage
+_EQUAL_NOISE, _EQUAL_LOSS = 0.1, 0.005  # of the noise, of the loss: far below what can be told
+_ROUNDS = 3  # of correction by re-simulation
+_MISFIT = 4.0  # dispersion beyond which the shape of its courses says nothing of a law's numbers
+_EQUAL_FIT = 1.0  # of the deviance
+Item = TypeVar("Item")
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True, eq=False)
+class _Entrant:
+    """A refined law, what turned out to be the same law, and its cross-validation."""
+
+    fit: Fit
+    look_alikes: tuple[str, ...] = ()
+    validation: CrossValidation | None = None
+
+
+def race(
+    candidates: Sequence[Candidate],
+    frozen: Frozen,
+    hold_out: Frozen | None = None,
+    campaign: Campaign | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> tuple[RankedLaw, ...]:
+    """Rank candidates and the rivals that are always in the race, the best one first.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Proposed laws; their numbers are the start of the fit.
+    frozen : Frozen
+        Motion and tension courses of the training records.
+    hold_out : Frozen
+        Of records that no fit sees: they only say which records of the campaign are judged as held out.
+    campaign : Campaign
+        Its loosening records are re-simulated in full with every law listed; None: `errors` are empty.
+    seed, jobs, progress
+        Of folds and resampling; processes; told what is done, in percent. No number depends on `jobs`.
+
+    Returns
+    -------
+    tuple of RankedLaw
+        The laws of full re-simulation, in the order of `discovery.ranking.cross_validation.order`.
+
+    Raises
+    ------
+    ValueError
+        If all records have one preload.
+    """
+    rng = np.random.default_rng(seed)
+    groups = validation.preload_groups(frozen)
+    folds = validation.preload_folds(groups, seed)
+    run = _Runner(jobs, progress, 3 if campaign is None else 4)
+    starts = [*_baseline_starts(), *rivals_always_in_the_race(), *candidates]
+    first = _lowest(run(0, _fit_some, starts, frozen))
+    refined = run(1, _refine_some, _best(first, frozen, _REFINED), frozen)
+    entrants = [_Entrant(found, same) for found, same in _merged(_best(refined, frozen, _REFINED), frozen)]
+    kept = _best([entrant.fit for entrant in entrants], frozen, _VALIDATED)
+    entrants = [entrant for entrant in entrants if any(entrant.fit is found for found in kept)]
+    validated = run(2, _validate_some, [entrant.fit for entrant in entrants], frozen, folds)
+    entrants = [replace(e, validation=v) for e, v in zip(entrants, validated, strict=True)]
+    laws = _ranked(entrants, frozen, groups, rng)
+    if campaign is None:
+        return laws
+    return _judged(laws, frozen, hold_out, campaign, jobs, run)
+
+
+@dataclass(frozen=True)
+class _Runner:
+    """Runs a stage in chunks over processes and says how far it is."""
+
+    jobs: int
+    progress: Progress | None
+    stages: int
+
+    def __call__(
+        self,
+        stage: int,
+        work: Callable[..., list[Found]],
+        items: Sequence[Item],
+        frozen: Frozen,
+        *others: object,
+    ) -> list[Found]:
+        count = max(min(_CHUNKS * self.jobs, len(items)), 1)
+        chunks = [items[k::count] for k in range(count)]
+        tasks = (delayed(work)(chunk, frozen, *others) for chunk in chunks)
+        done: list[list[Found]] = []
+        for part in Parallel(n_jobs=self.jobs, return_as="generator")(tasks):
+            done.append(part)
+            self.report(stage, len(done) / count)
+        found: list[Found] = []
+        for place in range(len(items)):
+            found.append(done[place % count][place // count])
+        return found
+
+    def report(self, stage: int, share: float) -> None:
+        if self.progress is not None:
+            self.progress(round(100 * (stage + share) / self.stages), 100)
+
+
+def _baseline_starts() -> list[Candidate]:
+    """The baseline from other numbers: what all are compared with must not stop in a side valley."""
+    first = next(rival for rival in rivals_always_in_the_race() if rival.name == BASELINE)
+    inner = first.terms[0].tension.inner
+    return [
+        first.with_values({"gamma_i": gamma_i, "rho": rho})
+        for gamma_i in inner["gamma_i"].grid[::2]
+        for rho in inner["rho"].grid[1:3]
+    ]
+
+
+def _lowest(fits: Sequence[Fit | None]) -> list[Fit]:
+    """The fit of lowest deviance of each form: a law may start from several numbers."""
+    best: dict[tuple[object, ...], Fit] = {}
+    for found in fits:
+        if found is None:
+            continue
+        other = best.get(found.candidate.key)
+        if other is None or found.deviance < other.deviance - 1e-9:
+            best[found.candidate.key] = found
+    return list(best.values())
+
+
+def _fit_some(candidates: Sequence[Candidate], frozen: Frozen) -> list[Fit | None]:
+    return [_safely(fit, candidate, frozen) for candidate in candidates]
+
+
+def _refine_some(fits: Sequence[Fit], frozen: Frozen) -> list[Fit | None]:
+    return [_safely(_corrected, found, frozen) for found in fits]
+
+
+def _corrected(found: Fit, frozen: Frozen) -> Fit:
+    """Correct by full re-simulation and fit on from the fit at hand.
+
+    Where a law is far from the truth, as the baseline may be, it may be so steep in the tension that the
+    corrected fit is lost: then the frozen one stands.
+    """
+    if found.candidate.terms and validation.dispersion(found, frozen) > _MISFIT:
+        return _of_losses(found.candidate, frozen)
+    for _ in range(_ROUNDS if found.candidate.terms else 0):
+        offsets = _finite(correction(found, frozen))
+        if unchanged(offsets, found, frozen):
+            break
+        corrected = fit(found.candidate, frozen, offsets, found)
+        if validation.lost(corrected, found.deviance):
+            break
+        found = corrected
+    return found
+
+
+def _of_losses(candidate: Candidate, frozen: Frozen) -> Fit:
+    """Fit a law whose courses are not those measured to the losses alone, corrected by full re-simulation."""
+    start = next((c for c in rivals_always_in_the_race() if c.name == candidate.name), candidate)
+    found = fit_losses(start, frozen)
+    for _ in range(_ROUNDS):
+        offsets = _finite(correction(found, frozen))
+        if unchanged(offsets[:, -1:], replace(found, offsets=found.offsets[:, -1:]), frozen.last_bin()):
+            break
+        found = fit_losses(found.candidate, frozen, offsets)
+    return found
+
+
+def _finite(offsets: FloatArray) -> FloatArray:
+    if not np.isfinite(offsets).all():
+        raise OverflowError("a re-simulation diverged")
+    return offsets
+
+
+def _safely(work: Callable[[Item, Frozen], Fit], item: Item, frozen: Frozen) -> Fit | None:
+    """Fit of a candidate; None where it cannot be solved or its simulation fails: it is out of the race."""
+    try:
+        with np.errstate(all="ignore"):
+            found = work(item, frozen)
+    except (np.linalg.LinAlgError, OverflowError, ValueError):  # ValueError: a number left its bounds
+        return None
+    return found if np.isfinite(found.deviance) else None
+
+
+def _validate_some(fits: Sequence[Fit], frozen: Frozen, folds: Sequence[Fold]) -> list[CrossValidation]:
+    parts = validation.divide(frozen, folds)
+    with np.errstate(all="ignore"):
+        return [validation.cross_validate(found, frozen, folds, parts) for found in fits]
+
+
+def _best(fits: Sequence[Fit | None], frozen: Frozen, share: tuple[int, int, float]) -> list[Fit]:
+    """The fits of lowest BIC, and what is always in the race."""
+    least, most, reach = share
+    there = [(validation.information_criterion(found, frozen), found) for found in fits if found is not None]
+    there.sort(key=lambda item: item[0])
+    return [
+        found
+        for place, (criterion, found) in enumerate(there)
+        if place < least
+        or (place < most and criterion < there[0][0] + reach)
+        or found.candidate.source == "baseline"
+    ]
+
+
+def _at_bound(found: Fit) -> bool:
+    """Whether an inner number ended at a bound of its range."""
+    values = [found.candidate.parameters[name] for name in found.free]
+    return any(p.value in p.bounds for p in values)
+
+
+def _merged(fits: Sequence[Fit], frozen: Frozen) -> list[tuple[Fit, tuple[str, ...]]]:
+    """Laws of equal predictions as one: that of the fewest numbers, the others as its look-alikes.
+
+    Also those with a number at its bound, a threshold of zero say, that fit as well as a simpler law.
+    """
+    by_simplicity = sorted(fits, key=lambda f: (f.candidate.source != "baseline", len(f.free), f.deviance))
+    kept: list[tuple[Fit, FloatArray, list[str]]] = []
+    noise = np.sqrt(np.diagonal(np.stack([c.covariance for c in frozen.courses]), axis1=1, axis2=2))
+    for found in by_simplicity:
+        course = predict(found.candidate, frozen, found.offsets)
+        near = _EQUAL_NOISE * noise + _EQUAL_LOSS * np.abs(course)
+        bound = _at_bound(found)
+        same = next(
+            (
+                k
+                for k in kept
+                if bool((np.abs(course - k[1]) <= near).all())
+                or (
+                    bound
+                    and len(k[0].free) < len(found.free)
+                    and abs(k[0].deviance - found.deviance) <= _EQUAL_FIT
+                )
+            ),
+            None,
+        )
+        if same is None:
+            kept.append((found, course, []))
+        else:
+            same[2].append(found.candidate.equation)
+    return [(found, tuple(others)) for found, _, others in kept]
+
+
+def _ranked(
+    entrants: Sequence[_Entrant], frozen: Frozen, groups: validation.Index, rng: np.random.Generator
+) -> tuple[RankedLaw, ...]:
+    fits = [entrant.fit for entrant in entrants]
+    checks = [entrant.validation for entrant in entrants if entrant.validation is not None]
+    scores = np.stack([check.scores for check in checks])
+    numbers = [len(found.free) for found in fits]
+    base = next(k for k, found in enumerate(fits) if found.candidate.name == BASELINE)
+    p_values = validation.p_values(scores, scores[base], groups, rng)
+    spread = validation.dispersion(min(fits, key=lambda found: found.deviance), frozen)
+    criteria = [validation.information_criterion(found, frozen, spread) for found in fits]
+    worth = np.stack([validation.evidence(found, frozen, spread) for found in fits])
+    complexity = [(len(found.free), len(found.candidate.equation)) for found in fits]
+    shares = validation.chosen(scores, worth, complexity, groups, rng)
+    places = validation.order(scores, worth, complexity, groups)
+    names = names_of([fits[k].candidate for k in places])
+    return tuple(
+        RankedLaw(
+            rank=rank,
+            name=name,
+            equation=fits[k].candidate.equation,
+            parameters=_parameters(fits[k], frozen, groups, rng, spread),
+            errors={"training": summarise(()), "hold_out": summarise(())},
+            cross_validated_loss_error_percent_median=float(np.median(checks[k].loss_error_percent)),
+            cross_validated_score=float(scores[k].sum()),
+            delta_bic=criteria[k] - criteria[places[0]],
+            wins_against_baseline=(int((scores[k] > scores[base]).sum()), len(frozen)),
+            p_value_against_baseline=None if k == base else float(p_values[k]),
+            source=fits[k].candidate.source,
+            free_numbers=numbers[k],
+            look_alikes=entrants[k].look_alikes,
+            fit=fits[k],
+            candidate=replace(fits[k].candidate, name=name),
+            scores=scores[k],
+            chosen=float(shares[k]),
+        )
+        for rank, (name, k) in enumerate(zip(names, places, strict=True), 1)
+    )
+
+
+def _parameters(
+    found: Fit, frozen: Frozen, groups: validation.Index, rng: np.random.Generator, spread: float
+) -> dict[str, Parameter]:
+    """Numbers with 95 % limits."""
+    limits = validation.limits(found, frozen, groups, rng, spread)
+    return {
+        name: replace(p, low=limits[name][0], high=limits[name][1]) if name in limits else p
+        for name, p in found.candidate.parameters.items()
+    }
+
+
+def _listed(laws: Sequence[RankedLaw]) -> list[RankedLaw]:
+    """The first laws, those that come first in many a resample, and what is always in the race."""
+    return [law for law in laws if law.rank <= _LISTED or law.chosen >= OFTEN or law.source == "baseline"]
+
+
+def _judged(
+    laws: Sequence[RankedLaw],
+    frozen: Frozen,
+    hold_out: Frozen | None,
+    campaign: Campaign,
+    jobs: int,
+    run: _Runner,
+) -> tuple[RankedLaw, ...]:
+    """The laws that are listed, with their errors on training and held-out records."""
+    listed = _listed(laws)
+    unseen = {course.file for course in hold_out.courses} if hold_out is not None else set()
+    files = {course.file for course in frozen.courses} | unseen
+    records = [record for record in campaign.settings.record if record.file in files]
+    models = [with_law(frozen.model, law) for law in listed]
+    judged = judge(
+        models, campaign, records, jobs, lambda done, total: run.report(run.stages - 1, done / total)
+    )
+    errors: list[dict[str, Errors]] = []
+    for place in range(len(listed)):
+        of = [(j.settings.file in unseen, j.comparisons[place]) for j in judged if j.comparisons]
+        errors.append(
+            {
+                "training": summarise(c for held, c in of if not held),
+                "hold_out": summarise(c for held, c in of if held),
+            }
+        )
+    return tuple(
+        replace(law, rank=rank, errors=found)
+        for rank, (law, found) in enumerate(zip(listed, errors, strict=True), 1)
+    )

@@ -1,0 +1,308 @@
+"""A ranked tension law, and the ranking of all: names for people, tables, a figure, the winner's model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discovery.courses.fit import Fit
+from discovery.laws.candidate import BASELINE, NO_LOOSENING, Candidate, Term
+from discovery.laws.factors import Factor, tension_logistic
+from rom.campaign.channels import FloatArray
+from rom.evaluation.error_measures import Errors
+from rom.model.laws import Parameter, free_form_law
+from rom.model.model import Model
+from rom.signals.tension_bins import TensionCourse
+from rom.views import Shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+SURE = 0.01  # chance below which a law is called better
+_DIGITS = 3
+_DRAWN = 15
+OFTEN = 0.05  # of resamples: a law that comes first in so many is named
+_LOGISTIC = tension_logistic().text
+
+
+@dataclass(frozen=True, eq=False)
+class RankedLaw:
+    """One law of a ranking.
+
+    Attributes
+    ----------
+    parameters : mapping of str to Parameter
+        Every number of the equation, with 95 % limits where it was fitted.
+    errors : mapping
+        Errors by full re-simulation on ``"training"`` and ``"hold_out"`` records.
+    cross_validated_loss_error_percent_median : float
+        Median over records of ``100 |predicted - measured loss| / |measured loss|``, their preload left out.
+    cross_validated_score : float
+        Log predictive density of all records, each while its preload was left out; `scores` by record.
+    delta_bic : float
+        BIC minus that of the first law.
+    wins_against_baseline : tuple of int
+        Records with a higher score than the baseline's, and how many there are.
+    p_value_against_baseline : float
+        Chance that the best of so many laws, none better than the baseline, would look as good; None for the
+        baseline itself.
+    chosen : float
+        Share of resamples of the preloads in which this law comes first.
+    look_alikes : tuple of str
+        Equations of other candidates that became the same law, or that ended with a number at its bound and
+        fit as well.
+    """
+
+    rank: int
+    name: str
+    equation: str
+    parameters: Mapping[str, Parameter]
+    errors: Mapping[str, Errors]
+    cross_validated_loss_error_percent_median: float
+    cross_validated_score: float
+    delta_bic: float
+    wins_against_baseline: tuple[int, int]
+    p_value_against_baseline: float | None
+    source: str
+    free_numbers: int
+    look_alikes: tuple[str, ...]
+    fit: Fit
+    candidate: Candidate
+    scores: FloatArray
+    chosen: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking(Shown):
+    """Tension laws in the order in which the records support them.
+
+    Attributes
+    ----------
+    laws : tuple of RankedLaw
+        The first one first.
+    considered : int
+        How many candidates there were before any was left behind.
+    identified : Model
+        The identified model; `model` is the same with the first law.
+    inclusion : mapping of str to float
+        How often FROLS takes a term of a form, whatever its numbers, among its first two when records are
+        drawn again. `chosen_terms` says the same of the race.
+    profile, motion_profile : object
+        Deviance over the exponent of the velocity; over how much of the motion's part is displacement.
+    indistinguishable : tuple of str
+        Laws that the records cannot tell from the first one.
+    proposals : tuple
+        Tests that would tell the first laws apart.
+    courses : tuple of TensionCourse
+        What was measured.
+    scatter : tuple of float
+        a and b of ln tau, tau the case-to-case scatter of the log rate: ``a + b ln(T / 100 N)``.
+
+    Examples
+    --------
+    A `ranking` from ``discovery.discover(campaign)``:
+
+    >>> ranking.laws[0].name in ranking.summary()
+    True
+    >>> list(ranking.to_frame()["name"]) == [law.name for law in ranking.laws]
+    True
+    >>> ranking.model.save("model.json")
+    """
+
+    laws: tuple[RankedLaw, ...]
+    considered: int
+    identified: Model
+    inclusion: Mapping[str, float]
+    profile: Any = None
+    motion_profile: Any = None
+    indistinguishable: tuple[str, ...] = ()
+    proposals: tuple[Any, ...] = ()
+    courses: tuple[TensionCourse, ...] = ()
+    scatter: tuple[float, float] = (0.0, 0.0)
+    set_aside: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> RankedLaw:
+        """Return the law of this name."""
+        for law in self.laws:
+            if law.name == name:
+                return law
+        raise KeyError(f"no law {name!r} in the ranking; it has {', '.join(law.name for law in self.laws)}")
+
+    @property
+    def model(self) -> Model:
+        """The identified model with the first law."""
+        return with_law(self.identified, self.laws[0])
+
+    @property
+    def chosen_terms(self) -> dict[str, float]:
+        """How often the law that comes first in a resample of the preloads has a term of a form, by form.
+
+        Sums over the laws listed: what comes first more rarely is in none of them.
+        """
+        shares: dict[str, float] = {}
+        for law in self.laws:
+            for form in dict.fromkeys(term_form(term) for term in law.candidate.terms):
+                shares[form] = shares.get(form, 0.0) + law.chosen
+        there = ((form, share) for form, share in shares.items() if share > 0)
+        return dict(sorted(there, key=lambda item: -item[1]))
+
+    @property
+    def front(self) -> tuple[RankedLaw, ...]:
+        """Laws that no other one of as few numbers outscores, from the simplest to the best."""
+        ordered = sorted(self.laws, key=lambda law: (law.free_numbers, -law.cross_validated_score))
+        kept: list[RankedLaw] = []
+        for law in ordered:
+            if not kept or law.cross_validated_score > kept[-1].cross_validated_score:
+                kept.append(law)
+        return tuple(kept)
+
+    def summary(self) -> str:
+        """Return in plain words what won, how surely, and what it beats."""
+        first = self.laws[0]
+        lines = [f"First of {self.considered} candidate laws: {first.name}", f"  dT/dt = {first.equation}"]
+        lines += [f"  {name} = {_with_limits(p)}" for name, p in first.parameters.items()]
+        lines.append(_verdict(first))
+        for name in (BASELINE, NO_LOOSENING):
+            lines += [_against(first, law) for law in self.laws[1:] if law.name == name]
+        named = [(law.name, law.chosen) for law in self.laws if law.chosen >= OFTEN]
+        rest = 1.0 - sum(share for _, share in named)
+        shares = [*named, *([("others", rest)] if rest >= OFTEN else [])]
+        share = "; ".join(f"{name} {100 * share:.0f} %" for name, share in shares)
+        lines.append(f"Comes first when preloads are drawn again: {share}.")
+        if self.indistinguishable:
+            lines.append(f"These records cannot tell it from: {'; '.join(self.indistinguishable)}.")
+        elif self.laws[1:]:
+            lines.append(f"Next: {'; '.join(law.name for law in self.laws[1:4])}.")
+        return "\n".join(lines)
+
+    def to_frame(self) -> DataFrame:
+        """Return the leader board, a row for each law."""
+        from pandas import DataFrame
+
+        rows = [
+            {
+                "rank": law.rank,
+                "name": law.name,
+                "loss_error_percent": law.cross_validated_loss_error_percent_median,
+                "hold_out_loss_error_percent": _error(law, "hold_out", "tension_loss_error_percent_median"),
+                "final_tension_error_percent": _error(law, "training", "final_tension_error_percent_mean"),
+                "score": law.cross_validated_score,
+                "delta_bic": law.delta_bic,
+                "wins": law.wins_against_baseline[0],
+                "cases": law.wins_against_baseline[1],
+                "p_value": law.p_value_against_baseline,
+                "chosen": law.chosen,
+                "free_numbers": law.free_numbers,
+                "source": law.source,
+            }
+            for law in self.laws
+        ]
+        return DataFrame(rows).set_index("rank")
+
+    def plot(self) -> Figure:
+        """Draw score against the baseline's, in units of log likelihood, over the first laws."""
+        from matplotlib.figure import Figure
+
+        laws = self.laws[:_DRAWN]
+        reference = self[BASELINE].cross_validated_score
+        gains = [law.cross_validated_score - reference for law in laws]
+        figure = Figure(figsize=(8, 0.6 + 0.36 * len(laws)), layout="constrained")
+        axes = figure.subplots()
+        places = np.arange(len(laws))
+        axes.axvline(0.0, color="0.6", linewidth=1)
+        axes.scatter(gains, places, c=["C3" if law.name == BASELINE else "C0" for law in laws])
+        axes.set_yticks(places, [f"{law.rank}  {law.name}" for law in laws])
+        axes.invert_yaxis()
+        axes.set_xscale("symlog", linthresh=10.0)
+        axes.set_xlabel("cross-validated log likelihood, above that of the gamma(T) baseline")
+        return figure
+
+
+def with_law(model: Model, law: RankedLaw) -> Model:
+    """Return the model with this tension law in its bolted link."""
+    link = model.structure.bolted_links[0]
+    rate = free_form_law(law.name, law.equation, "tension rate", law.parameters)
+    laws = replace(model.link_laws[link], tension_rate=rate)
+    return replace(model, link_laws={**model.link_laws, link: laws})
+
+
+def names_of(candidates: Sequence[Candidate]) -> list[str]:
+    """Names for people, each its own: the equation with its numbers, but for coefficients.
+
+    What is always in the race keeps its name. Where two laws read the same, digits are added, then a number.
+    """
+    names: list[str] = []
+    for candidate in candidates:
+        known = candidate.source == "baseline"
+        spelt = [candidate.name] if known else [equation_name(candidate, d) for d in (_DIGITS, 4, 5, 6)]
+        spelt += [f"{spelt[0]} ({k})" for k in range(2, len(candidates) + 2)]
+        names.append(next(name for name in spelt if name not in names))
+    return names
+
+
+def equation_name(candidate: Candidate, digits: int = _DIGITS) -> str:
+    """Return ``"|v|^3.98 T gamma(T)"``: the terms with their numbers, but for coefficients."""
+    parts = [("" if term.sign < 0 else "- ") + term_name(term, digits) for term in candidate.terms]
+    return " + ".join(parts).replace("+ - ", "- ") or NO_LOOSENING
+
+
+def term_name(term: Term, digits: int | None = _DIGITS) -> str:
+    """Return a term in symbols; without `digits` its inner numbers stay letters."""
+    tension = "T gamma(T)" if term.tension.text == _LOGISTIC else _spelt(term.tension, digits)
+    return f"{_spelt(term.motion, digits)} {tension}".strip()
+
+
+def term_form(term: Term) -> str:
+    """Return ``"|v|^n T gamma(T)"``: a term with letters for its numbers, held ones too."""
+    return term_name(replace(term, motion=_freed(term.motion), tension=_freed(term.tension)), None)
+
+
+def _freed(factor: Factor) -> Factor:
+    return replace(factor, inner={name: replace(inner, free=True) for name, inner in factor.inner.items()})
+
+
+def _spelt(factor: Factor, digits: int | None) -> str:
+    text = factor.text
+    for name, inner in factor.inner.items():
+        if digits is not None or not inner.free:
+            free = f"{inner.value:#.{digits or _DIGITS}g}".rstrip(".")
+            shown = free if inner.free else f"{inner.value:.3g}"
+            text = re.sub(rf"\b{name}\b", shown, text)
+    text = text.replace("max(T, 0)", "T")
+    text = re.sub(r"abs\(([^()]*)\)", lambda found: f"|{found[1]}|", text)
+    return text.replace(" ** ", "^").replace(" * ", " ").replace(" / ", "/")
+
+
+def _with_limits(parameter: Parameter) -> str:
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    if parameter.low is None or parameter.high is None:
+        return f"{parameter.value:.4g}{unit}"
+    return f"{parameter.value:.4g}{unit} (95 %: {parameter.low:.4g} to {parameter.high:.4g})"
+
+
+def _verdict(first: RankedLaw) -> str:
+    p = first.p_value_against_baseline
+    if p is None:
+        return "The paper's law itself: no other law describes these records better for its numbers."
+    sure = "beyond chance" if p < SURE else "which may be chance"
+    won, cases = first.wins_against_baseline
+    return f"Nearer than the gamma(T) baseline on {won} of {cases} records, {sure} (p = {p:.2g})."
+
+
+def _against(first: RankedLaw, law: RankedLaw) -> str:
+    own, other = (x.cross_validated_loss_error_percent_median for x in (first, law))
+    return (
+        f"Loss of tension at preloads left out: off by {own:.3g} % (median); {law.name}: {other:.3g} %; "
+        f"its BIC is {abs(law.delta_bic):.4g} {'higher' if law.delta_bic >= 0 else 'lower'}."
+    )
+
+
+def _error(law: RankedLaw, records: str, key: str) -> float | None:
+    found: Mapping[str, Any] = law.errors.get(records) or {}
+    return found.get(key)

@@ -1,0 +1,274 @@
+"""The motion that was measured in every record, with the model's help, and the tension beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import fft, ndimage
+
+from discovery.residual.free_parameters import Baseline
+from rom.campaign.campaign import Campaign, RecordSettings
+from rom.campaign.channels import MOTIONS, FloatArray
+from rom.effects import Effect, LawChange, Reading, SensorFault
+from rom.evaluation.replay import Replay, replay
+from rom.identification.gamma import LooseningCase, matching_factors, matching_gammas, own_rate
+from rom.identification.noise_spectrum import Group
+from rom.identification.record_spectra import STRIDES, spectral_records
+from rom.identification.spectral_model import CORNER, ComplexArray, SpectralRecord, spectrum
+from rom.model.laws import power_loosening
+from rom.model.model import Model
+from rom.signals.filters import ac_coupled
+from rom.signals.per_record_parameters import own_names
+from rom.signals.processing import Measurement, process
+from rom.signals.sensor_correction import faults_of, without_faults
+
+_LEAST_FINAL = 0.01
+_SAMPLES = 4.0  # at the highest line of a spectrum: what else folds back there is below the noise
+_HALF_LINE = 1e-6
+_AS_MEASURED = 1e-6  # of asinh(gamma): noise tells a loss less closely
+_FEWEST_QUIET = 64  # samples before the hit
+_LINES = 9  # so many tell the power to a third
+_MOTION_TESTS = ("uncoupled", "coupled", "loosening")
+Progress = Callable[[int, int], None]
+Measurements = Sequence[tuple[RecordSettings, Measurement]]
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One record: its spectra, and the motion that was measured, integrated with the model's help.
+
+    Attributes
+    ----------
+    measurement : Measurement
+        In single precision, all that converters give: a campaign's are kept side by side. Traces along models
+        that correct none of its channels share it.
+    displacement, velocity : mapping of str to ndarray
+        By body, shape (samples of the motion,) [m], [m/s]; every `stride`-th sample of the record, the first
+        one that the spectra cover among them.
+    tension : ndarray
+        Of the bolted link, shape (samples of the motion,) [N].
+    level : float
+        Tension at which the linear part of the model is taken [N]: the last one.
+    own : mapping of str to mapping of str to float
+        Numbers of the model's effects that are this record's own, by path of the effect.
+    """
+
+    settings: RecordSettings
+    measurement: Measurement
+    parts: tuple[SpectralRecord, ...]
+    displacement: Mapping[str, FloatArray]
+    velocity: Mapping[str, FloatArray]
+    tension: FloatArray
+    level: float
+    stride: int
+    own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def seen(self) -> Measurement:
+        """The measurement in double precision, to calculate with."""
+        return self.measurement.as_type(np.float64)
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate of the motion and of the tension."""
+        return self.measurement.rate_hz / self.stride
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Moving bodies, in the order of the channels."""
+        return tuple(self.displacement)
+
+    @property
+    def group(self) -> Group:
+        """Kind of test and moving bodies."""
+        return self.measurement.test, self.bodies
+
+    def relative(self, ends: tuple[str, str]) -> tuple[FloatArray, FloatArray]:
+        """Relative displacement and velocity of two ends; a body that rests counts as ground."""
+        still = np.zeros_like(self.tension)
+        x, v = (
+            motion.get(ends[0], still) - motion.get(ends[1], still)
+            for motion in (self.displacement, self.velocity)
+        )
+        return x, v
+
+    def forces(self, force: FloatArray, ends: tuple[str, str], part: SpectralRecord) -> ComplexArray:
+        """Spectra of a link's force along the motion on the bodies, (lines, bodies).
+
+        It pulls the first end back.
+        """
+        lines = self.lines(force, part, self.stride)
+        out = np.zeros((len(lines), len(self.bodies)), dtype=np.complex128)
+        for end, sign in zip(ends, (-1.0, 1.0), strict=True):
+            if end in self.bodies:
+                out[:, self.bodies.index(end)] += sign * lines
+        return out
+
+    def lines(self, samples: FloatArray, part: SpectralRecord, stride: int = 1) -> ComplexArray:
+        """Spectrum of samples, of the record or of every ``stride``-th, at the lines of a part.
+
+        Lines of samples that end elsewhere than they began depend on the step: those of a ramp with the same
+        ends are taken off, and added again with the record's own step, which the measured spectra have.
+        """
+        first, last = (place // stride for place in part.samples)
+        band = (part.frequency[0] - _HALF_LINE, part.frequency[-1] + _HALF_LINE)
+        rate = self.measurement.rate_hz
+        lines = spectrum(samples[first:last], rate / stride, band)[1]
+        if stride == 1:
+            return lines
+        end = samples[last] if last < len(samples) else 3 * samples[-1] - 3 * samples[-2] + samples[-3]
+        rise = end - samples[first]
+        return np.asarray(
+            lines + rise * (_ramp(part.frequency, stride / rate) - _ramp(part.frequency, 1 / rate))
+        )
+
+
+def _ramp(frequency: FloatArray, step_s: float) -> ComplexArray:
+    """Fourier sums of samples that fall evenly by one, at lines that are whole periods of them."""
+    return np.asarray(step_s / (1 - np.exp(-2j * np.pi * frequency * step_s)))
+
+
+def read_measurements(campaign: Campaign, set_aside: Collection[str] = ()) -> Measurements:
+    """Read the uncoupled, coupled and loosening records, held-out ones too, without those set aside."""
+    records = [settings for settings in campaign.select(_MOTION_TESTS) if settings.file not in set_aside]
+    read = (process(campaign.load(settings), campaign.settings) for settings in records)
+    return [(s, replace(one.as_type(np.float32), link={})) for s, one in zip(records, read, strict=True)]
+
+
+def trace_records(
+    campaign: Campaign,
+    baseline: Baseline,
+    measurements: Measurements,
+    progress: Progress | None = None,
+) -> tuple[Trace, ...]:
+    """Run records again with the model, its tension falling as it was measured to fall."""
+    stored_ones = [stored for _, stored in measurements]
+    own = _own_models(baseline.model, stored_ones, campaign.settings.windows.final_s)
+    traces = []
+    for done, (settings, stored) in enumerate(measurements, 1):
+        given = stored.as_type(np.float64)
+        run = replay(own.get(settings.file, baseline.model), given)
+        if run.response.status == "ok":
+            kept = stored if run.measurement is given else run.measurement.as_type(np.float32)
+            traces.append(_traced(campaign, baseline, settings, run, kept))
+        if progress is not None:
+            progress(done, len(measurements))
+    return tuple(traces)
+
+
+def _traced(
+    campaign: Campaign, baseline: Baseline, settings: RecordSettings, run: Replay, stored: Measurement
+) -> Trace:
+    seen, response = run.measurement, run.response
+    tension = np.asarray(response.tension) if isinstance(response.tension, np.ndarray) else np.zeros(0)
+    tension = tension if tension.size else np.zeros(seen.samples)
+    parts = spectral_records(seen, campaign.settings)
+    level = float(tension[-1])
+    values = baseline.values(parts[0], level)
+    corner = next((values[name] for name in values if name.startswith(CORNER)), 0.0)
+    bodies = [body for body in campaign.settings.body_names if body in seen.motion]
+    stride = _stride(parts, seen.rate_hz)
+    kept = slice(parts[0].samples[0] % stride, None, stride)
+    displacement, velocity = {}, {}
+    for body in bodies:
+        displacement[body], velocity[body] = (m[kept].copy() for m in _motion_of(seen, run, body, corner))
+    return Trace(
+        settings, stored, parts, displacement, velocity, tension[kept].copy(), level, stride, _own(run.model)
+    )
+
+
+def _own(model: Model) -> dict[str, dict[str, float]]:
+    """Numbers of a record's own in the model as it is in that record."""
+    return {
+        effect.path: {name: effect.parameters[name].value for name in own_names(effect)}
+        for effect in model.effects
+        if isinstance(effect, Effect) and own_names(effect)
+    }
+
+
+def _stride(parts: Sequence[SpectralRecord], rate_hz: float) -> int:
+    """Distance of the samples that forces need to be told at, for the spectra to have their lines."""
+    most = rate_hz / (_SAMPLES * max(part.frequency[-1] for part in parts))
+    fits = [n for n in STRIDES if n <= most and all((b - a) % n == 0 for a, b in (p.samples for p in parts))]
+    return max(fits, default=1)
+
+
+def _motion_of(seen: Measurement, run: Replay, body: str, corner: float) -> tuple[FloatArray, FloatArray]:
+    """Displacement and velocity: the model's, and what the sensor shows beyond it, integrated."""
+    motion, response = seen.motion[body], run.response
+    simulated = getattr(response, motion.kind)[body]
+    if motion.kind == "acceleration":
+        simulated = ac_coupled(simulated, seen.rate_hz, corner)
+    beyond = motion.samples - simulated
+    quiet = beyond[: max(int((seen.impact_s or 0.0) * 0.8 * seen.rate_hz), 1)]
+    beyond = quiet.mean() + _above_noise(beyond - quiet.mean(), quiet - quiet.mean())
+    times = {"acceleration": 2, "velocity": 1, "displacement": 0}[motion.kind]
+    found = []
+    for quantity, integrations in (("displacement", times), ("velocity", times - 1)):
+        if integrations < 0:
+            extra = np.gradient(beyond, 1 / seen.rate_hz)
+        elif integrations == 0:
+            extra = beyond
+        else:
+            extra = seen.chain.integrated(beyond - quiet.mean(), seen.rate_hz, integrations)
+        found.append(getattr(response, quantity)[body] + extra)
+    return found[0], found[1]
+
+
+def _above_noise(samples: FloatArray, quiet: FloatArray) -> FloatArray:
+    """What samples show beyond the noise that ``quiet`` has, by Wiener's filter max(0, 1 - 2 N / S).
+
+    Forces of a stiff gap or a slider along a motion with all its noise would be mostly noise. N is white, the
+    median line of what is quiet: neither the mains nor a mode that rings raise it. S is a mean of lines.
+    """
+    if len(quiet) < _FEWEST_QUIET:
+        return samples
+    noise = float(np.median(np.abs(fft.rfft(quiet)[1:]) ** 2)) / np.log(2) / len(quiet) * len(samples)
+    lines = fft.rfft(samples)
+    power = np.maximum(ndimage.uniform_filter1d(np.abs(lines) ** 2, _LINES, mode="nearest"), 1e-300)
+    return np.asarray(fft.irfft(np.maximum(1 - 2 * noise / power, 0.0) * lines, len(samples)))
+
+
+def _own_models(
+    model: Model, measurements: Sequence[Measurement], window_s: tuple[float, float]
+) -> dict[str, Model]:
+    """A model for every loosening record, with a rate of its own, so that its tension falls as measured.
+
+    By ``gamma |v|^4 T``; once a change of the law was found, by a factor on the changed law.
+    """
+    if len(model.structure.bolted_links) != 1:
+        return {}
+    faults, cases = [fault for fault in faults_of(model) if _is_of_course(fault)], []
+    for one in (without_faults(stored.as_type(np.float64), faults) for stored in measurements):
+        tension = one.tension
+        if one.test != "loosening" or tension is None or not one.force or tension.initial <= 0:
+            continue  # a slack bolt stays slack
+        body = max(one.force, key=lambda name: float(np.abs(one.force[name]).max()))
+        final = max(tension.final, _LEAST_FINAL * tension.initial)
+        cases.append(
+            LooseningCase(one.file, body, one.applied_force[body], one.rate_hz, tension.initial, final,
+                          max(tension.final_error, 1e-3))
+        )  # fmt: skip
+    if not cases:
+        return {}
+    read = replace(model, effects=tuple(e for e in model.effects if not isinstance(e, Reading)))
+    if any(isinstance(effect, LawChange) for effect in read.effects):
+        factors, failed = matching_factors(read, cases, window_s, tolerance=_AS_MEASURED)
+        own = np.where(failed, 1.0, np.maximum(factors, 0.0))
+        models = [read.with_effect(own_rate(float(factor))) for factor in own]
+    else:
+        gammas, _ = matching_gammas(read, cases, window_s, tolerance=_AS_MEASURED)
+        models = [_with_gamma(read, max(float(gamma), 0.0)) for gamma in gammas]
+    return {case.file: own for case, own in zip(cases, models, strict=True)}
+
+
+def _is_of_course(fault: SensorFault) -> bool:
+    """Whether a fault, alike in all records, is of what the course of a tension is told by."""
+    return not own_names(fault) and not fault.channel.startswith(MOTIONS)
+
+
+def _with_gamma(model: Model, gamma: float) -> Model:
+    link = model.structure.bolted_links[0]
+    laws = replace(model.link_laws[link], tension_rate=power_loosening(gamma))
+    return replace(model, link_laws={**model.link_laws, link: laws})

@@ -1,0 +1,225 @@
+"""Which test would tell two effects apart that the records at hand cannot.
+
+For effects A and B and a test that could be made, the outputs of both are taken along the motion that the
+refined model (A in it) would have there; what the numbers of the model with B in A's place can imitate, over
+the records at hand and that test together, is taken off. What is then left of the difference, beyond what was
+left before, is by how much the test would raise the cost of B over that of A. A test tells the two apart
+where that is beyond chance and more than a slightly wrong form of A might lose there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from discovery.explain.motion import free_numbers, output_of, slopes_of
+from discovery.loop.state import with_effects
+from discovery.residual.free_parameters import effect_number, size_of
+from discovery.residual.output_error import Evidence, weigh
+from discovery.residual.trajectory import Trace
+from rom.campaign.channels import FloatArray
+from rom.effects import CATALOGUE, Added, Effect, SensorFault
+from rom.evaluation.replay import replay
+from rom.identification.spectral_model import ComplexArray, SpectralRecord
+
+_FACTORS = (1.0, -1.0, 2.0, -2.0, 4.0, -4.0)  # of the force of a record; below 0: from the other side
+_REPEATS = (1, 3, 10)
+_PRELOADS = 3  # of those in the records
+_RCOND = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Sums over rows: squares of slopes, slopes times difference, difference squared."""
+
+    squares: FloatArray
+    right: FloatArray
+    cost: float
+
+    def left(self) -> float:
+        """What is left of the difference where the slopes are fitted to it."""
+        size = np.sqrt(np.maximum(np.diag(self.squares), 1e-300))
+        inverse = np.linalg.pinv(self.squares / np.outer(size, size), rcond=_RCOND, hermitian=True)
+        right = self.right / size
+        return self.cost - float(right @ inverse @ right)
+
+    def __add__(self, other: _Normal) -> _Normal:
+        return _Normal(self.squares + other.squares, self.right + other.right, self.cost + other.cost)
+
+    def repeated(self, times: int) -> _Normal:
+        """Of a record that is measured so many times."""
+        return _Normal(times * self.squares, times * self.right, times * self.cost)
+
+
+@dataclass(frozen=True, eq=False)
+class _Test:
+    """A test in words, how much harder than one at hand it is, and the motion of the model in it."""
+
+    words: str
+    harder: float
+    trace: Trace
+
+
+def separating_tests(
+    best: Added, rivals: Sequence[Added], evidence: Evidence, enough: float, near: float
+) -> list[str]:
+    """Return for every rival the test, in words, that would tell it from the best effect.
+
+    Of the tests that would, one that need be repeated least, then the mildest, then the one that tells most.
+
+    Parameters
+    ----------
+    best : Added
+        The effect in the evidence's model.
+    rivals : sequence of Added
+        With their fitted numbers.
+    evidence : Evidence
+        The refined model on the records at hand.
+    enough, near : float
+        Difference in cost that tells two effects apart: so much, and such a share of what the best explains.
+
+    Returns
+    -------
+    list of str
+        Empty for effects that do not act on the motion.
+    """
+    in_motion = [isinstance(one, Effect | SensorFault) for one in (best, *rivals)]
+    if not in_motion[0] or not any(in_motion[1:]):
+        return [""] * len(rivals)
+    tests = list(_tests(evidence))
+    if not tests:
+        return [""] * len(rivals)
+    traced = with_effects(weigh([test.trace for test in tests], evidence.baseline, evidence.floors))
+    here = evidence.of_training()
+    needed = np.maximum(enough, near * _gains(best, None, here, traced))
+    return [
+        _words(_gains(best, rival, here, traced), tests, needed) if moves else ""
+        for rival, moves in zip(rivals, in_motion[1:], strict=True)
+    ]
+
+
+def _tests(evidence: Evidence) -> Iterator[_Test]:
+    """Tests like those at hand, with harder hits, from the other side and on the other bodies too."""
+    masses = {body.name: body.mass for body in evidence.baseline.model.structure.bodies}
+    for trace in _at_hand(evidence.of_training().traces):
+        alone = trace.measurement.test == "uncoupled"
+        where = "alone, bolt out," if alone else f"at {trace.level:.3g} N of tension"
+        struck, peak = _hit(trace)
+        for body, factor in product(trace.bodies, _FACTORS):
+            times = factor * masses[body] / masses[struck]  # as fast a motion of either body
+            imagined = _imagined(trace, evidence, body, times)
+            if imagined is not None:
+                side = "" if factor > 0 else " from the other side"
+                yield _Test(f"hit {body} {where} with {abs(times) * peak:.3g} N{side}", abs(factor), imagined)
+
+
+def _at_hand(traces: Iterable[Trace]) -> Iterator[Trace]:
+    """A few records of each kind of hit, over all preloads."""
+    alike: dict[tuple[str, str], list[Trace]] = {}
+    for trace in traces:
+        if trace.measurement.impact_s is not None and trace.measurement.force:
+            kind = "uncoupled" if trace.measurement.test == "uncoupled" else "bolted"
+            alike.setdefault((_hit(trace)[0], kind), []).append(trace)
+    for ones in alike.values():
+        ordered = sorted(ones, key=lambda trace: trace.level)
+        yield from (ordered[i] for i in np.unique(np.linspace(0, len(ordered) - 1, _PRELOADS).astype(int)))
+
+
+def _hit(trace: Trace) -> tuple[str, float]:
+    """The body that was struck, and the peak force [N]."""
+    peaks = {body: float(np.abs(force).max()) for body, force in trace.measurement.force.items()}
+    return max(peaks.items(), key=lambda one: one[1])
+
+
+def _imagined(trace: Trace, evidence: Evidence, body: str, times: float) -> Trace | None:
+    """The record as the model has it, its force on a body and multiplied; None where the model diverges."""
+    seen, (struck, _) = trace.seen(), _hit(trace)
+    hit = replace(seen, force={body: times * seen.force[struck]})
+    response = replay(evidence.baseline.model, hit).response
+    if response.status != "ok":
+        return None
+    motion = {
+        body: replace(one, samples=getattr(response, one.kind)[body]) for body, one in seen.motion.items()
+    }
+    tension = response.tension if isinstance(response.tension, np.ndarray) else np.zeros(0)
+    kept = slice(trace.parts[0].samples[0] % trace.stride, None, trace.stride)
+    here, there = trace.bodies.index(struck), trace.bodies.index(body)
+    return replace(
+        trace,
+        measurement=replace(hit, motion=motion),
+        parts=tuple(_struck(part, here, there, times) for part in trace.parts),
+        displacement={body: response.displacement[body][kept] for body in trace.bodies},
+        velocity={body: response.velocity[body][kept] for body in trace.bodies},
+        tension=tension[kept] if tension.size else trace.tension,
+    )
+
+
+def _struck(part: SpectralRecord, here: int, there: int, times: float) -> SpectralRecord:
+    """Spectra of a force that goes from one body to another and is multiplied; the hammer's noise stays."""
+
+    def moved(columns: ComplexArray) -> ComplexArray:
+        out = np.zeros_like(columns)
+        out[:, there] = columns[:, here]
+        return out
+
+    errors = None if part.force_errors is None else moved(part.force_errors)
+    return replace(part, force=times * moved(part.force), force_errors=errors, motion=times * part.motion)
+
+
+def _gains(best: Added, rival: Added | None, evidence: Evidence, tests: Evidence) -> FloatArray:
+    """By how much tests raise the cost of the rival, or of no effect, over the best's, (tests, repeats).
+
+    The model with the rival has not the best one's numbers: free, they would imitate that one's whole force.
+    What a test adds beyond its own difference comes from numbers that it holds, by which records at hand tell
+    the two apart: that may rest on what the model has a little wrong, and does not count for a rival.
+    """
+    gone = {effect_number(best, name) for name in best.parameters}
+    names = [name for name in evidence.names if name not in gone]
+    here = _normals(best, rival, evidence, names)
+    now = sum(here[1:], here[0])
+    left = now.left()
+    every = _normals(best, rival, tests, names)
+    most = [np.inf if rival is None else one.cost for one in every]
+    return np.array(
+        [
+            [min((now + one.repeated(n)).left() - left, n * own) for n in _REPEATS]
+            for one, own in zip(every, most, strict=True)
+        ]
+    )
+
+
+def _normals(best: Added, rival: Added | None, evidence: Evidence, names: Sequence[str]) -> list[_Normal]:
+    """The sums of every record."""
+    place = {name: k for k, name in enumerate(evidence.names)}
+    none = np.zeros(len(evidence.residual))
+    columns = np.column_stack(
+        [evidence.jacobian[:, place[name]] if name in place else none for name in names]
+    )
+    difference = -output_of(best, evidence)
+    if rival is not None:
+        free = free_numbers(rival, CATALOGUE[rival.name])
+        sizes = np.array([size_of(rival.parameters[name].value) for name in free])
+        columns = np.column_stack([columns, slopes_of(rival, free, sizes, evidence)])
+        difference += output_of(rival, evidence)
+    found = []
+    for record in range(len(evidence.traces)):
+        rows = evidence.owner == record
+        mine, d = columns[rows], difference[rows]
+        found.append(_Normal(mine.T @ mine, mine.T @ d, float(d @ d)))
+    return found
+
+
+def _words(gains: FloatArray, tests: Sequence[_Test], needed: FloatArray) -> str:
+    for times, *columns in zip(_REPEATS, gains.T, needed.T, strict=True):
+        telling = [one for one in zip(tests, *columns, strict=True) if one[1] >= one[2]]
+        if telling:
+            test, gain, enough = max(telling, key=lambda one: (-one[0].harder, one[1] / one[2]))
+            repeats = f", {times} times" if times > 1 else ""
+            return f"{test.words}{repeats}: the cost would differ by {gain:.3g}, and {enough:.3g} tells"
+    none = f"none of {len(tests)} hits tried, up to {max(_FACTORS):g} times as hard as those at hand"
+    nearest = int(np.argmax(gains[:, 0] / needed[:, 0]))
+    gain, enough = gains[nearest, 0], needed[nearest, 0]
+    return none if gain < 1 else f"{none}; {tests[nearest].words} tells {gain:.3g} of {enough:.3g} in cost"

@@ -1,0 +1,330 @@
+"""Tests that would separate rival laws most, found by simulating many a hit under each of them.
+
+A law's course after a hit is compared as ``y = ln(-ln(T / T_0))`` in every bin: there a factor exp(u) on the
+rate adds u. If law a is true, a number of hits adds up to the expected log likelihood ratio against law b
+
+    LLR = (c - r' (1 + A)^-1 r) / 2,   c = sum d' W^-1 d,   r = sum J' W^-1 d,   A = sum J' W^-1 J,
+
+with d the difference of both courses (law b simulated at the level of law a, that shift added back), W the
+covariance of noise, scatter of the rate and error of the model, and J the change of the course by one
+standard error of each principal direction of what was fitted to law b: what scatter or other numbers of the
+law could absorb does not count. The change J is linear: where half of the tension is lost a refit absorbs far
+more than that, and such hits are not proposed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+
+import numpy as np
+
+from discovery.courses.fit import Fit
+from discovery.courses.frozen_motion import Frozen
+from discovery.laws.candidate import Candidate
+from rom.campaign.channels import FloatArray
+
+_FORCES = (0.25, 0.4, 0.6, 0.85, 1.15, 1.5)  # of the strongest measured
+_PULSES = (0.5, 1.0, 2.0)  # of the measured length
+_PRELOADS = 8
+_BEYOND = 1.5  # the range of preloads
+_LEAD_S, _LENGTH_S = 0.002, 1.0  # later bins tell little more
+_SHAPE_ERROR = 0.01  # of ln rate; of the identified model, from bin to bin
+_LEAST_LOSS = 1e-12  # of the tension
+_LEAST_LEFT = 0.5  # of the tension, after a proposed hit under either law
+_STEP = 1e-3
+_MOST_HITS = 60
+_WORTH_IT = float(np.log(10.0))  # pairs that so many hits of one kind bring no further are left out
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A test to be made, as one of a list that goes together.
+
+    Attributes
+    ----------
+    body : str
+        The body to be hit.
+    peak_force, pulse_length, preload : float
+        Of a half sine [N], [s]; tension before [N].
+    hits : int
+        How many such hits.
+    laws : tuple of str
+        The two laws that it separates best.
+    expected_gain : float
+        2 ln of their likelihood ratio that one such hit is expected to add to the tests before it in the
+        list, in the mean of its hits.
+    odds : float
+        To one, expected after this test and those before it in the list, between the two laws that are
+        hardest to separate, of those that can be separated.
+    """
+
+    body: str
+    peak_force: float
+    pulse_length: float
+    preload: float
+    hits: int
+    laws: tuple[str, str]
+    expected_gain: float
+    odds: float
+
+    @property
+    def hit(self) -> str:
+        """What to do, in words."""
+        number = "once" if self.hits == 1 else f"{self.hits} times"
+        hit = f"hit {self.body} {number} with {self.peak_force:.3g} N for {1e3 * self.pulse_length:.2g} ms"
+        return f"{hit} at a preload of {self.preload:.3g} N"
+
+    @property
+    def outcome(self) -> str:
+        """The odds after it, in words."""
+        odds = f"{self.odds:.0f}" if self.odds < 1e6 else "a million and more"
+        return f"odds of {odds} to 1 after it"
+
+    @property
+    def summary(self) -> str:
+        """What to do, and what for, in one sentence."""
+        return f"{self.hit}: tells {self.laws[0]!r} from {self.laws[1]!r}; {self.outcome}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Hits to choose from, each (hits,), and where their bins are from the hit [s]."""
+
+    body: str
+    peak_force: FloatArray
+    pulse_length: FloatArray
+    preload: FloatArray
+    offsets_s: FloatArray
+    rate_hz: float
+
+    @property
+    def force(self) -> FloatArray:
+        """Half sines, (hits, samples) [N]."""
+        time = np.arange(int((_LEAD_S + self.offsets_s[-1]) * self.rate_hz) + 2) / self.rate_hz - _LEAD_S
+        phase = time / self.pulse_length[:, None]
+        inside = (phase > 0) & (phase < 1)
+        return np.where(inside, self.peak_force[:, None] * np.sin(np.pi * phase), 0.0)
+
+
+def propose_tests(
+    fits: Sequence[Fit], frozen: Frozen, most_tests: int = 3, odds: float = 100.0
+) -> tuple[Proposal, ...]:
+    """Choose few tests by greedy search, one hit after the other, until every two laws are told apart.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        The first two or three laws, fitted to ``frozen``; a law without terms is left out.
+    frozen : Frozen
+        Measured courses: their forces, pulses, preloads and noise are the guide. No proposed force is beyond
+        1.5 times the strongest measured, no pulse beyond twice the length, no preload beyond 1.5 times the
+        range, and no hit is one that takes half of the tension.
+    most_tests : int
+        Different tests at most.
+    odds : float
+        Aimed at, to one.
+
+    Returns
+    -------
+    tuple of Proposal
+        Empty where there are no two laws, or no test within reach separates any two of them.
+    """
+    rivals = [found for found in fits if found.candidate.rated(np.ones(1))]
+    if len(rivals) < 2:
+        return ()
+    grid = _grid(frozen)
+    responses = [_response(found, frozen, grid) for found in rivals]
+    ways = [_way(a, b, frozen, grid) for a, b in permutations(responses, 2)]
+    names = [(a.candidate.name, b.candidate.name) for a, b in permutations(rivals, 2)]
+    many = _by_pair(names, [way.of_each(_MOST_HITS) for way in ways])
+    reachable = [i for i, name in enumerate(names) if many[frozenset(name)].max() >= _WORTH_IT]
+    if not reachable:
+        return ()
+    ways, names = [ways[i] for i in reachable], [names[i] for i in reachable]
+    return _proposals(ways, names, _greedy(ways, names, most_tests, float(np.log(odds))), grid)
+
+
+def _grid(frozen: Frozen) -> _Grid:
+    courses = frozen.courses
+    peaks = [float(np.abs(course.force).max()) for course in courses]
+    strongest = max(peaks)
+    widths = [
+        np.sum(np.abs(c.force) > 0.5 * peak) / c.rate_hz for c, peak in zip(courses, peaks, strict=True)
+    ]
+    pulse = 1.5 * float(np.median(widths))  # a half sine is above its half for two thirds of its length
+    initial = np.maximum(frozen.initial, 1e-3)
+    preloads = np.geomspace(initial.min() / _BEYOND, initial.max() * _BEYOND, _PRELOADS)
+    every = np.array(list(product(strongest * np.array(_FORCES), pulse * np.array(_PULSES), preloads)))
+    offsets = np.median([c.edges_s - c.impact_s for c in courses], axis=0)
+    within = max(int(np.sum(offsets <= _LENGTH_S)), min(len(offsets), 2))
+    bodies = [course.body for course in courses]
+    body = max(sorted(set(bodies)), key=bodies.count)
+    rate = float(np.median([course.rate_hz for course in courses]))
+    return _Grid(body, every[:, 0], every[:, 1], every[:, 2], offsets[:within], rate)
+
+
+@dataclass(frozen=True, eq=False)
+class _Response:
+    """Courses of y under a law: (hits, bins), by one standard error (hits, bins, numbers), by u; tension."""
+
+    candidate: Candidate
+    course: FloatArray
+    by_number: FloatArray
+    by_deviation: FloatArray
+    scatter: FloatArray
+    tension: FloatArray
+
+
+def _response(found: Fit, frozen: Frozen, grid: _Grid) -> _Response:
+    force = grid.force
+    still = np.zeros(len(grid.preload))
+    tension = _simulated(found.candidate, still, frozen, grid, force)
+    here = _levels(tension, grid)
+    ahead = _levels(_simulated(found.candidate, still + _STEP, frozen, grid, force), grid)
+    columns = [
+        (_levels(_simulated(moved, still, frozen, grid, force), grid) - here) / _STEP
+        for moved in _principal_steps(found)
+    ]
+    by_number = np.stack(columns, axis=-1) if columns else np.zeros((*here.shape, 0))
+    return _Response(
+        found.candidate, here, by_number, (ahead - here) / _STEP, found.tau(grid.preload), tension
+    )
+
+
+def _simulated(
+    candidate: Candidate, deviations: FloatArray, frozen: Frozen, grid: _Grid, force: FloatArray
+) -> FloatArray:
+    laws = replace(frozen.model.link_laws[frozen.link], tension_rate=candidate.law())
+    model = replace(frozen.model, link_laws={**frozen.model.link_laws, frozen.link: laws})
+    rated = candidate.rated(frozen.factors(deviations))
+    vary = {f"{frozen.link}.tension_rate.{name}": values for name, values in rated.items()}
+    edges = _LEAD_S + grid.offsets_s
+    return model.mean_tensions(force, grid.rate_hz, grid.preload, edges, vary, grid.body)
+
+
+def _levels(tension: FloatArray, grid: _Grid) -> FloatArray:
+    """``ln(-ln(T / T_0))``; a course that diverged counts as no loss."""
+    share = np.nan_to_num(tension / grid.preload[:, None], nan=1.0)
+    return np.asarray(np.log(-np.log(np.clip(share, _LEAST_LOSS, 1 - _LEAST_LOSS))))
+
+
+def _principal_steps(found: Fit) -> list[Candidate]:
+    """The law moved by a small share of a standard error along each principal direction of its fit."""
+    values, vectors = np.linalg.eigh(found.covariance)
+    logs = found.candidate.coefficient_names
+    here = {name: parameter.value for name, parameter in found.candidate.parameters.items()}
+    steps = []
+    for size, direction in zip(np.sqrt(np.maximum(values, 0.0)), vectors.T, strict=True):
+        change = _STEP * size * direction
+        moved = {
+            name: here[name] * float(np.exp(np.clip(by, -1, 1)))
+            if name in logs and here[name] > 0
+            else here[name] + by
+            for name, by in zip(found.free, change, strict=True)
+        }
+        steps.append(found.candidate.with_values(moved))
+    return steps
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """What every hit adds to c, r and A if one law is true and another one is held against it."""
+
+    c: FloatArray
+    r: FloatArray
+    A: FloatArray
+
+    def ratio(self, c: FloatArray, r: FloatArray, A: FloatArray) -> FloatArray:
+        """Log likelihood ratios of sums, (...,)."""
+        solved = np.linalg.solve(np.eye(A.shape[-1]) + A, r[..., None])[..., 0]
+        return np.asarray(0.5 * np.maximum(c - (r * solved).sum(axis=-1), 0.0))
+
+    def of(self, counts: FloatArray) -> FloatArray:
+        """Log likelihood ratio of numbers of hits of each kind, (hits,); result of no dimension."""
+        return self.ratio(counts @ self.c, counts @ self.r, np.tensordot(counts, self.A, 1))
+
+    def of_each(self, hits: int) -> FloatArray:
+        """The same for a number of hits of each kind alone, (hits,)."""
+        return self.ratio(hits * self.c, hits * self.r, hits * self.A)
+
+    def with_one_more(self, counts: FloatArray) -> FloatArray:
+        """The same with one more of each, (hits,)."""
+        sums = counts @ self.c, counts @ self.r, np.tensordot(counts, self.A, 1)
+        return self.ratio(sums[0] + self.c, sums[1] + self.r, sums[2] + self.A)
+
+
+def _way(true: _Response, rival: _Response, frozen: Frozen, grid: _Grid) -> _Way:
+    initial = np.log(np.maximum(frozen.initial, 1e-3))
+    nearest = np.argmin(np.abs(initial - np.log(grid.preload)[:, None]), axis=1)
+    bins = len(grid.offsets_s) - 1
+    share = np.clip(np.nan_to_num(true.tension / grid.preload[:, None], nan=1.0), 1e-6, 1 - _LEAST_LOSS)
+    per_newton = 1 / (grid.preload[:, None] * share * -np.log(share))
+    difference = true.course - rival.course
+    level = np.average(difference, axis=1, weights=1 / np.arange(1, bins + 1))  # the first bins know best
+    moved = _simulated(rival.candidate, level, frozen, grid, grid.force)
+    difference = true.course - _levels(moved, grid) + rival.by_deviation * level[:, None]
+    spread = rival.scatter[:, None] * rival.by_deviation
+    covariance = frozen.covariance[nearest][:, :bins, :bins] * per_newton[:, :, None] * per_newton[:, None, :]
+    covariance = covariance + spread[:, :, None] * spread[:, None, :] + _SHAPE_ERROR**2 * np.eye(bins)
+    size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))  # of very different orders
+    columns = np.concatenate([difference[..., None], rival.by_number], axis=-1) / size[..., None]
+    left = np.minimum(true.tension, moved)[:, -1] / grid.preload
+    columns[~(left > _LEAST_LEFT)] = 0.0  # also where a simulation diverged
+    solved = np.linalg.solve(covariance / (size[:, :, None] * size[:, None, :]), columns)
+    sums = np.einsum("hbi,hbj->hij", columns, solved)
+    return _Way(sums[:, 0, 0], sums[:, 1:, 0], sums[:, 1:, 1:])
+
+
+Names = Sequence[tuple[str, str]]
+
+
+def _by_pair(names: Names, ratios: Sequence[FloatArray]) -> dict[frozenset[str], FloatArray]:
+    """The smaller ratio of both ways, by pair of laws."""
+    found: dict[frozenset[str], FloatArray] = {}
+    for name, ratio in zip(names, ratios, strict=True):
+        found[frozenset(name)] = np.minimum(found.get(frozenset(name), ratio), ratio)
+    return found
+
+
+def _greedy(ways: Sequence[_Way], names: Names, most_tests: int, aim: float) -> list[int]:
+    """Hits one after the other, each the one that brings all pairs nearest to the aim."""
+    chosen: list[int] = []
+    counts = np.zeros(len(ways[0].c))
+    while len(chosen) < _MOST_HITS:
+        pairs = np.stack(list(_by_pair(names, [way.with_one_more(counts) for way in ways]).values()))
+        worth = np.minimum(pairs, aim).sum(axis=0) + 1e-3 * np.log1p(pairs).sum(axis=0)
+        if len(set(chosen)) == most_tests:
+            worth[[hit for hit in range(len(worth)) if hit not in chosen]] = -np.inf
+        best = int(np.argmax(worth))
+        chosen.append(best)
+        counts[best] += 1
+        if pairs[:, best].min() >= aim:
+            break
+    return chosen
+
+
+def _proposals(ways: Sequence[_Way], names: Names, chosen: list[int], grid: _Grid) -> tuple[Proposal, ...]:
+    found, counts = [], np.zeros(len(grid.preload))
+    before = _by_pair(names, [way.of(counts) for way in ways])
+    for hit in dict.fromkeys(chosen):
+        hits = chosen.count(hit)
+        counts[hit] = hits
+        after = _by_pair(names, [way.of(counts) for way in ways])
+        gains = {key: float(ratio - before[key]) / hits for key, ratio in after.items()}
+        pair = max(gains, key=lambda key: gains[key])
+        before, worst = after, min(float(ratio) for ratio in after.values())
+        found.append(
+            Proposal(
+                body=grid.body,
+                peak_force=float(grid.peak_force[hit]),
+                pulse_length=float(grid.pulse_length[hit]),
+                preload=float(grid.preload[hit]),
+                hits=hits,
+                laws=next(name for name in names if frozenset(name) == pair),
+                expected_gain=2 * gains[pair],
+                odds=float(np.exp(min(worst, 700.0))),
+            )
+        )
+    return tuple(found)

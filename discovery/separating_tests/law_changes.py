@@ -1,0 +1,37 @@
+"""Which hits would tell two changes of a bolt's law apart that the courses at hand cannot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from discovery.explain.tension_law import Slow
+from discovery.separating_tests.hits import propose_tests
+from rom.effects import LawChange
+
+_ODDS = 100.0
+
+
+def separating_hits(best: Slow | None, rival: Slow | None) -> str:
+    """Return in words how often to hit, how hard and at which tension; `discovery.separating_tests.hits` tells how.
+
+    Parameters
+    ----------
+    best, rival : Slow or None
+        Two effects as they were fitted to the same courses; None for one that is not in these.
+
+    Returns
+    -------
+    str
+        Empty unless both are laws; of a reading no tension that a hit leaves tells.
+    """
+    if best is None or rival is None or best.candidate.effect or rival.candidate.effect:
+        return ""
+    frozen = best.problem.frozen
+    model = frozen.model  # the changes are in the laws that are compared
+    kept = tuple(effect for effect in model.effects if not isinstance(effect, LawChange))
+    guide = replace(frozen, model=replace(model, effects=kept))
+    tests = propose_tests([best.fit, rival.fit], guide, most_tests=1, odds=_ODDS)
+    if not tests:
+        return "none of the hits tried, up to 60 of them 1.5 times as hard as those at hand"
+    (test,) = tests
+    return f"{test.hit}: {test.outcome}"

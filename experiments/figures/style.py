@@ -1,0 +1,115 @@
+"""One look for every figure: one column wide, colour-blind safe, vector. Nothing global is changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rom.campaign.record import replacing
+
+FloatArray = npt.NDArray[np.float64]
+
+COLUMN_MM = 85.0
+_MM_PER_INCH = 25.4
+
+# M. Okabe and K. Ito, Color Universal Design (2008)
+BLACK = "#000000"
+BLUE = "#0072B2"
+VERMILLION = "#D55E00"
+GREEN = "#009E73"
+SKY = "#56B4E9"
+GREY = "#8c8c8c"
+
+MEASURED, MODEL, BACKGROUND = BLACK, VERMILLION, GREY
+
+_STYLE: dict[Any, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 7.5,
+    "axes.labelsize": 7.5,
+    "axes.titlesize": 7.5,
+    "axes.titlelocation": "left",
+    "axes.titlepad": 3.0,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "legend.fontsize": 7.0,
+    "legend.frameon": False,
+    "legend.handlelength": 1.6,
+    "legend.borderaxespad": 0.2,
+    "lines.linewidth": 1.0,
+    "lines.markersize": 3.5,
+    "errorbar.capsize": 0.0,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "boltlaw",
+    "path.simplify": True,
+}
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def styled(function: Callable[P, R]) -> Callable[P, R]:
+    """Run a function within the style; matplotlib's own settings stay as they were."""
+
+    @wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        with mpl.rc_context(_STYLE):
+            return function(*args, **kwargs)
+
+    return run
+
+
+def panels(
+    rows: int = 1, columns: int = 1, height_mm: float = 58.0, **options: Any
+) -> tuple[Figure, npt.NDArray[Any]]:
+    """Return a figure one column wide and its axes, shape (rows, columns)."""
+    size = (COLUMN_MM / _MM_PER_INCH, height_mm / _MM_PER_INCH)
+    figure = Figure(figsize=size, layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02)  # type: ignore[union-attr,call-arg]
+    axes = figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, axes
+
+
+def tension_axis(axes: Axes, tension: FloatArray, label: str = "Bolt tension $T$ [N]") -> FloatArray:
+    """Label the tension axis, logarithmic where it spans a decade; return where to draw curves [N]."""
+    low, high = float(np.min(tension)), float(np.max(tension))
+    axes.set_xlabel(label)
+    if low > 0 and high >= 10 * low:
+        axes.set_xscale("log")
+        return np.geomspace(low / 1.2, high * 1.2, 300)
+    margin = 0.05 * (high - low) or 0.05 * high or 1.0
+    return np.linspace(max(low - margin, 0.0), high + margin, 300)
+
+
+@styled
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write a figure by its suffix (.svg, .pdf, .png); it appears whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        If the suffix is none of these.
+    """
+    path = Path(path)
+    kind = path.suffix.lower().removeprefix(".")
+    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}  # same data, same file
+    if kind not in metadata:
+        raise ValueError(f"{path}: a figure is written as .svg, .pdf or .png, instead got {path.suffix!r}")
+    with replacing(path) as temporary:
+        figure.savefig(temporary, format=kind, dpi=300, metadata=metadata[kind])
+    return path

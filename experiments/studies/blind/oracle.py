@@ -1,0 +1,124 @@
+"""What could be reached: errors of a model with the true effects, refitted from where nothing is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from discovery.explain.at_rest import explain_at_rest
+from discovery.explain.motion import motion_channels
+from discovery.explain.tension import explain_tension
+from discovery.loop.refits import Refits
+from discovery.loop.result import ErrorsByKind
+from discovery.loop.state import State, cost, refitted, retold, silent, without_effect
+from discovery.residual.output_error import Evidence, starting
+from rom.campaign.campaign import Campaign
+from rom.effects import Added, Effect, LawChange, SensorFault, candidates
+from rom.identification.identify import identify_campaign
+
+__all__ = ["declared_errors", "oracle_errors"]
+
+_SETTLED = 1e-3  # of the cost
+
+Truth = Mapping[str, Any]
+"""An effect as a truth file tells it: `name`, `enters`, `parameters` with a `value` each."""
+
+
+def declared_errors(campaign: Campaign) -> ErrorsByKind:
+    """Return the errors of the declared model, its numbers refitted to training records."""
+    return Refits(campaign, identify_campaign(campaign), 1, silent).start().errors
+
+
+def oracle_errors(campaign: Campaign, twin: Campaign, truths: Sequence[Truth]) -> list[ErrorsByKind]:
+    """Return the errors of a model with the true effects in it, refitted to training records.
+
+    A refitted number may predict worse than the true one, so the errors with the true numbers of faults,
+    readings and laws follow where there are any, gamma(T) beside a law being the twin's then.
+
+    The fit starts from the true effects and from the model that is identified from a twin: an undeclared
+    effect can lead the identification itself astray, and what starts from there is no oracle. Numbers of the
+    model and of forces are refitted together, those of a sensor's fault from where they are, those of effects
+    in the tension or its gauge with its law beside them; gamma(T) is learned anew.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The campaign that was measured with the effects.
+    twin : Campaign
+        The same measured without them.
+    truths : sequence of mapping
+        Effects of the catalogue, as a truth file tells them.
+
+    Raises
+    ------
+    ValueError
+        If an effect cannot enter there, or nothing can be identified.
+    """
+    own, sound = identify_campaign(campaign), identify_campaign(twin)
+    plant = replace(sound.model, filter_cutoff_hz=own.model.filter_cutoff_hz)  # errors as a closure has them
+    refits = Refits(campaign, replace(own, model=plant, linear=sound.linear), 1, silent)
+    baseline = starting(refits.found, plant)
+    declared = refits.gathered(baseline)
+    effects = [_true(truth, declared) for truth in truths]
+    model = baseline.model
+    for effect in effects:
+        model = effect.added_to(model)
+    evidence = refitted(refits.gathered(replace(baseline, model=model), declared.floors))
+    true = [] if all(isinstance(e, Effect) for e in effects) else [
+        refits.settled(evidence, learned=any(isinstance(e, LawChange) for e in effects)).errors
+    ]  # fmt: skip
+    faults = [e for e in effects if isinstance(e, SensorFault) and e.channel != "tension"]
+    for fault in faults * len(faults):  # one may mislead the other's fit
+        evidence = _fault_refitted(fault, evidence, refits)
+    in_tension = [effect for effect in effects if effect.enters in ("tension", "sensor:tension")]
+    for effect in in_tension:  # the motion is traced along them
+        evidence = replace(evidence, baseline=without_effect(evidence.baseline, effect))
+    state = refits.settled(evidence)
+    for effect in in_tension:
+        state = _with_tension(effect, state, refits)
+    return [state.errors, *true]
+
+
+def _fault_refitted(fault: SensorFault, evidence: Evidence, refits: Refits) -> Evidence:
+    """A fault's numbers as the records before the hits tell them, or else what is left of it after these."""
+    bare = refits.gathered(without_effect(evidence.baseline, fault), evidence.floors)
+    told = next((e.effect for e in explain_at_rest(bare) if e.effect.path == fault.path), None)
+    if told is not None:
+        near = replace(bare.baseline, model=told.added_to(bare.baseline.model))
+        return refitted(refits.gathered(near, evidence.floors))
+    while True:
+        (own,) = (e for e in evidence.baseline.model.effects if e.path == fault.path)
+        assert isinstance(own, SensorFault)
+        again = refitted(refits.gathered(retold(evidence, own), evidence.floors))
+        if not cost(again) < (1 - _SETTLED) * cost(evidence):
+            return min(evidence, again, key=cost)
+        evidence = again
+
+
+def _with_tension(effect: Added, state: State, refits: Refits) -> State:
+    """The state with an effect in the tension fitted beside the law; as it is where that asks for none."""
+    campaign, path = refits.campaign, effect.path
+    told = explain_tension(campaign, state.found, state.model, only=path).explanations
+    one = next((e for e in told if e.effect.path == path), None)
+    if one is None:
+        raise ValueError(f"oracle: the tension tells nothing of {effect.name}")
+    return refits.adopt(state, one) if any(one.gains(hold_out=False)) else state
+
+
+def _true(truth: Truth, evidence: Evidence) -> Added:
+    """The effect with its true values, cut to its bounds."""
+    channels = (*motion_channels(evidence), "tension")
+    for _, effect in candidates(evidence.baseline.model, channels, core=False):
+        if (effect.name, effect.enters) == (truth["name"], truth["enters"]):
+            told = {name: number["value"] for name, number in truth["parameters"].items()}
+            return effect.with_values(
+                **{
+                    name: float(np.clip(told[name], *number.bounds))
+                    for name, number in effect.parameters.items()
+                    if name in told
+                }
+            )
+    raise ValueError(f"oracle: found no effect {truth['name']} that can enter at {truth['enters']}")

@@ -1,0 +1,397 @@
+"""A closed loop in plain words, equations and tables; every number comes from closure.json."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from markupsafe import Markup
+
+from discovery.decide.acceptance import QUIET
+from discovery.views.force import pair
+from experiments.text import equations
+from experiments.text.answers import Answer, Headline
+from experiments.text.tables import MEASURES, Table, error_rows, parameter_rows
+from experiments.text.wording import NONE, label, number, trimmed
+
+Data = Mapping[str, Any]
+
+_QUESTION = "Is anything missing from the model, and what?"
+_GOOD = {"closed": True, "no-effect": True, "unexplained": False}
+_SETS = {"hold_out": "hold-out", "training": "training"}
+_HEADLINES = ("motion_nrmse", "relative_motion_nrmse", "tension_loss_error_percent_median")
+_HYPHEN = "\u2011"  # at which no line breaks
+_SHOWN_BELOW = ("numbers",)
+_LEGEND = {
+    "z1": "z: internal states, zero at the start",
+    "rate": "Ṫ₀: rate of the law of loosening before this change",
+    "follow": "follow: dependence of that law on tension, 1 at 100 N",
+    "y_true": "y: what the sensor shows",
+}
+_TESTS = ("uncoupled", "coupled", "loosening")
+_SINGLE = {
+    "whiteness_p": "Chance of so much dependence if only noise were left [1]",
+    "total": "All",
+    "repeatability": "Correlation of residuals of tests that repeat each other [1]",
+    "repeatability_chance": "What noise exceeds there in one case of twenty [1]",
+    "repeatability_noise": "Noise as such tests tell it, over that before the hits [1]",
+    "repeatability_pairs": "Pairs of such tests",
+    **{
+        f"line_correlation_{test}{end}": f"{words}, {test} tests [1]"
+        for test in _TESTS
+        for end, words in (
+            ("", "Correlation of lines side by side"),
+            ("_chance", "What white noise exceeds there in one case of twenty"),
+        )
+    },
+}
+_CORRELATED = {
+    **{f"line_correlation_{test}": f"Lines side by side, {test}" for test in _TESTS},
+    "repeatability": "Tests that repeat each other",
+}
+_VIEWS = {
+    "by_test": "Kind of test",
+    "by_time": "Time since the impact",
+    "by_harmonic": "Harmonic",
+    "by_place": "As a force",
+    "by_sign": "Displacement",
+    "tension_by_preload": "Tension's courses by preload",
+    "tension_by_velocity": "Tension's courses by velocity",
+    "tension_by_time": "Tension's courses by time",
+}
+_OF_FORCE = (
+    ("level", "Mean square over that of noise [1]", 1.0),
+    ("explained", "A function of displacement and velocity [%]", 100.0),
+    ("explained_p", "Chance of so much from noise [1]", 1.0),
+    ("elastic", "Even in velocity, of that function [%]", 100.0),
+    ("rest", "Memory, or differs from record to record [%]", 100.0),
+    ("work_per_cycle_j", "Work in a cycle, first three [mJ]", 1e3),
+    ("cosine_displacement", "Cosine of the angle to displacement [1]", 1.0),
+    ("cosine_velocity", "Cosine of the angle to velocity [1]", 1.0),
+    ("cosine_chance", "What noise exceeds in one case of twenty [1]", 1.0),
+)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A part of the page on a closed loop: heading, text, typeset equations and their legend, tables."""
+
+    title: str
+    text: str = ""
+    shown: tuple[Markup, ...] = ()
+    legend: str = ""
+    tables: tuple[Table, ...] = ()
+
+
+def answer(data: Data) -> Answer:
+    """Return what was missing, how one knows, what changed and what remains."""
+    verdict = str(data.get("verdict"))
+    return Answer(
+        _QUESTION,
+        _verdict(verdict, effects_of(data), _left(data)),
+        tuple(_sentences(data)),
+        tuple(_headlines(data)),
+        _GOOD.get(verdict),
+    )
+
+
+def effects_of(data: Data) -> list[Data]:
+    """Return the effects that a closure names, in the order in which they were found."""
+    return _mappings(data.get("effects"))
+
+
+def _left(data: Data) -> str:
+    """Return what a closed loop leaves, in words: noise alone, or a share of the residual's mean square."""
+    residual = _mapping(data.get("residual"))
+    before, after = (_mapping(residual.get(when)).get("total") for when in ("before", "after"))
+    if not (isinstance(before, float) and isinstance(after, float)) or after <= QUIET:
+        return "no more is left than noise explains"
+    share = number(100 * after / before, 2)
+    return f"{share} % of the residual's mean square is left, {number(after, 3)} times noise"
+
+
+def _verdict(verdict: str, effects: Sequence[Data], left: str) -> str:
+    named = " and ".join(_placed(effect) for effect in effects)
+    if verdict == "closed" and named:
+        return f"The loop closes. The model lacked {named}; with that, {left}."
+    if verdict == "unexplained" and named:
+        return f"Something is still missing: {named} helped, but significant residual is left."
+    known = {
+        "closed": f"The loop closes: {left}.",
+        "no-effect": "Nothing is missing that these records show: no effect beats chance.",
+        "unexplained": "Something is missing that no effect explains.",
+    }
+    return known.get(verdict, f"Verdict: {verdict}.")
+
+
+def _placed(effect: Data) -> str:
+    name = str(effect.get("name"))
+    shown = "a term outside the catalogue" if name == "free-form" else name
+    enters = place_words(effect.get("enters"))
+    return f"{shown} ({enters})" if enters else shown
+
+
+def place_words(enters: object) -> str:
+    """Return where an effect enters, in words; nothing where the file does not say."""
+    kind, _, name = str(enters or "").partition(":")
+    if name:
+        return f"{kind} {name}"
+    return kind if kind in ("", "tension") else f"link {kind}"
+
+
+def view_words(view: str) -> str:
+    """Return what a view of the residual goes along: "by_preload" is "Preload"."""
+    return _VIEWS.get(view) or label(view.removeprefix("by_"))
+
+
+def correlations(data: Data) -> list[tuple[str, float, float, float]]:
+    """Return what correlates in the residual: label, before, after, and the 95 % limit of noise."""
+    before, after = (_mapping(_mapping(data.get("residual")).get(when)) for when in ("before", "after"))
+    found = []
+    for key, words in _CORRELATED.items():
+        old, new, chance = before.get(key), after.get(key), after.get(f"{key}_chance")
+        if isinstance(old, float) and isinstance(new, float) and isinstance(chance, float):
+            found.append((words, old, new, chance))
+    return found
+
+
+def class_words(text: object) -> str:
+    """Return the label of a class as people write it."""
+    return re.sub(r"\bum\b", "µm", str(text).replace("_", " "))
+
+
+def _sentences(data: Data) -> Iterator[str]:
+    said = data.get("summary")
+    if isinstance(said, Mapping):
+        told = (str(text) for key, text in said.items() if text and key not in _SHOWN_BELOW)
+        yield from (line for text in told for line in text.splitlines())
+        return
+    names = ", ".join(str(effect.get("name")) for effect in effects_of(data))
+    yield f"Added: {names}." if names else "No effect was added."
+
+
+def _headlines(data: Data) -> Iterator[Headline]:
+    if not effects_of(data):
+        return
+    kind = next((kind for kind in _SETS if _errors(data, kind, "after").get("records")), None)
+    for key in _HEADLINES:
+        before, after = (_errors(data, str(kind), when).get(key) for when in ("before", "after"))
+        if isinstance(before, float) and isinstance(after, float):
+            words, unit, factor = MEASURES[key]
+            shown = f"{number(factor * before, 3)} → {number(factor * after, 3)} {unit}"
+            yield Headline(f"{words[:1].lower()}{words[1:]}, {_SETS[str(kind)]}", shown, after)
+
+
+def _errors(data: Data, kind: str, when: str) -> Data:
+    return _mapping(_mapping(_mapping(data.get("errors")).get(kind)).get(when))
+
+
+def blocks(data: Data) -> list[Block]:
+    """Return errors before and after, where the residual lived, then each effect: equation, numbers,
+    look-alikes.
+    """
+    found = [Block("Errors before and after", tables=tuple(_error_tables(data)))]
+    lived = tuple(table for table in (_most(data), force_table(data)) if table.rows)
+    found += [Block("Where the residual lived", tables=lived)] if lived else []
+    found += [_effect_block(effect) for effect in effects_of(data)]
+    return [block for block in found if block.tables or block.shown]
+
+
+def _error_tables(data: Data) -> Iterator[Table]:
+    columns = [
+        (f"{_SETS[kind]}, {when}", errors)
+        for kind in _SETS
+        for when in ("before", "after")
+        if (errors := _errors(data, kind, when)).get("records")
+    ]
+    rows = tuple(error_rows([errors for _, errors in columns]))
+    if rows:
+        heads = tuple(head[:1].upper() + head[1:] for head, _ in columns)
+        note = (
+            "NRMSE: root mean square of simulated minus measured over that of the measured, both through one "
+            "filter chain. No fit has seen a hold-out record."
+        )
+        yield Table("", ("", *heads), rows, note=note)
+    steps = _mappings(data.get("steps"))
+    if len(steps) > 2:  # of one effect the table above says it all
+        yield _steps(steps)
+
+
+def _steps(steps: Sequence[Data]) -> Table:
+    of_step = [{kind: _mapping(_mapping(step.get("errors")).get(kind)) for kind in _SETS} for step in steps]
+    kind = next((kind for kind in _SETS if of_step[0][kind].get("records")), "training")
+    keys = [key for key in _HEADLINES if any(errors[kind].get(key) is not None for errors in of_step)]
+    rows = tuple(
+        (
+            f"+\u00a0{str(step['added']).replace('-', _HYPHEN)}" if step.get("added") else "declared",
+            *(_scaled(errors[kind].get(key), MEASURES[key][2]) for key in keys),
+        )
+        for step, errors in zip(steps, of_step, strict=True)
+    )
+    heads = tuple(f"{MEASURES[key][0]} [{MEASURES[key][1]}]" for key in keys)
+    return Table(f"Step by step, {_SETS[kind]}", ("Model", *heads), rows)
+
+
+def _most(data: Data) -> Table:
+    """Return the class of every view in which most was left, before and after."""
+    residual = _mapping(data.get("residual"))
+    before, after = (_mapping(residual.get(when)) for when in ("before", "after"))
+    rows = []
+    for view, classes in before.items():
+        sizes = {part: x for part, x in _mapping(classes).items() if isinstance(x, int | float)}
+        if sizes:
+            part = max(sizes, key=lambda name: float(sizes[name]))
+            left = _mapping(after.get(view)).get(part)
+            rows.append((view_words(view), class_words(part), _cell(sizes[part]), _cell(left)))
+    if rows and before.get("total") is not None:
+        rows.append(("All", "", _cell(before["total"]), _cell(after.get("total"))))
+    note = "Mean square of the whitened residual, 1: noise alone. All classes are listed under details."
+    return Table("", ("Along", "Most was left at", "Before", "After"), tuple(rows), note=note)
+
+
+def forces(data: Data) -> tuple[Data, Data] | None:
+    """Return what is told of the unbalanced force, before and after, at the place of most."""
+    residual = _mapping(data.get("residual"))
+    before, after = (_mapping(residual.get(when)).get("forces") for when in ("before", "after"))
+    return pair(_mappings(before), _mappings(after))
+
+
+def force_table(data: Data) -> Table:
+    """Return how much of the unbalanced force is a function of motion, what it does, and what is left."""
+    both = forces(data)
+    if both is None:
+        return Table("", (), ())
+    rows = tuple(
+        (words, *(_scaled(one.get(key), factor) for one in both))
+        for key, words, factor in _OF_FORCE
+        if both[0].get(key) is not None
+    )
+    note = "Equation error of the training records, in the band of their spectra, back in time."
+    return Table(
+        f"The force left at {class_words(both[0]['place'])}", ("", "Before", "After"), rows, note=note
+    )
+
+
+def _effect_block(effect: Data) -> Block:
+    name, enters = str(effect.get("name")), str(effect.get("enters") or "")
+    tables = [table for table in (_parameters(effect), _look_alikes(effect)) if table.rows]
+    equation = str(effect.get("equation") or "")
+    names = set(re.findall(r"[A-Za-z_]\w*", equation))
+    return Block(
+        f"{name}, {place_words(enters)}" if enters else name,
+        " ".join(_evidence(effect)),
+        tuple(equations.effect_equations(equation, enters)) if equation else (),
+        "; ".join(
+            [*_of_force(equation, enters), *(text for known, text in _LEGEND.items() if known in names)]
+        ),
+        tuple(tables),
+    )
+
+
+def _of_force(equation: str, enters: str) -> Iterator[str]:
+    """Say what F is where it is the left side: in a changed law of loosening it is the force of the joint."""
+    if enters == "tension" and re.search(r"\bF = ", equation):
+        yield "F: what is added to the reading of the tension"
+    elif enters != "tension" and not enters.startswith("sensor:"):
+        yield "F: force that pulls the first body back"
+
+
+def _evidence(effect: Data) -> Iterator[str]:
+    share, p, wins = (effect.get(key) for key in ("share", "p_value", "wins"))
+    if effect.get("source") == "free-form":
+        yield "Found without the catalogue, by sparse regression."
+    if isinstance(share, float):
+        yield f"Share of {effect.get('share_of') or 'the residual'} that it takes away: {_share(share)}."
+    if isinstance(wins, Sequence) and len(wins) == 2 and wins[1]:
+        yield f"Held-out records that it meets better: {wins[0]} of {wins[1]}."
+    if isinstance(p, float):
+        chance = f"= {trimmed(number(p, 2))}" if p >= 1e-4 else "below 10⁻⁴"
+        how = "" if effect.get("p_value_from") in (None, "drawn") else " (rows independent)"
+        yield f"Chance of that where nothing is missing{how}: p {chance}."
+
+
+def _parameters(effect: Data) -> Table:
+    rows = tuple((cells[0], *cells[2:5]) for cells in parameter_rows("", _mapping(effect.get("parameters"))))
+    return Table("", ("", "Value", "95 % limits", "Unit"), rows)
+
+
+def _look_alikes(effect: Data) -> Table:
+    rows = tuple(
+        (
+            str(like.get("name")),
+            place_words(like.get("enters")) or NONE,
+            trimmed(number(like.get("hold_out_cost"), 3)),
+            str(like.get("test") or NONE),
+        )
+        for like in _mappings(effect.get("look_alikes"))
+    )
+    note = "Cost on held-out records over that of the effect named: 1 is as good."
+    heads = ("Look-alike", "Where", "Held-out cost", "What would separate them")
+    return Table("Not told apart from it by these records", heads, rows, note=note)
+
+
+def details(data: Data) -> list[Table]:
+    """Return where the residual lives, and what was screened: tables for those who look closer."""
+    return [table for table in (_residual(data), _screened(data)) if table.rows]
+
+
+def _residual(data: Data) -> Table:
+    residual = _mapping(data.get("residual"))
+    before, after = (_mapping(residual.get(when)) for when in ("before", "after"))
+    rows: list[tuple[str | Markup, ...]] = []
+    for view in dict.fromkeys((*before, *after)):
+        old, new = before.get(view), after.get(view)
+        if view == "forces":
+            continue
+        if isinstance(old, Mapping) or isinstance(new, Mapping):
+            name = view_words(view)
+            parts = dict.fromkeys((*_mapping(old), *_mapping(new)))
+            rows += [(name, class_words(part), _cell(_mapping(old).get(part)), _cell(_mapping(new).get(part)))
+                     for part in parts]  # fmt: skip
+        else:
+            rows.append((_single_words(view), "", _cell(old), _cell(new)))
+    note = "Mean square of the whitened residual; 1 is what noise alone leaves."
+    return Table("Where the residual lives", ("View", "", "Before", "After"), tuple(rows), note=note)
+
+
+def _single_words(view: str) -> str:
+    """Return what a number of the residual is, in words."""
+    head, of_sensor, body = view.partition("repeatability_noise_")
+    return f"The same, sensor of {body} [1]" if of_sensor and not head else _SINGLE.get(view, label(view))
+
+
+def _screened(data: Data) -> Table:
+    rows = tuple(
+        (
+            str(row.get("name")),
+            place_words(row.get("enters")),
+            _share(row.get("share")),
+            trimmed(number(row.get("strength"), 3)),
+        )
+        for row in _mappings(data.get("screened"))
+    )
+    note = "What each effect alone could explain of the first residual beyond the declared model."
+    heads = ("Effect", "Where", "Share of the residual", "Strength")
+    return Table("What was screened", heads, rows, note=note)
+
+
+def _cell(value: object) -> str:
+    return trimmed(number(value, 3)) if isinstance(value, float) else label(str(value or NONE))
+
+
+def _share(value: object) -> str:
+    return f"{trimmed(number(100.0 * value, 3))} %" if isinstance(value, int | float) else NONE
+
+
+def _scaled(value: object, factor: float) -> str:
+    return number(value * factor if isinstance(value, float) else value, 3)
+
+
+def _mapping(value: object) -> Data:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _mappings(items: object) -> list[Data]:
+    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []

@@ -1,0 +1,300 @@
+"""A ranking of tension laws in plain words and as tables; every number comes from ranking.json."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from markupsafe import Markup
+
+from experiments.text import equations
+from experiments.text.answers import Answer, Headline
+from experiments.text.scores import mappings
+from experiments.text.tables import Table, parameter_rows
+from experiments.text.wording import NONE, law_name, number, set_words, trimmed
+
+Data = Mapping[str, Any]
+
+BASELINE = "gamma(T) baseline"
+NO_LOOSENING = "no loosening"
+SURE = 0.01  # chance below which a law is called better
+_QUESTION = "Which law of loosening do the records support, and how sure is that?"
+_ERROR = "cross_validated_loss_error_percent_median"
+_NAMED = 4
+_WITH_PARAMETERS = 3
+
+
+def ranked(data: Data) -> list[Data]:
+    """Return the laws of a ranking, the first one first."""
+    laws = [law for law in data.get("laws") or [] if isinstance(law, Mapping)]
+    return sorted(laws, key=lambda law: float(law.get("rank") or len(laws) + 1))
+
+
+def answer(data: Data) -> Answer | None:
+    """Return which law a ranking supports, how sure that is, and what would settle it."""
+    laws = ranked(data)
+    if not laws:
+        return None
+    best = laws[0]
+    verdict, good = _verdict(best, _equals(data))
+    return Answer(
+        _QUESTION, verdict, tuple(_sentences(data, best, laws)), tuple(_headlines(best, laws)), good
+    )
+
+
+def _equals(data: Data) -> list[str]:
+    """Return the laws that the records cannot tell from the first one."""
+    return [str(name) for name in data.get("indistinguishable") or []]
+
+
+def _verdict(best: Data, equals: Sequence[str]) -> tuple[str, bool | None]:
+    name = str(best.get("name"))
+    if name == NO_LOOSENING:
+        return "No law tells more of these records than a bolt that never loosens.", False
+    count = len(equals)
+    told = f"these records cannot tell it from {'another one' if count == 1 else f'{count} others'}"
+    if name != BASELINE:
+        return _against_baseline(best, equals, told)
+    if equals:
+        return f"The paper's law ranks first; {told}.", None
+    return "The paper's law ranks first, and no other law describes these records as well.", True
+
+
+def _against_baseline(best: Data, equals: Sequence[str], told: str) -> tuple[str, bool | None]:
+    first, p = f"“{law_name(str(best.get('name')))}” ranks first", best.get("p_value_against_baseline")
+    if BASELINE in equals:
+        return f"{first}, but these records cannot tell it from the paper's law.", None
+    if p is None:
+        return f"{first} by re-simulation.", None
+    chance = trimmed(number(float(p), 2))
+    if p >= SURE:
+        return f"{first}; that it beats the paper's law may be chance (p = {chance}).", None
+    sure = f"{first} and beats the paper's law beyond chance (p = {chance})"
+    return (f"{sure}; {told}.", None) if equals else (f"{sure}.", True)
+
+
+def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
+    yield from _on_errors(best, laws)
+    yield from _on_wins(best, laws)
+    equals = _equals(data)
+    if equals:
+        named = ", ".join(f"“{law_name(name)}”" for name in equals[:_NAMED])
+        more = f" and {len(equals) - _NAMED} more" if len(equals) > _NAMED else ""
+        yield f"Not told apart from it: {named}{more}."
+    yield from _on_profiles(data)
+    yield from _on_proposals(data.get("proposals"))
+    if data.get("considered"):
+        yield f"{data['considered']} candidate laws were considered; {len(laws)} of them are ranked below."
+
+
+def _on_wins(best: Data, laws: Sequence[Data]) -> Iterator[str]:
+    wins = best.get("wins_against_baseline")
+    if best.get("name") == BASELINE or not isinstance(wins, Sequence) or len(wins) != 2:
+        return
+    text = f"It is nearer than the paper's law on {wins[0]} of {wins[1]} records"
+    rise = next((law.get("delta_bic") for law in laws if law.get("name") == BASELINE), None)
+    yield f"{text}; in BIC that is worse by {number(rise, 3)}." if isinstance(rise, float) else f"{text}."
+
+
+def _on_errors(best: Data, laws: Sequence[Data]) -> Iterator[str]:
+    own = best.get(_ERROR)
+    if own is None:
+        return
+    text = f"On preloads that its fit has not seen, its loss of tension is off by {number(own, 3)} % (median)"
+    rest = {str(law.get("name")): law.get(_ERROR) for law in laws[1:]}
+    words = {BASELINE: "that of the paper's law by", NO_LOOSENING: "no loosening by"}
+    known = {say: rest[name] for name, say in words.items() if rest.get(name) is not None}
+    against = [f"{say} {number(error, 3)} %" for say, error in known.items()]
+    yield "; ".join([text, ", ".join(against)] if against else [text]) + "."
+
+
+_UNTOLD = ("not identifiable", "no loss above noise")
+_DRIVERS = {
+    "velocity": "Velocity drives the loosening; displacement is not needed beside it.",
+    "displacement": "Displacement drives the loosening; velocity is not needed beside it.",
+    "both": "Velocity and displacement both act.",
+    "undecided": "Whether velocity or displacement drives the loosening, these records cannot tell.",
+    "neither": "No product of powers of velocity and displacement alone explains the courses.",
+}
+
+
+def _on_profiles(data: Data) -> Iterator[str]:
+    profile, motion = data.get("exponent_profile"), data.get("motion_profile")
+    if isinstance(profile, Mapping) and profile.get("best") is not None:
+        value, words = trimmed(number(profile["best"], 3)), set_words(profile)
+        told = f"loosening goes with exponent {value} (95 % set: {words})"
+        if profile.get("reach") in _UNTOLD:
+            told = f"these records do not tell the exponent of loosening (95 % set: {words})"
+        if profile.get("explains_the_courses") is False:
+            told += ", but none explains the courses to within noise and scatter"
+        yield f"As a power of the relative velocity, {told}."
+    if isinstance(motion, Mapping) and motion.get("driver") in _DRIVERS:
+        yield _DRIVERS[str(motion["driver"])]
+
+
+def _on_proposals(proposals: object) -> Iterator[str]:
+    tests = mappings(proposals)
+    if not tests:
+        return
+    listed = [
+        f"{_times(test.get('hits'))} {_rounded(test.get('peak_force_n'))} N for "
+        f"{_milliseconds(test.get('pulse_s'))} ms at a preload of {_rounded(test.get('preload_n'))} N"
+        for test in tests
+    ]
+    yield f"Tests that would tell the first laws apart: {'; then '.join(listed)}."
+
+
+def _times(hits: object) -> str:
+    return f"{hits} hits of" if isinstance(hits, int) and hits > 1 else "a hit of"
+
+
+def _headlines(best: Data, laws: Sequence[Data]) -> Iterator[Headline]:
+    listed = [("first law", best)]
+    listed += [("the paper's law", law) for law in laws[1:] if law.get("name") == BASELINE]
+    for words, law in listed:
+        if isinstance(law.get(_ERROR), float):
+            shown = f"{number(law[_ERROR], 3)} %"
+            yield Headline(f"median error of the loss, cross-validated, {words}", shown, law[_ERROR])
+
+
+def tables(data: Data) -> list[Table]:
+    """Return leader board, equations, the first laws' parameters, and tests that would separate them."""
+    found = (_leader_board(data), _equations(data), _parameters(data), _proposals(data))
+    return [table for table in found if table.rows]
+
+
+def _leader_board(data: Data) -> Table:
+    rows = tuple(_row(law) for law in ranked(data))
+    heads = ("Rank", "Law", "Error of loss, cross-validated [%]", "Error of loss, hold-out [%]",
+             "Error of final tension, mean [%]", "ΔBIC", "Nearer than the paper's law", "p against it",
+             "Free numbers")  # fmt: skip
+    note = (
+        "Order: log density of whole courses of tension at preloads that the fit has not seen; of laws that "
+        "it does not tell from the best the one of most evidence goes first. Error of loss: 100 |simulated − "
+        "measured loss| / |measured loss|, median over records; cross-validated: with numbers fitted to the "
+        "other preloads. Error of final tension: the paper's measure, on the records fitted. "
+        "ΔBIC: difference of the Bayesian information criterion to the first law. p: chance that the best "
+        "of so many laws would look as much better than the paper's if none were better."
+    )
+    kept = [place for place in range(len(heads)) if any(str(row[place]) != NONE for row in rows)]
+    cells = tuple(tuple(row[place] for place in kept) for row in rows)
+    return Table(
+        "Laws of loosening, ranked by re-simulation", tuple(heads[i] for i in kept), cells, note=note
+    )
+
+
+def _row(law: Data) -> tuple[str | Markup, ...]:
+    return (
+        number(law.get("rank")),
+        _tied(law_name(str(law.get("name")))),
+        _share(law.get(_ERROR)),
+        _share(_error(law, "hold_out", "tension_loss_error_percent_median")),
+        _share(_error(law, "training", "final_tension_error_percent_mean")),
+        trimmed(number(law.get("delta_bic"), 3)),
+        _wins(law),
+        trimmed(number(law.get("p_value_against_baseline"), 2)),
+        number(law.get("free_numbers")),
+    )
+
+
+def _equations(data: Data) -> Table:
+    rows = [
+        (number(law.get("rank")), rate(law.get("equation")), _source(str(law.get("source") or "")))
+        for law in ranked(data)
+    ]
+    return Table("Their equations, and what proposed them", ("Rank", "dT/dt", "Source"), tuple(rows))
+
+
+def _tied(name: str) -> str:
+    """Return a name that breaks between its terms only."""
+    return " + ".join(term.replace(" ", "\u00a0") for term in name.split(" + "))
+
+
+def _error(law: Data, records: str, key: str) -> object:
+    errors = law.get("errors")
+    found = errors.get(records) if isinstance(errors, Mapping) else None
+    return found.get(key) if isinstance(found, Mapping) else None
+
+
+def _share(value: object) -> str:
+    return trimmed(number(value, 3))
+
+
+def _wins(law: Data) -> str:
+    wins = law.get("wins_against_baseline")
+    if law.get("name") == BASELINE or not isinstance(wins, Sequence) or len(wins) != 2:
+        return NONE
+    return f"{wins[0]} of {wins[1]}"
+
+
+def _source(text: str) -> str:
+    """Return where a law came from, without its libraries: "pysindy: STLSQ, SR3"."""
+    parts = [part.partition(":") for part in text.split("; ")]
+    if not all(kind == "pysindy" for kind, _, _ in parts):
+        return text
+    named = ", ".join(dict.fromkeys(rest.rpartition("/")[2] for _, _, rest in parts))
+    return _tied(f"pysindy: {named}")
+
+
+def rate(text: object) -> str | Markup:
+    """Return a tension rate typeset within a line; as it is where it is no expression."""
+    shown = equations.expression(str(text)) if text else None
+    return equations.math(shown) if shown is not None else str(text or NONE)
+
+
+def _parameters(data: Data) -> Table:
+    laws = ranked(data)
+    chosen = laws[:_WITH_PARAMETERS]
+    chosen += [law for law in laws[_WITH_PARAMETERS:] if law.get("name") == BASELINE]
+    rows = [
+        ("" if place else law_name(str(law.get("name"))), *cells[:1], *cells[2:5])
+        for law in chosen
+        for place, cells in enumerate(parameter_rows("", law.get("parameters")))
+    ]
+    heads = ("Law", "", "Value", "95 % limits", "Unit")
+    note = "A number without limits is held: it belongs to the law's form."
+    return Table("Parameters of the first laws", heads, tuple(rows), note=note)
+
+
+def _proposals(data: Data) -> Table:
+    rows = tuple(
+        (
+            number(test.get("hits")),
+            _rounded(test.get("peak_force_n")),
+            _milliseconds(test.get("pulse_s")),
+            _rounded(test.get("preload_n")),
+            trimmed(number(test.get("expected_gain"), 2)),
+            _odds(test.get("odds")),
+            " | ".join(law_name(str(name)) for name in test.get("separates") or ()),
+        )
+        for test in mappings(data.get("proposals"))
+    )
+    heads = ("Hits", "Peak force [N]", "Pulse [ms]", "Preload [N]", "Expected gain of a hit", "Odds after it",
+             "Separates")  # fmt: skip
+    note = (
+        "Chosen by simulation, one after the other. Expected gain: 2 ln of the likelihood ratio between the "
+        "two laws that one such hit adds. Odds: between the laws that are hardest to separate, of those that "
+        "can be."
+    )
+    return Table("Tests that would separate the first laws most, for the fewest hits", heads, rows, note=note)
+
+
+def _odds(value: object) -> str:
+    if not isinstance(value, int | float):
+        return NONE
+    return "over a million to 1" if value >= 1e6 else f"{trimmed(number(float(value), 2))} to 1"
+
+
+def _rounded(value: object) -> str:
+    return trimmed(number(value, 3))
+
+
+def _milliseconds(value: object) -> str:
+    return trimmed(number(1e3 * value, 3)) if isinstance(value, int | float) else NONE
+
+
+def equation_text(text: str) -> str:
+    """Return an equation for a terminal: ``max(T, 0)`` as T, powers with ^, no signs of multiplication."""
+    shown = text.replace("max(T, 0)", "T").replace(" ** ", "^").replace(" * ", " ")
+    return re.sub(r"abs\(([^()]*)\)", r"|\1|", shown)

@@ -1,0 +1,173 @@
+"""What the result files answer, in plain words; every number comes from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from experiments.text import closures, rankings
+from experiments.text.answers import Answer, Headline
+from experiments.text.wording import number
+
+Data = Mapping[str, Any]
+
+
+def answer(kind: str, data: Data) -> Answer | None:
+    """Return what a result file of a kind ("model", "reproduction", ...) answers; None if unknown."""
+    make = _ANSWERS.get(kind)
+    return make(data) if make else None
+
+
+def _of_model(data: Data) -> Answer | None:
+    found = data.get("identification")
+    if not isinstance(found, Mapping):
+        bodies, links = (len(data.get(key) or ()) for key in ("bodies", "links"))
+        return Answer(
+            "Which model is this?",
+            f"A reduced-order model (masses: {bodies}, links: {links}); its file says nothing of errors.",
+        )
+    errors = _mapping(found.get("errors"))
+    chosen = "hold_out" if _mapping(errors.get("hold_out")).get("records") else "training"
+    own, rest = _mapping(errors.get(chosen)), _mapping(_mapping(errors.get("no_loosening")).get(chosen))
+    whose = (
+        "records that no fit has seen"
+        if chosen == "hold_out"
+        else "the records it was fitted to (none was held out)"
+    )
+    sentences = [
+        f"The model was identified from {number(found.get('records'))} records and checked on {whose}."
+    ]
+    if own.get("final_tension_error_percent_median") is not None:
+        sentences.append(_final_tension_sentence(own, rest))
+    if own.get("motion_nrmse") is not None:
+        sentences.append(f"Displacements are met within {number(100 * own['motion_nrmse'], 3)} % (NRMSE).")
+    sentences += _reservations(found)
+    verdict, good = _loss_verdict(own, rest)
+    return Answer(
+        "Which reduced-order model do these records support, and does it tell how far a bolt loosens?",
+        verdict,
+        tuple(sentences),
+        tuple(_headlines(own, chosen)),
+        good,
+    )
+
+
+def _loss_verdict(own: Data, without: Data) -> tuple[str, bool | None]:
+    """Return the verdict on the tension law, judged against a bolt that never loosens by both measures."""
+    loss, rest = (
+        own.get("tension_loss_error_percent_median"),
+        without.get("tension_loss_error_percent_median"),
+    )
+    if loss is None:
+        return "The structure is identified; no loosening record tells of the bolt's tension.", None
+    if rest is None:
+        return f"The tension law is off by {number(loss, 3)} % of a record's loss of tension (median).", None
+    final, rest_final = (errors.get("final_tension_error_percent_median") for errors in (own, without))
+    own_share, rest_share = number(loss, 3), number(rest, 3)
+    against = f"it is off by {own_share} % of a record's loss (median), no loosening by {rest_share} %"
+    if loss >= rest:
+        return f"The tension law does no better than a bolt that never loosens: {against}.", False
+    if final is not None and rest_final is not None and final >= rest_final:
+        return f"The tension law is better by the loss, worse by the final tension: {against}.", None
+    return f"The tension law tells more than a bolt that never loosens: {against}.", True
+
+
+def _final_tension_sentence(own: Data, rest: Data) -> str:
+    names = ("median", "mean", "max")
+    median, mean, most = (number(own.get(f"final_tension_error_percent_{name}"), 3) for name in names)
+    text = f"The final tension is off by {median} % (median; mean {mean} %, largest {most} %)"
+    if rest.get("final_tension_error_percent_median") is not None:
+        text += f", without loosening by {number(rest['final_tension_error_percent_median'], 3)} %"
+    return f"{text}. This measure flatters, since a loss is a small share of the tension."
+
+
+def _headlines(errors: Data, chosen: str) -> list[Headline]:
+    where = "hold-out" if chosen == "hold_out" else "training"
+    listed = (
+        ("tension_loss_error_percent_median", "median error of the loss of tension", 1.0),
+        ("final_tension_error_percent_median", "median error of the final tension", 1.0),
+        ("motion_nrmse", "error of the displacement (NRMSE)", 100.0),
+    )
+    return [
+        Headline(f"{words}, {where}", f"{number(errors[key] * factor, 3)} %", errors[key])
+        for key, words, factor in listed
+        if isinstance(errors.get(key), float)
+    ]
+
+
+def _reservations(found: Data) -> list[str]:
+    sentences = []
+    aside, warnings = _lines(found.get("set_aside")), _lines(found.get("warnings"))
+    if aside:
+        sentences.append(f"{_count(len(aside), 'record')} of doubtful quality set aside, listed below.")
+    if warnings:
+        sentences.append(f"{_count(len(warnings), 'warning')}, listed below.")
+    return sentences
+
+
+def _of_reproduction(data: Data) -> Answer | None:
+    rows = [row for row in data.get("rows") or [] if isinstance(row, Mapping)]
+    judged = [row for row in rows if row.get("within") is not None]
+    if not judged:
+        return None
+    met = sum(bool(row["within"]) for row in judged)
+    missed = [str(row.get("quantity")) for row in judged if not row["within"]]
+    sentences = [
+        "Ours rest on the paper's printed parameters and the virtual rig; the paper's records are not public."
+    ]
+    if missed:
+        sentences.insert(0, f"Outside: {'; '.join(missed)}.")
+    share = f"All {met}" if met == len(judged) else f"{met} of {len(judged)}"
+    return Answer(
+        "Does the chain give the numbers that He et al. (2025) print?",
+        f"{share} printed numbers are met within their stated tolerance.",
+        tuple(sentences),
+        good=met == len(judged),
+    )
+
+
+def _of_prediction(data: Data) -> Answer | None:
+    errors = _mapping(data.get("errors"))
+    loss = errors.get("tension_loss_error_percent_median")
+    compared, failed = errors.get("records") or 0, errors.get("failed") or 0
+    if loss is not None:
+        verdict = f"With nothing fitted, the model is off by {number(loss, 3)} % of a record's loss (median)."
+    elif errors.get("motion_nrmse") is not None:
+        motion = number(100 * errors["motion_nrmse"], 3)
+        verdict = f"With nothing fitted, displacements are met within {motion} % (NRMSE)."
+    else:
+        verdict = "The model was simulated; the records hold nothing to compare it with."
+    unfinished = f"{_count(failed, 'simulation')} did not finish" if failed else "every simulation finished"
+    sentences = [f"{_count(compared, 'record')} compared; {unfinished}."]
+    if errors.get("final_tension_error_percent_median") is not None:
+        sentences.append(_final_tension_sentence(errors, {}))
+    return Answer(
+        "Does the model predict a campaign to which it was not fitted?",
+        verdict,
+        tuple(sentences),
+        tuple(
+            Headline(h.words.replace(", training", ", all records"), h.shown, h.raw)
+            for h in _headlines(errors, "training")
+        ),
+    )
+
+
+def _mapping(value: object) -> Data:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _lines(value: object) -> list[str]:
+    return [str(item) for item in value] if isinstance(value, list) else []
+
+
+def _count(n: object, noun: str) -> str:
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+_ANSWERS: Mapping[str, Callable[[Data], Answer | None]] = {
+    "model": _of_model,
+    "reproduction": _of_reproduction,
+    "prediction": _of_prediction,
+    "ranking": rankings.answer,
+    "closure": closures.answer,
+}

@@ -1,0 +1,116 @@
+"""Checks of a record against its campaign: what the file must hold for its kind of test, and how long."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from rom.campaign.channels import BOLT_CHANNELS, LINK_QUANTITIES, Channel, channel_names, motion_channels
+from rom.campaign.record import inspect_channels
+from rom.campaign.settings import CampaignSettings, RecordSettings, file_fault, moving_faults
+
+MINIMUM_SAMPLES = 16  # fewer cannot be filtered (third order, both ways)
+IMPACT_TESTS = ("uncoupled", "coupled", "loosening", "driven")
+RESTING_TESTS = ("cycled", "hold")
+
+
+@dataclass(frozen=True)
+class Check:
+    """What one look at a record's file found."""
+
+    file: str
+    digest: str = ""
+    faults: tuple[str, ...] = ()
+    needs_calibration: bool = False
+
+
+def moving_bodies(
+    record: RecordSettings, settings: CampaignSettings, channels: Collection[str]
+) -> tuple[str, ...]:
+    """Return the bodies that move: those named, or all; uncoupled, those whose motion is measured."""
+    if record.test in RESTING_TESTS:
+        return ()
+    if record.bodies is not None:
+        return record.bodies
+    if record.test == "uncoupled" and len(settings.body) > 1:
+        return tuple(
+            body for body in settings.body_names if not set(motion_channels(body)).isdisjoint(channels)
+        )
+    return settings.body_names
+
+
+def check_record(folder: Path, settings: CampaignSettings, index: int) -> Check:
+    """Read a record once: its digest, its faults."""
+    record = settings.record[index]
+    if file_fault(record.file):  # told with the settings
+        return Check(record.file)
+    path = folder / record.file
+    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):  # which survives a loop
+        return Check(record.file, faults=("file: found a link to elsewhere, expected a file in the folder",))
+    sampling = settings.sampling
+    known = channel_names(settings.body_names, settings.link_names)
+    found = inspect_channels(path, sampling.motion_rate_hz, sampling.tension_rate_hz, known)
+    faults = list(found.faults)
+    if found.complete and not any(moving_faults(record, settings.body_names)):
+        faults += _absent(index, settings, found.names)
+    if found.channels:
+        faults += _too_short(record, settings, max(found.channels.values(), key=lambda c: c.duration_s))
+    needs_calibration = settings.bolt is not None and settings.bolt.calibration is None
+    needs_calibration &= "strain" in found.names and "tension" not in found.names
+    return Check(record.file, file_digest(path) if not faults else "", tuple(faults), needs_calibration)
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _absent(index: int, settings: CampaignSettings, names: Collection[str]) -> Iterator[str]:
+    """Name the channels without which this kind of test says nothing."""
+    record = settings.record[index]
+    bodies = moving_bodies(record, settings, names)
+    if record.test == "uncoupled" and record.bodies is None and len(bodies) != 1:
+        moving = ", ".join(bodies) or "no body"
+        yield f"bodies: found the motion of {moving}, expected record[{index}].bodies to name one body"
+    for body in bodies:
+        if set(motion_channels(body)).isdisjoint(names):
+            yield (
+                f"acceleration_{body}: found no motion of this body, expected {_or(motion_channels(body))} "
+                f"(or record[{index}].bodies without it)"
+            )
+    forces = tuple(f"force_{body}" for body in bodies or settings.body_names)
+    if record.test in IMPACT_TESTS and set(forces).isdisjoint(names):
+        yield f"{forces[0]}: found no force on a moving body, expected {_or(forces)} ({record.test} test)"
+    if record.test in ("loosening", "hold") and set(BOLT_CHANNELS).isdisjoint(names):
+        yield f"tension: found none, expected {_or(BOLT_CHANNELS)} ({record.test} test)"
+    if record.test == "cycled":
+        yield from _absent_link(settings.link_names, names)
+
+
+def _absent_link(links: tuple[str, ...], names: Collection[str]) -> Iterator[str]:
+    displacement, force, _ = LINK_QUANTITIES
+    driven = [link for link in links if f"{displacement}_{link}" in names or f"{force}_{link}" in names]
+    for link in driven or links[:1]:
+        for name in (f"{displacement}_{link}", f"{force}_{link}"):
+            if name not in names:
+                yield f"{name}: found none, expected it (cycled test)"
+
+
+def _or(names: Iterable[str]) -> str:
+    *most, last = names
+    return f"{', '.join(most)} or {last}" if most else last
+
+
+def _too_short(record: RecordSettings, settings: CampaignSettings, longest: Channel) -> Iterator[str]:
+    least, why = MINIMUM_SAMPLES / longest.rate_hz, f"{MINIMUM_SAMPLES} samples"
+    if record.test in IMPACT_TESTS and settings.sampling.pretrigger_s > 0:
+        least, why = least + settings.sampling.pretrigger_s, f"sampling.pretrigger_s and {why}"
+    final_s = min(settings.windows.final_s)  # told with the settings if it is not the first
+    if record.test == "loosening" and final_s > least:
+        least, why = final_s, "the start of windows.final_s"
+    if longest.duration_s <= least:
+        yield f"duration: found {longest.duration_s:.6g} s, expected more than {least:.6g} s ({why})"

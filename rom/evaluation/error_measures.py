@@ -1,0 +1,224 @@
+"""Error of a model on measured records: the measures by which models are compared, like with like.
+
+A simulated response is turned into the quantity that was measured, passes through the same filter chain and
+the same tension windows, and only then is a difference taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypedDict
+
+import numpy as np
+
+from rom.campaign.campaign import WindowSettings
+from rom.campaign.channels import FloatArray
+from rom.evaluation.replay import (
+    Replay,
+    displacements,
+    driven_forces,
+    replay,
+    shown_tension,
+    simulate_measurement,
+    tension_known,
+)
+from rom.model.model import Model
+from rom.signals.processing import Measurement
+
+__all__ = [
+    "Comparison",
+    "Errors",
+    "compare",
+    "compare_all",
+    "simulate_measurement",
+    "summarise",
+    "window_mean",
+]
+
+_SIDE_BY_SIDE = 8  # models whose responses are in memory at once
+_MOTION_TESTS = ("uncoupled", "coupled", "loosening", "free", "driven")
+
+
+class Errors(TypedDict):
+    """The error measures of a model on a set of records; None where there is nothing to measure."""
+
+    motion_nrmse: float | None
+    relative_motion_nrmse: float | None
+    final_tension_error_percent_mean: float | None
+    final_tension_error_percent_median: float | None
+    final_tension_error_percent_max: float | None
+    tension_loss_error_percent_median: float | None
+    link_force_nrmse: float | None
+    tension_rmse_n: float | None
+    records: int
+    failed: int
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Simulated against measured for one record; tensions in N, nan where not measured."""
+
+    file: str
+    test: str
+    finished: bool
+    motion_nrmse: Mapping[str, float]
+    relative_motion_nrmse: float = np.nan
+    link_force_nrmse: float = np.nan
+    initial_tension: float = np.nan
+    measured_final: float = np.nan
+    simulated_final: float = np.nan
+    tension_rmse: float = np.nan
+
+    @property
+    def final_error_percent(self) -> float:
+        """Return 100 |simulated final - measured final| / |measured final| (the paper's measure)."""
+        return _percent(self.simulated_final - self.measured_final, self.measured_final)
+
+    @property
+    def simulated_loss(self) -> float:
+        """Return initial minus simulated final tension [N]."""
+        return self.initial_tension - self.simulated_final
+
+    @property
+    def loss_error_percent(self) -> float:
+        """Return 100 |simulated loss - measured loss| / |measured loss|."""
+        return _percent(
+            self.simulated_final - self.measured_final, self.initial_tension - self.measured_final
+        )
+
+
+def compare(model: Model, measurement: Measurement, windows: WindowSettings) -> Comparison:
+    """Compare a model with one record."""
+    return compare_all([model], measurement, windows)[0]
+
+
+def compare_all(
+    models: Sequence[Model], measurement: Measurement, windows: WindowSettings
+) -> tuple[Comparison, ...]:
+    """Compare models with one record; what is filtered goes side by side.
+
+    Faults of sensors that a model holds are taken out of the record for it, and numbers that are each
+    record's own are estimated from before the impact (``rom.evaluation.replay``).
+    """
+    nothing = Comparison(measurement.file, measurement.test, True, {})
+    if measurement.test == "cycled":
+        return tuple(_of_cycled(nothing, model, measurement) for model in models)
+    groups = [models[first : first + _SIDE_BY_SIDE] for first in range(0, len(models), _SIDE_BY_SIDE)]
+    return tuple(found for group in groups for found in _of_motion(nothing, group, measurement, windows))
+
+
+def _of_motion(
+    nothing: Comparison, models: Sequence[Model], measurement: Measurement, windows: WindowSettings
+) -> list[Comparison]:
+    replays = {
+        place: replay(model, measurement)
+        for place, model in enumerate(models)
+        if measurement.test in _MOTION_TESTS and tension_known(model, measurement)
+    }
+    finished = [run for run in replays.values() if run.response.status == "ok"]
+    motions = iter(displacements([run.response for run in finished], measurement))
+    found = []
+    for place, model in enumerate(models):
+        run, comparison = replays.get(place), nothing
+        if run is not None and run.response.status != "ok":
+            comparison = replace(nothing, finished=False)
+        elif run is not None:
+            comparison = _with_tension(
+                _with_motion(nothing, model, run.measurement, next(motions)), run, windows
+            )
+        found.append(comparison)
+    return found
+
+
+def _with_motion(
+    comparison: Comparison, model: Model, measurement: Measurement, simulated: Mapping[str, FloatArray]
+) -> Comparison:
+    start = int((measurement.impact_s or 0.0) * measurement.rate_hz)
+    measured = {body: measurement.displacement(body) for body in measurement.motion}
+    nrmse = {body: _nrmse(simulated[body][start:], measured[body][start:]) for body in measured}
+    pair = _coupled_pair(model)
+    if pair is None or not set(pair) <= set(measured):
+        return replace(comparison, motion_nrmse=nrmse)
+    first, second = pair
+    relative = _nrmse(
+        (simulated[first] - simulated[second])[start:], (measured[first] - measured[second])[start:]
+    )
+    return replace(comparison, motion_nrmse=nrmse, relative_motion_nrmse=relative)
+
+
+def summarise(comparisons: Iterable[Comparison]) -> Errors:
+    """Return the error measures over a set of records; a simulation that failed is counted, not averaged."""
+    every = list(comparisons)
+    done = [c for c in every if c.finished]
+    loosening = [c for c in done if c.test == "loosening" and np.isfinite(c.measured_final)]
+    final = [c.final_error_percent for c in loosening]
+    return Errors(
+        motion_nrmse=_finite_mean([value for c in done for value in c.motion_nrmse.values()]),
+        relative_motion_nrmse=_finite_mean([c.relative_motion_nrmse for c in done]),
+        final_tension_error_percent_mean=_finite_mean(final),
+        final_tension_error_percent_median=_finite_median(final),
+        final_tension_error_percent_max=max((v for v in final if np.isfinite(v)), default=None),
+        tension_loss_error_percent_median=_finite_median([c.loss_error_percent for c in loosening]),
+        link_force_nrmse=_finite_mean([c.link_force_nrmse for c in done]),
+        tension_rmse_n=_finite_mean([c.tension_rmse for c in loosening]),
+        records=len(every),
+        failed=len(every) - len(done),
+    )
+
+
+def window_mean(samples: FloatArray, rate_hz: float, window_s: tuple[float, float]) -> float:
+    """Return the mean over a time window, cut at the record's end."""
+    inside = samples[int(window_s[0] * rate_hz) : int(window_s[1] * rate_hz)]
+    return float(inside.mean()) if len(inside) else float(samples[-1])
+
+
+def _of_cycled(comparison: Comparison, model: Model, measurement: Measurement) -> Comparison:
+    forces = driven_forces(model, measurement)
+    values = [_nrmse(simulated, measured) for simulated, measured in forces.values()]
+    return replace(comparison, link_force_nrmse=float(np.mean(values)) if values else np.nan)
+
+
+def _coupled_pair(model: Model) -> tuple[str, str] | None:
+    """Return the bodies of the bolted link, or of the first link between two bodies."""
+    links = [link for link in model.structure.links if "ground" not in (link.first, link.second)]
+    bolted = [link for link in links if link.law == "bolted"]
+    chosen = (bolted or links)[:1]
+    return (chosen[0].first, chosen[0].second) if chosen else None
+
+
+def _with_tension(comparison: Comparison, run: Replay, windows: WindowSettings) -> Comparison:
+    tension, impact_s = run.measurement.tension, run.measurement.impact_s
+    if tension is None or not isinstance(run.response.tension, np.ndarray):
+        return comparison
+    shown, steady = shown_tension(run, tension)
+    rmse = np.nan
+    if impact_s is not None:
+        start = int(impact_s * tension.rate_hz)
+        rmse = float(np.sqrt(np.mean((steady - tension.non_oscillatory)[start:] ** 2)))
+    return replace(
+        comparison,
+        initial_tension=tension.initial,
+        measured_final=tension.final,
+        simulated_final=window_mean(shown, tension.rate_hz, windows.final_s),
+        tension_rmse=rmse,
+    )
+
+
+def _percent(error: float, size: float) -> float:
+    return 100 * abs(error) / abs(size) if size else np.nan
+
+
+def _nrmse(simulated: FloatArray, measured: FloatArray) -> float:
+    size = float(np.sqrt(np.mean(measured**2)))
+    return float(np.sqrt(np.mean((simulated - measured) ** 2))) / size if size > 0 else np.nan
+
+
+def _finite_mean(values: Sequence[float]) -> float | None:
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.mean(finite)) if finite else None
+
+
+def _finite_median(values: Sequence[float]) -> float | None:
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.median(finite)) if finite else None

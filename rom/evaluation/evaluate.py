@@ -1,0 +1,67 @@
+"""Errors of a model over a campaign: every record streamed, simulated and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from joblib import Parallel, delayed
+
+from rom.campaign.campaign import Campaign, RecordSettings
+from rom.evaluation.error_measures import Comparison, compare_all
+from rom.identification.reduce import Progress
+from rom.model.law_change import LawChange
+from rom.model.laws import no_loosening
+from rom.model.model import Model
+from rom.signals.processing import process
+from rom.signals.quality import Doubt, assess
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One record and what each model made of it; nothing where the record was set aside."""
+
+    settings: RecordSettings
+    comparisons: tuple[Comparison, ...]
+    doubts: tuple[Doubt, ...] = ()
+
+
+def judge(
+    models: Sequence[Model],
+    campaign: Campaign,
+    records: Sequence[RecordSettings] | None = None,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> tuple[Judged, ...]:
+    """Compare models with records (None: all) of a campaign, over `jobs` processes; numbers do not depend on
+    `jobs`.
+    """
+    chosen = campaign.settings.record if records is None else tuple(records)
+    bare = [replace(model, identification=None) for model in models]
+    tasks = (delayed(_judge_record)(bare, campaign, record) for record in chosen)
+    judged = []
+    for result in Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs")(tasks):
+        judged.append(result)
+        if progress is not None:
+            progress(len(judged), len(chosen))
+    return tuple(judged)
+
+
+def without_loosening(model: Model) -> Model:
+    """Return the model with dT/dt = 0 in every bolted link, and no change of that: what any law must beat."""
+    laws = {
+        name: replace(laws, tension_rate=no_loosening() if laws.tension_rate is not None else None)
+        for name, laws in model.link_laws.items()
+    }
+    effects = tuple(effect for effect in model.effects if not isinstance(effect, LawChange))
+    return replace(model, link_laws=laws, effects=effects)
+
+
+def _judge_record(models: Sequence[Model], campaign: Campaign, settings: RecordSettings) -> Judged:
+    record = campaign.load(settings)
+    doubts = tuple(assess(record, campaign.settings))
+    if doubts:
+        return Judged(settings, (), doubts)
+    measurement = process(record, campaign.settings, models[0].filter_cutoff_hz)
+    windows = campaign.settings.windows
+    return Judged(settings, compare_all(models, measurement, windows))

@@ -1,0 +1,253 @@
+"""A record run again by a model: what drives it and how it starts comes from the record alone.
+
+Faults of sensors that the model holds are taken out of the record first (``rom.signals.sensor_correction``), numbers that
+are each record's own are estimated from before its impact (``rom.signals.per_record_parameters``), and what a gauge shows
+beyond the tension is added to the simulated one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rom.campaign.channels import Channel, FloatArray
+from rom.effects.observation import motion_of
+from rom.model.assembly import Response
+from rom.model.effect import Reading
+from rom.model.model import Model
+from rom.model.structure import GROUND, Structure
+from rom.signals.per_record_parameters import at_rest, own_numbers
+from rom.signals.processing import (
+    Measurement,
+    TensionRecord,
+    displacement,
+    driven_displacement,
+    non_oscillatory,
+)
+from rom.signals.sensor_correction import corrected
+
+_STATE_ITERATIONS = 3
+_FIRST = 64  # samples tell the start of a driven record
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A record without the faults that a model knows of, the model as it is in that record, its response."""
+
+    model: Model
+    measurement: Measurement
+    response: Response
+
+
+def replay(model: Model, measurement: Measurement) -> Replay:
+    """Run a record again from its measured force and initial tension.
+
+    The initial state of a free record is fitted to it, that of a driven record whose displacement was
+    measured to its first samples: it may have been cut from a longer run. Others start at rest.
+
+    Raises
+    ------
+    ValueError
+        Where a bolted model is asked for a record that gives no initial tension.
+    """
+    if measurement.test == "uncoupled":
+        model = model.without_bolt()
+    model = _moving(model, measurement.motion)
+    model, state = own_numbers(model, measurement, _initial_tension(model, corrected(measurement, model)))
+    seen = corrected(measurement, model)
+    force = {body: f for body, f in seen.applied_force.items() if body in model.structure.body_names}
+    if not force:
+        force = {model.structure.body_names[0]: np.zeros(seen.samples)}
+    tension = _initial_tension(model, seen)
+    if seen.test == "free":
+        return Replay(model, seen, _free_response(model, seen, force, tension))
+    if _may_start_moving(model, seen):
+        return Replay(model, seen, _free_response(model, seen, force, tension, _FIRST))
+    start = (state.displacement, state.velocity) if state is not None else (None, None)
+    return Replay(model, seen, model.simulate(force, seen.rate_hz, tension, *start))
+
+
+def simulate_measurement(model: Model, measurement: Measurement) -> Response:
+    """Simulate a record from its measured force and initial tension: the response of ``replay``."""
+    return replay(model, measurement).response
+
+
+def _moving(model: Model, bodies: Collection[str]) -> Model:
+    """Return the model of the moving bodies: one that rests in a record is ground to the others."""
+    if not bodies or set(model.structure.body_names) <= set(bodies):
+        return model
+    ends = {body: body if body in bodies else GROUND for body in (*model.structure.body_names, GROUND)}
+    links = tuple(
+        replace(link, first=ends[link.first], second=ends[link.second])
+        for link in model.structure.links
+        if ends[link.first] != ends[link.second]
+    )
+    names = {link.name for link in links}
+    bodies_left = tuple(body for body in model.structure.bodies if body.name in bodies)
+    return model.on(Structure(bodies_left, links), {name: model.link_laws[name] for name in names})
+
+
+def displacements(
+    responses: Sequence[Response], measurement: Measurement
+) -> tuple[Mapping[str, FloatArray], ...]:
+    """Return the displacements [m] of responses, by body, as the sensors and the filter chain show them."""
+    found: list[dict[str, FloatArray]] = [{} for _ in responses]
+    for kind in {motion.kind for motion in measurement.motion.values()}:
+        bodies = [body for body, motion in measurement.motion.items() if motion.kind == kind]
+        rows = [getattr(response, kind)[body] for response in responses for body in bodies]
+        if not rows:
+            continue
+        filtered = iter(displacement(kind, np.stack(rows), measurement.rate_hz, measurement.chain))
+        for of_response in found:
+            of_response.update((body, next(filtered)) for body in bodies)
+    return tuple(found)
+
+
+def shown_tension(run: Replay, tension: TensionRecord) -> tuple[FloatArray, FloatArray]:
+    """Return what the gauge shows of a simulated tension [N], and that without its oscillation.
+
+    At the samples of the measured tension. Readings that oscillate pass the split that the measured tension
+    passed; the tension of the model is non-oscillatory as it is.
+    """
+    time = np.arange(len(tension.samples)) / tension.rate_hz
+    held = np.interp(time, run.response.time, np.asarray(run.response.tension))
+    readings = [effect for effect in run.model.effects if isinstance(effect, Reading)]
+    if not readings:
+        return held, held
+    seen = run.measurement
+    motion = motion_of(run.model, run.response, seen.impact_s or 0.0)
+    added = np.interp(time, run.response.time, sum(reading.added(motion) for reading in readings))
+    first_mode = seen.strongest_hz if seen.test != "hold" else None
+    return held + added, held + non_oscillatory(added, tension.rate_hz, seen.impact_s, first_mode)
+
+
+def driven_forces(model: Model, measurement: Measurement) -> Mapping[str, tuple[FloatArray, FloatArray]]:
+    """Return simulated and measured force [N] of every link that a cycled record drives, by link.
+
+    The link sees the measured normal force as its tension where there is one. Effects with memory start as
+    the same motion backwards leaves them: what was before the record is not known.
+    """
+    seen, found = corrected(measurement, model), {}
+    for name in model.structure.link_names:
+        force, motion = seen.link.get(f"link_force_{name}"), seen.link.get(f"link_displacement_{name}")
+        if force is None or motion is None:
+            continue
+        normal = seen.link.get(f"normal_force_{name}")
+        x = driven_displacement(motion)
+        if normal is not None:
+            tension: FloatArray | float = _at_times(normal, motion)
+        else:
+            bolted = name in model.structure.bolted_links
+            tension = (_initial_tension(model, seen) or {}).get(name, 0.0) if bolted else 0.0
+        simulated = model.link_force(name, x, motion.rate_hz, tension, settled=True)
+        found[name] = _at_times(Channel(force.name, simulated, motion.rate_hz), force), force.samples
+    return found
+
+
+def _at_times(channel: Channel, of: Channel) -> FloatArray:
+    """Samples of one channel at the times of another."""
+    if channel.rate_hz == of.rate_hz and len(channel.samples) == len(of.samples):
+        return channel.samples
+    return np.asarray(np.interp(of.time, channel.time, channel.samples))
+
+
+def tension_known(model: Model, measurement: Measurement) -> bool:
+    """Return whether a record tells the tension at which its simulation starts, or the model needs none."""
+    if measurement.test == "uncoupled":
+        return True
+    needed = any(
+        law.sees_tension
+        for link in model.structure.bolted_links
+        for law in (model.link_laws[link].stiffness, model.link_laws[link].damping)
+    )
+    return not needed or measurement.tension is not None or measurement.preload_n is not None
+
+
+def _initial_tension(model: Model, measurement: Measurement) -> Mapping[str, float] | None:
+    bolts = model.structure.bolted_links
+    if not bolts:
+        return None
+    if measurement.tension is not None:
+        initial = measurement.tension.initial - _shown_at_rest(model, measurement, measurement.tension)
+        return dict.fromkeys(bolts, max(initial, 0.0))
+    if measurement.preload_n is not None:
+        return dict.fromkeys(bolts, measurement.preload_n)
+    if tension_known(model, measurement):
+        return dict.fromkeys(bolts, 0.0)
+    raise ValueError(
+        f"{measurement.file}: found no strain, tension or preload_n, "
+        "expected one of them as the initial tension of the bolted link"
+    )
+
+
+def _shown_at_rest(model: Model, measurement: Measurement, tension: TensionRecord) -> float:
+    """Mean of what the readings of a model add to the tension [N] in the window of its initial value."""
+    readings = [effect for effect in model.effects if isinstance(effect, Reading)]
+    if not readings or tension.windows is None:
+        return 0.0
+    first, last = tension.windows.initial_s
+    last = min(last, measurement.impact_s or last)
+    rest = at_rest(max(int(last * tension.rate_hz), 1), tension.rate_hz, measurement)
+    return float(sum(reading.added(rest)[int(first * tension.rate_hz) :].mean() for reading in readings))
+
+
+def _may_start_moving(model: Model, measurement: Measurement) -> bool:
+    """Whether a driven record tells its own start: no bolt, and displacements, which no filter changes."""
+    shown = [motion.kind == "displacement" for motion in measurement.motion.values()]
+    return measurement.test == "driven" and bool(shown) and all(shown) and not model.structure.bolted_links
+
+
+def _free_response(
+    model: Model,
+    measurement: Measurement,
+    force: Mapping[str, FloatArray],
+    tension: Mapping[str, float] | None,
+    first: int | None = None,
+) -> Response:
+    """Fit every body's initial displacement and velocity by Gauss-Newton steps on the filtered motion.
+
+    Of the ``first`` samples alone, where they are given: those must be displacements.
+    """
+    bodies = model.structure.body_names
+    scale = max(float(np.abs(measurement.displacement(body)).max()) for body in measurement.motion)
+    speed = scale * 2 * np.pi * _fastest_motion(measurement)
+    unit = np.concatenate([np.full(len(bodies), scale or 1.0), np.full(len(bodies), speed or 1.0)])
+    measured = np.concatenate([measurement.displacement(body)[:first] for body in measurement.motion])
+
+    def respond(state: FloatArray, first: int | None = first) -> tuple[Response, FloatArray]:
+        at, speed_at = np.split(state * unit, 2)
+        response = model.simulate(
+            {body: samples[:first] for body, samples in force.items()},
+            measurement.rate_hz,
+            tension,
+            initial_displacement=dict(zip(bodies, at.tolist(), strict=True)),
+            initial_velocity=dict(zip(bodies, speed_at.tolist(), strict=True)),
+        )
+        shown = displacements([response], measurement)[0]
+        return response, np.concatenate([shown[body][:first] for body in measurement.motion])
+
+    state = np.zeros(2 * len(bodies))
+    response, simulated = respond(state)
+    for _ in range(_STATE_ITERATIONS):
+        step = 1e-2
+        jacobian = np.stack(
+            [(respond(state + step * e)[1] - simulated) / step for e in np.eye(len(state))], axis=1
+        )
+        if not np.isfinite(jacobian).all():
+            break
+        state = state + np.linalg.lstsq(jacobian, measured - simulated, rcond=None)[0]
+        response, simulated = respond(state)
+    return response if first is None else respond(state, None)[0]
+
+
+def _fastest_motion(measurement: Measurement) -> float:
+    """Return a frequency [Hz] typical of the motion: RMS velocity over RMS displacement."""
+    ratios = []
+    for body in measurement.motion:
+        x = measurement.displacement(body)
+        ratios.append(
+            float(np.std(np.diff(x)) * measurement.rate_hz / (2 * np.pi * max(float(np.std(x)), 1e-300)))
+        )
+    return max(ratios)

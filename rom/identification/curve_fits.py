@@ -1,0 +1,181 @@
+"""Curves of stiffness, damping and gamma over tension, fitted to per-record values with their covariance.
+
+ln y_i = ln f(T_i; p) + e_i,  e ~ N(0, S + tau^2 I): S is what the records' own fits say, tau the case-to-case
+scatter beyond it, chosen such that the weighted misfit equals its degrees of freedom (R. Paule and J. Mandel,
+J. Res. NBS 87, 377, 1982). He et al. (2025) fits Eqs. 5, 11 and 13 without weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import optimize, stats
+
+from rom.campaign.channels import FloatArray
+from rom.model.laws import Law, Parameter
+
+Curve = Callable[[Law, FloatArray], FloatArray]
+_TINY = 1e-300
+_LEAST_SCALE = 1e-100  # its inverse can still be squared
+_LEAST_INFORMATION = 1e-9  # of the best told direction of the parameters, to a direction
+
+
+@dataclass(frozen=True)
+class LawFit:
+    """A fitted law with 95 % limits on its parameters.
+
+    `free` names the fitted parameters in the order of `covariance`; `scatter` is tau, a standard deviation of
+    ln y; `r_squared` is that of y, as the paper reports it.
+    """
+
+    law: Law
+    free: tuple[str, ...]
+    covariance: FloatArray
+    scatter: float
+    r_squared: float
+    records: tuple[str, ...]
+    curve: Curve
+
+    def log_error(self, tension: FloatArray) -> FloatArray:
+        """Return the standard error of ln f at tensions [N], from the parameters' covariance."""
+        jacobian = _log_jacobian(self.law, self.free, tension, self.curve)
+        variance = np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))  # rounding, where parameters trade places
+
+
+def link_curve(law: Law, tension: FloatArray) -> FloatArray:
+    """Return a stiffness or damping law at tensions [N]."""
+    return law(tension)
+
+
+def gamma_curve(law: Law, tension: FloatArray) -> FloatArray:
+    """Return gamma(T) = -(dT/dt) / (|v|^n T) of a loosening law: its rate at unit velocity."""
+    return np.asarray(-law.rate(tension, 0.0, 1.0) / tension)
+
+
+def fit_law(
+    starts: Sequence[Law],
+    free: Sequence[str],
+    tension: FloatArray,
+    values: FloatArray,
+    log_covariance: FloatArray,
+    records: Sequence[str],
+    curve: Curve = link_curve,
+) -> LawFit:
+    """Fit a law's `free` parameters to positive `values` (n,) at `tension` (n,) [N] from several starts.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer values than free parameters, or a value is not positive.
+    """
+    if len(values) < len(free):
+        raise ValueError(f"a fit of {len(free)} parameters needs as many values, instead got {len(values)}")
+    if not np.all(values > 0):
+        raise ValueError(
+            f"a fit of logarithms needs positive values, instead got {float(np.min(values)):.3g}"
+        )
+    scatter, law = 0.0, starts[0]
+    candidates: Sequence[Law] = starts
+    for _ in range(8):
+        whitener = _whitener(log_covariance, scatter)
+        law, _ = min(
+            (_least_squares(start, free, tension, values, whitener, curve) for start in candidates),
+            key=lambda pair: float(pair[1] @ pair[1]),
+        )
+        update = excess_scatter(np.log(values) - _logarithm(law, tension, curve), log_covariance, len(free))
+        settled = abs(update - scatter) <= 1e-3 * max(update, 1e-6)
+        scatter, candidates = update, [law]
+        if settled:
+            break
+    jacobian = _whitener(log_covariance, scatter) @ _log_jacobian(law, free, tension, curve)
+    covariance = covariance_of(jacobian)
+    fitted = curve(law, tension)
+    spread = float(np.sum((values - values.mean()) ** 2))
+    r_squared = 1 - float(np.sum((values - fitted) ** 2)) / spread if spread > 0 else float("nan")
+    limited = with_limits(law, free, covariance, len(values) - len(free))
+    return LawFit(limited, tuple(free), covariance, scatter, r_squared, tuple(records), curve)
+
+
+def covariance_of(jacobian: FloatArray) -> FloatArray:
+    """Return (J^T J)^-1 of a whitened Jacobian (values, parameters); what no value tells has a huge variance.
+
+    Columns are scaled first, for parameters may differ by ten orders of magnitude.
+    """
+    scale = np.maximum(np.linalg.norm(jacobian, axis=0), _LEAST_SCALE)
+    _, size, directions = np.linalg.svd(jacobian / scale, full_matrices=False)
+    spread = directions.T / np.maximum(size, _LEAST_INFORMATION * size.max()) / scale[:, None]
+    return np.asarray(spread @ spread.T, dtype=np.float64)
+
+
+def with_limits(law: Law, free: Sequence[str], covariance: FloatArray, degrees_of_freedom: int) -> Law:
+    """Return the law with 95 % limits (Student's t) on its free parameters."""
+    width = float(stats.t.ppf(0.975, max(degrees_of_freedom, 1)))
+    parameters: dict[str, Parameter] = dict(law.parameters)
+    for name, variance in zip(free, np.diag(covariance), strict=True):
+        half = width * float(np.sqrt(variance))
+        value = parameters[name].value
+        parameters[name] = replace(parameters[name], low=value - half, high=value + half, source="identified")
+    return replace(law, parameters=parameters)
+
+
+def _logarithm(law: Law, tension: FloatArray, curve: Curve) -> FloatArray:
+    return np.log(np.maximum(curve(law, tension), _TINY))
+
+
+def _log_jacobian(law: Law, free: Sequence[str], tension: FloatArray, curve: Curve) -> FloatArray:
+    """Return d ln f / d p by central differences: (tensions, free parameters)."""
+    columns = []
+    for name in free:
+        value = law.parameters[name].value
+        step = 1e-5 * max(abs(value), 1e-6)
+        upper = _logarithm(law.with_values(**{name: value + step}), tension, curve)
+        lower = _logarithm(law.with_values(**{name: value - step}), tension, curve)
+        columns.append((upper - lower) / (2 * step))
+    return np.stack(columns, axis=1)
+
+
+def _whitener(log_covariance: FloatArray, scatter: float) -> FloatArray:
+    total = log_covariance + (scatter**2 + 1e-12) * np.eye(len(log_covariance))
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(total)))
+
+
+def _least_squares(
+    start: Law,
+    free: Sequence[str],
+    tension: FloatArray,
+    values: FloatArray,
+    whitener: FloatArray,
+    curve: Curve,
+) -> tuple[Law, FloatArray]:
+    first = np.array([start.parameters[name].value for name in free])
+    low, high = zip(*(start.parameters[name].bounds for name in free), strict=True)
+    logarithms = np.log(values)
+
+    def residual(parameters: FloatArray) -> FloatArray:
+        law = start.with_values(**dict(zip(free, parameters, strict=True)))
+        return np.asarray(whitener @ (np.clip(_logarithm(law, tension, curve), -50, 100) - logarithms))
+
+    with np.errstate(over="ignore"):
+        fit = optimize.least_squares(
+            residual, first, x_scale=np.maximum(np.abs(first), 1e-9), bounds=(low, high)
+        )
+    return start.with_values(**dict(zip(free, fit.x, strict=True))), fit.fun
+
+
+def excess_scatter(residual: FloatArray, log_covariance: FloatArray, parameters: int) -> float:
+    """Return tau such that r^T (S + tau^2 I)^-1 r equals the degrees of freedom; 0 where S alone suffices."""
+    freedom = len(residual) - parameters
+    if freedom < 1:
+        return 0.0
+
+    def excess(tau: float) -> float:
+        white = _whitener(log_covariance, tau) @ residual
+        return float(white @ white) - freedom
+
+    upper = float(np.sqrt(residual @ residual / freedom)) * 2 + 1e-12
+    if excess(0.0) <= 0 or excess(upper) >= 0:
+        return 0.0
+    return float(optimize.brentq(excess, 0.0, upper, xtol=1e-9))

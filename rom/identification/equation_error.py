@@ -1,0 +1,272 @@
+"""Equation error: what measured forces and the terms of a model leave unbalanced along a measured motion.
+
+For a body with measured force F and displacement x, and for a link that is driven on its own,
+
+    F = M x'' + sum of link forces,        F = k x + c x' + effects,
+
+and every term, the force among them, passes through one filter h:
+``h * F = M (h'' * x) + c (h' * x) + k (h * x) + h * f(x, x')`` holds exactly for a smooth h, here a Gaussian,
+so that no term is favoured. Nothing is integrated: a mass that floats does not drift, and the state at a
+record's start does not enter. (Equation error with all terms filtered alike is how robots are identified:
+A. Janot, P. O. Vandanjon, M. Gautier, IEEE Trans. Control Syst. Technol. 22, 132 (2014).)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import interpolate, ndimage, signal
+
+from rom.campaign.campaign import Campaign, CampaignSettings, Record, RecordSettings
+from rom.campaign.channels import Channel, FloatArray
+from rom.effects import Effect
+
+TESTS = ("driven", "free", "cycled")
+_REACH = 7.0  # widths on each side: beyond, a Gaussian is below the digits of a displacement
+_STRIDE = 3.0  # widths from row to row: white noise is nearly independent there
+_SMALLEST = 1.4  # samples: a Gaussian of less has no accurate derivatives
+_OF_FORCE = 0.99  # of its power lies below the frequency at which the filter lets half the power pass
+_OF_MOTION, _KEPT = 0.999, 0.14  # of the velocity's power; its loss at that frequency is one per cent
+_TOP = 0.8  # of half the rate: above, a sensor shows its noise
+_LONGEST_S = 5e-4  # of a step; a slider that must give way does so within 0.2 ms, stable up to 0.55 ms
+
+
+@dataclass(frozen=True)
+class Smoothing:
+    """A Gaussian of some width [s] and its derivatives, cut where it reaches over a record's ends."""
+
+    width_s: float
+
+    def rows(self, samples: FloatArray, rate_hz: float, derivative: int = 0) -> FloatArray:
+        """Filtered samples, or their derivative [1/s^n], some widths apart."""
+        width = self.width_s * rate_hz
+        found = ndimage.gaussian_filter1d(samples, width, order=derivative, truncate=_REACH)
+        margin, stride = math.ceil(_REACH * width), max(1, round(_STRIDE * width))
+        return np.asarray(found[margin : len(samples) - margin : stride] * rate_hz**derivative)
+
+    def rate_hz(self, rate_hz: float) -> float:
+        """Rate of the rows."""
+        return rate_hz / max(1, round(_STRIDE * self.width_s * rate_hz))
+
+    def gain(self, terms: Sequence[float], rate_hz: float) -> float:
+        """Root of the sum of squares of ``sum of terms[n] h^(n)``: what it makes of white noise."""
+        width = self.width_s * rate_hz
+        impulse = np.zeros(2 * math.ceil(_REACH * width) + 1)
+        impulse[len(impulse) // 2] = 1.0
+        made = sum(
+            term * rate_hz**n * ndimage.gaussian_filter1d(impulse, width, order=n, truncate=_REACH)
+            for n, term in enumerate(terms)
+        )
+        return float(np.linalg.norm(made))
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """One measured force of a record and what balances it, as rows of the filter.
+
+    Attributes
+    ----------
+    channel : str
+        The force, such as ``"force_lo"`` or ``"link_force_contact"``.
+    place : str
+        ``"body:<name>"``, or the link that is driven on its own.
+    pulls : mapping of str to float
+        Links that pull there, and the sign with which.
+    terms : mapping of str to ndarray
+        ``"force"`` [N], ``"acceleration"`` [m/s2] of a body, and ``"<link>.x"`` [m], ``"<link>.v"`` [m/s].
+    force_noise, motion_noise : float
+        Standard deviation of the channels' white noise [N], [m].
+    """
+
+    channel: str
+    place: str
+    pulls: Mapping[str, float]
+    terms: Mapping[str, FloatArray]
+    force_noise: float
+    motion_noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class ForceRecord:
+    """One record: its motion by place, (3, samples) of x, v and the normal force, and its balances."""
+
+    settings: RecordSettings
+    rate_hz: float
+    motion: Mapping[str, FloatArray]
+    balances: tuple[Balance, ...]
+    smoothing: Smoothing
+
+    def along(self, effect: Effect, stiffness: float, damping: float) -> FloatArray | None:
+        """Rows of an effect's force [N] along the motion of its place; None where that does not move.
+
+        In a cycled record the states start as the same motion backwards leaves them, as in
+        ``Model.link_force``; in others at zero.
+        """
+        motion = self.motion.get(effect.enters)
+        if motion is None:
+            return None
+        constants = np.broadcast_to([[stiffness], [damping]], (2, motion.shape[1]))
+        force = _force(effect, np.concatenate([motion, constants]), self.rate_hz, self.settings.test)
+        return self.smoothing.rows(force, self.rate_hz)
+
+
+def _force(effect: Effect, motion: FloatArray, rate_hz: float, test: str) -> FloatArray:
+    from rom.kernels.prescribed import force_of_effects
+
+    table, state = np.array([[effect.address, 0, 0]]), np.zeros(effect.states + 1)
+    substeps = max(2, math.ceil(1 / rate_hz / _LONGEST_S)) if effect.states else 1
+    values = np.array([*effect.values, 0.0])
+    if test == "cycled" and effect.states:
+        before = np.ascontiguousarray(motion[:, ::-1])
+        before[1] *= -1.0
+        force_of_effects(table, values, before, 1 / rate_hz, substeps, state, 0.0)
+    return np.asarray(force_of_effects(table, values, motion, 1 / rate_hz, substeps, state, 0.0))
+
+
+def force_records(campaign: Campaign, records: Sequence[RecordSettings]) -> tuple[ForceRecord, ...]:
+    """Read driven, free and cycled records; filters are chosen from those among them that are not held out.
+
+    Raises
+    ------
+    ValueError
+        Where a moving body has no displacement channel, or a record is shorter than the filter.
+    """
+    loaded = [campaign.load(settings) for settings in records]
+    told = [record for record in loaded if not record.hold_out]
+    smoothing, fine_s = _filter(told, "force"), _filter(told, "displacement").width_s
+    made = (_force_record(record, campaign.settings, smoothing, fine_s) for record in loaded)
+    return tuple(record for record in made if record.balances)
+
+
+def _filter(records: Iterable[Record], quantity: str) -> Smoothing:
+    """Wide enough for no noise, narrow enough for what the training records hold: power below a frequency."""
+    widths, shortest = [], 0.0
+    for record in records:
+        for channel in record.channels.values():
+            shortest = max(shortest, _SMALLEST / channel.rate_hz)
+            if quantity == "force" and channel.name.startswith(("force_", "link_force_")):
+                highest = _below(channel, _OF_FORCE, derivative=0)
+                widths.append(math.sqrt(math.log(2)) / (2 * math.pi * highest))
+            elif quantity == "displacement" and quantity in channel.name:
+                widths.append(_KEPT / (2 * math.pi * _below(channel, _OF_MOTION, derivative=1)))
+    least = shortest if quantity == "force" else 0.0
+    return Smoothing(max(min(widths, default=0.0), least))
+
+
+def _below(channel: Channel, share: float, derivative: int) -> float:
+    """Frequency [Hz] below which that share of a channel's power lies, or of its derivative's."""
+    samples = channel.samples - channel.samples.mean()
+    power = np.abs(np.fft.rfft(samples * signal.windows.hann(len(samples)))) ** 2
+    frequency = np.fft.rfftfreq(len(samples), 1 / channel.rate_hz)
+    sums = np.cumsum(power * frequency ** (2 * derivative))
+    if not sums[-1] > 0:
+        return channel.rate_hz / 2
+    return max(float(frequency[np.searchsorted(sums, share * sums[-1])]), float(frequency[1]))
+
+
+def _force_record(
+    record: Record, settings: CampaignSettings, smoothing: Smoothing, fine_s: float
+) -> ForceRecord:
+    rates = {channel.rate_hz for channel in record.channels.values()}
+    if len(rates) > 1:
+        raise ValueError(f"{record.file}: found rates of {sorted(rates)} Hz, expected one for all channels")
+    (rate,) = rates
+    shortest = 2 * _REACH * smoothing.width_s + 1.0 / smoothing.rate_hz(rate)
+    if record.duration_s < shortest:
+        raise ValueError(f"{record.file}: found {record.duration_s:g} s, expected {shortest:.3g} s at least")
+    made = _cycled if record.test == "cycled" else _driven
+    motion, balances = made(record, settings, smoothing, fine_s)
+    return ForceRecord(record.settings, rate, motion, tuple(balances), smoothing)
+
+
+def _cycled(
+    record: Record, settings: CampaignSettings, smoothing: Smoothing, fine_s: float
+) -> tuple[dict[str, FloatArray], list[Balance]]:
+    motions, balances = {}, []
+    for link in settings.link:
+        force = record.channels.get(f"link_force_{link.name}")
+        motion = record.channels.get(f"link_displacement_{link.name}")
+        if force is None or motion is None:
+            continue
+        normal = record.channels.get(f"normal_force_{link.name}")
+        motions[link.name] = _motion(motion, normal, fine_s)
+        terms = {"force": smoothing.rows(force.samples, force.rate_hz)} | _terms(link.name, motion, smoothing)
+        noise = noise_of(force), noise_of(motion)
+        balances.append(Balance(force.name, link.name, {link.name: 1.0}, terms, *noise))
+    return motions, balances
+
+
+def _driven(
+    record: Record, settings: CampaignSettings, smoothing: Smoothing, fine_s: float
+) -> tuple[dict[str, FloatArray], list[Balance]]:
+    shown = {}
+    for body in record.bodies:
+        kind, channel = record.motion(body)
+        if kind != "displacement":
+            raise ValueError(
+                f'{record.file}: found "{channel.name}", expected "displacement_{body}": a {record.test} '
+                "record without a bolt is told by its displacement"
+            )
+        shown[body] = channel
+    first = next(iter(shown.values()))
+    still = Channel("", np.zeros(len(first.samples)), first.rate_hz)
+    relative = {
+        link.name: Channel(link.name, shown.get(link.between[0], still).samples
+                           - shown.get(link.between[1], still).samples, first.rate_hz)
+        for link in settings.link if set(link.between) & set(shown)
+    }  # fmt: skip
+    motions = {name: _motion(channel, None, fine_s) for name, channel in relative.items()}
+    balances = []
+    for body, channel in shown.items():
+        motions[f"body:{body}"] = _motion(channel, None, fine_s)
+        pulls = {
+            link.name: 1.0 if link.between[0] == body else -1.0
+            for link in settings.link if body in link.between
+        }  # fmt: skip
+        force = record.force(body) or still
+        terms = {
+            "force": smoothing.rows(force.samples, force.rate_hz),
+            "acceleration": smoothing.rows(channel.samples, channel.rate_hz, 2),
+        }
+        for name in pulls:
+            terms |= _terms(name, relative[name], smoothing)
+        noise = noise_of(force), noise_of(channel)
+        balances.append(Balance(f"force_{body}", f"body:{body}", pulls, terms, *noise))
+    return motions, balances
+
+
+def _terms(link: str, motion: Channel, smoothing: Smoothing) -> dict[str, FloatArray]:
+    return {
+        f"{link}.x": smoothing.rows(motion.samples, motion.rate_hz),
+        f"{link}.v": smoothing.rows(motion.samples, motion.rate_hz, 1),
+    }
+
+
+def _motion(channel: Channel, normal: Channel | None, fine_s: float) -> FloatArray:
+    """Displacement, velocity and normal force, along which effects act: (3, samples).
+
+    Only as much is smoothed as leaves the motion alone; a motion up to near half the rate is not, and its
+    velocity is that of a quintic spline.
+    """
+    x, width = channel.samples, fine_s * channel.rate_hz
+    if width >= _SMALLEST:
+        smooth = [ndimage.gaussian_filter1d(x, width, order=n, mode="nearest") for n in (0, 1)]
+        x, v = smooth[0], smooth[1] * channel.rate_hz
+    else:
+        v = interpolate.make_interp_spline(channel.time, x, k=5).derivative()(channel.time)
+    held = np.zeros(len(x)) if normal is None else np.maximum(normal.samples[: len(x)], 0.0)
+    return np.stack([x, v, held])
+
+
+def noise_of(channel: Channel) -> float:
+    """Standard deviation of a channel's white noise: what its spectrum shows in the top fifth of its band."""
+    samples = channel.samples - channel.samples.mean()
+    window = signal.windows.hann(len(samples))
+    power = np.abs(np.fft.rfft(samples * window)) ** 2 / float(np.sum(window**2))
+    return float(np.sqrt(np.mean(power[int(_TOP * len(power)) :])))
+
+
+__all__ = ["TESTS", "Balance", "ForceRecord", "Smoothing", "force_records", "noise_of"]

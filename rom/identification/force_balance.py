@@ -1,0 +1,269 @@
+"""The declared model of a campaign that drives its bodies or links: masses, springs, dashpots, offsets.
+
+By least squares on the balances of forces (``rom.identification.equation_error``), in which all of them are linear:
+
+    F = M x'' + sum (k x + c x') - F_0
+
+with F_0 the constant force that an amplifier's offset, a tilted guide or the zero of a force sensor makes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy import optimize
+
+from rom.campaign.campaign import Campaign, CampaignSettings, RecordSettings
+from rom.campaign.channels import FloatArray
+from rom.effects import CATALOGUE, Effect
+from rom.identification.equation_error import TESTS, Balance, ForceRecord, force_records
+from rom.model.laws import Law, Parameter, constant_damping, constant_stiffness
+from rom.model.model import LinkLaws, Model
+from rom.model.structure import Body, Link, Structure
+from rom.signals.quality import Doubt, assess
+
+OFFSET = "constant-force"
+_TOLD = 3.0  # standard errors beyond which an offset is part of the model
+_Z95 = 1.96
+SOUND = 1e-3
+"""Share of noise in a term, below which least squares on balances is as good as the output error."""
+_LEAST_NOISE = 1e-6  # of a force: rounding
+_ITERATIONS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Balances:
+    """All balances of a campaign as rows: measured force = columns @ numbers + what is missing.
+
+    Attributes
+    ----------
+    force : ndarray, shape (rows,)
+        Measured forces less those of given masses [N].
+    columns : ndarray, shape (rows, numbers)
+        What the numbers named in `names` (paths of a model's parameters) multiply.
+    noise : ndarray, shape (rows,)
+        Standard deviation of what the sensors' white noise makes of a row [N].
+    owner : ndarray of int, shape (rows,)
+        Place in `records` of a row's record.
+    """
+
+    settings: CampaignSettings
+    records: tuple[ForceRecord, ...]
+    force: FloatArray
+    columns: FloatArray
+    names: tuple[str, ...]
+    noise: FloatArray
+    owner: npt.NDArray[np.int64]
+
+    @cached_property
+    def training(self) -> npt.NDArray[np.bool_]:
+        """Rows of records that are not held out."""
+        held = np.array([record.settings.hold_out for record in self.records], dtype=np.bool_)
+        return np.asarray(~held[self.owner])
+
+    def of(self, effect: Effect, stiffness: float, damping: float, *, training: bool = False) -> FloatArray:
+        """Rows of an effect's force [N]; zero in held-out records where only training ones are asked for."""
+        found = []
+        for record in self.records:
+            wanted = not (training and record.settings.hold_out)
+            rows = record.along(effect, stiffness, damping) if wanted else None
+            for balance in record.balances:
+                sign = 1.0 if effect.enters == balance.place else balance.pulls.get(effect.enters, 0.0)
+                still = np.zeros(len(balance.terms["force"]))
+                found.append(still if rows is None or sign == 0.0 else sign * rows)
+        return np.concatenate(found)
+
+    def fitted(self, force: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Numbers that suit the training rows of a force best, and their standard errors.
+
+        Masses, stiffnesses and dampings are not negative; the errors go with what is left over.
+        """
+        rows = self.training
+        matrix, target = self.columns[rows] / self.noise[rows, None], force[rows] / self.noise[rows]
+        size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+        low = [-np.inf if name.endswith(f"{OFFSET}.F_0") else 0.0 for name in self.names]
+        triangle = np.asarray(np.linalg.qr(np.column_stack([matrix / size, target]), mode="r"))
+        n = len(self.names)
+        found = optimize.lsq_linear(triangle[:, :n], triangle[:, n], bounds=(low, np.inf)).x
+        spread = float(np.sum((target - (matrix / size) @ found) ** 2)) / max(len(target) - n, 1)
+        covariance = np.linalg.pinv(triangle[:n, :n].T @ triangle[:n, :n], hermitian=True) * spread
+        return found / size, np.sqrt(np.maximum(np.diag(covariance), 0.0)) / size
+
+    def weighed(self, values: Mapping[str, float]) -> Balances:
+        """The same with the noise that the sensors make through a model of these numbers."""
+        masses = {body.name: body.mass_kg for body in self.settings.body}
+        noise = []
+        for record in self.records:
+            for balance in record.balances:
+                body = balance.place.removeprefix("body:")
+                mass = masses.get(body) or values.get(f"body.{body}.mass", 0.0)
+                sums = [sum(values.get(f"{link}.{name}", 0.0) for link in balance.pulls)
+                        for name in ("stiffness.k", "damping.c")]  # fmt: skip
+                terms = (*sums, mass if balance.place.startswith("body:") else 0.0)
+                level = np.hypot(
+                    balance.motion_noise * record.smoothing.gain(terms, record.rate_hz),
+                    balance.force_noise * record.smoothing.gain((1.0,), record.rate_hz),
+                )
+                least = _LEAST_NOISE * float(np.sqrt(np.mean(balance.terms["force"] ** 2)))
+                noise.append(np.full(len(balance.terms["force"]), max(float(level), least, 1e-300)))
+        return replace(self, noise=np.concatenate(noise))
+
+
+def is_driven(campaign: Campaign) -> bool:
+    """Whether a campaign without a bolt trains on driven or cycled records, with free ones beside at most."""
+    tests = {record.test for record in campaign.select(hold_out=False)}
+    bolted = any(link.law == "bolted" for link in campaign.settings.link)
+    if bolted or not tests & {"driven", "cycled"} or not tests <= set(TESTS):
+        return False
+    return all(_shows_displacement(campaign, r.file) for r in campaign.select(TESTS))
+
+
+def _shows_displacement(campaign: Campaign, file: str) -> bool:
+    record = campaign.load(next(r for r in campaign.settings.record if r.file == file))
+    return record.test == "cycled" or all(record.motion(b)[0] == "displacement" for b in record.bodies)
+
+
+def balances_of(campaign: Campaign) -> tuple[Balances, tuple[Doubt, ...]]:
+    """Return the balances of a campaign's sound records, and the doubts about the others.
+
+    Raises
+    ------
+    ValueError
+        If no training record holds a force, or nothing can be told from it.
+    """
+    settings = campaign.settings
+    chosen: list[RecordSettings] = []
+    doubts: list[Doubt] = []
+    for record in campaign.select(TESTS):
+        found = assess(campaign.load(record), settings)
+        doubts += found
+        chosen += [] if found else [record]
+    records = force_records(campaign, chosen)
+    told = [b for r in records if not r.settings.hold_out for b in r.balances]
+    if not any(np.any(balance.terms["force"]) for balance in told):
+        raise ValueError(f"{campaign.path}: found no training record with a force, expected one")
+    pairs = [(record, balance) for record in records for balance in record.balances]
+    tables = [_columns(balance, settings) for _, balance in pairs]
+    names = [name for name in dict.fromkeys(n for t in tables for n in t)
+             if any(name in t and np.any(t[name]) for t, (r, _) in zip(tables, pairs, strict=True)
+                    if not r.settings.hold_out)]  # fmt: skip
+    masses = {f"body:{body.name}": body.mass_kg or 0.0 for body in settings.body}
+    force = [b.terms["force"] - masses.get(b.place, 0.0) * b.terms.get("acceleration", 0.0) for _, b in pairs]
+    columns = [
+        np.stack([t.get(n, np.zeros(len(f))) for n in names], axis=1)
+        for t, f in zip(tables, force, strict=True)
+    ]
+    places = {id(record): place for place, record in enumerate(records)}
+    owner = np.concatenate([np.full(len(f), places[id(r)]) for (r, _), f in zip(pairs, force, strict=True)])
+    rows = np.concatenate(force)
+    every = Balances(
+        settings, records, rows, np.concatenate(columns), tuple(names), np.ones(len(rows)), owner
+    )
+    for _ in range(_ITERATIONS):
+        every = every.weighed(dict(zip(names, every.fitted(rows)[0].tolist(), strict=True)))
+    return every, tuple(doubts)
+
+
+def noise_share(balances: Balances) -> float:
+    """Largest share of noise in the square of what a number multiplies on training records.
+
+    By so much least squares makes that number too small (errors in variables).
+    """
+    derivatives = {".stiffness.k": 0, ".damping.c": 1, ".mass": 2}
+    noise, whole = np.zeros(len(balances.names)), np.zeros(len(balances.names))
+    for record in balances.records:
+        if record.settings.hold_out:
+            continue
+        for balance in record.balances:
+            found = _columns(balance, balances.settings)
+            for k, name in enumerate(balances.names):
+                n = next((n for end, n in derivatives.items() if name.endswith(end)), None)
+                if name in found and n is not None:
+                    gain = record.smoothing.gain((0.0,) * n + (1.0,), record.rate_hz)
+                    noise[k] += len(found[name]) * (balance.motion_noise * gain) ** 2
+                    whole[k] += float(np.sum(found[name] ** 2))
+    return float(np.max(noise / np.maximum(whole, 1e-300), initial=0.0))
+
+
+def _columns(balance: Balance, settings: CampaignSettings) -> dict[str, FloatArray]:
+    """What each number multiplies in a balance, by the number's path."""
+    kind, _, body = balance.place.partition(":")
+    masses = {one.name: one.mass_kg for one in settings.body}
+    found = {}
+    if kind == "body" and masses[body] is None:
+        found[f"body.{body}.mass"] = balance.terms["acceleration"]
+    for link in settings.link:
+        sign = balance.pulls.get(link.name)
+        if sign is not None:
+            if link.law != "dashpot":
+                found[f"{link.name}.stiffness.k"] = sign * balance.terms[f"{link.name}.x"]
+            found[f"{link.name}.damping.c"] = sign * balance.terms[f"{link.name}.v"]
+    return {**found, f"{balance.place}.{OFFSET}.F_0": -np.ones(len(balance.terms["force"]))}
+
+
+def declared_model(balances: Balances) -> tuple[Model, tuple[str, ...]]:
+    """Return the declared model that suits the training records best, and what to know of it."""
+    values, errors = balances.fitted(balances.force)
+    return model_of(balances, values, errors)
+
+
+def model_of(
+    balances: Balances, values: Sequence[float] | FloatArray, errors: Sequence[float] | FloatArray
+) -> tuple[Model, tuple[str, ...]]:
+    """Return the model with given numbers, ordered as ``balances.names``; offsets where they are told."""
+    settings, lines = balances.settings, []
+    found = dict(zip(balances.names, zip(values, errors, strict=True), strict=True))
+    bodies = []
+    for body in settings.body:
+        mass = body.mass_kg
+        if mass is None:
+            mass, error = found.get(f"body.{body.name}.mass", (0.0, 0.0))
+            lines.append(_of_mass(body.name, mass, error))
+        bodies.append(Body(body.name, float(mass) if mass and mass > 0 else 1.0))
+    laws = {}
+    for link in settings.link:
+        if f"{link.name}.damping.c" not in found:
+            lines.append(
+                f"link {link.name}: no training record tells its stiffness or damping; zero stands in"
+            )
+        laws[link.name] = LinkLaws(
+            _limited(constant_stiffness(0.0), found.get(f"{link.name}.stiffness.k")),
+            _limited(constant_damping(0.0), found.get(f"{link.name}.damping.c")),
+        )
+    effects = []
+    for name, (value, error) in found.items():
+        place, _, _ = name.partition(f".{OFFSET}.")
+        if place != name and abs(value) > _TOLD * error:
+            offset = Parameter(float(value), "N", *_limits(value, error), source="identified")
+            effects.append(CATALOGUE[OFFSET].at(place, {"F_0": offset}))
+    structure = Structure(tuple(bodies), tuple(Link(x.name, *x.between, x.law) for x in settings.link))
+    model = Model(structure, laws, tuple(effects), windows=dict(settings.windows),
+                  sampling=dict(settings.sampling))  # fmt: skip
+    return model, tuple(lines)
+
+
+def _of_mass(body: str, mass: float, error: float) -> str:
+    if not mass > 0:
+        return f"body {body}: no training record tells its mass; 1 kg stands in"
+    return (
+        f"body {body}: its mass {mass:.4g} +- {_Z95 * error:.2g} kg is identified from the measured force; "
+        "where forces or displacements are not in N and m, only the ratios of all numbers to the mass are "
+        "identifiable"
+    )
+
+
+def _limited(law: Law, found: tuple[float, float] | None) -> Law:
+    if found is None:
+        return law
+    (name, old), (value, error) = next(iter(law.parameters.items())), found
+    low, high = _limits(value, error)
+    number = replace(old, value=float(value), low=low, high=high, source="identified")
+    return replace(law, parameters={name: number})
+
+
+def _limits(value: float, error: float) -> tuple[float, float]:
+    return float(value - _Z95 * error), float(value + _Z95 * error)

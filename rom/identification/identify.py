@@ -1,0 +1,399 @@
+"""A campaign of records into the paper's model: linear links, k_C(T), c_C(T), gamma per case and gamma(T),
+with limits.
+
+He et al. (2025), Sections 3.1 to 3.5. The paper's own estimates (Eqs. 3, 9 and 10 from the first mode) are
+reported for every coupled record; the curves are fitted to the joint output-error estimates, which hold where
+mode shapes do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rom import views as shown
+from rom.campaign.campaign import Campaign, CampaignSettings
+from rom.effects import CATALOGUE
+from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
+from rom.identification.force_balance import SOUND, balances_of, declared_model, is_driven, noise_share
+from rom.identification.gamma import GammaEstimate, LooseningCase, identify_gamma, refine_gamma_law
+from rom.identification.joint import (
+    LEAST_FOR_A_CURVE,
+    JointEstimate,
+    given_curves,
+    joint_curves,
+    joint_estimates,
+    tension_levels,
+)
+from rom.identification.link_laws import UNDETERMINED, bolted_laws, linear_laws, mean_laws
+from rom.identification.output_error import OutputErrorFit
+from rom.identification.record_spectra import UNCOUPLED, LinearNames, with_starts
+from rom.identification.reduce import (
+    Progress,
+    ReducedRecord,
+    UncoupledTest,
+    common_cutoffs,
+    loosening_cases,
+    reduce_records,
+    tension_courses,
+)
+from rom.identification.spectral_model import CORNER, SpectralRecord
+from rom.identification.uncoupled_priors import fit_near, flexure_ties, unsettled, without_modes
+from rom.model.effect import SensorFault
+from rom.model.laws import (
+    constant_damping,
+    constant_stiffness,
+    logistic_loosening,
+    no_loosening,
+    power_loosening,
+)
+from rom.model.model import LinkLaws, Model
+from rom.model.structure import Body, Link, Structure
+from rom.one_thread import one_threaded
+from rom.signals.quality import Doubt
+from rom.signals.sensor_correction import faults_of, true_hit
+from rom.signals.tension_bins import CourseNoise, TensionCourse, course_noise
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+_LOST = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Identification(shown.Shown):
+    """All that an identification found; `model` is what it was for.
+
+    `unsettled` are reasons to doubt that its numbers are near those of the structure, none for a sound one:
+    numbers that the uncoupled tests contradict, or much misfit without such tests. Misfit alone is none
+    (`linear.misfits` tells it): a good start may lack an effect. `rom.identification.uncoupled_priors.unlikely` asks the same of a
+    later model.
+    """
+
+    model: Model
+    linear: OutputErrorFit | None
+    uncoupled: tuple[UncoupledTest, ...] = ()
+    joint: tuple[JointEstimate, ...] = ()
+    stiffness_fit: LawFit | None = None
+    damping_fit: LawFit | None = None
+    gamma: tuple[GammaEstimate, ...] = ()
+    gamma_case_fit: LawFit | None = None
+    gamma_fit: LawFit | None = None
+    courses: tuple[TensionCourse, ...] = field(default=(), repr=False)
+    course_noise: CourseNoise | None = None
+    set_aside: tuple[Doubt, ...] = ()
+    warnings: tuple[str, ...] = ()
+    unsettled: tuple[str, ...] = ()
+    records: tuple[str, ...] = field(default=(), repr=False)
+
+    @property
+    def settled(self) -> bool:
+        """Whether nothing speaks against the numbers as a start."""
+        return not self.unsettled
+
+    def summary(self) -> str:
+        """Return the model found, and what to know of how it was."""
+        return shown.identification_summary(self)
+
+    def to_frame(self) -> DataFrame:
+        """Return what each training record told of the joint, a row each by file."""
+        return shown.identification_frame(self)
+
+    def plot(self) -> Figure:
+        """Draw stiffness, damping and loss rate over tension, with what each record told."""
+        return shown.model_figure(replace(self.model, identification=self))
+
+
+def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None) -> Model:
+    """Identify the reduced-order model of a campaign from its training records.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        As read by `read_campaign`.
+    jobs : int
+        Processes for reading and processing records; the numbers do not depend on it.
+    progress : callable
+        Called with (records done, records in all).
+
+    Returns
+    -------
+    Model
+        With 95 % limits on its parameters; `model.identification` holds every estimate behind it.
+
+    Raises
+    ------
+    ValueError
+        If no training record says anything of the structure.
+    """
+    return identify_campaign(campaign, jobs, progress).model
+
+
+@one_threaded
+def identify_campaign(
+    campaign: Campaign,
+    jobs: int = 1,
+    progress: Progress | None = None,
+    faults: Sequence[SensorFault] = (),
+) -> Identification:
+    """Return the identification with every estimate behind the model; see `identify`.
+
+    Faults of sensors that are known are taken out of impact tests, and are in the model.
+    """
+    if is_driven(campaign) and (driven := _of_driven(campaign)) is not None:
+        return driven
+    settings = campaign.settings
+    records = list(reduce_records(campaign, campaign.select(hold_out=False), jobs, progress, faults))
+    set_aside = tuple(doubt for record in records for doubt in record.doubts)
+    warnings = tuple(dict.fromkeys(text for record in records for text in record.warnings))
+    records = [record for record in records if not record.doubts]
+    parts = _started(records, settings)
+    linear = fit_near(parts, flexure_ties(records, settings)) if parts else None
+    if linear is None and not any(record.link for record in records):
+        raise ValueError(
+            f"{campaign.path}: found no training record of a moving body or a cycled link, expected one"
+        )
+    joint = joint_estimates(records, linear, settings)
+    stiffness_fit, damping_fit = joint_curves(joint, linear, settings)
+    doubtful = _doubtful(linear)
+    if linear is not None and stiffness_fit is not None and damping_fit is not None:
+        linear = given_curves(parts, linear, joint, (stiffness_fit, damping_fit))
+    model, missing = _model(campaign, records, linear, (stiffness_fit, damping_fit))
+    far_off = unsettled(model, linear) if linear is not None else ()
+    noise = course_noise(
+        [r.bins for r in records if r.bins and r.settings.test == "coupled"],
+        [r.bins_before for r in records if r.bins_before],
+    )
+    found = Identification(
+        model=model,
+        linear=linear,
+        uncoupled=tuple(record.uncoupled for record in records if record.uncoupled is not None),
+        joint=joint,
+        stiffness_fit=stiffness_fit,
+        damping_fit=damping_fit,
+        courses=tension_courses(records, noise, settings),
+        course_noise=noise,
+        set_aside=set_aside,
+        warnings=(*warnings, *missing, *doubtful, *far_off, *_untensioned(records, settings)),
+        unsettled=far_off,
+        records=tuple(record.settings.file for record in records),
+    )
+    cases = loosening_cases(records)
+    if len(model.structure.bolted_links) > 1:
+        text = "several bolted links, one measured tension: no law of loosening is identified"
+        found = replace(found, warnings=(*found.warnings, text))
+    elif model.structure.bolted_links and cases:
+        found = _with_loosening(found, cases, settings.windows.final_s)
+    return replace(found, model=replace(found.model, effects=tuple(faults), identification=found))
+
+
+def _of_driven(campaign: Campaign) -> Identification | None:
+    """Return the declared model of a campaign without a bolt, by the balance of its forces.
+
+    None where a displacement is too noisy to be differentiated: the output error does without.
+    """
+    balances, doubts = balances_of(campaign)
+    if noise_share(balances) > SOUND:
+        return None
+    model, lines = declared_model(balances)
+    files = tuple(r.settings.file for r in balances.records if not r.settings.hold_out)
+    found = Identification(model, None, set_aside=doubts, warnings=lines, records=files)
+    return replace(found, model=replace(model, identification=found))
+
+
+def _started(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[SpectralRecord, ...]:
+    parts = [record.spectra for record in records if record.spectra]
+    return with_starts(parts, settings) if parts else ()
+
+
+def _model(
+    campaign: Campaign,
+    records: Sequence[ReducedRecord],
+    linear: OutputErrorFit | None,
+    joint: tuple[LawFit | None, LawFit | None],
+) -> tuple[Model, tuple[str, ...]]:
+    """Return the model without a tension law yet, and a line for everything that no record tells."""
+    settings = campaign.settings
+    cycled = [entry for record in records for entry in record.link]
+    missing: list[str] = []
+    laws: dict[str, LinkLaws] = {}
+    uncoupled: dict[str, LinkLaws] = {}
+    for link in settings.link:
+        if link.law == "bolted" and settings.bolt is not None and link.name != settings.bolt.link:
+            found, without = mean_laws(link.name, linear), None
+            missing.append(
+                f"link {link.name}: its tension is not measured; stiffness and damping are constants"
+            )
+        elif link.law == "bolted":
+            found, without = bolted_laws(link, joint, cycled), None
+        else:
+            without = linear_laws(link, linear, cycled, bolted_in=False)
+            found = linear_laws(link, linear, cycled, bolted_in=True) or without
+        if without is not None:
+            uncoupled[link.name] = without
+        if found is None:
+            missing.append(
+                f"link {link.name}: no training record tells its stiffness or damping; zero stands in"
+            )
+        rate = no_loosening() if link.law == "bolted" else None
+        laws[link.name] = found or LinkLaws(constant_stiffness(0.0), constant_damping(0.0), rate)
+    bodies, unknown = _bodies(settings, linear)
+    model = Model(
+        structure=Structure(bodies, tuple(Link(x.name, *x.between, x.law) for x in settings.link)),
+        link_laws=laws,
+        filter_cutoff_hz=common_cutoffs(records),
+        calibration=(settings.bolt.calibration or ()) if settings.bolt else (),
+        windows=dict(settings.windows),
+        sampling=dict(settings.sampling),
+        uncoupled_laws=uncoupled,
+    )
+    return model, (*unknown, *missing)
+
+
+def _doubtful(linear: OutputErrorFit | None) -> tuple[str, ...]:
+    """Return a line for every shared value that the records leave open, and for a fit that did not end."""
+    if linear is None:
+        return ()
+    shared = [name for name in linear.names if "@" not in name and not name.startswith(CORNER)]
+    lines = [
+        f"{name}: the records do not tell it from what lies beside it; its value has no limits"
+        for name in shared
+        if linear.relative_error(name) > UNDETERMINED
+    ]
+    if not linear.converged:
+        lines.append("the fit of the linear links had not settled when it ended")
+    return tuple(lines)
+
+
+def _untensioned(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[str, ...]:
+    """Return a line for every record whose joint has no place on the curves."""
+    return tuple(
+        f"{r.settings.file}: no strain, tension or preload_n places its joint on the curves over tension"
+        for r in records
+        if settings.bolt is not None
+        and r.spectra
+        and r.settings.test != UNCOUPLED
+        and r.tensions is None
+        and r.settings.preload_n is None
+    )
+
+
+def _bodies(
+    settings: CampaignSettings, linear: OutputErrorFit | None
+) -> tuple[tuple[Body, ...], tuple[str, ...]]:
+    bodies, unknown = [], []
+    for body in settings.body:
+        mass, name = body.mass_kg, LinearNames.mass(body.name)
+        if mass is None and linear is not None and name in linear.names:
+            mass = linear.value(name)
+        if mass is None:
+            unknown.append(f"body {body.name}: no training record tells its mass; 1 kg stands in")
+        bodies.append(Body(body.name, mass or 1.0))
+    return tuple(bodies), tuple(unknown)
+
+
+def relearned(found: Identification, model: Model) -> Identification:
+    """Return an identification with another model, gamma(T) fitted anew beside what changes it there.
+
+    Hits are those without the faults that the model has beyond the identification, alike in all records.
+    """
+    moved = replace(found, model=model)
+    if len(model.structure.bolted_links) != 1 or not found.courses:
+        return moved
+    out = {effect.path for effect in found.model.effects}
+    faults = [f for f in faults_of(model) if f.path not in out and not CATALOGUE[f.name].by_record]
+    cases = []
+    for c in (course for course in found.courses if not course.hold_out):
+        force = true_hit(c.force, c.rate_hz, [f for f in faults if f.channel == f"force_{c.body}"])
+        cases.append(
+            LooseningCase(
+                c.file, c.body, force, c.rate_hz, c.initial, max(c.final, c.final_error), c.final_error
+            )
+        )
+    return _with_loosening(moved, cases, found.courses[0].final_window)
+
+
+def reidentified(
+    found: Identification,
+    records: Sequence[tuple[SpectralRecord, ...]],
+    settings: CampaignSettings,
+    acted_in: Collection[str] = (),
+) -> Model:
+    """Return the model with its linear links and joint curves fitted anew, started from the records alone.
+
+    Ties, tensions and the rest are those of `found`. `records` hold the parts of every record; their forces
+    may be more than was measured, such as an effect's beside. What effects act in or on, ``acted_in``, is not
+    tied to its own mode.
+    """
+    assert found.linear is not None
+    parts = with_starts(records, settings)
+    linear = fit_near(parts, without_modes(found.linear.ties, acted_in))
+    files = {part.file for part in parts}
+    joint = [estimate for estimate in found.joint if estimate.file in files]
+    curves = joint_curves(joint, linear, settings)
+    laws, alone = dict(found.model.link_laws), dict(found.model.uncoupled_laws)
+    for link in settings.link:
+        if settings.bolt is not None and link.name == settings.bolt.link:
+            fitted = bolted_laws(link, curves, ())
+            if fitted is not None:
+                laws[link.name] = replace(fitted, tension_rate=laws[link.name].tension_rate)
+        elif link.law != "bolted":
+            laws[link.name] = linear_laws(link, linear, (), bolted_in=True) or laws[link.name]
+            if link.name in alone:
+                alone[link.name] = linear_laws(link, linear, (), bolted_in=False) or alone[link.name]
+    structure = replace(found.model.structure, bodies=_bodies(settings, linear)[0])
+    return replace(found.model, structure=structure, link_laws=laws, uncoupled_laws=alone)
+
+
+def _without_loosening(found: Identification) -> Identification:
+    """Return the model of a bolt that no test loosened: dT/dt = 0, or one negative gamma near one tension."""
+    told = [g.gamma for g in found.gamma if g.gamma < 0 and not g.at_bound and g.log_error < UNDETERMINED]
+    if not told or tension_levels(np.array([g.initial for g in found.gamma])):
+        text = "no case loosened: the tension law stays dT/dt = 0"
+        return replace(found, warnings=(*found.warnings, text))
+    link = found.model.structure.bolted_links[0]
+    laws = replace(found.model.link_laws[link], tension_rate=power_loosening(float(np.median(told))))
+    text = "no case loosened: the median of the negative gammas that tighten stands for all tensions"
+    model = replace(found.model, link_laws={**found.model.link_laws, link: laws})
+    return replace(found, model=model, warnings=(*found.warnings, text))
+
+
+def _case_error(case: GammaEstimate) -> float:
+    """Return the standard error of ln gamma; a bolt that fell to the noise tells little more than a bound."""
+    lost = case.final < _LOST * case.loss_error
+    return float(np.clip(case.log_error, 1.0 if lost else 0.0, 3.0))
+
+
+def _with_loosening(
+    found: Identification, cases: Sequence[LooseningCase], window_s: tuple[float, float]
+) -> Identification:
+    """Add gamma per case and gamma(T), fitted to the net-loosening cases and refined by re-simulation."""
+    gamma = identify_gamma(found.model, cases, window_s)
+    usable = [g for g in gamma if g.gamma > 0 and not g.at_bound and np.isfinite(g.log_error)]
+    if not usable:
+        return _without_loosening(replace(found, gamma=gamma))
+    tension = np.array([g.initial for g in usable])
+    values = np.array([g.gamma for g in usable])
+    covariance = np.diag([_case_error(g) ** 2 for g in usable])
+    files = [g.file for g in usable]
+    levels = tension_levels(tension)
+    if not levels:
+        start = power_loosening(float(np.exp(np.log(values).mean())))
+        case_fit = fit_law([start], ["gamma"], tension, values, covariance, files, gamma_curve)
+    else:
+        top, bottom = float(np.log10(values.max())), float(np.log10(values.min()))
+        scales, free = np.geomspace(30.0, max(tension.max(), 60.0), 6), ["gamma_d", "gamma_i", "rho"]
+        if levels == LEAST_FOR_A_CURVE:  # two levels tell two parameters
+            scales, free = np.sqrt([tension.min() * tension.max()]) / 2, free[:2]
+        starts = [logistic_loosening(2 * top - bottom, 2 * (top - bottom), -1 / scale) for scale in scales]
+        case_fit = fit_law(starts, free, tension, values, covariance, files, gamma_curve)
+    by_file = {case.file: case for case in cases}
+    link = found.model.structure.bolted_links[0]
+    refined = refine_gamma_law(found.model, [by_file[file] for file in files], window_s, case_fit)
+    laws = replace(found.model.link_laws[link], tension_rate=refined.law)
+    model = replace(found.model, link_laws={**found.model.link_laws, link: laws})
+    return replace(found, model=model, gamma=gamma, gamma_case_fit=case_fit, gamma_fit=refined)

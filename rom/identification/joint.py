@@ -1,0 +1,239 @@
+"""The joint of every coupled record, and its curves over tension: He et al. (2025), Section 3.2."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rom.campaign.campaign import CampaignSettings
+from rom.campaign.channels import FloatArray
+from rom.identification.curve_fits import LawFit, fit_law
+from rom.identification.modal import joint_damping, joint_stiffness
+from rom.identification.output_error import OutputErrorFit
+from rom.identification.record_spectra import LinearNames
+from rom.identification.reduce import FirstMode, ReducedRecord
+from rom.identification.spectral_model import CORNER, SpectralRecord
+from rom.identification.uncoupled_priors import fit_near
+from rom.model.laws import constant_damping, constant_stiffness, logistic_damping, logistic_stiffness
+
+MODAL_LIMIT = 0.2  # largest damping ratio of any mode at which Eq. 7 is to be trusted
+LEAST_FOR_A_CURVE = 2
+_LEVEL = 0.1
+_LEFT_OPEN = 0.3
+WIDE_ENOUGH = 3.0  # a curve needs tensions that span at least this factor
+
+
+@dataclass(frozen=True)
+class JointEstimate:
+    """Joint of one coupled record: output error and, where the structure allows, the paper's modal formulas.
+
+    `log_errors` are standard errors of ln k and ln c. `heaviest_damping_ratio` is the largest of the
+    structure's modes: above 0.2 Eq. 7 is weak. `method` says which pair the curves use; output error does
+    wherever it is to be had, since 1 % of first-mode frequency is 31 % of a stiff joint's k_C, and 10 % of
+    its damping ratio 140 % of c_C.
+    """
+
+    file: str
+    tension: float
+    stiffness: float
+    damping: float
+    log_errors: tuple[float, float]
+    heaviest_damping_ratio: float
+    method: str
+    first_mode: FirstMode | None
+    modal_stiffness: float | None
+    modal_damping: float | None
+
+
+def joint_estimates(
+    records: Sequence[ReducedRecord], linear: OutputErrorFit | None, settings: CampaignSettings
+) -> tuple[JointEstimate, ...]:
+    """Return the joint of every record whose tension is known, from the loosest to the tightest.
+
+    Where none is known, all count as one level, at no tension: the joint then is a constant.
+    """
+    if settings.bolt is None or linear is None:
+        return ()
+    link = settings.bolt.link
+    seen = [r for r in records if f"{LinearNames.damping(link)}@{r.settings.file}" in linear.names]
+    tensions = [_tension_of(record) for record in seen]
+    if all(tension is None for tension in tensions):
+        tensions = [0.0] * len(seen)
+    estimates = [
+        _joint_estimate(record, tension, linear, settings, link)
+        for record, tension in zip(seen, tensions, strict=True)
+        if tension is not None
+    ]
+    return tuple(sorted(estimates, key=lambda estimate: estimate.tension))
+
+
+def _tension_of(record: ReducedRecord) -> float | None:
+    """Return the tension at which a record's joint was seen [N]: the mean of before and after, or the nominal
+    one.
+
+    A gauge with a wrong zero may show less than none, a bolt may not.
+    """
+    if record.tensions is None:
+        return record.settings.preload_n
+    if record.settings.test == "loosening":  # the bolt has lost its tension before the ringing that tells
+        return max(record.tensions.final, 0.0)
+    return max(0.5 * (record.tensions.initial + record.tensions.final), 0.0)
+
+
+def _joint_estimate(
+    record: ReducedRecord, tension: float, linear: OutputErrorFit, settings: CampaignSettings, link: str
+) -> JointEstimate:
+    file = record.settings.file
+    names = [f"{LinearNames.stiffness(link)}@{file}", f"{LinearNames.damping(link)}@{file}"]
+    (stiffness, damping), covariance = linear.block(names)
+    heaviest = _heaviest_damping_ratio(linear, settings, {link: (float(stiffness), float(damping))})
+    modal_stiffness, modal_damping = _modal_joint(record.first_mode, linear, settings, link)
+    return JointEstimate(
+        file, tension, float(stiffness), float(damping), (float(covariance[0, 0] ** 0.5), float(covariance[1,
+        1] ** 0.5)), heaviest, "output error", record.first_mode, modal_stiffness, modal_damping,
+    )  # fmt: skip
+
+
+def _modal_joint(
+    mode: FirstMode | None, linear: OutputErrorFit, settings: CampaignSettings, link: str
+) -> tuple[float | None, float | None]:
+    """Return k_C and c_C by Eqs. 3, 9 and 10, for two bodies with a flexure each; None elsewhere."""
+    ends = next(item.between for item in settings.link if item.name == link)
+    flexures = [_flexure(settings, body) for body in ends]
+    if mode is None or len(settings.body) != 2 or "ground" in ends or None in flexures:
+        return None, None
+    masses, stiffness, damping = (
+        tuple(shared_value(linear, settings, name(place)) for place in places)
+        for name, places in (
+            (LinearNames.mass, ends),
+            (LinearNames.stiffness, flexures),
+            (LinearNames.damping, flexures),
+        )
+    )
+    frequency = mode.frequency.value
+    k_c = float(joint_stiffness(frequency, (masses[0], masses[1]), (stiffness[0], stiffness[1])))
+    c_c = float(
+        joint_damping(frequency, mode.damping_ratio.value, k_c, (masses[0], masses[1]), (stiffness[0],
+        stiffness[1]),
+                      (damping[0], damping[1]))
+    )  # fmt: skip
+    return k_c, c_c
+
+
+def _flexure(settings: CampaignSettings, body: str) -> str:
+    """Return the one link that ties a body to ground, "" where there is none or several."""
+    names = [
+        link.name for link in settings.link if set(link.between) == {body, "ground"} and link.law == "linear"
+    ]
+    return names[0] if len(names) == 1 else ""
+
+
+def shared_value(linear: OutputErrorFit, settings: CampaignSettings, name: str) -> float:
+    """Return a shared value of the fit, or a mass as given."""
+    if name in linear.names:
+        return linear.value(name)
+    return next((body.mass_kg or 1.0 for body in settings.body if LinearNames.mass(body.name) == name), 0.0)
+
+
+def _heaviest_damping_ratio(
+    linear: OutputErrorFit, settings: CampaignSettings, joint: Mapping[str, tuple[float, float]]
+) -> float:
+    """Return the largest damping ratio of the structure's complex modes; 1 for an overdamped one."""
+    bodies = settings.body_names
+    n = len(bodies)
+    mass = np.diag([shared_value(linear, settings, LinearNames.mass(body)) for body in bodies])
+    matrices = {"stiffness": np.zeros((n, n)), "damping": np.zeros((n, n))}
+    for link in settings.link:
+        direction = np.array([(body == link.between[0]) - float(body == link.between[1]) for body in bodies])
+        k, c = joint.get(link.name) or (
+            shared_value(linear, settings, LinearNames.stiffness(link.name)),
+            shared_value(linear, settings, LinearNames.damping(link.name)),
+        )
+        matrices["stiffness"] += k * np.outer(direction, direction)
+        matrices["damping"] += c * np.outer(direction, direction)
+    inverse = np.linalg.inv(mass)
+    state = np.block(
+        [[np.zeros((n, n)), np.eye(n)], [-inverse @ matrices["stiffness"], -inverse @ matrices["damping"]]]
+    )
+    poles = np.linalg.eigvals(state)
+    return float(np.max(-poles.real / np.maximum(np.abs(poles), 1e-300)))
+
+
+def joint_curves(
+    joint: Sequence[JointEstimate], linear: OutputErrorFit | None, settings: CampaignSettings
+) -> tuple[LawFit | None, LawFit | None]:
+    """Fit Eqs. 5 and 11 to the estimates; constants where there are too few tensions for a curve."""
+    if not joint or linear is None or settings.bolt is None:
+        return None, None
+    link = settings.bolt.link
+    tension = np.array([estimate.tension for estimate in joint])
+    files = [estimate.file for estimate in joint]
+    stiffness, stiffness_covariance = linear.block(
+        [f"{LinearNames.stiffness(link)}@{file}" for file in files]
+    )
+    damping, damping_covariance = linear.block([f"{LinearNames.damping(link)}@{file}" for file in files])
+    levels = tension_levels(tension)
+    if not levels:
+        k, c = float(np.exp(np.log(stiffness).mean())), float(np.exp(np.log(damping).mean()))
+        return (
+            fit_law([constant_stiffness(k)], ["k"], tension, stiffness, stiffness_covariance, files),
+            fit_law([constant_damping(c)], ["c"], tension, damping, damping_covariance, files),
+        )
+    scales = np.geomspace(tension[tension > 0].min(), tension.max(), 7)
+    free_k, free_c = ["k_i", "alpha", "beta"], ["c_d", "c_i", "eta"]
+    if levels == LEAST_FOR_A_CURVE:  # two levels tell two parameters: the shape between them is given
+        scales = np.sqrt(scales[:1] * scales[-1:]) / 2
+        free_k, free_c = ["k_i", "beta"], ["c_d", "c_i"]
+    plateau = float(stiffness.max())
+    starts_k = [
+        logistic_stiffness(plateau, -1 / scale, beta * scale) for scale in scales for beta in (0.0, 0.5, 1.0)
+    ]
+    low, high = float(damping[tension.argmax()]), float(damping[tension.argmin()])
+    starts_c = [logistic_damping(2 * high - low, 2 * (high - low), -1 / scale) for scale in scales]
+    return (
+        fit_law(starts_k, free_k, tension, stiffness, stiffness_covariance, files),
+        fit_law(starts_c, free_c, tension, damping, damping_covariance, files),
+    )
+
+
+def tension_levels(tension: FloatArray) -> int:
+    """Return how many levels tensions [N] hold that differ by a tenth at least; 0 if too few or too near."""
+    ordered = np.sort(tension[tension > 0])
+    if len(ordered) < LEAST_FOR_A_CURVE or ordered[-1] < WIDE_ENOUGH * ordered[0]:
+        return 0
+    return 1 + int(np.sum(np.diff(np.log(ordered)) > _LEVEL))
+
+
+def given_curves(
+    parts: Sequence[SpectralRecord],
+    linear: OutputErrorFit,
+    joint: Sequence[JointEstimate],
+    curves: tuple[LawFit, LawFit],
+) -> OutputErrorFit:
+    """Return the fit of the shared terms with every joint on its curve, where the joints left one open.
+
+    A spring beside a bolt is told from it by the curve alone: each record knows but their sum. The limits
+    stay as wide as the records leave them.
+    """
+    shared = [name for name in linear.names if "@" not in name and not name.startswith(CORNER)]
+    tension = {estimate.file: estimate.tension for estimate in joint}
+    unplaced = any(part.local and part.file not in tension for part in parts)
+    several = len({name for part in parts for name in part.local}) > len(curves)
+    if unplaced or several or not any(linear.relative_error(name) > _LEFT_OPEN for name in shared):
+        return linear
+    fixed = []
+    for part in parts:
+        terms = []
+        for term in part.terms:
+            if term.name in part.local:
+                law = curves[term.matrix == "damping"].law
+                value = float(law(tension[part.file]))
+                terms.append(replace(term, value=max(value, 0.0), free=False))
+            else:
+                terms.append(replace(term, value=linear.value(term.name)) if term.free else term)
+        fixed.append(replace(part, terms=tuple(terms)))
+    found = fit_near(fixed, linear.ties)
+    before = np.diag([linear.relative_error(name) ** 2 for name in found.names])
+    return replace(found, covariance=np.maximum(found.covariance, before))

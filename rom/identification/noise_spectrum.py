@@ -1,0 +1,170 @@
+"""The noise of every kind of test as it is before the hit, where no model can be wrong.
+
+Noise of a channel has the spectrum S = G Q G^H + R per second of record: ambient forces Q(f) through the
+structure's transfer G, and sensor noise R. Both come from what precedes the hits (`rom.identification.output_error`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rom.identification.output_error import ambient_forces, sensor_noise, whitener
+from rom.identification.spectral_model import (
+    ComplexArray,
+    FloatArray,
+    Linearised,
+    SpectralRecord,
+    linearise,
+    spectrum,
+    transfer,
+)
+from rom.signals.processing import Measurement
+
+Group = tuple[str, tuple[str, ...]]
+_MARGIN_S = 0.02
+_SHORTEST_S = 0.2
+_HIGHEST_HZ = 1000.0
+_NEARLY = 4.0  # in power
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """Power densities of sensor noise R, (channels,), and of ambient forces Q, (lines, bodies, bodies)."""
+
+    bodies: tuple[str, ...]
+    sensor: FloatArray
+    frequency: FloatArray
+    ambient: ComplexArray
+
+    def raised(self, factor: float) -> NoiseFloor:
+        """Return the same with all powers so many times as large."""
+        return replace(self, sensor=self.sensor * factor, ambient=self.ambient * factor)
+
+    def whitener(self, record: SpectralRecord, values: Mapping[str, float], seconds: float) -> ComplexArray:
+        """Return S^-1/2 at the lines of a record's spectra over so many seconds."""
+        nearest = np.clip(np.searchsorted(self.frequency, record.frequency), 0, len(self.frequency) - 1)
+        gain = transfer(record, values)
+        return whitener(gain, self.ambient[nearest] * seconds / 2, self.sensor * seconds / 2)
+
+
+@dataclass(frozen=True)
+class Quiet:
+    """What a record shows where nothing but noise is expected: its motion less any part that is explained."""
+
+    group: Group
+    left_over: Linearised
+    frequency: FloatArray
+    seconds: float
+
+    def between(self, first: int, end: int) -> Quiet:
+        """Return the same with some of its lines."""
+        lines = slice(first, end)
+        left_over = replace(
+            self.left_over, unweighted=self.left_over.unweighted[lines], gain=self.left_over.gain[lines]
+        )
+        return replace(self, left_over=left_over, frequency=self.frequency[lines])
+
+
+def segment_before_hit(
+    measurement: Measurement,
+    bodies: Sequence[str],
+    like: SpectralRecord,
+    force: FloatArray,
+    highest_hz: float = _HIGHEST_HZ,
+) -> SpectralRecord:
+    """Return the spectra of a record's first samples, as many as ``force`` (samples, bodies) [N] has.
+
+    The force acts all the time, such as that of a ground that moves; no hammer has struck yet.
+
+    Raises
+    ------
+    ValueError
+        Where there are no such samples.
+    """
+    if not len(force):
+        found = "no hit" if measurement.impact_s is None else f"a hit after {measurement.impact_s:.3g} s"
+        raise ValueError(
+            f"noise is told by at least {_SHORTEST_S + _MARGIN_S:g} s before the hit in every record that "
+            f"moves, found less ({measurement.file}: {found}): record a longer pre-trigger, or leave "
+            "records that are hit sooner out of the campaign"
+        )
+    motion = np.stack([measurement.motion[body].samples[: len(force)] for body in bodies], axis=1)
+    band = (measurement.chain.cutoff_hz, min(highest_hz, 0.4 * measurement.rate_hz))
+    frequency, lines = spectrum(motion - motion.mean(axis=0), measurement.rate_hz, band)
+    driving = spectrum(force, measurement.rate_hz, band)[1]
+    return SpectralRecord(
+        like.file, "before", frequency, driving, lines, like.orders, like.terms, like.local,
+        samples=(0, len(force)), step_s=1 / measurement.rate_hz,
+    )  # fmt: skip
+
+
+def before_hit(
+    measurement: Measurement,
+    bodies: tuple[str, ...],
+    like: SpectralRecord,
+    values: Mapping[str, float],
+    force: FloatArray,
+) -> Quiet:
+    """Return the motion of a record's first samples less what a force makes of it, end states projected out.
+
+    See `segment_before_hit`.
+    """
+    segment = segment_before_hit(measurement, bodies, like, force)
+    quiet = linearise(segment, values, _plain(segment.motion))
+    return Quiet((measurement.test, bodies), quiet, segment.frequency, len(force) / measurement.rate_hz)
+
+
+def quiet_seconds(measurements: Sequence[Measurement]) -> float:
+    """Return how long all records of a kind are quiet before the hit [s]; zero where that is too short."""
+    longest = min((m.impact_s or 0.0 for m in measurements), default=0.0) - _MARGIN_S
+    return longest if longest >= _SHORTEST_S else 0.0
+
+
+def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseFloor]:
+    """Return the floor of every group; ambient forces of a body come from a group of quiet sensors."""
+    groups: dict[Group, list[Quiet]] = {}
+    for one in quiet:
+        groups.setdefault(one.group, []).append(one)
+    members = {group: _alike(ones) for group, ones in groups.items()}
+    sensors = {
+        group: sensor_noise([one.left_over for one in ones]) / ones[0].seconds
+        for group, ones in members.items()
+    }
+    found = {}
+    for group in members:
+        place, source = _source(group, sensors, {other: len(ones) for other, ones in members.items()})
+        ones = members[source]
+        ambient = ambient_forces(
+            ones[0].frequency, [one.left_over for one in ones], sensors[source] * ones[0].seconds
+        )
+        density = ambient[:, place][:, :, place] / ones[0].seconds
+        found[group] = NoiseFloor(group[1], sensors[group], ones[0].frequency, density)
+    return found
+
+
+def _alike(quiet: Sequence[Quiet]) -> list[Quiet]:
+    """Return the same with the lines that all of them have: each is filtered for its own first mode."""
+    lowest = max(one.frequency[0] for one in quiet)
+    first = [int(np.argmin(np.abs(one.frequency - lowest))) for one in quiet]
+    count = min(len(one.frequency) - at for one, at in zip(quiet, first, strict=True))
+    return [one.between(at, at + count) for one, at in zip(quiet, first, strict=True)]
+
+
+def _source(
+    group: Group, sensors: Mapping[Group, FloatArray], counts: Mapping[Group, int]
+) -> tuple[list[int], Group]:
+    """Return the group whose ambient forces serve, and the places of the bodies in it.
+
+    Of those with nearly the quietest sensors the one of most records: a spectrum wants many means.
+    """
+    able = {other: float(np.max(sensors[other])) for other in sensors if set(group[1]) <= set(other[1])}
+    quiet = [other for other, noise in able.items() if noise <= _NEARLY * min(able.values())]
+    best = max(quiet, key=lambda other: (counts[other], other == group))
+    return [best[1].index(body) for body in group[1]], best
+
+
+def _plain(lines: ComplexArray) -> ComplexArray:
+    return np.tile(np.eye(lines.shape[1], dtype=np.complex128), (len(lines), 1, 1))

@@ -1,0 +1,301 @@
+"""Linear output-error fit of a lumped structure, all records at once, in the frequency domain.
+
+By Parseval's theorem the weighted misfit of the spectra (`rom.identification.spectral_model`) is the time-domain output error after
+ideal band-pass filtering, so no integration or filter bias enters (maximum likelihood for stationary noise;
+R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2012, ch. 9-12).
+
+The weight is the inverse of S = G Q(f) G^H + R, G = s^q Z^-1: ambient forces Q(f), smooth in frequency, reach
+a channel through the structure's own resonances; sensor noise R does not. Both are estimated from what the
+model leaves over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from rom.identification.priors import Misfit, Tie, misfits, pull
+from rom.identification.spectral_model import (
+    ComplexArray,
+    FloatArray,
+    Linearised,
+    SpectralRecord,
+    key,
+    linearise,
+    step_unit,
+)
+
+_STEP = (-0.6, 1.0)  # shares of a value that it may lose or gain at once
+_OUTER_ITERATIONS = 12
+_FIRST_ITERATIONS = 60  # weights taken from a half-done fit would make its misfit look like noise
+_INNER_ITERATIONS = 12
+_SMOOTHING_HZ = 2.0
+_NEGLIGIBLE = 1e-7  # share of the cost that a step may still promise
+_UNTOLD = 1e-12
+_TINY = 1e-6  # stands for a sensor's corner that comes out at zero or below [rad/s]
+_SETTLED = 0.05  # square of a change in standard errors
+
+
+@dataclass(frozen=True)
+class OutputErrorFit:
+    """Estimates, natural-log covariance and residual of a joint fit.
+
+    `values` maps "name" (shared) or "name@file" (local) to the estimate; `covariance` is that of the natural
+    logarithms in the order of `names`. `misfits` tell how much of the residual is no noise, `ties` what the
+    coefficients lean on there.
+    """
+
+    names: tuple[str, ...]
+    logarithms: FloatArray
+    covariance: FloatArray
+    reduced_chi_square: float
+    converged: bool
+    misfits: tuple[Misfit, ...] = ()
+    ties: tuple[Tie, ...] = field(default=(), repr=False)
+
+    def value(self, name: str) -> float:
+        """Return the estimate of one coefficient."""
+        return float(np.exp(self.logarithms[self.names.index(name)]))
+
+    def relative_error(self, name: str) -> float:
+        """Return the standard error of the natural logarithm of one coefficient."""
+        i = self.names.index(name)
+        return float(np.sqrt(self.covariance[i, i]))
+
+    def block(self, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+        """Return estimates (n,) and the covariance (n, n) of their logarithms."""
+        index = [self.names.index(name) for name in names]
+        return np.exp(self.logarithms[index]), self.covariance[np.ix_(index, index)]
+
+
+def _whiteners(records: Sequence[SpectralRecord], parts: Sequence[Linearised]) -> list[ComplexArray]:
+    """Return S^-1/2 of every record; Q and R are pooled over the records of a group with equal lines."""
+    groups: dict[tuple[str, int], list[int]] = {}
+    for i, record in enumerate(records):
+        groups.setdefault((record.group, len(record.frequency)), []).append(i)
+    out: list[ComplexArray] = [np.empty(0, dtype=np.complex128)] * len(records)
+    for members in groups.values():
+        sensor = sensor_noise([parts[i] for i in members])
+        ambient = ambient_forces(records[members[0]].frequency, [parts[i] for i in members], sensor)
+        for i in members:
+            out[i] = whitener(parts[i].gain, ambient / 2, sensor / 2)
+    return out
+
+
+def whitener(gain: ComplexArray, ambient: ComplexArray, sensor: FloatArray) -> ComplexArray:
+    """Return S^-1/2 at every line with S = G Q G^H + R, (lines, channels, channels).
+
+    By the root of Q: where G is nearly singular, rounding would leave S less than no power.
+    """
+    level, direction = np.linalg.eigh(ambient)
+    answer = gain @ (direction * np.sqrt(np.maximum(level, 0.0))[:, None, :])
+    power = answer @ answer.conj().swapaxes(1, 2) + np.diag(sensor)
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(power)))
+
+
+def sensor_noise(parts: Sequence[Linearised]) -> FloatArray:
+    """Return the power of the sensors' noise at a line, (channels,): the median over lines and records."""
+    power = np.median(np.abs(np.stack([part.unweighted for part in parts])) ** 2, axis=(0, 1)) / np.log(2)
+    return np.asarray(np.maximum(power, 1e-12 * power.max() + np.finfo(float).tiny))
+
+
+def ambient_forces(frequency: FloatArray, parts: Sequence[Linearised], sensor: FloatArray) -> ComplexArray:
+    """Return the cross-spectrum Q(f) of the ambient forces: residuals brought to the joint of force, less
+    their noise.
+
+    The running mean weights lines by the inverse variance that sensor noise has there, so resonances speak.
+    """
+    total = np.zeros((len(frequency), len(sensor), len(sensor)), dtype=np.complex128)
+    weights = np.zeros(len(frequency))
+    for part in parts:
+        inverse = np.linalg.inv(part.gain)
+        noise = (inverse * sensor) @ inverse.conj().swapaxes(1, 2)
+        force = (inverse @ part.unweighted[:, :, None])[:, :, 0]
+        weight = 1 / np.einsum("nii->n", noise).real ** 2
+        total += weight[:, None, None] * (force[:, :, None] * force.conj()[:, None, :] - noise)
+        weights += weight
+    half = max(2, round(_SMOOTHING_HZ / (frequency[1] - frequency[0])))
+    mean = _running_sum(total, half) / _running_sum(weights, half).reshape(-1, 1, 1)
+    level, direction = np.linalg.eigh((mean + mean.conj().swapaxes(1, 2)) / 2)
+    return np.asarray((direction * np.maximum(level, 0.0)[:, None, :]) @ direction.conj().swapaxes(1, 2))
+
+
+def _running_sum(values: npt.NDArray[Any], half: int) -> npt.NDArray[Any]:
+    """Return sums over windows of 2 half + 1 lines, shortened at the ends.
+
+    Window by window: weights span so many decades that differences of a running total would lose the small.
+    """
+    padded = np.pad(values, [(half, half), *[(0, 0)] * (values.ndim - 1)])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0)
+    return np.asarray(windows.sum(axis=-1))
+
+
+@dataclass
+class _State:
+    """Where the search stands: coefficients, linearisation and normal equations."""
+
+    values: dict[str, float]
+    parts: list[Linearised]
+    hessian: FloatArray
+    gradient: FloatArray
+    cost: float
+
+
+def _evaluate(
+    records: Sequence[SpectralRecord],
+    values: dict[str, float],
+    whiteners: Sequence[ComplexArray],
+    names: Sequence[str],
+    tied: Sequence[tuple[Tie, float]],
+) -> _State:
+    position = {name: i for i, name in enumerate(names)}
+    parts = [linearise(r, values, w) for r, w in zip(records, whiteners, strict=True)]
+    hessian, gradient, cost = np.zeros((len(names), len(names))), np.zeros(len(names)), 0.0
+    for part in parts:
+        index = [position[name] for name in part.columns]
+        hessian[np.ix_(index, index)] += part.jacobian.T @ part.jacobian
+        gradient[index] += part.jacobian.T @ part.residual
+        cost += float(part.residual @ part.residual)
+    return _tied(_State(values, parts, hessian, gradient, cost), names, tied)
+
+
+def _tied(state: _State, names: Sequence[str], tied: Sequence[tuple[Tie, float]]) -> _State:
+    """Return the state with ties in its cost."""
+    hessian, gradient, cost = state.hessian, state.gradient, state.cost
+    for tie, weight in tied:
+        offset = tie.offset(state.values)
+        row = np.array([tie.factors.get(name, 0.0) for name in names]) / tie.error
+        hessian = hessian + weight * np.outer(row, row)
+        gradient = gradient + weight * offset * row
+        cost += weight * offset**2
+    return replace(state, hessian=hessian, gradient=gradient, cost=cost)
+
+
+def _weighed(
+    records: Sequence[SpectralRecord],
+    values: dict[str, float],
+    whiteners: Sequence[ComplexArray],
+    names: Sequence[str],
+    ties: Sequence[Tie],
+) -> tuple[_State, tuple[tuple[Tie, float], ...]]:
+    """Return the state at new weights of the lines, and the ties with the weights that its misfit gives."""
+    state = _evaluate(records, values, whiteners, names, ())
+    weights = pull(ties, records, misfits(records, state.parts)) if ties else ()
+    tied = tuple((tie, weight) for tie, weight in zip(ties, weights, strict=True) if weight > 0)
+    return (_tied(state, names, tied) if tied else state), tied
+
+
+def _levenberg_marquardt(
+    records: Sequence[SpectralRecord],
+    state: _State,
+    whiteners: Sequence[ComplexArray],
+    names: Sequence[str],
+    tied: Sequence[tuple[Tie, float]],
+    tolerance: float,
+    iterations: int,
+) -> tuple[_State, bool]:
+    """Return the minimum for fixed weights, and whether the last step was within the tolerance."""
+    damping = 1e-3
+    for _ in range(iterations):
+        step = np.linalg.lstsq(
+            state.hessian + damping * np.diag(np.diag(state.hessian)), state.gradient, rcond=None
+        )[0]
+        settled = float(np.abs(step).max(initial=0.0)) < tolerance or float(
+            state.gradient @ step
+        ) < _NEGLIGIBLE * max(state.cost, 1.0)
+        step = np.clip(step, *_STEP)  # one coefficient that nothing tells slows no other
+        values = state.values | {
+            n: state.values[n] + float(d) * step_unit(n, state.values[n])
+            for n, d in zip(names, step, strict=True)
+        }
+        trial = _evaluate(records, values, whiteners, names, tied)
+        if trial.cost <= state.cost * (1 + 1e-12):
+            state, damping = trial, max(damping / 10, 1e-9)
+            if settled:
+                return state, True
+        elif settled:
+            return state, True
+        else:
+            damping = min(damping * 10, 1e8)
+    return state, False
+
+
+def fit_output_error(
+    records: Sequence[SpectralRecord],
+    *,
+    ties: Sequence[Tie] = (),
+    tolerance: float = 1e-4,
+    progress: Callable[[int, int], None] | None = None,
+) -> OutputErrorFit:
+    """Fit all free terms of `records` together by Levenberg-Marquardt on the weighted spectra.
+
+    Steps are shares of the coefficients, none below -60 %: all but a sensor's corner stay positive, and
+    stiffnesses of which only the sum is well told can trade along a straight line. The weights start equal
+    over the lines and are re-estimated from the residual after every minimisation until both settle. `ties`
+    count as much as the misfit asks for (`rom.identification.priors`).
+
+    Raises
+    ------
+    ValueError
+        Where there is no record.
+    """
+    if not records:
+        raise ValueError("an output-error fit needs at least one record, instead got none")
+    names = tuple(dict.fromkeys(key(r, t) for r in records for t in r.terms if t.free))
+    whiteners = [_equal_weights(record) for record in records]
+    values = {key(r, t): t.value for r in records for t in r.terms}
+    state, tied = _weighed(records, values, whiteners, names, ties)
+    converged = False
+    for iteration in range(_OUTER_ITERATIONS):
+        if progress is not None:
+            progress(iteration + 1, _OUTER_ITERATIONS)
+        before = np.array([state.values[name] for name in names])
+        steps = _INNER_ITERATIONS if iteration else _FIRST_ITERATIONS
+        state, inner = _levenberg_marquardt(records, state, whiteners, names, tied, tolerance, steps)
+        change = np.array([state.values[name] for name in names]) - before
+        change /= [step_unit(name, value) for name, value in zip(names, before, strict=True)]
+        settled = (
+            float(change @ state.hessian @ change) < _SETTLED or np.abs(change).max(initial=0) < tolerance
+        )
+        if iteration > 1 and inner and settled:
+            converged = True
+            break
+        whiteners = _whiteners(records, state.parts)
+        state, tied = _weighed(records, state.values, whiteners, names, ties)
+    rows = sum(len(part.residual) for part in state.parts) - len(names)
+    cost = sum(float(part.residual @ part.residual) for part in state.parts)
+    found = np.array([max(state.values[name], _TINY) for name in names])
+    share = np.array([step_unit(name, value) / value for name, value in zip(names, found, strict=True)])
+    return OutputErrorFit(
+        names,
+        np.log(found),
+        _covariance(state.hessian) * np.outer(share, share),
+        cost / max(rows, 1),
+        converged,
+        misfits(records, state.parts),
+        tuple(ties),
+    )
+
+
+def values_of(records: Sequence[SpectralRecord], fit: OutputErrorFit) -> dict[str, float]:
+    """Return all coefficients of records, those that are given too."""
+    return {key(r, t): t.value for r in records for t in r.terms} | {n: fit.value(n) for n in fit.names}
+
+
+def _covariance(hessian: FloatArray) -> FloatArray:
+    """Return the inverse; a direction that no record tells has a huge variance, not none."""
+    size = np.sqrt(np.maximum(np.diag(hessian), _UNTOLD))
+    level, direction = np.linalg.eigh(hessian / np.outer(size, size))
+    return np.asarray((direction / np.maximum(level, _UNTOLD)) @ direction.T / np.outer(size, size))
+
+
+def _equal_weights(record: SpectralRecord) -> ComplexArray:
+    """Return equal weights for every line, each channel scaled by its own size."""
+    size = np.sqrt(np.mean(np.abs(record.motion) ** 2, axis=0)) + np.finfo(float).tiny
+    return np.broadcast_to(
+        np.diag(1 / size).astype(np.complex128), (len(record.frequency), len(size), len(size))
+    )

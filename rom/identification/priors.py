@@ -1,0 +1,86 @@
+"""What other tests say of a fit's coefficients, and how much that counts where the model does not fit.
+
+    sum_i a_i ln(theta_i) = b,   within a standard error
+
+A fit weighs its lines as if the residual were noise. Where it is misfit instead, it is the same in every
+record and does not average out: limits come out far too narrow, and coefficients that the records hardly tell
+apart (two flexures of a coupled structure, of which the first mode knows the sum) wander to wherever the
+misfit is smallest. So ties weigh nothing beside noise, and the more the larger the systematic part is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rom.identification.spectral_model import Linearised, SpectralRecord
+
+ALIGNED = 0.2  # square of the cosine that a misfit may have with the slope by a coefficient
+_DEAD = 0.1  # share that a good model may leave: pulses of few samples, a bolt that loosens
+_BEYOND_CHANCE = 4.0
+
+
+@dataclass(frozen=True)
+class Tie:
+    """A product of powers of coefficients, its logarithm `target` known within `error`.
+
+    `leaning` are those of them that misfit may lead astray; `statement` says for people what is tied to what.
+    """
+
+    factors: Mapping[str, float]
+    target: float
+    error: float
+    leaning: tuple[str, ...]
+    statement: str
+
+    def offset(self, values: Mapping[str, float]) -> float:
+        """Return what is missing to the target, in standard errors."""
+        found = sum(a * float(np.log(max(values[name], 1e-300))) for name, a in self.factors.items())
+        return (self.target - found) / self.error
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """What a fit leaves over in records of a kind.
+
+    `share` of the whitened residual's square is systematic: a short answer to the hit that is alike in
+    neighbouring lines, which noise is not. `systematic` is the cost of what goes beyond chance.
+    """
+
+    group: str
+    share: float
+    systematic: float
+
+
+def misfits(records: Sequence[SpectralRecord], parts: Sequence[Linearised]) -> tuple[Misfit, ...]:
+    """Return the misfit of every group: |sum_k conj(z_k) z_k+1| / sum_k |z_k|^2 over its lines z_k."""
+    sums: dict[str, tuple[complex, float, int]] = {}
+    for record, part in zip(records, parts, strict=True):
+        shape = record.motion.shape
+        count = record.motion.size
+        lines = (part.residual[:count] + 1j * part.residual[count : 2 * count]).reshape(shape)
+        product, square, n = sums.get(record.group, (0j, 0.0, 0))
+        product += complex(np.sum(lines[:-1].conj() * lines[1:]))
+        sums[record.group] = product, square + float(np.sum(np.abs(lines) ** 2)), n + count
+    found = []
+    for group, (product, square, n) in sums.items():
+        share = abs(product) / max(square, 1e-300)
+        beyond = max(share - max(_DEAD, _BEYOND_CHANCE / np.sqrt(n)), 0.0)
+        found.append(Misfit(group, share, beyond * square))
+    return tuple(found)
+
+
+def pull(
+    ties: Sequence[Tie], records: Sequence[SpectralRecord], found: Sequence[Misfit]
+) -> tuple[float, ...]:
+    """Return every tie's weight: a share of the systematic cost of the records that its `leaning` are in."""
+    cost = {one.group: one.systematic for one in found}
+    terms: dict[str, set[str]] = {}
+    for record in records:
+        terms.setdefault(record.group, set()).update(term.name for term in record.terms if term.free)
+    return tuple(
+        ALIGNED * sum(cost[group] for group, names in terms.items() if not names.isdisjoint(tie.leaning))
+        for tie in ties
+    )

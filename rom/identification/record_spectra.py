@@ -1,0 +1,335 @@
+"""Linear part of a structure from its records: spectra, starting values and the joint output-error fit.
+
+Every link's stiffness and damping (and every mass that is not given) is one shared term; a bolted link has a
+stiffness and damping of its own in every record, for the tension differs. In a campaign with a bolt, links
+have one stiffness with the bolt in and another without (He et al. (2025), Section 3.2, suspects that the
+flexures stiffen); dampings and masses stay. Both come out of the same fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+
+from rom.campaign.campaign import CampaignSettings
+from rom.campaign.channels import FloatArray
+from rom.identification.spectral_model import (
+    CORNER,
+    DERIVATIVE_ORDER,
+    STRUCTURAL,
+    ComplexArray,
+    SpectralRecord,
+    Term,
+    spectrum,
+)
+from rom.signals.processing import Measurement
+
+LINEAR_TESTS = ("uncoupled", "coupled", "free", "driven")
+UNCOUPLED = "uncoupled"
+_FIRST_CORNER = 0.5  # [rad/s]: a time constant of 2 s
+_HIGHEST_HZ = 1000.0
+_LENGTH_S = 8.0
+_BEFORE_IMPACT_S = 0.1
+_LOWEST_LINES = 1.5
+STRIDES = (1, 2, 4, 8)
+"""The samples that spectra cover can be counted in these: every such sample alone has the same lines."""
+_SPLIT = 4.0  # above this multiple of the strongest frequency the first second says all
+_BRIEF_S = 0.5
+_BRIEF_PERIODS = 16
+_FLOOR = 5.0
+_NEAR_HALF_RATE = 0.7
+_SHAPES_MORE = 3  # of a hammer's noise than its band and contact ask for
+_FORCE_BAND = 1e-2  # lines weaker than this share of the strongest force line say nothing of the structure
+
+
+@dataclass(frozen=True)
+class LinearNames:
+    """How the terms of a link or body are named in a fit."""
+
+    @staticmethod
+    def mass(body: str) -> str:
+        """Return the name of a body's mass."""
+        return f"body.{body}.mass"
+
+    @staticmethod
+    def stiffness(link: str, *, bolted_in: bool = True) -> str:
+        """Return the name of a link's stiffness, with the bolt in or without."""
+        return f"{link}.stiffness" if bolted_in else f"{link}.stiffness.{UNCOUPLED}"
+
+    @staticmethod
+    def damping(link: str) -> str:
+        """Return the name of a link's damping."""
+        return f"{link}.damping"
+
+
+def spectral_records(
+    measurement: Measurement, settings: CampaignSettings, *, start_s: float | None = None
+) -> tuple[SpectralRecord, ...]:
+    """Return the spectra of one record with all terms that act on its moving bodies.
+
+    An impact record is cut after 8 s. Its part above four times the strongest frequency is taken from the
+    first second alone, where fast modes ring: the end states make any cut exact, and later samples would add
+    noise and work. `start_s` leaves out what comes before that time [s], the hit with it.
+    """
+    bodies = tuple(body for body in settings.body_names if body in measurement.motion)
+    rate, start, stop = measurement.rate_hz, 0, measurement.samples
+    force = np.stack([measurement.force.get(body, np.zeros(stop)) for body in bodies], axis=1)
+    low, high = _band(force, rate, _lowest(measurement))
+    parts = [(stop, (low, high))]
+    if measurement.impact_s is not None:
+        start = max(0, int((measurement.impact_s - _BEFORE_IMPACT_S) * rate))
+        if start_s is not None:
+            start = min(int(start_s * rate), stop - 16)
+            low, high = _band(np.zeros_like(force), rate, low)
+        parts = [(start + _fast(min(stop - start, int(_LENGTH_S * rate))), (low, high))]
+        strongest = measurement.strongest_hz
+        if strongest is not None and _SPLIT * strongest < high:
+            split, brief = _SPLIT * strongest, max(_BRIEF_S, _BRIEF_PERIODS / strongest)
+            parts = [
+                (parts[0][0], (low, split)),
+                (start + _fast(min(stop - start, int(brief * rate))), (split, high)),
+            ]
+    return tuple(_part(measurement, settings, bodies, force, start, end, band) for end, band in parts)
+
+
+def _lowest(measurement: Measurement) -> float:
+    """Return the lower end of the band [Hz]: the filter's cutoff, lower where nothing needs integration."""
+    cutoff, strongest = measurement.chain.cutoff_hz, measurement.strongest_hz
+    if strongest is None or any(m.kind == "acceleration" for m in measurement.motion.values()):
+        return cutoff
+    return min(cutoff, max(_LOWEST_LINES * measurement.rate_hz / measurement.samples, 0.1 * strongest))
+
+
+def _fast(length: int) -> int:
+    """Return the longest length up to `length` whose Fourier transform is fast, at every one of `STRIDES`."""
+    return STRIDES[-1] * int(fft.prev_fast_len(length // STRIDES[-1], real=True))
+
+
+def _part(
+    measurement: Measurement,
+    settings: CampaignSettings,
+    bodies: tuple[str, ...],
+    force: FloatArray,
+    start: int,
+    stop: int,
+    band: tuple[float, float],
+) -> SpectralRecord:
+    motion = np.stack([measurement.motion[body].samples[start:stop] for body in bodies], axis=1)
+    frequency, force_spectrum = spectrum(force[start:stop], measurement.rate_hz, band)
+    _, motion_spectrum = spectrum(motion - motion.mean(axis=0), measurement.rate_hz, band)
+    terms, local = _terms(settings, bodies, measurement.test, {m.kind for m in measurement.motion.values()})
+    orders = tuple(DERIVATIVE_ORDER[measurement.motion[body].kind] for body in bodies)
+    group = f"{measurement.test}:{','.join(bodies)}:{stop - start}"
+    noise = [measurement.force_noise.get(body, 0.0) for body in bodies]
+    return SpectralRecord(
+        measurement.file, group, frequency, force_spectrum, motion_spectrum, orders, terms, local,
+        _force_errors(force[start:stop], noise, measurement.rate_hz, frequency),
+        _sampling_errors(measurement) if np.any(force[start:stop]) else (0.0, 0.0),
+        samples=(start, stop), step_s=1 / measurement.rate_hz,
+    )  # fmt: skip
+
+
+def _force_errors(
+    force: FloatArray, noise: Sequence[float], rate_hz: float, frequency: FloatArray
+) -> ComplexArray:
+    """Return spectra of what a hammer's noise leaves in its force, each one standard error large: (lines,
+    bodies, shapes).
+
+    White noise in the n samples of a contact is that in n orthonormal polynomials of time. The first changes
+    the impulse, the second its instant; a band of B over a contact of D tells little more than 2 B D apart.
+    """
+    shapes = [np.zeros((len(frequency), len(noise), 0), dtype=np.complex128)]
+    for body in np.flatnonzero(np.asarray(noise)).tolist():
+        inside = np.flatnonzero(force[:, body])
+        for contact in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if inside.size else ():
+            told = min(len(contact), int(2 * frequency[-1] * len(contact) / rate_hz) + _SHAPES_MORE)
+            powers = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(contact)), told - 1)
+            turned = np.exp(-2j * np.pi * np.outer(frequency, contact) / rate_hz)
+            found = np.zeros((len(frequency), len(noise), told), dtype=np.complex128)
+            found[:, body] = noise[body] / rate_hz * (turned @ np.linalg.qr(powers)[0])
+            shapes.append(found)
+    return np.concatenate(shapes, axis=2)
+
+
+def _sampling_errors(measurement: Measurement) -> tuple[float, float]:
+    """Return the standard errors of an impulse (relative) and of its instant [s] from the samples' spacing.
+
+    A spectrum that falls with 1/f^2 or faster is a quarter at the sampling rate of what it is at half of it,
+    and there it folds onto the lowest lines, with a slope of one part in half the rate.
+    """
+    if measurement.impact_s is None:
+        return (0.0, 0.0)
+    lines = np.abs(np.fft.rfft(max(measurement.force.values(), key=lambda f: float(np.abs(f).max()))))
+    folded = float(lines[int(_NEAR_HALF_RATE * len(lines)) :].max() / lines.max()) / 4
+    return folded, folded / (np.pi * measurement.rate_hz)
+
+
+def _band(force: FloatArray, rate_hz: float, lowest_hz: float) -> tuple[float, float]:
+    """Return the band [Hz] in which the force says something of the structure."""
+    highest = min(_HIGHEST_HZ, 0.4 * rate_hz)
+    if not np.any(force):
+        return lowest_hz, highest
+    frequency, lines = spectrum(force, rate_hz, (lowest_hz, highest))
+    power = np.sum(np.abs(lines) ** 2, axis=1)
+    width = max(1, len(power) // 50)
+    smooth = np.convolve(power, np.ones(width) / width, mode="same")
+    strong = np.flatnonzero(smooth > _FORCE_BAND * smooth.max())
+    return lowest_hz, float(frequency[strong[-1]])
+
+
+def _terms(
+    settings: CampaignSettings, bodies: Sequence[str], test: str, kinds: Collection[str]
+) -> tuple[tuple[Term, ...], frozenset[str]]:
+    bolted_in = test != UNCOUPLED or settings.bolt is None
+    terms: list[Term] = []
+    local: set[str] = set()
+    for body in settings.body:
+        if body.name in bodies:
+            direction = _direction([body.name], bodies)
+            name = LinearNames.mass(body.name)
+            terms.append(Term(name, "mass", direction, body.mass_kg or 1.0, free=body.mass_kg is None))
+    for link in settings.link:
+        direction = _direction(link.between, bodies)
+        if not np.any(direction) or (link.law == "bolted" and not bolted_in):
+            continue
+        if link.law != "dashpot":
+            name = LinearNames.stiffness(link.name, bolted_in=bolted_in)
+            terms.append(Term(name, "stiffness", direction, link.stiffness_n_per_m or 0.0))
+        terms.append(Term(LinearNames.damping(link.name), "damping", direction, link.damping_ns_per_m or 0.0))
+        if link.law == "bolted":
+            local |= {LinearNames.stiffness(link.name), LinearNames.damping(link.name)}
+    if "acceleration" in kinds:
+        name = f"{CORNER}.{test}" if test == "loosening" else CORNER  # large hits want sensors of their own
+        terms.append(Term(name, "corner", np.zeros(len(bodies)), _FIRST_CORNER))
+    return tuple(terms), frozenset(local)
+
+
+def _direction(between: Sequence[str], bodies: Sequence[str]) -> FloatArray:
+    """Return a link's row of the incidence matrix over the moving bodies; a body at rest is ground."""
+    direction = np.zeros(len(bodies))
+    for sign, end in zip((1.0, -1.0), between, strict=False):
+        if end in bodies:
+            direction[bodies.index(end)] = sign
+    return direction
+
+
+def with_starts(
+    records: Sequence[tuple[SpectralRecord, ...]], settings: CampaignSettings
+) -> tuple[SpectralRecord, ...]:
+    """Return all parts of all records with starting values.
+
+    The campaign's own starting values come first; a link whose stiffness was seen without the bolt starts
+    from that; the rest are medians of equation-error fits. Then the joint of every record is estimated beside
+    these.
+    """
+    given = {LinearNames.stiffness(link.name): link.stiffness_n_per_m for link in settings.link}
+    given |= {LinearNames.damping(link.name): link.damping_ns_per_m for link in settings.link}
+    shared = _shared_start(records)
+    for link in settings.link:
+        without = shared.get(LinearNames.stiffness(link.name, bolted_in=False))
+        if without is not None:
+            shared[LinearNames.stiffness(link.name)] = without
+    shared |= {name: value for name, value in given.items() if value}
+    started = []
+    for parts in records:
+        beside = [_with_values(part, shared) for part in parts]
+        own = equation_error_fit(beside, only=parts[0].local)
+        own |= {name: value for name, value in given.items() if value and name in own}
+        started += [_with_values(part, own) for part in beside]
+    return tuple(started)
+
+
+def equation_error_fit(
+    parts: Sequence[SpectralRecord], only: Collection[str] | None = None
+) -> dict[str, float]:
+    """Fit sum_terms value d d^T s^p X = F by least squares over the lines, a row for every moving body.
+
+    Four polynomial columns a row and part (1/s^2, 1/s, 1, s) take up the record's ends. A value that comes
+    out negative is replaced by one that the mass and the strongest line allow; the result only starts the
+    output-error fit. `only` names the terms to fit, None for all free ones; the others are taken at their
+    values.
+    """
+    structural = [term for term in parts[0].terms if term.matrix in STRUCTURAL]
+    free = [term for term in structural if (term.free if only is None else term.name in only)]
+    if not free:
+        return {}
+    blocks = [_equations(part, free, place, len(parts)) for place, part in enumerate(parts)]
+    matrix = np.concatenate([block for block, _ in blocks])
+    right = np.concatenate([target for _, target in blocks])
+    scale = np.linalg.norm(matrix, axis=0) + np.finfo(float).tiny
+    solution = np.linalg.lstsq(matrix / scale, right, rcond=None)[0] / scale
+    return {t.name: _plausible(t, float(value), parts[0]) for t, value in zip(free, solution, strict=False)}
+
+
+def _equations(
+    part: SpectralRecord, free: Sequence[Term], place: int, n_parts: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return real rows (2 lines bodies, terms + nuisance) and their right-hand side."""
+    s = 2j * np.pi * part.frequency
+    n = len(part.orders)
+    names = {term.name for term in free}
+    displacement = np.stack([part.motion[:, i] / s**order for i, order in enumerate(part.orders)], axis=1)
+    known = sum(
+        (
+            t.value * _action(t, s, displacement)
+            for t in part.terms
+            if t.matrix in STRUCTURAL and t.name not in names
+        ),
+        np.zeros_like(displacement),
+    )
+    nuisance = np.stack([s**-2, s**-1, np.ones_like(s), s], axis=1)
+    block = np.zeros((len(s), n, len(free) + 4 * n * n_parts), dtype=np.complex128)
+    for column, term in enumerate(free):
+        block[:, :, column] = _action(term, s, displacement)
+    for body in range(n):
+        first = len(free) + 4 * (n * place + body)
+        block[:, body, first : first + 4] = nuisance
+    weight = _equation_weight(part)
+    rows = (block * weight[:, :, None]).reshape(len(s) * n, -1)
+    target = ((part.force - known) * weight).reshape(-1)
+    return np.concatenate([rows.real, rows.imag]), np.concatenate([target.real, target.imag])
+
+
+def _equation_weight(part: SpectralRecord) -> FloatArray:
+    """Return weights (lines, bodies) of equations: small where differentiated noise would outdo motion."""
+    size = np.abs(part.motion)
+    floor = _FLOOR * np.median(size, axis=0)
+    omega = 2 * np.pi * part.frequency[:, None]
+    strongest = omega[np.argmax(size, axis=0), 0]
+    missing = 2 - np.array(part.orders)
+    return np.asarray(size**2 / (size**2 + floor**2) / (omega**2 + strongest**2) ** (missing / 2))
+
+
+def _action(term: Term, s: ComplexArray, displacement: ComplexArray) -> ComplexArray:
+    return (s**term.power * (displacement @ term.direction))[:, None] * term.direction
+
+
+def _plausible(term: Term, value: float, record: SpectralRecord) -> float:
+    if value > 0:
+        return value
+    strength = np.sum(np.abs(record.motion) ** 2, axis=1)
+    omega = 2 * np.pi * float(record.frequency[np.argmax(strength)])
+    mass = float(np.mean([t.value for t in record.terms if t.matrix == "mass"]))
+    return {"stiffness": mass * omega**2, "damping": 0.02 * mass * omega, "mass": mass}[term.matrix]
+
+
+def _shared_start(records: Sequence[tuple[SpectralRecord, ...]]) -> dict[str, float]:
+    """Return the median over the records that have the fewest unknowns beside a shared term."""
+    found: dict[str, list[tuple[int, float]]] = {}
+    for parts in records:
+        estimate = equation_error_fit(parts)
+        for name, value in estimate.items():
+            if name not in parts[0].local:
+                found.setdefault(name, []).append((len(estimate), value))
+    return {
+        name: float(np.median([value for count, value in pairs if count == min(pairs)[0]]))
+        for name, pairs in found.items()
+    }
+
+
+def _with_values(record: SpectralRecord, values: Mapping[str, float]) -> SpectralRecord:
+    """Return the record with new starting values of the named terms."""
+    return replace(record, terms=tuple(replace(t, value=values.get(t.name, t.value)) for t in record.terms))

@@ -1,0 +1,237 @@
+"""What an added effect is: a force or body effect, a change of the tension law, a reading, a sensor's fault.
+
+All four carry a name, the place where they enter, an equation for people, and parameters; what differs is the
+function behind them and to what it is applied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from rom.model.laws import Parameter
+
+if TYPE_CHECKING:
+    from rom.model.model import Model
+
+FloatArray = npt.NDArray[np.float64]
+Numbers = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Added:
+    """Name, place, equation and parameters: what all added effects share.
+
+    Parameters
+    ----------
+    name : str
+        Name of the catalogue, or ``"free-form"``.
+    enters : str
+        A link, ``"body:<name>"`` (motion relative to ground), ``"tension"`` (the bolted link) or
+        ``"sensor:<channel>"``.
+    equation : str
+        The equation for people.
+    parameters : mapping of str to Parameter
+        In the order of the function's parameter array.
+    """
+
+    name: str
+    enters: str
+    equation: str
+    parameters: Mapping[str, Parameter]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "parameters": dict(self.parameters)}  # a mapping proxy does not pickle
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state)
+        Added.__post_init__(self)
+
+    @property
+    def values(self) -> FloatArray:
+        """Parameter values in order, shape (parameters,)."""
+        return np.array([parameter.value for parameter in self.parameters.values()], dtype=np.float64)
+
+    @property
+    def _numbers(self) -> Numbers:
+        return tuple(parameter.value for parameter in self.parameters.values())
+
+    @property
+    def place(self) -> str:
+        """Kind of place: link, body, tension or sensor."""
+        kind = self.enters.partition(":")[0]
+        return kind if kind in ("body", "tension", "sensor") else "link"
+
+    @property
+    def path(self) -> str:
+        """Where a model that holds the effect has its parameters: ``"<enters>.<name>"``."""
+        return f"{self.enters}.{self.name}"
+
+    def added_to(self, model: Model) -> Model:
+        """The model with this effect; its parameters are at ``paths``."""
+        return model.with_effect(self)
+
+    def paths(self, model: Model) -> Mapping[str, str]:  # noqa: ARG002 - one day by model
+        """Where a model that holds the effect has its parameters, by name."""
+        return {name: f"{self.path}.{name}" for name in self.parameters}
+
+    def with_values(self, **values: float) -> Self:
+        """The same effect with other parameter values; their old limits no longer hold and are dropped.
+
+        Raises
+        ------
+        ValueError
+            If a name is not a parameter of the effect or a value is outside its bounds.
+        """
+        unknown = sorted(set(values) - set(self.parameters))
+        if unknown:
+            known = ", ".join(self.parameters) or "none"
+            raise ValueError(f"effect {self.name!r} has the parameters {known}, got {', '.join(unknown)}")
+        changed = {
+            name: replace(self.parameters[name], value=float(value), low=None, high=None)
+            for name, value in values.items()
+        }
+        return replace(self, parameters={**self.parameters, **changed})
+
+
+@dataclass(frozen=True)
+class Effect(Added):
+    """A force in a link or on a body, compiled into the equations of motion.
+
+    Parameters
+    ----------
+    function : callable
+        ``f(t, x, v, T, k, c, s, p, ds, dT) -> force [N]`` added to the link's force, which pulls the first
+        body back; ``k``, ``c`` the link's stiffness and damping at its tension, ``s``, ``p`` the states and
+        parameters; the function fills the state rates ``ds`` and may set ``dT[0]`` [N/s], added to the
+        tension's rate.
+    states : int
+        Number of internal states, zero at the start.
+    on_disk : bool
+        Whether the compiled function may be cached on disk (it lives in a file).
+    """
+
+    function: Callable[..., float] = field(repr=False)
+    states: int = 0
+    on_disk: bool = field(default=True, repr=False)
+
+    @property
+    def address(self) -> int:
+        """Address of the compiled function; compiles on first use."""
+        from rom.kernels.calling import address_of
+
+        return address_of(self.function, "effect", self.on_disk)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Motion of one record as it was simulated or measured, at the samples of its tension.
+
+    Parameters
+    ----------
+    time : ndarray
+        Time [s] from the record's first sample, shape (samples,).
+    impact_s : float
+        Time of the impact [s].
+    displacement : ndarray
+        Relative displacement of the bolted link [m].
+    link_force : ndarray
+        Force of the bolted link [N]; only readings that follow it need it.
+    body_displacement : mapping of str to ndarray
+        Displacement by body [m]; only readings that follow a body need it.
+    """
+
+    time: FloatArray
+    impact_s: float
+    displacement: FloatArray
+    link_force: FloatArray = field(default_factory=lambda: np.zeros(0))
+    body_displacement: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Reading(Added):
+    """What a bolt's gauge shows beyond the tension of the model: ``T_measured = T + reading(motion)``.
+
+    It leaves motion and tension alone: what a simulation is compared with a gauge by.
+
+    Parameters
+    ----------
+    reading : callable
+        ``f(motion, p) -> [N]``, with the shape of the motion's time.
+    """
+
+    reading: Callable[[Motion, Numbers], FloatArray] = field(repr=False)
+
+    def added(self, motion: Motion) -> FloatArray:
+        """What the reading adds to the tension [N]."""
+        return self.reading(motion, self._numbers)
+
+    def apply(self, tension: npt.ArrayLike, motion: Motion) -> FloatArray:
+        """The reading [N] of a simulated tension."""
+        return np.asarray(tension, dtype=np.float64) + self.added(motion)
+
+    def remove(self, measured: npt.ArrayLike, motion: Motion) -> FloatArray:
+        """The tension [N] behind a measured reading; inverse of ``apply`` for the same motion."""
+        return np.asarray(measured, dtype=np.float64) - self.added(motion)
+
+
+Samples = Callable[..., FloatArray]
+
+
+@dataclass(frozen=True)
+class SensorFault(Added):
+    """A fault of one channel, corrected in processing and never modelled as force.
+
+    Parameters
+    ----------
+    fault, cure : callable
+        ``f(samples, rate_hz, p) -> samples``: from what is true to what the channel shows, and back; with
+        the samples of another channel as fourth argument where ``other`` names one.
+    other : str
+        Kind of channel that disturbs this one: its quantity, on another body; empty for none.
+    """
+
+    fault: Samples = field(repr=False)
+    cure: Samples = field(repr=False)
+    other: str = ""
+
+    @property
+    def channel(self) -> str:
+        """The channel, such as ``"acceleration_so"``."""
+        return self.enters.partition(":")[2]
+
+    def apply(self, samples: npt.ArrayLike, rate_hz: float, other: npt.ArrayLike | None = None) -> FloatArray:
+        """What the channel shows of true ``samples``, shape (samples,); ``other`` are those that disturb it.
+
+        Raises
+        ------
+        ValueError
+            If the fault needs samples of another channel and none are given.
+        """
+        return self._run(self.fault, samples, rate_hz, other)
+
+    def remove(
+        self, samples: npt.ArrayLike, rate_hz: float, other: npt.ArrayLike | None = None
+    ) -> FloatArray:
+        """The true signal behind shown ``samples``; inverse of ``apply`` but for what the fault destroys."""
+        return self._run(self.cure, samples, rate_hz, other)
+
+    def _run(
+        self, function: Samples, samples: npt.ArrayLike, rate_hz: float, other: npt.ArrayLike | None
+    ) -> FloatArray:
+        given = np.asarray(samples, dtype=np.float64)
+        if not self.other:
+            return function(given, rate_hz, self._numbers)
+        if other is None:
+            raise ValueError(
+                f"{self.name} in {self.channel} needs the {self.other} of another body, got none"
+            )
+        return function(given, rate_hz, self._numbers, np.asarray(other, dtype=np.float64))

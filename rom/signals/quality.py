@@ -1,0 +1,90 @@
+"""Doubts about a record, found without any model: clipped channels, hits the force misses, flipped signs.
+
+Each test is made to keep silent unless the evidence is strong: a good record set aside is a loss as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from rom.campaign.campaign import CampaignSettings, Record
+from rom.campaign.channels import BOLT_CHANNELS
+from rom.signals.clipping import flat_top
+from rom.signals.hits import Hit, first_hit, second_hit, signs
+
+Kind: TypeAlias = Literal["clipped", "second-hit", "polarity"]
+
+HIT_TESTS = ("uncoupled", "coupled", "loosening")
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Why a record is set aside: its file, the channel, the kind of doubt, and a line for people."""
+
+    file: str
+    channel: str
+    kind: Kind
+    message: str
+
+
+def assess(record: Record, settings: CampaignSettings) -> tuple[Doubt, ...]:
+    """Name every reason to doubt a record; none for a good one.
+
+    Clipped: the channel's extreme is a flat top whose flanks point well above it. Polarity: the struck body
+    accelerates against the force during the contact, or two bodies move against each other across a bolted
+    link in their lowest mode. Second hit: ``F - sum m_i a_i``, in which all forces within the structure
+    cancel, shows one more pulse like the first where the force shows nothing.
+
+    Parameters
+    ----------
+    record
+        The record; of `cycled` and `hold` records none is doubted, of `driven` and `free` ones clipping only.
+    settings
+        The campaign's, for its links.
+    """
+    clipped = tuple(_clipped(record))
+    hit = first_hit(record) if record.test in HIT_TESTS and not clipped else None
+    if hit is None:
+        return clipped
+    flipped = tuple(_flipped(record, settings, hit))
+    return flipped or tuple(_second_hit(record, hit))
+
+
+def _clipped(record: Record) -> Iterator[Doubt]:
+    if record.test in ("cycled", "hold"):
+        return  # a prescribed motion may rest, friction has flat tops
+    for name, channel in record.channels.items():
+        if record.test == "driven" and name.startswith("force_"):
+            continue  # a command may be a square wave
+        sides = (1.0,) if name in BOLT_CHANNELS else (1.0, -1.0)  # a loose bolt rests at zero tension
+        for side in sides:
+            if cut := flat_top(side * channel.samples):
+                count, level = cut
+                message = f"{name} is clipped: flat for {count} samples at its extreme of {side * level:.6g}"
+                yield Doubt(record.file, name, "clipped", message)
+                break
+
+
+def _flipped(record: Record, settings: CampaignSettings, hit: Hit) -> Iterator[Doubt]:
+    found = signs(record, settings.link, hit)
+    if len(found) > 1 and max(found.values()) < 0:
+        message = f"{hit.force.name} opposes the motion of every body: its sign seems flipped"
+        yield Doubt(record.file, hit.force.name, "polarity", message)
+        return
+    for body, sign in found.items():
+        name = record.motion(body)[1].name
+        if sign < 0:
+            against = hit.force.name if body == hit.body else "the bodies beside it in their lowest mode"
+            yield Doubt(record.file, name, "polarity", f"{name} opposes {against}: its sign seems flipped")
+
+
+def _second_hit(record: Record, hit: Hit) -> Iterator[Doubt]:
+    if (found := second_hit(record, hit)) is not None:
+        time_s, share = found
+        message = (
+            f"{hit.force.name} shows nothing at {time_s:.4f} s, "
+            f"where the bodies move as after a second hit of {100 * share:.0f} % of the first"
+        )
+        yield Doubt(record.file, hit.force.name, "second-hit", message)

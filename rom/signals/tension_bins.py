@@ -1,0 +1,200 @@
+"""The course of the tension after a hit: means over time bins, and the covariance of their noise.
+
+A bin's change is its mean tension minus the mean before the hit. Its noise is white noise averaged over the
+bin, a random walk and a steady drift since the time before the hit (thermal, of the gauge or of the joint):
+
+    cov_ij = s^2 (delta_ij / n_i + 1 / n_0) + q min(t_i, t_j) + d^2 t_i t_j,   t from the middle of the mean
+    before the hit, n samples in a mean.
+
+s, q and d are fitted by maximum likelihood to tests that leave the tension alone, all of a campaign at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, optimize
+
+from rom.campaign.campaign import CampaignSettings
+from rom.campaign.channels import FloatArray
+from rom.signals.processing import Measurement
+
+_SHORTEST_S = 3e-3
+_FEWEST_SAMPLES = 8
+_BINS = 12
+_MARGIN_S = 0.05  # a late hit does not push the last bin out of the record
+_LEAST_QUIET = 6
+_LEAST_ERROR = 1e-6  # [N]; of a record without noise
+_TINY = 1e-24
+
+
+@dataclass(frozen=True, eq=False)
+class TensionBins:
+    """Changes of the mean tension [N] in time bins against the mean before them.
+
+    Attributes
+    ----------
+    edges_s : ndarray, shape (bins + 1,)
+        From the record's first sample [s], half a sample before the first of a bin: a mean over samples is
+        then the mean over the time between edges.
+    change : ndarray, shape (bins,)
+        Mean in the bin minus the mean before [N].
+    counts : ndarray, shape (bins,)
+        Samples in each mean; `count_before`: in the mean before.
+    lag_s : ndarray, shape (bins,)
+        From the middle of the mean before to the middle of each bin [s].
+    slope : float
+        dT/d(strain) there [N per unit of strain]: from strain noise to tension noise.
+    """
+
+    edges_s: FloatArray
+    change: FloatArray
+    counts: FloatArray
+    count_before: int
+    lag_s: FloatArray
+    slope: float
+    rate_hz: float
+
+
+@dataclass(frozen=True)
+class CourseNoise:
+    """Variances of white noise (a sample), random walk (a second) and drift (a second squared).
+
+    In units of strain, times the calibration's slope squared; drift and walk in newton where `of_tension`.
+    """
+
+    white: float
+    walk: float
+    drift: float
+    of_tension: bool
+
+    def covariance(self, bins: TensionBins) -> FloatArray:
+        """Covariance [N^2] of the changes of a record, (bins, bins)."""
+        square = bins.slope**2
+        slow = self.walk * np.minimum.outer(bins.lag_s, bins.lag_s)
+        slow = slow + self.drift * np.multiply.outer(bins.lag_s, bins.lag_s)
+        white = self.white * square * (np.diag(1 / bins.counts) + 1 / max(bins.count_before, 1))
+        floor = _LEAST_ERROR**2 * np.eye(len(bins.counts))
+        return np.asarray(white + slow * (1.0 if self.of_tension else square) + floor)
+
+
+@dataclass(frozen=True, eq=False)
+class TensionCourse:
+    """One loosening test: the hit, and the course of the tension after it.
+
+    `preload` [N] groups repeated tests; `force` [N] runs from the record's first sample to the end of what is
+    compared; `final` is the mean over the campaign's final window, with its standard error.
+    """
+
+    file: str
+    hold_out: bool
+    preload: float
+    body: str
+    force: FloatArray
+    rate_hz: float
+    impact_s: float
+    initial: float
+    edges_s: FloatArray
+    change: FloatArray
+    covariance: FloatArray
+    tension_rate_hz: float
+    final_window: tuple[float, float]
+    final: float
+    final_error: float
+
+
+def bins_after_hit(measurement: Measurement, settings: CampaignSettings) -> TensionBins | None:
+    """Return the changes after the hit, in bins that widen from 3 ms to seconds; None without hit or tension.
+
+    The bins' places after the hit are the same in every record of a campaign; those that a record, or the
+    final window, does not hold whole are left out.
+    """
+    tension, impact = measurement.tension, measurement.impact_s
+    if tension is None or impact is None:
+        return None
+    end = settings.windows.final_s[1]
+    offsets = _offsets(end - settings.sampling.pretrigger_s - _MARGIN_S, tension.rate_hz)
+    within = impact + offsets <= min(end, len(tension.samples) / tension.rate_hz)
+    before = settings.windows.initial_s
+    before = (before[0], min(before[1], impact))
+    return _binned(measurement, impact + offsets[within], before)
+
+
+def bins_before_hit(measurement: Measurement) -> TensionBins | None:
+    """Return the changes before the hit, where nothing happens: the first quarter is the mean before."""
+    tension, impact = measurement.tension, measurement.impact_s
+    if tension is None or impact is None:
+        return None
+    quiet = 0.95 * impact
+    return _binned(measurement, 0.25 * quiet + _offsets(0.75 * quiet, tension.rate_hz), (0.0, 0.25 * quiet))
+
+
+def _offsets(length_s: float, rate_hz: float) -> FloatArray:
+    shortest = max(_SHORTEST_S, _FEWEST_SAMPLES / rate_hz)
+    if length_s <= 2 * shortest:
+        return np.zeros(1)
+    return np.concatenate([[0.0], np.geomspace(shortest, length_s, _BINS)])
+
+
+def _binned(
+    measurement: Measurement, edges_s: FloatArray, before_s: tuple[float, float]
+) -> TensionBins | None:
+    tension = measurement.tension
+    if tension is None or len(edges_s) < 2:
+        return None
+    rate = tension.rate_hz
+    first, last = (int(t * rate) for t in before_s)
+    places = np.round(edges_s * rate).astype(int)
+    if last - first < _FEWEST_SAMPLES or np.any(np.diff(places) < 1):
+        return None
+    total = np.concatenate([[0.0], np.cumsum(tension.samples)])
+    counts = np.diff(places)
+    mean_before = (total[last] - total[first]) / (last - first)
+    return TensionBins(
+        (places - 0.5) / rate,
+        np.diff(total[places]) / counts - mean_before,
+        counts.astype(float),
+        last - first,
+        0.5 * (edges_s[1:] + edges_s[:-1]) - 0.5 * (before_s[0] + before_s[1]),
+        tension.slope,
+        rate,
+    )
+
+
+def course_noise(coupled: Sequence[TensionBins], before: Sequence[TensionBins]) -> CourseNoise | None:
+    """Fit the noise to tests that leave the tension alone, or, where they are few, to the time before hits.
+
+    Whether walk and drift are of the strain or of the tension is decided by the likelihood.
+    """
+    quiet = coupled if len(coupled) >= _LEAST_QUIET else [*coupled, *before]
+    if not quiet:
+        return None
+    fits = [_fitted(quiet, of_tension) for of_tension in (False, True)]
+    return min(fits, key=lambda fit: fit[0])[1]
+
+
+def _fitted(quiet: Sequence[TensionBins], of_tension: bool) -> tuple[float, CourseNoise]:
+    slope = 1.0 if of_tension else float(np.median([bins.slope for bins in quiet]))
+    white = np.median([np.mean(b.change**2 * b.counts) / b.slope**2 for b in quiet]) + _TINY
+    slow = np.median([np.mean(b.change**2) for b in quiet]) / slope**2 + _TINY
+    lag = float(np.median([bins.lag_s[-1] for bins in quiet]))
+    start: FloatArray = np.log(np.array([0.5 * white, 0.1 * slow / lag, 0.1 * slow / lag**2]))
+
+    def noise(logs: FloatArray) -> CourseNoise:
+        white, walk, drift = (float(v) for v in np.exp(np.clip(logs, start - 25, start + 25)))
+        return CourseNoise(white, walk, drift, of_tension)
+
+    def deviance(logs: FloatArray) -> float:
+        total, trial = 0.0, noise(logs)
+        for bins in quiet:
+            root = linalg.cholesky(trial.covariance(bins), lower=True)
+            scaled = linalg.solve_triangular(root, bins.change, lower=True)
+            total += float(scaled @ scaled) + 2 * float(np.log(np.diag(root)).sum())
+        return total
+
+    found = optimize.minimize(
+        deviance, start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "maxiter": 400}
+    )
+    return float(found.fun), noise(np.asarray(found.x))
