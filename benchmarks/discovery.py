@@ -38,7 +38,7 @@ from benchmarks.discovery_truth import (
     same_motion,
 )
 from discovery.courses.fit import refine
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.laws.candidate import BASELINE, Candidate, Term
 from discovery.laws.factors import (
     displacement_power,
@@ -90,7 +90,7 @@ class Trial:
     peers: Mapping[str, Peer] = field(default_factory=dict)
 
 
-def frozen_of(ranking: Ranking) -> tuple[Frozen, Frozen]:
+def frozen_of(ranking: Ranking) -> tuple[FrozenMotion, FrozenMotion]:
     """Motion and courses of a ranking's training records and of those held out."""
     return frozen_courses(ranking.identified, ranking.courses)
 
@@ -99,7 +99,7 @@ def score(
     ranking: Ranking,
     truth: Truth,
     seconds: float = float("nan"),
-    frozen: tuple[Frozen, Frozen] | None = None,
+    frozen: tuple[FrozenMotion, FrozenMotion] | None = None,
 ) -> Trial:
     """Score a ranking against the truth: the true law is refitted to the same records for comparison.
 

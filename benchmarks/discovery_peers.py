@@ -19,7 +19,7 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
 from rom.model.laws import Law, free_form_law
@@ -60,7 +60,7 @@ class Found:
     seconds: float
 
 
-def samples_of(campaign: Campaign, frozen: Frozen) -> Samples:
+def samples_of(campaign: Campaign, frozen: FrozenMotion) -> Samples:
     """Read the measured tension of the training records again, with the motion that discovery uses."""
     by_file = {record.file: record for record in campaign.settings.record}
     times, tensions, motions = [], [], []
@@ -211,8 +211,8 @@ def missing() -> tuple[str, ...]:
 
 def laws_of_peers(
     campaign: Campaign,
-    frozen: Frozen,
-    error: Callable[[Law, Frozen], float],
+    frozen: FrozenMotion,
+    error: Callable[[Law, FrozenMotion], float],
     seed: int = 0,
     budget_s: float = 60.0,
 ) -> dict[str, Found]:

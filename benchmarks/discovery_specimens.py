@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.discovery_truth import LAWS, Truth, read_truth, truth_of
-from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.courses.frozen_motion import FrozenMotion, freeze
 from experiments.rig.campaign import Laboratory, settings
 from experiments.rig.plant import Plant
 from experiments.rig.schedule import Case, plan
@@ -95,7 +95,7 @@ def loosening_courses(
     return tension_courses(records, found.course_noise, campaign.settings)
 
 
-def frozen_courses(model: Model, courses: Sequence[TensionCourse]) -> tuple[Frozen, Frozen]:
+def frozen_courses(model: Model, courses: Sequence[TensionCourse]) -> tuple[FrozenMotion, FrozenMotion]:
     """Motion and courses of the training records and of those held out."""
     bare = replace(model, identification=None)
     training, unseen = ([c for c in courses if c.hold_out is held] for held in (False, True))
@@ -106,8 +106,8 @@ def frozen_courses(model: Model, courses: Sequence[TensionCourse]) -> tuple[Froz
 class Specimen:
     """Motion and courses of a campaign's loosening records, the truth, and the identification behind them."""
 
-    training: Frozen
-    hold_out: Frozen
+    training: FrozenMotion
+    hold_out: FrozenMotion
     truth: Truth
     identified: Identification
 

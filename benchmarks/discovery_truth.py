@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.laws.candidate import Candidate, Term
 from discovery.laws.factors import (
     displacement_power,
@@ -89,7 +89,7 @@ def truth_of(terms: tuple[LooseningTerm, ...]) -> Truth:
     return Truth(true_candidate(terms), terms)
 
 
-def held_out_error(law: Law | Candidate, hold_out: Frozen) -> float:
+def held_out_error(law: Law | Candidate, hold_out: FrozenMotion) -> float:
     """Median over records of the error of the re-simulated loss [%]; infinite where a simulation fails."""
     rate = law.law() if isinstance(law, Candidate) else law
     link = hold_out.link
@@ -105,7 +105,7 @@ def held_out_error(law: Law | Candidate, hold_out: Frozen) -> float:
     return float(np.median(np.nan_to_num(errors, nan=np.inf)))
 
 
-def slopes(law: Law, weight: Law, frozen: Frozen) -> tuple[float, float]:
+def slopes(law: Law, weight: Law, frozen: FrozenMotion) -> tuple[float, float]:
     """Slopes of the log rate over ln abs(v) and ln abs(x), weighted along the motion by another law's loss.
 
     (4, 0) for the law of the paper: what drives the loosening, whatever form the rate is written in.
@@ -127,7 +127,7 @@ def slopes(law: Law, weight: Law, frozen: Frozen) -> tuple[float, float]:
     return found[0], found[1]
 
 
-def same_motion(law: Law, truth: Truth, frozen: Frozen) -> bool:
+def same_motion(law: Law, truth: Truth, frozen: FrozenMotion) -> bool:
     """Whether a law is driven by velocity and displacement as the true law is."""
     true = truth.candidate.law()
     pairs = zip(slopes(law, true, frozen), slopes(true, true, frozen), strict=True)

@@ -4,7 +4,8 @@ Campaigns of the virtual rig without undeclared effect (20 preloads, records of 
 held out) at several levels of noise. The effects in the motion that promise most are fitted, whether or not a
 closure would find them worth it, and all in the tension and its gauge; the table gives the largest gain in
 cost of any of them, in units of what is left over and as a share of the cost, and in how many campaigns signs
-of records drawn anew let it pass (``discovery.decide.chance``). The conditions of ``discovery.decide.acceptance`` have to
+of records drawn anew let it pass (``discovery.decide.chance``). The conditions of
+``discovery.decide.acceptance`` have to
 stand above. In the tension gains are too large, if anything: the rig's gauge has a reading of its own,
 5 N/mm, which is an effect.
 """
@@ -21,13 +22,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from discovery.decide.acceptance import is_sure, spread_of
+from discovery.decide.acceptance import is_accepted, spread_of
 from discovery.decide.chance import FALSE_ALARMS
 from discovery.decide.explanation import Explanation
 from discovery.explain.motion import by_chance, explain, screen
 from discovery.explain.tension import explain_tension
 from discovery.loop.state import refitted, set_aside
-from discovery.residual.output_error import gather, starting
+from discovery.residual.output_error import starting, whitened_residual_of
 from discovery.residual.trajectory import read_measurements
 from experiments.studies import rig
 from experiments.studies.blind.trials import DURATION_S, HOLD_OUT_EVERY, PRELOADS
@@ -62,7 +63,8 @@ def null_of(explanations: Sequence[Explanation]) -> Null:
     first = explanations[best]
     return Null(
         len(gains), first.effect.path, *gains[best], first.share(),
-        first.p_value is not None and first.p_value <= FALSE_ALARMS, sum(is_sure(e) for e in explanations),
+        first.p_value is not None and first.p_value <= FALSE_ALARMS, sum(is_accepted(e) for e in
+        explanations),
     )  # fmt: skip
 
 
@@ -74,7 +76,7 @@ def nulls(noise: float, seed: int, folder: Path) -> tuple[Null, Null]:
     campaign = read_campaign(folder)
     found = identify_campaign(campaign)
     sound = read_measurements(campaign, set_aside(found))
-    evidence = refitted(gather(campaign, starting(found, found.model), sound))
+    evidence = refitted(whitened_residual_of(campaign, starting(found, found.model), sound))
     screened = screen(evidence)
     in_motion = [explain(probes, evidence, by_chance(screened)) for probes in screened[:FITTED]]
     in_tension = explain_tension(campaign, found, evidence.baseline.model).explanations

@@ -28,7 +28,8 @@ from tests.experiments.test_discover import ranked
 from tests.rom.sound_campaign import write_sound_campaign
 
 WITH_EXAMPLES = (
-    "rom", "rom.campaign.campaign", "rom.model_file", "rom.model.assembly", "discovery.loop.result", "discovery.ranking.result",
+    "rom", "rom.campaign.campaign", "rom.model_file", "rom.model.assembly", "discovery.loop.result",
+    "discovery.ranking.result",
 )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
 
 if TYPE_CHECKING:
-    from discovery.courses.frozen_motion import Frozen
+    from discovery.courses.frozen_motion import FrozenMotion
 
 __all__ = ["Fit", "fit", "fit_losses", "log_predictive", "predict", "refine", "resimulate"]
 
@@ -74,7 +74,7 @@ class Fit:
         return value - 1.96 * error, value + 1.96 * error
 
 
-def refine(candidate: Candidate, frozen: Frozen, rounds: int = _ROUNDS) -> Fit:
+def refine(candidate: Candidate, frozen: FrozenMotion, rounds: int = _ROUNDS) -> Fit:
     """Fit, re-simulate in full, correct the frozen courses by the difference, and fit again.
 
     Until the corrections stay the same, to a small part of the noise.
@@ -90,13 +90,13 @@ def refine(candidate: Candidate, frozen: Frozen, rounds: int = _ROUNDS) -> Fit:
     return found
 
 
-def correction(found: Fit, frozen: Frozen) -> FloatArray:
+def correction(found: Fit, frozen: FrozenMotion) -> FloatArray:
     """Full re-simulation minus frozen course, (cases, bins) [N]; not finite where it diverged."""
     full = resimulate(found.candidate, frozen, found.deviations)
     return full - predict(found.candidate, frozen, deviations=found.deviations)
 
 
-def unchanged(offsets: FloatArray, found: Fit, frozen: Frozen) -> bool:
+def unchanged(offsets: FloatArray, found: Fit, frozen: FrozenMotion) -> bool:
     """Whether corrections are those of a fit, to a small part of the noise or of the change."""
     noise = np.sqrt(np.stack([np.diag(c.covariance)[-frozen.change.shape[1] :] for c in frozen.courses]))
     change = predict(found.candidate, frozen, found.offsets, found.deviations)
@@ -105,7 +105,7 @@ def unchanged(offsets: FloatArray, found: Fit, frozen: Frozen) -> bool:
 
 
 def fit(
-    candidate: Candidate, frozen: Frozen, offsets: FloatArray | None = None, start: Fit | None = None
+    candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray | None = None, start: Fit | None = None
 ) -> Fit:
     """Fit the free numbers of a candidate by marginal maximum likelihood along the frozen motion.
 
@@ -113,10 +113,10 @@ def fit(
     ----------
     candidate : Candidate
         Its numbers are the start; coefficients of known sign are first scaled to the measured losses.
-    frozen : Frozen
+    frozen : FrozenMotion
         Motion and measured courses.
     offsets : ndarray, shape (cases, bins)
-        Added to every predicted course [N].
+        ModelCorrection to every predicted course [N].
     start : Fit
         Scatter and deviations to start from, of the same cases.
     """
@@ -146,7 +146,7 @@ def fit(
     )
 
 
-def fit_losses(candidate: Candidate, frozen: Frozen, offsets: FloatArray | None = None) -> Fit:
+def fit_losses(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray | None = None) -> Fit:
     """Fit to the changes in the last bin alone, as He et al. (2025), Section 3.5, to final tensions.
 
     For a law whose courses are not those measured: the shape of the courses, which it cannot follow, would
@@ -159,7 +159,7 @@ def fit_losses(candidate: Candidate, frozen: Frozen, offsets: FloatArray | None 
     return replace(found, deviance=state.deviance, offsets=whole.offsets, of_losses=True)
 
 
-def log_predictive(fitted: Fit, frozen: Frozen, offsets: FloatArray | None = None) -> FloatArray:
+def log_predictive(fitted: Fit, frozen: FrozenMotion, offsets: FloatArray | None = None) -> FloatArray:
     """Log marginal density of the courses of each case under a fitted law, (cases,): also of unseen cases."""
     problem = Problem(fitted.candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
     state = problem.solve(problem.theta0, np.array(fitted.scatter), np.zeros(len(frozen)), steps=12)

@@ -35,7 +35,7 @@ Corners = list[tuple[float, float]]  # values of a grid about a number, and thei
 
 
 @dataclass(frozen=True, eq=False)
-class Frozen:
+class FrozenMotion:
     """Frozen motion, exposures and measured courses of many tests.
 
     Attributes
@@ -70,7 +70,7 @@ class Frozen:
     signed: bool = False
     _exposures: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
     _recent: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
-    _whole: Frozen | None = field(default=None, repr=False)  # of a subset: where its exposures are kept
+    _whole: FrozenMotion | None = field(default=None, repr=False)  # of a subset: where its exposures are kept
     _index: tuple[int, ...] = field(default=(), repr=False)
 
     def __len__(self) -> int:
@@ -152,7 +152,7 @@ class Frozen:
             shares.append(np.clip((self.knots_s - time[place]) / (time[place + 1] - time[place]), 0.0, 1.0))
         return steps, np.stack(places), np.stack(shares)
 
-    def subset(self, index: Sequence[int] | npt.NDArray[np.int64]) -> Frozen:
+    def subset(self, index: Sequence[int] | npt.NDArray[np.int64]) -> FrozenMotion:
         """The same for some of the cases, in the order of ``index``; repeats are allowed."""
         chosen = [int(i) for i in index]
         parts = [self.of_case(i) for i in chosen]
@@ -169,7 +169,7 @@ class Frozen:
             _index=tuple(self._index[i] for i in chosen) if self._whole else tuple(chosen),
         )
 
-    def last_bin(self) -> Frozen:
+    def last_bin(self) -> FrozenMotion:
         """The same with the last bin alone: the losses."""
         return replace(
             self,
@@ -178,12 +178,12 @@ class Frozen:
             covariance=self.covariance[:, -1:, -1:],
         )
 
-    def without_cache(self) -> Frozen:
+    def without_cache(self) -> FrozenMotion:
         """The same without kept exposures, to be sent to another process."""
         return replace(self, _exposures={}, _recent={})
 
 
-def freeze(model: Model, courses: Sequence[TensionCourse], *, signed: bool = False) -> Frozen:
+def freeze(model: Model, courses: Sequence[TensionCourse], *, signed: bool = False) -> FrozenMotion:
     """Simulate every test with its own gamma and keep the motion of the bolted link.
 
     Parameters
@@ -214,7 +214,7 @@ def freeze(model: Model, courses: Sequence[TensionCourse], *, signed: bool = Fal
     covariance = [
         _with_nuisance(course.covariance, part, offsets) for course, part in zip(kept, nodes, strict=True)
     ]
-    return Frozen(
+    return FrozenMotion(
         courses=kept,
         model=model,
         nodes=np.concatenate(nodes, axis=1),

@@ -22,7 +22,7 @@ from rom.campaign.channels import FloatArray
 
 if TYPE_CHECKING:
     from discovery.courses.fit import Fit
-    from discovery.courses.frozen_motion import Frozen
+    from discovery.courses.frozen_motion import FrozenMotion
 
 _TALLEST_STEP = 1.0
 _STEP_U, _STEP = 1e-4, 1e-4
@@ -57,7 +57,7 @@ class Problem:
     """The fit of one candidate: its free numbers as a vector, and the likelihood."""
 
     candidate: Candidate
-    frozen: Frozen
+    frozen: FrozenMotion
     offsets: FloatArray
     whitener: FloatArray = field(init=False)
     log_determinant: FloatArray = field(init=False)

@@ -11,14 +11,14 @@ from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
 
 if TYPE_CHECKING:
-    from discovery.courses.frozen_motion import Frozen
+    from discovery.courses.frozen_motion import FrozenMotion
 
 _HIGHEST = 10.0  # no tension beyond so many times the highest initial one
 
 
 def predict(
     candidate: Candidate,
-    frozen: Frozen,
+    frozen: FrozenMotion,
     offsets: FloatArray | None = None,
     deviations: FloatArray | None = None,
 ) -> FloatArray:
@@ -46,7 +46,9 @@ def predict(
     return np.asarray(change if offsets is None else change + offsets)
 
 
-def resimulate(candidate: Candidate, frozen: Frozen, deviations: FloatArray | None = None) -> FloatArray:
+def resimulate(
+    candidate: Candidate, frozen: FrozenMotion, deviations: FloatArray | None = None
+) -> FloatArray:
     """Changes of tension [N] by full coupled re-simulation, (cases, bins); nan where it diverged."""
     if not candidate.terms:
         return np.zeros_like(frozen.change)

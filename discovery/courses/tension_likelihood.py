@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.marginal_likelihood import Problem, State, step
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
-from rom.effects import Added, LawChange, Motion, Reading, SensorFault
+from rom.effects import LawChange, ModelCorrection, Motion, Reading, SensorFault
 from rom.model.law_change import prefix_of
 from rom.model.laws import Law, Parameter, free_form_law
 from rom.model.model import Model
@@ -42,7 +42,7 @@ class LawCandidate(Candidate):
     ----------
     rate : Law
         With the number ``own_rate`` that multiplies it.
-    effect : Added or None
+    effect : ModelCorrection or None
         A reading or a fault of the gauge, linear in time or not; what changes the law is in the law.
     moved : tuple of str
         Names in the law, and those in the effect.
@@ -51,7 +51,7 @@ class LawCandidate(Candidate):
     """
 
     rate: Law | None = None
-    effect: Added | None = None
+    effect: ModelCorrection | None = None
     moved: tuple[str, ...] = ()
     sharing: int | None = None
 
@@ -93,7 +93,7 @@ class LawCandidate(Candidate):
 
 
 def law_candidate(
-    model: Model, effect: Added | None, baseline: tuple[str, ...], sharing: int | None = None
+    model: Model, effect: ModelCorrection | None, baseline: tuple[str, ...], sharing: int | None = None
 ) -> LawCandidate:
     """Return a model's tension law, with one more effect, the numbers of both free.
 
@@ -101,7 +101,7 @@ def law_candidate(
     ----------
     model : Model
         The current model, what it holds already in it.
-    effect : Added or None
+    effect : ModelCorrection or None
         A change of the law, a reading or a fault.
     baseline : tuple of str
         Numbers of the model's own law that are free.
@@ -129,12 +129,12 @@ def _scattering(law: Law) -> Law:
     return free_form_law(f"{law.name}, own rate", f"{_OWN} * ({law.equation})", "tension rate", every)
 
 
-def changes_of(model: Model, effect: Added | None) -> tuple[LawChange, ...]:
+def changes_of(model: Model, effect: ModelCorrection | None) -> tuple[LawChange, ...]:
     """Changes of a model's tension law in order, with one more effect."""
     return tuple(one for one in (*model.effects, effect) if isinstance(one, LawChange))
 
 
-def names_of(effect: Added) -> Mapping[str, str]:
+def names_of(effect: ModelCorrection) -> Mapping[str, str]:
     """Names of an effect's numbers among a candidate's, by their names in the effect."""
     if not isinstance(effect, LawChange):
         return {name: name for name in effect.parameters}
@@ -175,7 +175,7 @@ class LawProblem(Problem):
         return self.scattered(state)
 
 
-def course(candidate: LawCandidate, frozen: Frozen, u: FloatArray) -> FloatArray:
+def course(candidate: LawCandidate, frozen: FrozenMotion, u: FloatArray) -> FloatArray:
     """Changes of the measured tension [N] in every bin along the frozen motion, (cases, bins)."""
     from rom.kernels.law_courses import follow_courses
 
@@ -195,7 +195,7 @@ def course(candidate: LawCandidate, frozen: Frozen, u: FloatArray) -> FloatArray
     return np.asarray(means - np.maximum(initial, 0.0)[:, None] + added)
 
 
-def bin_edges(frozen: Frozen) -> FloatArray:
+def bin_edges(frozen: FrozenMotion) -> FloatArray:
     """Edges of the bins [s] from the hit: those of one record, to a sample those of all."""
     return np.asarray(frozen.courses[0].edges_s - frozen.courses[0].impact_s)
 
@@ -214,7 +214,7 @@ def acts_at_rest(reading: Reading) -> bool:
     return bool(np.any(slow_reading(reading, np.array([0.0, 0.1, 1.0]))))
 
 
-def resimulated(candidate: LawCandidate, frozen: Frozen, u: FloatArray, model: Model) -> FloatArray:
+def resimulated(candidate: LawCandidate, frozen: FrozenMotion, u: FloatArray, model: Model) -> FloatArray:
     """Changes of the measured tension [N] by full simulation, (cases, bins); nan where it diverged."""
     link, effect = frozen.link, candidate.effect
     laws = replace(model.link_laws[link], tension_rate=candidate.acting)

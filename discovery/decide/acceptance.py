@@ -29,7 +29,7 @@ _LEFT = 0.03  # of what was beyond noise
 _EXACT = {"motion_nrmse": 0.005, "relative_motion_nrmse": 0.02}  # a dozen samples tell a hit no better
 
 
-def is_quiet(level: float, first: float) -> bool:
+def at_noise_floor(level: float, first: float) -> bool:
     """Whether a mean square is that of noise, or next to nothing of what was ``first`` beyond it."""
     return level - 1 <= max(QUIET - 1, _LEFT * (first - 1))
 
@@ -54,13 +54,13 @@ def spread_of(one: Explanation) -> float:
     return max(one.cost(hold_out=False) / max(samples, 1) if one.left is None else one.left, 1.0)
 
 
-def merit(one: Explanation) -> float:
+def penalised_gain(one: Explanation) -> float:
     """Cost taken away on all records in units of chance, less what free numbers take by themselves."""
     gains = one.gains(hold_out=False).sum() + one.gains(hold_out=True).sum()
     return float(gains / spread_of(one)) - 2 * one.free_numbers
 
 
-def is_sure(one: Explanation) -> bool:
+def is_accepted(one: Explanation) -> bool:
     """Whether an effect explains more than any of the catalogue would by chance, on held-out records too.
 
     One in the motion must not suit a few of these, whose tension may be misread, at the cost of most others.
@@ -70,10 +70,10 @@ def is_sure(one: Explanation) -> bool:
     unseen = one.gains(hold_out=True)
     if not in_tension(one) and 2 * int(np.sum(unseen > 0)) < unseen.size:
         return False
-    return one.share() > MATERIAL and is_told(one)
+    return one.share() > MATERIAL and is_significant(one)
 
 
-def is_told(one: Explanation) -> bool:
+def is_significant(one: Explanation) -> bool:
     """Whether an effect gains more than chance makes, however small its share of the cost."""
     trained, held_out = _OF_TENSION if in_tension(one) else _OF_MOTION
     spread, unseen = spread_of(one), one.gains(hold_out=True)
@@ -99,7 +99,7 @@ def is_alike(one: Explanation, best: Explanation) -> bool:
     return True
 
 
-def matters(
+def is_material(
     before: ErrorsByKind, after: ErrorsByKind, *, settled: bool = False, closes: bool = False
 ) -> bool:
     """Whether an effect in the motion lowers an error there that people care for.

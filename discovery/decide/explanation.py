@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rom.campaign.channels import FloatArray
-from rom.effects import Added
+from rom.effects import ModelCorrection
 from rom.model.laws import Z95, Parameter
 
 if TYPE_CHECKING:
-    from discovery.explain.tension_law import Slow
+    from discovery.explain.tension_law import CourseFit
 
 
 Costs = Mapping[str, float]  # -2 log likelihood, or whitened squares, by record
@@ -25,7 +25,7 @@ class Explanation:
 
     Attributes
     ----------
-    effect : Added
+    effect : ModelCorrection
         With its fitted parameters and their 95 % limits.
     before, after : mapping of str to float
         Cost of every record, held out or not, without and with the effect: whitened squares or
@@ -46,13 +46,13 @@ class Explanation:
     p_value : float or None
         Chance that any effect of the catalogue explains as much of this campaign's residuals where none is
         missing (`discovery.decide.chance`); None where nothing was drawn.
-    slow : Slow or None
+    slow : CourseFit or None
         Of an effect in the courses of the tension: the fit to them.
     basis : str
         What costs are of, in words.
     """
 
-    effect: Added
+    effect: ModelCorrection
     before: Costs
     after: Costs
     samples: Mapping[str, int]
@@ -62,7 +62,7 @@ class Explanation:
     beside: Mapping[str, Parameter] = field(default_factory=dict)
     left: float | None = None
     p_value: float | None = None
-    slow: Slow | None = None
+    slow: CourseFit | None = None
     basis: str = "the residual"
 
     def gains(self, *, hold_out: bool) -> FloatArray:
@@ -111,7 +111,7 @@ def standard_errors(inverse: FloatArray, scores: FloatArray, spread: float = 1.0
     return np.asarray(np.sqrt(np.maximum(np.diag(inverse) * spread, np.diag(by_record)).clip(min=0.0)))
 
 
-def limited(effect: Added, errors: Mapping[str, float]) -> Added:
+def limited(effect: ModelCorrection, errors: Mapping[str, float]) -> ModelCorrection:
     """The effect with 95 % limits, within the ranges."""
     numbers = effect.parameters.items()
     return replace(effect, parameters={name: limited_number(p, errors.get(name, 0.0)) for name, p in numbers})

@@ -1,6 +1,7 @@
 """Faults of sensors that show while nothing moves, told by what precedes the hits: an offset, the mains.
 
-The noise floor comes from there too (`rom.identification.noise_spectrum`), so what is always there would pass for noise.
+The noise floor comes from there too (`rom.identification.noise_spectrum`), so what is always there would
+pass for noise.
 
     theta_i = (C'C)^-1 C' y_i,   gain_i = (theta_i' theta_i - |theta_i - found_i|^2) / s^2
 
@@ -22,10 +23,10 @@ from scipy import optimize
 
 from discovery.decide.explanation import Explanation, limited
 from discovery.explain.motion import motion_channels
-from discovery.residual.output_error import Evidence
+from discovery.residual.output_error import WhitenedResidual
 from rom.campaign.channels import FloatArray
-from rom.effects import Added, Member, SensorFault, candidates
-from rom.signals.per_record_parameters import as_measured, own_names, quiet_samples
+from rom.effects import Member, ModelCorrection, SensorFault, candidates
+from rom.signals.per_record_parameters import as_measured, per_record_names, quiet_samples
 
 _SHORTEST_S = 0.2
 _STEP_HZ = 0.05
@@ -47,12 +48,12 @@ class _Still:
     rate_hz: float
 
 
-def explain_at_rest(evidence: Evidence) -> tuple[Explanation, ...]:
+def explain_at_rest(evidence: WhitenedResidual) -> tuple[Explanation, ...]:
     """Return what every fault that shows at rest explains, the noise of all records before the hits known.
 
     Parameters
     ----------
-    evidence : Evidence
+    evidence : WhitenedResidual
         Traces of all records; faults that its model holds are taken out of them.
     """
     model, found = evidence.baseline.model, []
@@ -62,7 +63,11 @@ def explain_at_rest(evidence: Evidence) -> tuple[Explanation, ...]:
             continue
         still = _before_hits(evidence, effect.channel)
         if still is not None and still.training.sum() >= _FEWEST:
-            told = _of_each(member, effect, still) if own_names(effect) else _of_all(member, effect, still)
+            told = (
+                _of_each(member, effect, still)
+                if per_record_names(effect)
+                else _of_all(member, effect, still)
+            )
             found += [told] if told is not None and _is_felt(evidence, told.effect) else []
     return tuple(found)
 
@@ -73,17 +78,17 @@ def _shows(member: Member, effect: SensorFault) -> bool:
     return bool(not effect.other and np.any(effect.with_values(**member.strengths).apply(zero, 1e3)))
 
 
-def _is_felt(evidence: Evidence, fault: Added) -> bool:
+def _is_felt(evidence: WhitenedResidual, fault: ModelCorrection) -> bool:
     """Whether a fault is more than next to nothing of the weakest hit, where it is a hammer's."""
     quantity, _, body = fault.enters.partition(":")[2].partition("_")
     if quantity != "force":
         return True
     peaks = [np.abs(t.measurement.force[body]).max() for t in evidence.traces if body in t.measurement.force]
-    size = np.linalg.norm([fault.parameters[name].value for name in own_names(fault)])
+    size = np.linalg.norm([fault.parameters[name].value for name in per_record_names(fault)])
     return bool(size > _OF_HIT * min((peak for peak in peaks if peak > 0), default=0.0))
 
 
-def _before_hits(evidence: Evidence, channel: str) -> _Still | None:
+def _before_hits(evidence: WhitenedResidual, channel: str) -> _Still | None:
     """Samples of a channel; not of records that show nothing there, not even noise."""
     found = []
     for trace in evidence.traces:
@@ -126,7 +131,7 @@ def _of_all(member: Member, effect: SensorFault, still: _Still) -> Explanation |
 
 
 def _of_each(member: Member, effect: SensorFault, still: _Still) -> Explanation | None:
-    own = own_names(effect)
+    own = per_record_names(effect)
     (inner,) = [name for name in effect.parameters if name not in own]
     level = replace(still, samples=still.samples - still.samples.mean(axis=1, keepdims=True))
     middle = still.samples.shape[1] // 2
@@ -158,7 +163,7 @@ def _of_each(member: Member, effect: SensorFault, still: _Still) -> Explanation 
 
 
 def _told(
-    member: Member, effect: Added, still: _Still, before: FloatArray, after: FloatArray
+    member: Member, effect: ModelCorrection, still: _Still, before: FloatArray, after: FloatArray
 ) -> Explanation | None:
     if all(abs(effect.parameters[n].value) < _ALLOWED * s for n, s in member.strengths.items()):
         return None
@@ -168,6 +173,6 @@ def _told(
         dict(zip(still.files, after.tolist(), strict=True)),
         dict.fromkeys(still.files, len(member.strengths)),
         frozenset(file for file, training in zip(still.files, still.training, strict=True) if not training),
-        len(effect.parameters) - len(own_names(effect)),
+        len(effect.parameters) - len(per_record_names(effect)),
         basis=f"what {effect.enters.partition(':')[2]} shows of it before the hits",
     )

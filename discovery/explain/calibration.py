@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy import optimize
 
 from discovery.decide.explanation import Explanation, limited
-from discovery.residual.output_error import Evidence
+from discovery.residual.output_error import WhitenedResidual
 from rom.campaign.channels import FloatArray
 from rom.effects import Member, SensorFault, candidates
 from rom.signals.sensor_correction import moves_levels
@@ -56,14 +56,14 @@ class _Fit:
     errors: FloatArray
 
 
-def explain_by_preloads(evidence: Evidence) -> tuple[Explanation, ...]:
+def explain_by_preloads(evidence: WhitenedResidual) -> tuple[Explanation, ...]:
     """Return what faults of the gauge explain of the tensions before the hits.
 
     None where preloads are not declared, are too few or no reference, or are near to what the gauge shows.
 
     Parameters
     ----------
-    evidence : Evidence
+    evidence : WhitenedResidual
         Traces of all records; faults that its model holds are taken out of them.
     """
     known, seen = {effect.path for effect in evidence.baseline.model.effects}, _shown(evidence)
@@ -77,7 +77,7 @@ def explain_by_preloads(evidence: Evidence) -> tuple[Explanation, ...]:
     return tuple(one for one in found if one is not None)
 
 
-def _shown(evidence: Evidence) -> _Shown:
+def _shown(evidence: WhitenedResidual) -> _Shown:
     both = [
         (trace.settings, declared, tension.initial)
         for trace in evidence.traces

@@ -1,4 +1,5 @@
-"""Which missing effect explains the forces that a declared model leaves unbalanced (``rom.identification.equation_error``).
+"""Which missing effect explains the forces that a declared model leaves unbalanced
+(``rom.identification.equation_error``).
 
 An effect's force along the measured motion is a column beside those of the model's numbers, which are taken
 off it and off the residual first (variable projection). Where an effect takes a share of a link's stiffness,
@@ -20,7 +21,7 @@ from discovery.explain.free_form import member_of
 from discovery.explain.motion import Probe, free_numbers
 from discovery.explain.scales import at_scale, scale_of, sees_normal_force
 from rom.campaign.channels import FloatArray
-from rom.effects import Added, Effect, Member, candidates
+from rom.effects import Effect, Member, ModelCorrection, candidates
 from rom.identification.force_balance import Balances
 from rom.model.laws import Parameter
 from rom.model.model import Model
@@ -35,7 +36,7 @@ _WORST = 1e6  # of a row where an effect is no number
 
 
 @dataclass(frozen=True, eq=False)
-class Unbalanced:
+class ForceBalanceResidual:
     """Balances of forces, the effects of the model so far, and its numbers by path."""
 
     balances: Balances
@@ -64,7 +65,7 @@ class Unbalanced:
         numbers = np.array([self.values[name] for name in names])
         return np.asarray((self.force - self.balances.columns @ numbers) / self.balances.noise)
 
-    def with_numbers(self) -> Unbalanced:
+    def with_numbers(self) -> ForceBalanceResidual:
         """The same with the numbers that suit the training rows best."""
         names, found = self.balances.names, self.balances.fitted(self.force)[0]
         return replace(self, values={**self.values, **dict(zip(names, found.tolist(), strict=True))})
@@ -76,7 +77,7 @@ class Unbalanced:
         return {r.settings.file: float(s) for r, s in zip(records, sums, strict=True)}
 
 
-def screen_forces(state: Unbalanced, model: Model) -> tuple[tuple[Probe, ...], ...]:
+def screen_forces(state: ForceBalanceResidual, model: Model) -> tuple[tuple[Probe, ...], ...]:
     """Try every force of the catalogue at every place over a grid of its inner numbers; the best first.
 
     Members of a class beside its core too: here they cost little, and loops of slip tell them apart.
@@ -99,7 +100,7 @@ def screen_forces(state: Unbalanced, model: Model) -> tuple[tuple[Probe, ...], .
     return tuple(sorted(found, key=lambda probes: -probes[0].gain))
 
 
-def _at_place(member: Member, added: Added, balances: Balances) -> Effect | None:
+def _at_place(member: Member, added: ModelCorrection, balances: Balances) -> Effect | None:
     if not isinstance(added, Effect):
         return None
     scale = scale_of(balances, added.enters)
@@ -115,7 +116,7 @@ def _beyond(basis: FloatArray, rows: FloatArray) -> FloatArray:
 
 
 def _probed(
-    member: Member, probe: Added, state: Unbalanced, basis: FloatArray, left: FloatArray
+    member: Member, probe: ModelCorrection, state: ForceBalanceResidual, basis: FloatArray, left: FloatArray
 ) -> Probe | None:
     assert isinstance(probe, Effect)
     rows = state.balances.training
@@ -130,7 +131,7 @@ def _probed(
     return Probe(member, probe, amplitude * (2 * along - amplitude * size), amplitude, np.sqrt(size / whole))
 
 
-def _reach(member: Member, probe: Added) -> tuple[float, float]:
+def _reach(member: Member, probe: ModelCorrection) -> tuple[float, float]:
     numbers = [probe.parameters[name] for name in member.strengths if probe.parameters[name].value]
     ends = [sorted(bound / number.value for bound in number.bounds) for number in numbers]
     return max(low for low, _ in ends), min(high for _, high in ends)
@@ -151,7 +152,9 @@ def starts_of(probes: Sequence[Probe]) -> list[Effect]:
     return found
 
 
-def explain_forces(probes: Sequence[Probe], state: Unbalanced) -> tuple[Explanation, Unbalanced]:
+def explain_forces(
+    probes: Sequence[Probe], state: ForceBalanceResidual
+) -> tuple[Explanation, ForceBalanceResidual]:
     """Fit an effect beside the model's numbers from its best probes: what it explains, the state with it."""
     fits = [fitted(state, (one,)) for one in starts_of(probes)]
     best, effects = min(fits, key=lambda fit: _cost(fit[0]))
@@ -159,11 +162,13 @@ def explain_forces(probes: Sequence[Probe], state: Unbalanced) -> tuple[Explanat
     return explained(effects[-1], probes[0].member, before, after), after
 
 
-def _cost(state: Unbalanced) -> float:
+def _cost(state: ForceBalanceResidual) -> float:
     return float(np.sum(state.residual[state.balances.training] ** 2))
 
 
-def explained(effect: Effect, member: Member, before: Unbalanced, after: Unbalanced) -> Explanation:
+def explained(
+    effect: Effect, member: Member, before: ForceBalanceResidual, after: ForceBalanceResidual
+) -> Explanation:
     """Costs of all records with an effect and without."""
     records = after.balances.records
     counts = np.bincount(after.balances.owner, minlength=len(records))
@@ -191,7 +196,9 @@ class _Number:
     high: float
 
 
-def fitted(state: Unbalanced, new: Sequence[Effect]) -> tuple[Unbalanced, tuple[Effect, ...]]:
+def fitted(
+    state: ForceBalanceResidual, new: Sequence[Effect]
+) -> tuple[ForceBalanceResidual, tuple[Effect, ...]]:
     """Fit new effects beside all numbers of the model, effects that are there already held.
 
     By trust-region steps within the parameters' ranges. Returns the state with the effects at the end, and
@@ -234,7 +241,7 @@ def fitted(state: Unbalanced, new: Sequence[Effect]) -> tuple[Unbalanced, tuple[
     return _settled(after, own), limited
 
 
-def _settled(state: Unbalanced, own: Sequence[str]) -> Unbalanced:
+def _settled(state: ForceBalanceResidual, own: Sequence[str]) -> ForceBalanceResidual:
     """The model's other numbers refitted, those that the effects share held as they were fitted."""
     balances = state.balances
     held = [k for k, name in enumerate(balances.names) if name in own]
@@ -249,7 +256,7 @@ def _settled(state: Unbalanced, own: Sequence[str]) -> Unbalanced:
     return replace(state, values={**state.values, **dict(zip(others.names, found.tolist(), strict=True))})
 
 
-def _numbers(state: Unbalanced, new: Sequence[Effect]) -> list[_Number]:
+def _numbers(state: ForceBalanceResidual, new: Sequence[Effect]) -> list[_Number]:
     numbers, links = [], dict.fromkeys(e.enters for e in new if _OWN_STIFFNESS.search(e.equation))
     for link in links:
         name = f"{link}.stiffness.k"
@@ -269,7 +276,7 @@ def _numbers(state: Unbalanced, new: Sequence[Effect]) -> list[_Number]:
     return numbers
 
 
-def _shows(state: Unbalanced, effect: Effect, name: str, size: float) -> bool:
+def _shows(state: ForceBalanceResidual, effect: Effect, name: str, size: float) -> bool:
     """Whether a number changes the force; a factor of the normal force does not where that is unknown."""
     old = effect.parameters[name]
     step = _STEP * size if old.value + _STEP * size <= old.bounds[1] else -_STEP * size
@@ -277,13 +284,13 @@ def _shows(state: Unbalanced, effect: Effect, name: str, size: float) -> bool:
     return not np.array_equal(state.of(moved, training=True), state.of(effect, training=True), equal_nan=True)
 
 
-def _shared(state: Unbalanced, link: str) -> bool:
+def _shared(state: ForceBalanceResidual, link: str) -> bool:
     """Whether an effect that is held sees the stiffness of a link already."""
     return any(e.enters == link and _OWN_STIFFNESS.search(e.equation) for e in state.effects)
 
 
 def _moved(
-    state: Unbalanced, new: Sequence[Effect], numbers: Sequence[_Number], at: FloatArray
+    state: ForceBalanceResidual, new: Sequence[Effect], numbers: Sequence[_Number], at: FloatArray
 ) -> tuple[dict[str, float], list[Effect]]:
     values, effects = dict(state.values), list(new)
     for number, share in zip(numbers, at, strict=True):

@@ -1,18 +1,18 @@
-"""A free form of the force that a driven body or a cycled link leaves unbalanced (`discovery.explain.free_form`)."""
+"""A free form of the force that a driven body or a cycled link leaves unbalanced."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from discovery.decide.explanation import Explanation
-from discovery.explain.force_balance import Unbalanced, explained, fitted
+from discovery.explain.force_balance import ForceBalanceResidual, explained, fitted
 from discovery.explain.free_form import member_of, single_terms, sparse_sum, terms_at
 from discovery.explain.scales import scale_of, sees_normal_force
 from rom.campaign.channels import FloatArray
 from rom.effects import Effect
 
 
-def free_force(state: Unbalanced, seed: int = 0) -> tuple[Explanation, Unbalanced] | None:
+def free_force(state: ForceBalanceResidual, seed: int = 0) -> tuple[Explanation, ForceBalanceResidual] | None:
     """The sparse sum in one link that leaves least of the training rows, and the state with it.
 
     Columns are the forces of the terms along the measured motion over the noise, what the model's numbers
@@ -27,7 +27,7 @@ def free_force(state: Unbalanced, seed: int = 0) -> tuple[Explanation, Unbalance
     return min(found, key=lambda one: one[0].cost(hold_out=False), default=None)
 
 
-def _in_link(state: Unbalanced, enters: str, seed: int) -> Effect | None:
+def _in_link(state: ForceBalanceResidual, enters: str, seed: int) -> Effect | None:
     balances, scale = state.balances, scale_of(state.balances, enters)
     if scale is None:
         return None

@@ -14,10 +14,10 @@ import numpy as np
 
 from discovery.decide.explanation import Explanation
 from discovery.explain.motion import explanation, output_of
-from discovery.residual.output_error import Evidence
+from discovery.residual.output_error import WhitenedResidual
 from discovery.search.sparse_regression import sparse_supports, usable
 from rom.campaign.channels import FloatArray
-from rom.effects import CATALOGUE, Added, Effect, Member, free_form
+from rom.effects import CATALOGUE, Effect, Member, ModelCorrection, free_form
 from rom.model.laws import Parameter
 from rom.model.structure import GROUND
 
@@ -53,7 +53,7 @@ PRICE = 12.0
 _TYPICAL = 0.1  # of the largest velocity, where a sign turns
 
 
-def free_forms(evidence: Evidence, seed: int = 0) -> tuple[Explanation, ...]:
+def free_forms(evidence: WhitenedResidual, seed: int = 0) -> tuple[Explanation, ...]:
     """Fit the best sparse sum of terms at every link, each with its costs on held-out records too."""
     model = evidence.baseline.model
     taken = {effect.enters for effect in model.effects if effect.name == "free-form"}
@@ -146,7 +146,7 @@ def _unit(powers: tuple[float, ...]) -> str:
     return " ".join(parts) or "1"
 
 
-def member_of(effect: Added) -> Member:
+def member_of(effect: ModelCorrection) -> Member:
     """What a fit needs to know of an effect; of a free form that all its numbers are strengths."""
     if effect.name in CATALOGUE:
         return CATALOGUE[effect.name]

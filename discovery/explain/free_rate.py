@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.tension_likelihood import bin_edges, law_candidate
 from discovery.explain.free_form import MOST_TERMS, PRICE
 from discovery.residual.tension_data import Data, Pair
@@ -117,7 +117,7 @@ def _texts(data: Data) -> tuple[str, ...]:
     return tuple(text.format(v=scale) for text in _MOTIONS)
 
 
-def _rates(model: Model, frozen: Frozen, texts: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+def _rates(model: Model, frozen: FrozenMotion, texts: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Rates of the law itself, (nodes, 1), and of every term per unit, (nodes, terms) [N/s]."""
     first = model.link_laws[frozen.link].tension_rate
     assert first is not None
@@ -133,13 +133,13 @@ def _rates(model: Model, frozen: Frozen, texts: Sequence[str]) -> tuple[FloatArr
     return np.stack(found[:1], axis=1), np.stack(found[1:], axis=1)
 
 
-def _courses(frozen: Frozen, rates: FloatArray) -> FloatArray:
+def _courses(frozen: FrozenMotion, rates: FloatArray) -> FloatArray:
     """Changes of the means over bins that rates at the nodes make, (cases, bins, rates) [N]."""
     parts = [_integral(rates[a:b], frozen.nodes[0, a:b]) for a, b in pairwise(frozen.starts)]
     return _means(frozen, np.concatenate(parts))
 
 
-def _means(frozen: Frozen, values: FloatArray) -> FloatArray:
+def _means(frozen: FrozenMotion, values: FloatArray) -> FloatArray:
     """Means over bins of what is given at the nodes, (cases, bins, columns)."""
     edges = bin_edges(frozen)
     found = np.empty((len(frozen), len(edges) - 1, values.shape[1]))

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from discovery.decide.explanation import limited, standard_errors
-from discovery.residual.tension import Projected, Seen, altered, disturbed, following
+from discovery.residual.tension import Projected, TensionObservation, altered, disturbed, following
 from discovery.residual.tension_data import Data, Gained, Pair, at_bounds
 from rom.campaign.channels import FloatArray
-from rom.effects import CATALOGUE, Added, Member, Motion, Reading, SensorFault
-from rom.signals.per_record_parameters import own_names
+from rom.effects import CATALOGUE, Member, ModelCorrection, Motion, Reading, SensorFault
+from rom.signals.per_record_parameters import per_record_names
 
 _LINE_HZ = np.arange(-0.15, 0.151, 0.05)  # about a line's nominal frequency
 _ALLOWED = 0.3  # of the smallest plausible strength of a fault: in every record by chance
@@ -29,7 +29,9 @@ def explained_by_gauge(data: Data, effects: Sequence[Pair]) -> tuple[list[Gained
     for member, effect in effects:
         if not isinstance(effect, SensorFault):
             continue
-        found, before = _line(data, member, effect) if own_names(effect) else _altered(data, member, effect)
+        found, before = (
+            _line(data, member, effect) if per_record_names(effect) else _altered(data, member, effect)
+        )
         cost += before
         gained.append(found)
     return gained, cost
@@ -53,7 +55,7 @@ def _rows(data: Data, readings: Sequence[Pair]) -> tuple[list[Projected], Mappin
     return rows, places
 
 
-def _linear(data: Data, effect: Added, rows: Sequence[Projected], place: slice) -> Gained:
+def _linear(data: Data, effect: ModelCorrection, rows: Sequence[Projected], place: slice) -> Gained:
     train = rows[: data.training]
     squares = np.array([row.columns[:, place].T @ row.columns[:, place] for row in train])
     rights = np.array([row.columns[:, place].T @ row.seen for row in train])
@@ -95,7 +97,7 @@ def _altered(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, F
 
 def _line(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, FloatArray]:
     """A disturbance of each record's own size, told before the hit, at one frequency for all."""
-    own = own_names(effect)
+    own = per_record_names(effect)
     (inner,) = [name for name in effect.parameters if name not in own]
     grid = np.array([f + d for f in member.inner[inner] for d in _LINE_HZ])
     none = effect.with_values(**dict.fromkeys(own, 0.0))
@@ -122,6 +124,6 @@ def _line(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, Floa
     return Gained(found, table[:, best]), np.array(before)
 
 
-def _measured_motion(seen: Seen) -> Motion:
+def _measured_motion(seen: TensionObservation) -> Motion:
     time = np.arange(len(seen.tension)) / seen.rate_hz
     return Motion(time, seen.course.impact_s, seen.displacement, seen.link_force, seen.bodies)

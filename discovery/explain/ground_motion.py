@@ -2,7 +2,8 @@
 
     a_i = argmin |r_i - G P(f) a|^2 before the hit of record i,   gain = sum_i |R_i|^2 - |R_i - S(f) a_i|^2
 
-r: the whitened motion before the hit, end states projected out (`rom.identification.noise_spectrum`), so that a mode that
+r: the whitened motion before the hit, end states projected out (`rom.identification.noise_spectrum`), so
+that a mode that
 rings by itself is none; P: the force of strength one; R, S: the same of what follows. The numbers a_i are
 each record's own, the frequency f is that of all. The noise floor comes from before the hits too and holds
 the disturbance, so that gains come out too small.
@@ -16,13 +17,13 @@ from scipy import optimize
 
 from discovery.decide.explanation import Explanation
 from discovery.explain.motion import explanation, motion_channels, output_of
-from discovery.residual.output_error import Evidence, lasting_force
-from discovery.residual.trajectory import Trace
+from discovery.residual.output_error import WhitenedResidual, lasting_force
+from discovery.residual.trajectory import MeasuredTrajectory
 from discovery.threads import side_by_side
 from rom.effects import Effect, Member, candidates
 from rom.identification.noise_spectrum import quiet_seconds, segment_before_hit
 from rom.identification.spectral_model import ComplexArray, Linearised, SpectralRecord, linearise
-from rom.signals.per_record_parameters import own_names
+from rom.signals.per_record_parameters import per_record_names
 
 _STEPS_PER_LINE = 4  # of a spectrum before the hits
 _PROMISING = 2.0  # times what noise is expected to give
@@ -33,12 +34,12 @@ Own = dict[str, dict[str, float]]
 """Numbers by name, of each file."""
 
 
-def explain_disturbances(evidence: Evidence, jobs: int = 1) -> tuple[Explanation, ...]:
+def explain_disturbances(evidence: WhitenedResidual, jobs: int = 1) -> tuple[Explanation, ...]:
     """Return what every lasting force explains that has numbers of each record's own.
 
     Parameters
     ----------
-    evidence : Evidence
+    evidence : WhitenedResidual
         Traces of all records; disturbances that its model holds are known.
     jobs : int
         Threads.
@@ -55,23 +56,25 @@ def explain_disturbances(evidence: Evidence, jobs: int = 1) -> tuple[Explanation
     return tuple(told for told in side_by_side(jobs)(tasks) if told is not None)
 
 
-def _explained(member: Member, effect: Effect, evidence: Evidence, seconds: float) -> Explanation | None:
+def _explained(
+    member: Member, effect: Effect, evidence: WhitenedResidual, seconds: float
+) -> Explanation | None:
     return _Disturbance(member, effect, evidence, seconds).explained()
 
 
 def _lasts(member: Member, effect: Effect) -> bool:
     """Whether a force on a body has numbers of each record's own, and a frequency that all share."""
-    return bool(own_names(effect)) and len(member.inner) == 1 and effect.enters.startswith("body:")
+    return bool(per_record_names(effect)) and len(member.inner) == 1 and effect.enters.startswith("body:")
 
 
 class _Disturbance:
     """One effect at one place, and the motion before the hits of all records that it moves."""
 
-    def __init__(self, member: Member, effect: Effect, evidence: Evidence, seconds: float) -> None:
+    def __init__(self, member: Member, effect: Effect, evidence: WhitenedResidual, seconds: float) -> None:
         self.member, self.evidence, self.seconds = member, evidence, seconds
-        self.effect = effect.with_values(**dict.fromkeys(own_names(effect), 0.0))
+        self.effect = effect.with_values(**dict.fromkeys(per_record_names(effect), 0.0))
         (self.inner,) = member.inner
-        bounds = [effect.parameters[name].bounds for name in own_names(effect)]
+        bounds = [effect.parameters[name].bounds for name in per_record_names(effect)]
         self.range = np.array(bounds).T
         highest = _BAND * effect.parameters[self.inner].bounds[1]
         self.body = effect.enters.partition(":")[2]
@@ -87,7 +90,7 @@ class _Disturbance:
         low = max(low, 1 / self.seconds)  # less than a period is like a level and its slope
         grid = np.arange(low, high, 1 / (_STEPS_PER_LINE * self.seconds))
         gains = [self._before(at)[1] for at in grid]
-        chance = len(own_names(self.effect)) * sum(not t.settings.hold_out for t, _, _ in self.rest)
+        chance = len(per_record_names(self.effect)) * sum(not t.settings.hold_out for t, _, _ in self.rest)
         if not chance or max(gains) < _PROMISING * chance:
             return None
         rough = float(grid[int(np.argmax(gains))])
@@ -97,13 +100,15 @@ class _Disturbance:
         at = optimize.minimize_scalar(lambda hz: -self._after(float(hz)), bounds=reach, method="bounded").x
         own = self._before(float(at))[0]
         sizes = np.array([list(numbers.values()) for numbers in own.values()])
-        typical = dict(zip(own_names(self.effect), np.sqrt((sizes**2).mean(axis=0)).tolist(), strict=True))
+        typical = dict(
+            zip(per_record_names(self.effect), np.sqrt((sizes**2).mean(axis=0)).tolist(), strict=True)
+        )
         effect = self.effect.with_values(**typical, **{self.inner: float(at)})
         return explanation(effect, self.member, self.evidence.with_own(effect.path, own))
 
     def _before(self, at: float) -> tuple[Own, float]:
         """Numbers of all records by what precedes their hits, and what they take from the training cost."""
-        own, gain, names = {}, 0.0, own_names(self.effect)
+        own, gain, names = {}, 0.0, per_record_names(self.effect)
         lines: dict[tuple[float, float, int], list[ComplexArray]] = {}
         units = [self.effect.with_values(**{name: 1.0, self.inner: at}) for name in names]
         for trace, segment, linear in self.rest:
@@ -129,7 +134,7 @@ class _Disturbance:
 
 
 def _at_rest(
-    evidence: Evidence, trace: Trace, seconds: float, highest_hz: float
+    evidence: WhitenedResidual, trace: MeasuredTrajectory, seconds: float, highest_hz: float
 ) -> tuple[SpectralRecord, Linearised]:
     """Spectra of a record before its hit, and what is left of them, whitened."""
     model, seen = evidence.baseline.model, trace.seen()

@@ -16,12 +16,12 @@ from joblib import Parallel, delayed
 from discovery.decide.acceptance import MATERIAL
 from discovery.decide.chance import FEWEST_RECORDS, by_record, largest_by_chance, p_value
 from discovery.decide.explanation import Explanation, limited, standard_errors
-from discovery.residual.output_error import Evidence, effect_force
-from discovery.residual.trajectory import Progress, Trace
+from discovery.residual.output_error import WhitenedResidual, effect_force
+from discovery.residual.trajectory import MeasuredTrajectory, Progress
 from rom.campaign.channels import FloatArray
-from rom.effects import Added, Effect, Member, SensorFault, candidates, look_alikes
+from rom.effects import Effect, Member, ModelCorrection, SensorFault, candidates, look_alikes
 from rom.identification.spectral_model import ComplexArray, Linearised, SpectralRecord
-from rom.signals.per_record_parameters import own_names
+from rom.signals.per_record_parameters import per_record_names
 
 _ITERATIONS = 12
 _DIFFERENCE = 1e-3  # of a parameter's size
@@ -43,14 +43,14 @@ class Probe:
     """
 
     member: Member
-    effect: Added
+    effect: ModelCorrection
     gain: float
     amplitude: float
     kept: float
     scores: FloatArray | None = None
 
 
-def motion_channels(evidence: Evidence) -> tuple[str, ...]:
+def motion_channels(evidence: WhitenedResidual) -> tuple[str, ...]:
     """Names of the force and motion channels that the records hold."""
     names: dict[str, None] = {}
     for trace in evidence.traces:
@@ -59,14 +59,14 @@ def motion_channels(evidence: Evidence) -> tuple[str, ...]:
     return tuple(names)
 
 
-def output_of(effect: Added, evidence: Evidence) -> FloatArray:
+def output_of(effect: ModelCorrection, evidence: WhitenedResidual) -> FloatArray:
     """Whitened change of the output that an effect makes on all records, (rows,).
 
     A force acts along the motion that was measured; a fault changes what the sensor shows of it.
     """
     model, forces = evidence.baseline.model, {}
 
-    def change(trace: Trace, part: SpectralRecord, linear: Linearised) -> ComplexArray | None:
+    def change(trace: MeasuredTrajectory, part: SpectralRecord, linear: Linearised) -> ComplexArray | None:
         if isinstance(effect, SensorFault):
             return _of_fault(effect, trace, part, linear)
         assert isinstance(effect, Effect)
@@ -82,7 +82,7 @@ def output_of(effect: Added, evidence: Evidence) -> FloatArray:
 
 
 def _of_fault(
-    fault: SensorFault, trace: Trace, part: SpectralRecord, linear: Linearised
+    fault: SensorFault, trace: MeasuredTrajectory, part: SpectralRecord, linear: Linearised
 ) -> ComplexArray | None:
     quantity, _, body = fault.channel.partition("_")
     seen = trace.seen()
@@ -108,7 +108,7 @@ def _of_fault(
 
 
 def screen(
-    evidence: Evidence, jobs: int = 1, progress: Progress | None = None
+    evidence: WhitenedResidual, jobs: int = 1, progress: Progress | None = None
 ) -> tuple[tuple[Probe, ...], ...]:
     """Try every effect of the catalogue at every place at small strengths; each effect's probes, best first.
 
@@ -123,7 +123,7 @@ def screen(
         for member, effect in candidates(model, motion_channels(evidence))
         if member.kind in ("force", "sensor")
         and effect.enters != "sensor:tension"
-        and not own_names(effect)  # those show before the hits
+        and not per_record_names(effect)  # those show before the hits
         and (effect.name, effect.enters) not in known
     ]
     rough = _probed_all(there, evidence.of(_telling(evidence)), jobs, progress)
@@ -136,7 +136,7 @@ def screen(
     return _probed_all(worth, evidence, jobs, None)
 
 
-def _telling(evidence: Evidence) -> list[int]:
+def _telling(evidence: WhitenedResidual) -> list[int]:
     """Places of some records: those that most is left over of, and a few of all."""
     costs = np.array(list(evidence.costs(evidence.left_over(evidence.residual)).values()))
     most = np.argsort(costs)[::-1][: -(-len(costs) // _SHARE)]
@@ -144,8 +144,8 @@ def _telling(evidence: Evidence) -> list[int]:
 
 
 def _probed_all(
-    there: Sequence[tuple[Member, Sequence[Added]]],
-    evidence: Evidence,
+    there: Sequence[tuple[Member, Sequence[ModelCorrection]]],
+    evidence: WhitenedResidual,
     jobs: int,
     progress: Progress | None,
 ) -> tuple[tuple[Probe, ...], ...]:
@@ -161,7 +161,7 @@ def _probed_all(
 
 
 def _probed(
-    member: Member, probes: Sequence[Added], evidence: Evidence, left: FloatArray
+    member: Member, probes: Sequence[ModelCorrection], evidence: WhitenedResidual, left: FloatArray
 ) -> tuple[Probe, ...]:
     found = []
     for probe in probes:
@@ -179,7 +179,7 @@ def _probed(
     return tuple(sorted(found, key=lambda probe: -probe.gain))
 
 
-def _reach(member: Member, probe: Added) -> tuple[float, float]:
+def _reach(member: Member, probe: ModelCorrection) -> tuple[float, float]:
     """Multiples of a probe's strength that its range allows."""
     numbers = [probe.parameters[name] for name in member.strengths if probe.parameters[name].value]
     ends = [sorted(bound / number.value for bound in number.bounds) for number in numbers]
@@ -216,7 +216,9 @@ def worth_fitting(probes: Sequence[Sequence[Probe]], left: float) -> list[Sequen
     return [*near[:_TRIED], *(one for one in near[_TRIED:] if in_class(one))]
 
 
-def explain(probes: Sequence[Probe], evidence: Evidence, largest: FloatArray | None = None) -> Explanation:
+def explain(
+    probes: Sequence[Probe], evidence: WhitenedResidual, largest: FloatArray | None = None
+) -> Explanation:
     """Fit an effect and the model's numbers together, from its best probes.
 
     Its chance is that of its best probe among the ``largest`` gains that the screen makes by chance.
@@ -228,9 +230,9 @@ def explain(probes: Sequence[Probe], evidence: Evidence, largest: FloatArray | N
     return found if largest is None else replace(found, p_value=p_value(probes[0].gain, largest))
 
 
-def _starts(probes: Sequence[Probe]) -> list[tuple[Member, Added]]:
+def _starts(probes: Sequence[Probe]) -> list[tuple[Member, ModelCorrection]]:
     """The best probes of different inner numbers, each at the strength that suits it."""
-    found: dict[tuple[float, ...], tuple[Member, Added]] = {}
+    found: dict[tuple[float, ...], tuple[Member, ModelCorrection]] = {}
     for probe in probes:
         strengths = {
             name: probe.effect.parameters[name].value * probe.amplitude
@@ -243,14 +245,14 @@ def _starts(probes: Sequence[Probe]) -> list[tuple[Member, Added]]:
     return list(found.values())
 
 
-def _set(effect: Added, values: Mapping[str, float]) -> Added:
+def _set(effect: ModelCorrection, values: Mapping[str, float]) -> ModelCorrection:
     """The effect with values cut to their bounds."""
     return effect.with_values(
         **{name: float(np.clip(value, *effect.parameters[name].bounds)) for name, value in values.items()}
     )
 
 
-def free_numbers(effect: Added, member: Member) -> tuple[str, ...]:
+def free_numbers(effect: ModelCorrection, member: Member) -> tuple[str, ...]:
     """Parameters that a fit moves: not those of the link's own stiffness, of a record, or of a choice."""
     held = {*member.of_stiffness, *member.by_record}
     return tuple(
@@ -264,14 +266,16 @@ def _is_choice(member: Member, name: str) -> bool:
     return set(member.inner.get(name, ())) == {-1.0, 1.0}
 
 
-def _sizes(effect: Added, names: Sequence[str], member: Member) -> FloatArray:
+def _sizes(effect: ModelCorrection, names: Sequence[str], member: Member) -> FloatArray:
     """What a parameter's steps are counted in."""
     return np.array(
         [max(abs(effect.parameters[n].value), 0.3 * abs(member.parameters[n].value), 1e-12) for n in names]
     )
 
 
-def _fitted(start: tuple[Member, Added], evidence: Evidence) -> tuple[Added, float]:
+def _fitted(
+    start: tuple[Member, ModelCorrection], evidence: WhitenedResidual
+) -> tuple[ModelCorrection, float]:
     """Levenberg-Marquardt steps in an effect's numbers, those of the model taken out at every step."""
     member, effect = start
     names = free_numbers(effect, member)
@@ -298,12 +302,16 @@ def _fitted(start: tuple[Member, Added], evidence: Evidence) -> tuple[Added, flo
     return effect, cost
 
 
-def _slopes(effect: Added, names: Sequence[str], member: Member, evidence: Evidence) -> FloatArray:
+def _slopes(
+    effect: ModelCorrection, names: Sequence[str], member: Member, evidence: WhitenedResidual
+) -> FloatArray:
     """Slopes of the output by an effect's numbers in their sizes, the model's taken off: (rows, numbers)."""
     return evidence.beyond(slopes_of(effect, names, _sizes(effect, names, member), evidence))
 
 
-def slopes_of(effect: Added, names: Sequence[str], sizes: FloatArray, evidence: Evidence) -> FloatArray:
+def slopes_of(
+    effect: ModelCorrection, names: Sequence[str], sizes: FloatArray, evidence: WhitenedResidual
+) -> FloatArray:
     """Slopes of an effect's output by its numbers, by differences, (rows, numbers)."""
     here, columns = output_of(effect, evidence), []
     for name, size in zip(names, sizes, strict=True):
@@ -315,7 +323,7 @@ def slopes_of(effect: Added, names: Sequence[str], sizes: FloatArray, evidence: 
     return np.stack(columns, axis=1)
 
 
-def explanation(effect: Added, member: Member, evidence: Evidence) -> Explanation:
+def explanation(effect: ModelCorrection, member: Member, evidence: WhitenedResidual) -> Explanation:
     """Costs with an effect and without, and its numbers with their limits."""
     names = free_numbers(effect, member)
     rows = evidence.residual - output_of(effect, evidence)
@@ -336,7 +344,7 @@ def explanation(effect: Added, member: Member, evidence: Evidence) -> Explanatio
     )
 
 
-def _by_record(slopes: FloatArray, left: FloatArray, evidence: Evidence) -> FloatArray:
+def _by_record(slopes: FloatArray, left: FloatArray, evidence: WhitenedResidual) -> FloatArray:
     """Slopes times what is left over, summed over the rows of every record, (records, numbers)."""
     owner, records = evidence.owner[evidence.training], len(evidence.traces)
     products = (slopes * left[:, None])[: len(owner)]

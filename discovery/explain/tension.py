@@ -1,7 +1,8 @@
 """What effects in the tension and in its gauge explain: every one of the catalogue, beside the refitted law.
 
 Slow part: the course of the tension after each hit under a law, its case-to-case scatter integrated out
-(``discovery.explain.tension_law``). Fast part: what the gauge shows in phase with the motion, late, or at a line
+(``discovery.explain.tension_law``). Fast part: what the gauge shows in phase with the motion, late, or at a
+line
 (``discovery.explain.gauge``). The cost of a record is the sum of both, the same before for all effects.
 """
 
@@ -13,23 +14,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from discovery.courses.tension_likelihood import acts_at_rest
-from discovery.decide.acceptance import is_sure, spread_of
+from discovery.decide.acceptance import is_accepted, spread_of
 from discovery.decide.explanation import Explanation
 from discovery.explain.free_form import PRICE
 from discovery.explain.free_rate import free_rates
 from discovery.explain.gauge import explained_by_gauge
-from discovery.explain.tension_law import LawSearch, Slow
+from discovery.explain.tension_law import CourseFit, LawSearch
 from discovery.localisation.tension import tension_views
 from discovery.residual.tension import drifted, frozen_of, noises, read_tensions
 from discovery.residual.tension_data import Data, Gained, Misfit, Pair
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
-from rom.effects import Added, LawChange, Member, Reading, SensorFault, candidates
+from rom.effects import LawChange, Member, ModelCorrection, Reading, SensorFault, candidates
 from rom.effects.free_form import FREE_FORM
 from rom.identification.identify import Identification
 from rom.identification.reduce import Progress
 from rom.model.model import Model
-from rom.signals.per_record_parameters import own_names
+from rom.signals.per_record_parameters import per_record_names
 from rom.signals.sensor_correction import moves_levels
 
 _FEWEST = 3  # loosening records
@@ -141,7 +142,7 @@ def explain_freely(
 def _is_told_by_unseen(one: Explanation) -> bool:
     """Whether held-out records ask for a sum too: of so many sums one suits training records by chance."""
     unseen = one.gains(hold_out=True)
-    return is_sure(one) and (not unseen.size or float(unseen.sum()) / spread_of(one) > PRICE)
+    return is_accepted(one) and (not unseen.size or float(unseen.sum()) / spread_of(one) > PRICE)
 
 
 def _search(campaign: Campaign, found: Identification, model: Model, jobs: int) -> LawSearch | None:
@@ -156,7 +157,7 @@ def _search(campaign: Campaign, found: Identification, model: Model, jobs: int) 
     if noise_of is None:
         return None
     steady, drifting, drift = noise_of
-    drifts = any(isinstance(e, Reading) and own_names(e) for e in model.effects)
+    drifts = any(isinstance(e, Reading) and per_record_names(e) for e in model.effects)
     noise = drifting if drifts else steady
     data = Data(
         model, ordered, frozen_of(ordered, noise, model), sum(not s.settings.hold_out for s in ordered),
@@ -167,7 +168,11 @@ def _search(campaign: Campaign, found: Identification, model: Model, jobs: int) 
 
 
 def _explained(
-    search: LawSearch, effects: Sequence[Pair], base: Slow, progress: Progress | None = None, only: str = ""
+    search: LawSearch,
+    effects: Sequence[Pair],
+    base: CourseFit,
+    progress: Progress | None = None,
+    only: str = "",
 ) -> TensionFindings:
     data = search.data
     of_course = [pair for pair in effects if _of_course(*pair)]
@@ -183,13 +188,13 @@ def _explained(
     return TensionFindings(_explanations(data, [*by_course, *by_gauge], base, fast), _viewed(base))
 
 
-def _viewed(base: Slow) -> Misfit:
+def _viewed(base: CourseFit) -> Misfit:
     """What a law leaves over of the courses, and where."""
     return replace(base.misfit, views=tension_views(base))
 
 
 def _explanations(
-    data: Data, gained: Sequence[Gained], base: Slow, fast: FloatArray
+    data: Data, gained: Sequence[Gained], base: CourseFit, fast: FloatArray
 ) -> tuple[Explanation, ...]:
     files, training, before = data.files, data.training, base.costs + fast
     count = data.frozen.change.shape[1] + _FAST
@@ -200,7 +205,7 @@ def _explanations(
             dict(zip(files, (before - one.gains).tolist(), strict=True)),
             dict.fromkeys(files, count),
             frozenset(files[training:]),
-            len(one.effect.parameters) - len(own_names(one.effect)),
+            len(one.effect.parameters) - len(per_record_names(one.effect)),
             one.at_bound,
             one.beside,
             base.misfit.level if one.left is None else one.left,
@@ -212,7 +217,7 @@ def _explanations(
     return tuple(sorted(found, key=lambda e: -float(e.gains(hold_out=False).sum())))
 
 
-def _of_course(member: Member, effect: Added) -> bool:
+def _of_course(member: Member, effect: ModelCorrection) -> bool:
     """Whether an effect shows in the course: a law, a reading at rest, a fault that moves a constant."""
     if isinstance(effect, LawChange):
         return True

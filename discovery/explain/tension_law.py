@@ -1,7 +1,8 @@
 """Laws of the tension and slow readings fitted to the courses of all tests: what each takes from their cost.
 
 Every effect is fitted beside the law's own numbers from several starts along frozen motion, corrected as the
-baseline is; the best few are corrected by full re-simulation of their own (`discovery.courses.tension_likelihood`).
+baseline is; the best few are corrected by full re-simulation of their own
+(`discovery.courses.tension_likelihood`).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from joblib import delayed
 from scipy import linalg
 
 from discovery.courses.fit import Fit
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.marginal_likelihood import State, tau
 from discovery.courses.tension_likelihood import (
     LawCandidate,
@@ -32,9 +33,9 @@ from discovery.residual.tension import Drift
 from discovery.residual.tension_data import Data, Gained, Misfit, Pair, at_bounds
 from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
-from rom.effects import CATALOGUE, Added, LawChange, Member
+from rom.effects import CATALOGUE, LawChange, Member, ModelCorrection
 from rom.model.laws import Parameter
-from rom.signals.per_record_parameters import own_names
+from rom.signals.per_record_parameters import per_record_names
 
 _REFINED = 5
 _STRENGTHS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times a default
@@ -46,7 +47,7 @@ _U_STARTS = (0.0, -1.0, 1.0, -3.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Slow:
+class CourseFit:
     """A law fitted to the training courses, and its costs on all records."""
 
     candidate: LawCandidate
@@ -86,11 +87,11 @@ class LawSearch:
 
     data: Data
     free: tuple[str, ...]
-    drifting: Frozen
+    drifting: FrozenMotion
     drift: Drift
     jobs: int = 1
 
-    def baseline(self) -> Slow:
+    def baseline(self) -> CourseFit:
         """Fit the law as it is."""
         model = self.data.model
         alone = [place for place, change in enumerate(changes_of(model, None)) if change.adds]
@@ -98,18 +99,18 @@ class LawSearch:
         return self._refined(min(fits, key=lambda fit: fit.training))
 
     def explained(
-        self, effects: Sequence[Pair], base: Slow, report: Callable[[], None]
-    ) -> tuple[list[Gained], Slow]:
+        self, effects: Sequence[Pair], base: CourseFit, report: Callable[[], None]
+    ) -> tuple[list[Gained], CourseFit]:
         """Fit every effect, the best of them by re-simulation; return a baseline that is no worse too."""
-        shared = [pair for pair in effects if not own_names(pair[1])]
-        screened: list[tuple[Added, Slow]] = []
+        shared = [pair for pair in effects if not per_record_names(pair[1])]
+        screened: list[tuple[ModelCorrection, CourseFit]] = []
         for found in self._each(self._screened, ((*pair, base) for pair in shared)):
             screened.append((shared[len(screened)][1], found))
             report()
         screened.sort(key=lambda pair: pair[1].training)
         if screened:
             base = self._without_effect(screened[0][1], base)
-        gained = [self._drift(effect, base) for _, effect in effects if own_names(effect)]
+        gained = [self._drift(effect, base) for _, effect in effects if per_record_names(effect)]
         fits = [slow for _, slow in screened]
         final = self._each(self._final, ((slow, rank < _REFINED) for rank, slow in enumerate(fits)))
         gained += [
@@ -117,14 +118,16 @@ class LawSearch:
         ]
         return self._judged(gained, fits, base), base
 
-    def _each(self, function: Callable[..., Slow], arguments: Iterable[tuple[object, ...]]) -> Iterator[Slow]:
+    def _each(
+        self, function: Callable[..., CourseFit], arguments: Iterable[tuple[object, ...]]
+    ) -> Iterator[CourseFit]:
         """Results in order, by threads: courses are followed in compiled code that lets others run."""
         yield from side_by_side(self.jobs)(delayed(function)(*one) for one in arguments)
 
-    def _final(self, slow: Slow, refined: bool) -> Slow:
+    def _final(self, slow: CourseFit, refined: bool) -> CourseFit:
         return self._refined(slow) if refined else self._with_costs(slow, self.data.frozen)
 
-    def _judged(self, gained: Sequence[Gained], fits: Sequence[Slow], base: Slow) -> list[Gained]:
+    def _judged(self, gained: Sequence[Gained], fits: Sequence[CourseFit], base: CourseFit) -> list[Gained]:
         """With the chance that noise alone gives any of the effects as much."""
         if not fits:
             return list(gained)
@@ -132,7 +135,7 @@ class LawSearch:
         count = self.data.training
         return [replace(g, p_value=p_value(float(g.gains[:count].sum()), largest)) for g in gained]
 
-    def _without_effect(self, slow: Slow, base: Slow) -> Slow:
+    def _without_effect(self, slow: CourseFit, base: CourseFit) -> CourseFit:
         """The law alone fitted from where a fit with an effect ended, if that is better than the baseline.
 
         Else every effect would gain what the baseline's own fit has missed.
@@ -144,11 +147,11 @@ class LawSearch:
     def _fitted(
         self,
         candidate: LawCandidate,
-        start: Slow | None,
+        start: CourseFit | None,
         offsets: FloatArray | None = None,
         *,
         roughly: bool = False,
-    ) -> Slow:
+    ) -> CourseFit:
         """Fit to training courses from a start with another fit's scatter, deviations and corrections."""
         train = self.data.part(hold_out=False)
         if offsets is None:
@@ -162,9 +165,9 @@ class LawSearch:
         state = problem.fitted(first, *_ROUGHLY) if roughly else problem.fitted(first)
         found = problem.at(state.theta)
         assert isinstance(found, LawCandidate)
-        return Slow(found, state, problem, np.zeros(0))
+        return CourseFit(found, state, problem, np.zeros(0))
 
-    def _refined(self, slow: Slow) -> Slow:
+    def _refined(self, slow: CourseFit) -> CourseFit:
         """Correct by full re-simulation, fit again, and take the held-out records' costs."""
         for _ in range(_ROUNDS):
             offsets = self._offsets(slow.candidate, slow.problem.frozen, slow.state.u, 0)
@@ -173,7 +176,7 @@ class LawSearch:
             slow = self._fitted(slow.candidate, slow, offsets)
         return self._with_costs(slow, self.data.frozen)
 
-    def _offsets(self, candidate: LawCandidate, part: Frozen, u: FloatArray, first: int) -> FloatArray:
+    def _offsets(self, candidate: LawCandidate, part: FrozenMotion, u: FloatArray, first: int) -> FloatArray:
         """Full re-simulation less frozen course [N]; small hits leave the tension alone and are not run."""
         struck = np.flatnonzero(self.data.struck[first : first + len(part)])
         out = np.zeros_like(part.change)
@@ -183,7 +186,7 @@ class LawSearch:
             out[struck] -= course(candidate, some, u[struck])
         return out
 
-    def _with_costs(self, slow: Slow, frozen: Frozen) -> Slow:
+    def _with_costs(self, slow: CourseFit, frozen: FrozenMotion) -> CourseFit:
         """Add costs of all records, held-out ones by corrections of their own."""
         costs = slow.state.by_case + self._log_volume(slow.problem)
         if self.data.training == len(self.data.seen):
@@ -202,7 +205,7 @@ class LawSearch:
         usual = np.linalg.slogdet(self.data.part(hold_out=hold_out).covariance)[1]
         return np.asarray(problem.log_determinant - usual)
 
-    def _screened(self, member: Member, effect: Added, base: Slow) -> Slow:
+    def _screened(self, member: Member, effect: ModelCorrection, base: CourseFit) -> CourseFit:
         """Fit with an effect from the best of several starts, corrected as the baseline is."""
         own = {name: p.value for name, p in base.candidate.parameters.items() if name in base.candidate.free}
         names, offsets = names_of(effect), base.problem.offsets
@@ -226,14 +229,14 @@ class LawSearch:
             fits.append(self._fitted(min(trials)[2], start, roughly=True))
         return min(fits, key=lambda fit: fit.training)
 
-    def _sharings(self, effect: Added, base: Slow) -> tuple[int | None, ...]:
+    def _sharings(self, effect: ModelCorrection, base: CourseFit) -> tuple[int | None, ...]:
         """An effect may scatter from test to test as the law does, or be the same in all."""
         known = base.candidate.sharing
         if known is not None or not (isinstance(effect, LawChange) and effect.adds):
             return (known,)
         return (None, len(changes_of(self.data.model, None)))
 
-    def _gained(self, effect: Added, slow: Slow, base: Slow) -> Gained:
+    def _gained(self, effect: ModelCorrection, slow: CourseFit, base: CourseFit) -> Gained:
         if slow.training > base.training:  # as the full simulation has it, the law alone does better
             return Gained(_silent(effect), np.zeros_like(base.costs))
         names, numbers, errors = names_of(effect), slow.candidate.parameters, _errors(slow)
@@ -244,20 +247,20 @@ class LawSearch:
             slow=slow,
         )  # fmt: skip
 
-    def _beside(self, slow: Slow, errors: Mapping[str, float]) -> dict[str, Parameter]:
+    def _beside(self, slow: CourseFit, errors: Mapping[str, float]) -> dict[str, Parameter]:
         """Numbers of the model's own law as the fit has them."""
         numbers = slow.candidate.parameters
         return {name: limited_number(numbers[name], errors.get(name, 0.0)) for name in self.free}
 
-    def _drift(self, effect: Added, base: Slow) -> Gained:
+    def _drift(self, effect: ModelCorrection, base: CourseFit) -> Gained:
         """A reading of its own size in every record: a part of the courses' noise about what all share."""
         train = self.data.part(hold_out=False, of=self.drifting)
         problem = LawProblem(base.candidate, train, base.problem.offsets)
         state = problem.fitted(problem.solve(problem.theta0, base.state.scatter, base.state.u, steps=6))
         found = problem.at(state.theta)
         assert isinstance(found, LawCandidate)
-        slow = self._with_costs(Slow(found, state, problem, np.zeros(0)), self.drifting)
-        (name,) = own_names(effect)
+        slow = self._with_costs(CourseFit(found, state, problem, np.zeros(0)), self.drifting)
+        (name,) = per_record_names(effect)
         low, high = effect.parameters[name].bounds
         mean = effect.with_values(**{name: float(np.clip(self.drift.mean, low, high))})
         typical = limited(mean, {name: self.drift.spread})
@@ -266,7 +269,7 @@ class LawSearch:
         )
 
 
-def _directions(fit: Slow, base: Slow) -> FloatArray:
+def _directions(fit: CourseFit, base: CourseFit) -> FloatArray:
     """Directions of the whitened courses that an effect takes up beyond the law alone, (directions, rows).
 
     What it took off, and its slopes where the fit ended, less what a rate of each test's own and the law's
@@ -282,13 +285,13 @@ def _directions(fit: Slow, base: Slow) -> FloatArray:
     return np.vstack([(base.state.residual - fit.state.residual).ravel(), own.T])
 
 
-def _errors(slow: Slow) -> dict[str, float]:
+def _errors(slow: CourseFit) -> dict[str, float]:
     """Standard errors of all free numbers of a fit."""
     found = np.sqrt(np.maximum(np.diag(slow.problem.covariance(slow.state)), 0.0))
     return dict(zip(slow.candidate.free, found.tolist(), strict=True))
 
 
-def _starts(member: Member, effect: Added) -> list[dict[str, float]]:
+def _starts(member: Member, effect: ModelCorrection) -> list[dict[str, float]]:
     """Values to start from: default strengths times powers of ten, over the grid of the others."""
     points = []
     for inner in product(*member.inner.values()):
@@ -306,7 +309,7 @@ def _starts(member: Member, effect: Added) -> list[dict[str, float]]:
     return points
 
 
-def _silent(effect: Added) -> Added:
+def _silent(effect: ModelCorrection) -> ModelCorrection:
     member = CATALOGUE.get(effect.name)  # of a free form all numbers are strengths
     return effect.with_values(**dict.fromkeys(effect.parameters if member is None else member.strengths, 0.0))
 

@@ -8,11 +8,11 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from scipy import stats
 
-from discovery.explain.force_balance import Unbalanced
+from discovery.explain.force_balance import ForceBalanceResidual
 from discovery.localisation.force_map import Course, ForceMap, force_map
 from discovery.localisation.localise import Localisation, Profile, sides_of
 from rom.campaign.channels import FloatArray
-from rom.evaluation.evaluate import Judged
+from rom.evaluation.evaluate import Evaluation
 from rom.identification.equation_error import Balance, ForceRecord
 
 _BANDS = 4
@@ -20,7 +20,7 @@ _CLASSES = (0.0, 0.25, 0.5, 0.75, 1.0)
 _LAGS = 20
 
 
-def numbers_of(state: Unbalanced, judged: Sequence[Judged]) -> tuple[tuple[str, float], ...]:
+def numbers_of(state: ForceBalanceResidual, judged: Sequence[Evaluation]) -> tuple[tuple[str, float], ...]:
     """Errors by name, mean over records of a kind and by held-out record.
 
     ``force_error_<kind>``: RMS of the unbalanced over that of the measured force, both filtered.
@@ -46,7 +46,7 @@ def numbers_of(state: Unbalanced, judged: Sequence[Judged]) -> tuple[tuple[str, 
     return tuple(found)
 
 
-def _ratio(state: Unbalanced, place: int) -> float:
+def _ratio(state: ForceBalanceResidual, place: int) -> float:
     rows = state.balances.owner == place
     record, left = state.balances.records[place], (state.residual * state.balances.noise)[rows]
     measured = np.concatenate([balance.terms["force"] for balance in record.balances])
@@ -59,7 +59,7 @@ def _rms_of_motion(record: ForceRecord) -> float:
     return float(np.mean([np.sqrt(np.mean(x**2)) for x in bodies])) if bodies else 0.0
 
 
-def localise_forces(state: Unbalanced, numbers: tuple[tuple[str, float], ...]) -> Localisation:
+def localise_forces(state: ForceBalanceResidual, numbers: tuple[tuple[str, float], ...]) -> Localisation:
     """Return where the residual of the training records lives."""
     parts = list(_parts(state, state.residual))
     squares = np.concatenate([rows for _, _, rows in parts]) ** 2
@@ -79,7 +79,7 @@ def localise_forces(state: Unbalanced, numbers: tuple[tuple[str, float], ...]) -
     )
 
 
-def _force_maps(state: Unbalanced) -> Iterator[ForceMap]:
+def _force_maps(state: ForceBalanceResidual) -> Iterator[ForceMap]:
     """Map of what is left unbalanced on every body, and in every link that is driven on its own."""
     found: dict[str, list[Course]] = {}
     noises = _parts(state, state.balances.noise)
@@ -91,7 +91,9 @@ def _force_maps(state: Unbalanced) -> Iterator[ForceMap]:
     yield from (force_map(name, courses) for name, courses in found.items())
 
 
-def _parts(state: Unbalanced, values: FloatArray) -> Iterator[tuple[ForceRecord, Balance, FloatArray]]:
+def _parts(
+    state: ForceBalanceResidual, values: FloatArray
+) -> Iterator[tuple[ForceRecord, Balance, FloatArray]]:
     """Rows of every balance of the training records, of values that all rows have."""
     first = 0
     for record in state.balances.records:

@@ -1,7 +1,8 @@
 """The force that a model leaves unbalanced: as a map over motion, as a loop, and what depends on what.
 
 The output error E of a record is the motion that a missing force f at a place would make, G d f, and noise of
-the spectrum S (`discovery.localisation.lines`). The force that suits it best, by the rule of Gauss and Markov,
+the spectrum S (`discovery.localisation.lines`). The force that suits it best, by the rule of Gauss and
+Markov,
 
     f = -(b^H r) / |b|^2,   b = W G d,   W^H W = S^-1,   r = W E,
 

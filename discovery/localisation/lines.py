@@ -1,6 +1,7 @@
 """The whitened residual along time, harmonics and places, and from hit to hit.
 
-Lines r of a record whitened by the noise before the hits, its end states projected out (`rom.identification.spectral_model`), are
+Lines r of a record whitened by the noise before the hits, its end states projected out
+(`rom.identification.spectral_model`), are
 by themselves not white: of every real number of them noise leaves 1 - a (A^T A)^-1 a^T, with a the row of
 the projected columns A that belongs to it. That counts where few numbers make a class, as just after a hit,
 which the end states explain best. So every mean square here is over what noise leaves there: 1 is noise.
@@ -22,8 +23,8 @@ from rom.campaign.channels import FloatArray
 from rom.identification.spectral_model import ComplexArray, Linearised, SpectralRecord
 
 if TYPE_CHECKING:
-    from discovery.residual.output_error import Evidence
-    from discovery.residual.trajectory import Trace
+    from discovery.residual.output_error import WhitenedResidual
+    from discovery.residual.trajectory import MeasuredTrajectory
 
 Profile = tuple[tuple[str, float], ...]  # label and residual's mean square over that of the noise floor
 _SECONDS = (0.0, 0.1, 0.35, 1.0, 3.0, np.inf)
@@ -43,7 +44,7 @@ class Lines:
 
     Attributes
     ----------
-    trace : Trace
+    trace : MeasuredTrajectory
         The record.
     part : SpectralRecord
         Its spectra; the force holds forces of the model that are not linear.
@@ -53,7 +54,7 @@ class Lines:
         Real and imaginary part of the whitened residual, each of variance 1 where noise is left.
     """
 
-    trace: Trace
+    trace: MeasuredTrajectory
     part: SpectralRecord
     linear: Linearised
     rows: FloatArray
@@ -100,7 +101,7 @@ class Place:
     ends: tuple[str, str]
     bolted: bool
 
-    def direction(self, trace: Trace) -> FloatArray | None:
+    def direction(self, trace: MeasuredTrajectory) -> FloatArray | None:
         """What a unit force that pushes the first end pushes, (bodies,); None where it does not act."""
         needed = [end for end in self.ends if end != _GROUND]
         if not set(needed) <= set(trace.bodies) or (self.bolted and trace.measurement.test == "uncoupled"):
@@ -112,7 +113,7 @@ class Place:
         return out
 
 
-def training_lines(evidence: Evidence) -> tuple[Lines, ...]:
+def training_lines(evidence: WhitenedResidual) -> tuple[Lines, ...]:
     """Return the whitened lines of all parts of the training records."""
     found, first = [], 0
     for trace, part, linear in evidence.parts:
@@ -124,7 +125,7 @@ def training_lines(evidence: Evidence) -> tuple[Lines, ...]:
     return tuple(found)
 
 
-def places(evidence: Evidence) -> tuple[Place, ...]:
+def places(evidence: WhitenedResidual) -> tuple[Place, ...]:
     """Return the places that a missing force may have: bolted links, then bodies."""
     model = evidence.baseline.model
     links = [
@@ -271,7 +272,7 @@ class _Hit:
         )
 
 
-def _hit(trace: Trace) -> _Hit:
+def _hit(trace: MeasuredTrajectory) -> _Hit:
     """Tell a hit; without a bolt its tension counts as zero."""
     peaks = {body: float(np.abs(force).max()) for body, force in trace.measurement.force.items()}
     body = max(peaks, key=lambda name: peaks[name], default="")

@@ -25,8 +25,8 @@ from discovery.localisation.lines import (
 from rom.campaign.channels import FloatArray
 
 if TYPE_CHECKING:
-    from discovery.residual.output_error import Evidence
-    from discovery.residual.trajectory import Trace
+    from discovery.residual.output_error import WhitenedResidual
+    from discovery.residual.trajectory import MeasuredTrajectory
     from rom.identification.spectral_model import SpectralRecord
 
 __all__ = ["COURSES", "Localisation", "Profile", "localise"]
@@ -53,7 +53,8 @@ class Localisation:
     by_time, by_harmonic, by_place, by_sign : tuple of (str, float)
         The same by time since the impact, by harmonics of each record's dominant frequency, as a force on
         each body or in the bolted link, and of that link's force where its displacement is positive and
-        negative (`discovery.localisation.lines`, `discovery.localisation.force_map`). Where bodies are driven there are no
+        negative (`discovery.localisation.lines`, `discovery.localisation.force_map`). Where bodies are
+        driven there are no
         impacts, and no view along time since them and harmonics.
     whiteness_p : float
         Chance of so much correlation with the force where nothing is left but noise.
@@ -102,7 +103,7 @@ class Localisation:
 
 
 def localise(
-    evidence: Evidence,
+    evidence: WhitenedResidual,
     numbers: Mapping[str, float] | None = None,
     courses: Mapping[str, Profile] | None = None,
 ) -> Localisation:
@@ -175,7 +176,7 @@ def class_label(place: int, edges: Sequence[float], unit: str) -> str:
     return f"{edges[place - 1]:g} to {edges[place]:g} {unit}"
 
 
-def _peak(trace: Trace) -> float:
+def _peak(trace: MeasuredTrajectory) -> float:
     """Largest relative displacement of the first two bodies, or displacement of the one that moves [um]."""
     motions = list(trace.displacement.values())
     return float(np.abs(motions[0] - motions[1] if len(motions) > 1 else motions[0]).max()) * 1e6

@@ -8,7 +8,7 @@ import numpy as np
 
 from discovery.courses.marginal_likelihood import tau
 from discovery.courses.tension_likelihood import bin_edges
-from discovery.explain.tension_law import Slow
+from discovery.explain.tension_law import CourseFit
 from discovery.localisation.localise import Profile, class_label
 from rom.campaign.channels import FloatArray
 
@@ -18,7 +18,7 @@ _TIMES = (10.0, 30.0, 100.0, 300.0, 1000.0)  # [ms]
 _FEWEST = 5.0  # free numbers: of fewer little can be said
 
 
-def tension_views(slow: Slow) -> Mapping[str, Profile]:
+def tension_views(slow: CourseFit) -> Mapping[str, Profile]:
     """Mean square of what a law leaves over of the training courses, 1 being noise, along three views.
 
     Whitened residuals are those of each bin given the bins before it, so that they belong to what the rate
@@ -27,7 +27,7 @@ def tension_views(slow: Slow) -> Mapping[str, Profile]:
 
     Parameters
     ----------
-    slow : Slow
+    slow : CourseFit
         A law fitted to the training courses.
 
     Returns
@@ -51,7 +51,7 @@ def tension_views(slow: Slow) -> Mapping[str, Profile]:
     }
 
 
-def _free_numbers(slow: Slow) -> FloatArray:
+def _free_numbers(slow: CourseFit) -> FloatArray:
     """Mean square of every whitened residual were it noise, (cases, bins)."""
     frozen, state, whitener = slow.problem.frozen, slow.state, slow.problem.whitener
     noise = np.stack([course.covariance for course in frozen.courses])
@@ -61,7 +61,7 @@ def _free_numbers(slow: Slow) -> FloatArray:
     return np.asarray(np.maximum(by_noise - told[:, None] * state.slope**2, 0.0))
 
 
-def _speeds(slow: Slow) -> FloatArray:
+def _speeds(slow: CourseFit) -> FloatArray:
     """Largest relative velocity in every bin [m/s], (cases, bins)."""
     frozen = slow.problem.frozen
     edges = bin_edges(frozen)

@@ -12,12 +12,12 @@ from discovery.courses.tension_likelihood import acts_at_rest
 from discovery.decide.acceptance import (
     MATERIAL,
     QUIET,
+    at_noise_floor,
     harms,
     in_tension,
-    is_quiet,
-    is_sure,
-    is_told,
-    merit,
+    is_accepted,
+    is_significant,
+    penalised_gain,
     spread_of,
 )
 from discovery.decide.explanation import Explanation
@@ -31,14 +31,23 @@ from discovery.localisation.localise import localise
 from discovery.loop.force_loop import close_forces
 from discovery.loop.found_effects import found_effect, label_of, screened
 from discovery.loop.free_tension import with_free_form
-from discovery.loop.history import Chosen, Trail, alike, chosen, courses
+from discovery.loop.history import LoopHistory, Selection, alike, chosen, courses
 from discovery.loop.redundant import without_needless, without_needless_in_tension
 from discovery.loop.refits import Refits
 from discovery.loop.result import Closure, Screened, Step
-from discovery.loop.state import Stages, State, cost, lacking, level, refitted, sharpened, silent
-from discovery.residual.output_error import Evidence
+from discovery.loop.state import (
+    Stages,
+    State,
+    cost,
+    level,
+    reestimate_noise,
+    refitted,
+    residual_without,
+    silent,
+)
+from discovery.residual.output_error import WhitenedResidual
 from rom.campaign.campaign import Campaign
-from rom.effects import Added, Effect, LawChange, Reading, SensorFault
+from rom.effects import Effect, LawChange, ModelCorrection, Reading, SensorFault
 from rom.identification.force_balance import is_driven
 from rom.identification.identify import identify_campaign
 from rom.one_thread import one_threaded
@@ -77,7 +86,7 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
     found = identify_campaign(campaign, jobs, stage("identifying"))
     loop = _Loop(Refits(campaign, found, jobs, stage))
     first = loop.refits.start()
-    loop, path = loop.gauged(Trail((first,)))
+    loop, path = loop.gauged(LoopHistory((first,)))
     rested = loop.law_first(loop.at_rest(path))
     path = loop.or_formed(loop.moved(rested), rested, seed)
     path = loop.along_law(loop.in_tension(path, seed))
@@ -100,7 +109,7 @@ def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None
 class _Loop:
     refits: Refits
 
-    def gauged(self, path: Trail) -> tuple[_Loop, Trail]:
+    def gauged(self, path: LoopHistory) -> tuple[_Loop, LoopHistory]:
         """Add a fault of the gauge that the declared preloads tell, and identify the campaign anew beside it.
 
         All that follows rests on the tension: a bolt that a wrong zero shows slack is not even looked at.
@@ -113,7 +122,7 @@ class _Loop:
         refits = replace(refits, found=replace(found, warnings=(*found.warnings, DISAGREE)))
         return _Loop(refits), path.longer(one, refits.start())
 
-    def at_rest(self, path: Trail) -> Trail:
+    def at_rest(self, path: LoopHistory) -> LoopHistory:
         """Add what shows before the hits, and would pass for noise: faults of sensors, then disturbances."""
         while True:
             last = path.last
@@ -123,16 +132,16 @@ class _Loop:
                 return path
             path = path.longer(one, self.refits.adopt(last, one.best, floors_too=True))
 
-    def moved(self, path: Trail, given: Chosen | None = None) -> Trail:
+    def moved(self, path: LoopHistory, given: Selection | None = None) -> LoopHistory:
         """Add effects in the motion; then what shows before the hits once more, judged after them."""
         after = self.in_motion(path, given)
         rested = after if after.names == path.names else self.at_rest(after)
         return after if rested is after else self.in_motion(without_needless(rested, self.refits))
 
-    def in_motion(self, path: Trail, given: Chosen | None = None) -> Trail:
+    def in_motion(self, path: LoopHistory, given: Selection | None = None) -> LoopHistory:
         """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
         if given is not None:
-            after = self.refits.settled(sharpened(self.refits.beside(path.last, given.best)))
+            after = self.refits.settled(reestimate_noise(self.refits.beside(path.last, given.best)))
             if not path.improves(after):
                 return path
             path = path.longer(given, after)
@@ -144,7 +153,7 @@ class _Loop:
                 return path
             one, beside = found
             freed, one = self._freed(path, one, beside)
-            state = self.refits.settled(sharpened(beside)) if is_sure(one.best) else freed.last
+            state = self.refits.settled(reestimate_noise(beside)) if is_accepted(one.best) else freed.last
             if freed.improves(state):
                 path = without_needless(freed.longer(one, state), self.refits)
                 left = cost(path.last.evidence)
@@ -156,37 +165,43 @@ class _Loop:
             else:
                 path = freed  # with another residual, to be screened anew
 
-    def _most_helpful(self, path: Trail) -> tuple[tuple[Chosen, Evidence] | None, tuple[Screened, ...]]:
+    def _most_helpful(
+        self, path: LoopHistory
+    ) -> tuple[tuple[Selection, WhitenedResidual] | None, tuple[Screened, ...]]:
         """The effect that leaves least, what it leaves, and the first screen.
 
         Far from the plant by slopes that hold from afar; where that leaves more than next to nothing by those
         nearby too, since a law of the tension is far from linear in its numbers.
         """
         state, found, first = path.last, None, tuple[Screened, ...]()
-        for from_afar in (True, False) if state.level > _AFAR and not path.is_quiet else (False,):
+        for from_afar in (True, False) if state.level > _AFAR and not path.at_noise_floor else (False,):
             evidence = replace(state.evidence, from_afar=from_afar)
             probes = screen(evidence, self.refits.jobs, self.refits.stage("screening effects"))
             first = first or screened(probes, evidence)
             explained = self._explained(probes, evidence)
             other = self._best_beside(replace(state, evidence=evidence), explained)
             found = min((one for one in (found, other) if one), key=_left, default=None)
-            if found and is_quiet(level(found[1]), state.level):
+            if found and at_noise_floor(level(found[1]), state.level):
                 break
         return found, first
 
-    def _freed(self, path: Trail, one: Chosen, beside: Evidence) -> tuple[Trail, Chosen]:
+    def _freed(
+        self, path: LoopHistory, one: Selection, beside: WhitenedResidual
+    ) -> tuple[LoopHistory, Selection]:
         """Refit the last model from where a fit beside one more effect ended, if that leaves less.
 
         A fit that was stuck may be freed by any further effect, which would get the credit for it.
         """
         if not path.chosen or not isinstance(one.best.effect, Effect):
             return path, one
-        anew = refitted(lacking(beside, one.best.effect))
+        anew = refitted(residual_without(beside, one.best.effect))
         if cost(anew) > (1 - MATERIAL) * cost(path.last.evidence):
             return path, one
         return path.ending(self.refits.settled(anew)), replace(one, best=_told(one.best, anew, beside))
 
-    def _best_beside(self, state: State, explained: Sequence[Explanation]) -> tuple[Chosen, Evidence] | None:
+    def _best_beside(
+        self, state: State, explained: Sequence[Explanation]
+    ) -> tuple[Selection, WhitenedResidual] | None:
         """The effect that leaves least where everything is refitted beside it, and what it leaves.
 
         That is the one that explains most. Far from the plant, where more than noise is left, held-out costs,
@@ -196,14 +211,14 @@ class _Loop:
         one = chosen(explained)
         found = [] if one is None else [(one, self.refits.beside(state, one.best))]
         first = max(explained, key=lambda e: float(e.gains(hold_out=False).sum()), default=None)
-        loud = state.level > QUIET and first is not None and is_sure(first.of_training())
+        loud = state.level > QUIET and first is not None and is_accepted(first.of_training())
         if loud and first is not None and (one is None or first is not one.best):
             after = self.refits.beside(state, first)
             fitted, rivals = _told(first, state.evidence, after), alike(explained, first, hold_out=False)
-            found += [(Chosen(fitted, rivals), after)] if is_sure(fitted) else []
+            found += [(Selection(fitted, rivals), after)] if is_accepted(fitted) else []
         return min(found, key=_left, default=None)
 
-    def in_tension(self, path: Trail, seed: int = 0) -> Trail:
+    def in_tension(self, path: LoopHistory, seed: int = 0) -> LoopHistory:
         """Add effects in the tension and its gauge; a free form where the catalogue leaves too much.
 
         They are told along the motion, so where that is not explained none is asked for.
@@ -215,7 +230,7 @@ class _Loop:
                 path if misfit is None else replace(path, tension=(*(path.tension or (misfit,))[:1], misfit))
             )
         named = self._named_in_tension(path)
-        if named.tension_is_quiet:
+        if named.tension_at_noise_floor:
             return named
         starts = [path, named] if len(named.chosen) > len(path.chosen) else [path]
         return with_free_form(
@@ -225,7 +240,7 @@ class _Loop:
             refits.adopt,
         )
 
-    def _named_in_tension(self, path: Trail) -> Trail:
+    def _named_in_tension(self, path: LoopHistory) -> LoopHistory:
         """Add effects of the catalogue in the tension, which hardly show in the motion, until none helps.
 
         One that makes the simulated errors worse, or the courses by more than it explains, is not kept; nor
@@ -242,7 +257,7 @@ class _Loop:
                 e for e in told.explanations if not isinstance(e.effect, LawChange) or e.effect.path in sure
             ]
             one = chosen(known if apart else told.explanations)
-            sure = {e.effect.path for e in told.explanations if is_sure(e)}
+            sure = {e.effect.path for e in told.explanations if is_accepted(e)}
             if one is None:
                 return path
             after = self.refits.adopt(last, one.best)
@@ -258,7 +273,7 @@ class _Loop:
         tell = self.refits.stage("tension")
         return explain_tension(self.refits.campaign, state.found, state.model, self.refits.jobs, tell, only)
 
-    def law_first(self, path: Trail) -> Trail:
+    def law_first(self, path: LoopHistory) -> LoopHistory:
         """Add another law of loosening before all effects in the motion, where it is what is plainly wrong.
 
         Records are traced along a tension that falls by the declared law. Where another one holds, courses
@@ -278,7 +293,7 @@ class _Loop:
         traced = refits.settled(refitted(refits.gathered(near.baseline, near.floors)), learned=True)
         return replace(named.ending(traced), tension=named.tension[:1]) if traced.level < last.level else path
 
-    def along_law(self, path: Trail) -> Trail:
+    def along_law(self, path: LoopHistory) -> LoopHistory:
         """Drop what is needless in the motion once the tension falls by the law that was found.
 
         Until then records are traced along a tension that falls by the quartic law, whose course is a little
@@ -292,7 +307,7 @@ class _Loop:
         after = without_needless(path.ending(self.refits.settled(evidence, learned=True)), self.refits)
         return after if len(after.chosen) < len(path.chosen) and after.is_explained else path
 
-    def or_formed(self, path: Trail, start: Trail, seed: int) -> Trail:
+    def or_formed(self, path: LoopHistory, start: LoopHistory, seed: int) -> LoopHistory:
         """The trail, or from its start one with a term without the catalogue, where that leaves far less.
 
         Where names leave next to nothing of much the term must do better by itself: no others follow it.
@@ -302,20 +317,20 @@ class _Loop:
         formed = self.formed(start.last, seed)
         if formed is None:
             return path
-        if not path.is_quiet:
+        if not path.at_noise_floor:
             return path.or_better(self.moved(start, formed))
         if spread_of(formed.best) >= path.last.level:
             return path
         return path.or_better(start.longer(formed, self._by_itself(start, formed)))
 
-    def _or_nearer(self, path: Trail, start: Trail, seed: int) -> Trail:
+    def _or_nearer(self, path: LoopHistory, start: LoopHistory, seed: int) -> LoopHistory:
         """The trail, or from its start a term by itself where one beside the names shows their form wrong.
 
         A drag with |v|^1.5 leaves next to noise where one with v^2 is put in its place. The right form with
         another knee leaves as much, but no term by itself does better than that.
         """
         forces = any(isinstance(one.best.effect, Effect) for one in path.chosen[len(start.chosen) :])
-        if not forces or not any(is_told(one) for one in free_forms(path.last.evidence, seed)):
+        if not forces or not any(is_significant(one) for one in free_forms(path.last.evidence, seed)):
             return path
         formed = self.formed(start.last, seed)
         if formed is None:
@@ -323,22 +338,22 @@ class _Loop:
         named, after = path.last.evidence, self._by_itself(start, formed)
         if len(after.evidence.traces) < len(named.traces):
             return path
-        if not is_told(_told(formed.best, named, after.evidence)):
+        if not is_significant(_told(formed.best, named, after.evidence)):
             return path
         return replace(start.longer(formed, after), screened=path.screened)
 
-    def _by_itself(self, start: Trail, formed: Chosen) -> State:
-        return self.refits.settled(sharpened(self.refits.beside(start.last, formed.best)))
+    def _by_itself(self, start: LoopHistory, formed: Selection) -> State:
+        return self.refits.settled(reestimate_noise(self.refits.beside(start.last, formed.best)))
 
-    def formed(self, state: State, seed: int) -> Chosen | None:
+    def formed(self, state: State, seed: int) -> Selection | None:
         """The best term without the catalogue; None where even that does not predict held-out records."""
-        sure = [one for one in free_forms(state.evidence, seed) if is_sure(one)]
+        sure = [one for one in free_forms(state.evidence, seed) if is_accepted(one)]
         if not sure:
             return None
-        best = max(sure, key=merit)
-        return Chosen(best, ())
+        best = max(sure, key=penalised_gain)
+        return Selection(best, ())
 
-    def _explained(self, probes: Sequence[Sequence[Probe]], evidence: Evidence) -> list[Explanation]:
+    def _explained(self, probes: Sequence[Sequence[Probe]], evidence: WhitenedResidual) -> list[Explanation]:
         """Fit what the screen promises."""
         tell = self.refits.stage("fitting effects")
         left = evidence.beyond(evidence.residual)
@@ -352,16 +367,16 @@ class _Loop:
         return explanations
 
 
-def _left(one: tuple[Chosen, Evidence]) -> tuple[int, float]:
+def _left(one: tuple[Selection, WhitenedResidual]) -> tuple[int, float]:
     """Records that can be simulated with an effect, most first, then the cost of what it leaves of all."""
     return -len(one[1].traces), float(np.sum(one[1].residual ** 2))
 
 
-def _told(one: Explanation, before: Evidence, after: Evidence) -> Explanation:
+def _told(one: Explanation, before: WhitenedResidual, after: WhitenedResidual) -> Explanation:
     """What an effect explains by fits of everything without it and with it."""
     return replace(one, before=before.costs(before.residual), after=after.costs(after.residual))
 
 
-def _is_apart(effect: Added) -> bool:
+def _is_apart(effect: ModelCorrection) -> bool:
     """Whether an effect is a reading that courses are blind to: nothing of a law can hang on it."""
     return isinstance(effect, Reading) and not acts_at_rest(effect)

@@ -1,6 +1,7 @@
 """The closed loop of campaigns that drive bodies or links and have no bolt: driven, free and cycled records.
 
-The residual is the equation error (``rom.identification.equation_error``): forces that the model leaves unbalanced along the
+The residual is the equation error (``rom.identification.equation_error``): forces that the model leaves
+unbalanced along the
 measured motion, over what the sensors' white noise makes of them. Screening, fits beside the model's numbers,
 acceptance on held-out records, look-alikes and verdicts are those of impact tests.
 """
@@ -13,9 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from discovery.decide.acceptance import is_alike, is_quiet, is_sure, merit, spread_of
+from discovery.decide.acceptance import at_noise_floor, is_accepted, is_alike, penalised_gain, spread_of
 from discovery.decide.explanation import Explanation
-from discovery.explain.force_balance import Unbalanced, explain_forces, explained, fitted, screen_forces
+from discovery.explain.force_balance import (
+    ForceBalanceResidual,
+    explain_forces,
+    explained,
+    fitted,
+    screen_forces,
+)
 from discovery.explain.free_force import free_force
 from discovery.explain.motion import Probe, worth_fitting
 from discovery.localisation.force import localise_forces, numbers_of
@@ -26,7 +33,7 @@ from discovery.loop.state import Stages
 from rom.campaign.campaign import Campaign
 from rom.effects import CATALOGUE, candidates
 from rom.evaluation.error_measures import summarise
-from rom.evaluation.evaluate import Judged, judge
+from rom.evaluation.evaluate import Evaluation, evaluate
 from rom.identification.force_balance import SOUND, Balances, balances_of, model_of, noise_share
 from rom.model.model import Model
 from rom.signals.quality import Doubt
@@ -39,10 +46,10 @@ _TOLD = 3.0  # standard errors
 class _Stage:
     """A model with so many effects, what it leaves over, and its errors."""
 
-    state: Unbalanced
+    state: ForceBalanceResidual
     model: Model
     errors: ErrorsByKind
-    judged: tuple[Judged, ...]
+    judged: tuple[Evaluation, ...]
     lines: tuple[str, ...]
 
     @property
@@ -64,7 +71,8 @@ class _Found:
 
 
 def close_forces(campaign: Campaign, jobs: int, stage: Stages, seed: int = 0) -> Closure:
-    """Find what the declared model lacks of a campaign for which ``rom.identification.force_balance.is_driven`` holds.
+    """Find what the declared model lacks of a campaign for which
+    ``rom.identification.force_balance.is_driven`` holds.
 
     Parameters
     ----------
@@ -85,7 +93,7 @@ def close_forces(campaign: Campaign, jobs: int, stage: Stages, seed: int = 0) ->
     stage("identifying")
     balances, doubts = balances_of(campaign)
     zero = dict.fromkeys(balances.names, 0.0)
-    stages = [_staged(campaign, Unbalanced(balances, (), zero).with_numbers(), doubts, jobs, stage)]
+    stages = [_staged(campaign, ForceBalanceResidual(balances, (), zero).with_numbers(), doubts, jobs, stage)]
     chosen: list[_Found] = []
     screened: tuple[Screened, ...] = ()
     seen = [frozenset[str]()]
@@ -128,7 +136,7 @@ def close_forces(campaign: Campaign, jobs: int, stage: Stages, seed: int = 0) ->
 
 
 def _staged(
-    campaign: Campaign, state: Unbalanced, doubts: Sequence[Doubt], jobs: int, stage: Stages
+    campaign: Campaign, state: ForceBalanceResidual, doubts: Sequence[Doubt], jobs: int, stage: Stages
 ) -> _Stage:
     """Make the model of a state and tell its errors on all sound records."""
     balances = state.balances
@@ -145,7 +153,7 @@ def _staged(
         model = model.with_effect(effect)
     aside = {doubt.file for doubt in doubts}
     records = [r for r in campaign.settings.record if r.file not in aside]
-    judged = judge([model], campaign, records, jobs, stage("errors"))
+    judged = evaluate([model], campaign, records, jobs, stage("errors"))
     training, hold_out = (
         summarise(c for one in judged for c in one.comparisons if one.settings.hold_out is held)
         for held in (False, True)
@@ -154,8 +162,8 @@ def _staged(
 
 
 def _best(
-    probes: Sequence[Sequence[Probe]], state: Unbalanced, stage: Stages
-) -> tuple[_Found | None, Unbalanced | None]:
+    probes: Sequence[Sequence[Probe]], state: ForceBalanceResidual, stage: Stages
+) -> tuple[_Found | None, ForceBalanceResidual | None]:
     """Fit what the screen promises; the effect that explains most beyond chance, and the state with it."""
     left = float(np.sum(state.residual[state.balances.training] ** 2))
     tell, tried = stage("fitting effects"), worth_fitting(probes, left)
@@ -164,26 +172,26 @@ def _best(
         fits.append(explain_forces(one, state))
         if tell is not None:
             tell(len(fits), len(tried))
-    sure = [fit for fit in fits if is_sure(fit[0])]
+    sure = [fit for fit in fits if is_accepted(fit[0])]
     if not sure:
         return None, None
-    best, after = max(sure, key=lambda fit: merit(fit[0]))
+    best, after = max(sure, key=lambda fit: penalised_gain(fit[0]))
     rivals = [one for one, _ in sure if one is not best and is_alike(one, best)]
-    return _Found(best, tuple(sorted(rivals, key=lambda one: -merit(one)))), after
+    return _Found(best, tuple(sorted(rivals, key=lambda one: -penalised_gain(one)))), after
 
 
 def _formed(
     stages: Sequence[_Stage], chosen: Sequence[_Found], seed: int
-) -> Iterator[tuple[int, _Found, Unbalanced]]:
+) -> Iterator[tuple[int, _Found, ForceBalanceResidual]]:
     """Yield free forms in place of what the catalogue named, and beside it, with how many names they keep.
 
     None where the names leave noise alone, or next to nothing.
     """
-    if is_quiet(stages[-1].level, stages[0].level):
+    if at_noise_floor(stages[-1].level, stages[0].level):
         return
     for kept in dict.fromkeys((0, len(chosen))):
         told = free_force(stages[kept].state, seed)
-        if told is not None and is_sure(told[0]):
+        if told is not None and is_accepted(told[0]):
             yield kept, _Found(told[0], ()), told[1]
 
 
@@ -191,22 +199,22 @@ def _is_far_better(after: _Stage, before: _Stage) -> bool:
     return after.level < FAR_LESS * before.level and after.force_error() < before.force_error()
 
 
-def _together(state: Unbalanced) -> Unbalanced:
+def _together(state: ForceBalanceResidual) -> ForceBalanceResidual:
     """All effects of a state fitted again beside each other."""
     return fitted(replace(state, effects=()), state.effects)[0]
 
 
-def _without_needless(state: Unbalanced) -> Unbalanced:
+def _without_needless(state: ForceBalanceResidual) -> ForceBalanceResidual:
     """Drop one effect after the other that explains nothing beside the others; the last one stays."""
     for effect in state.effects[:-1]:
         rest = _together(replace(state, effects=tuple(e for e in state.effects if e is not effect)))
-        if not is_sure(explained(effect, CATALOGUE[effect.name], rest, state)):
+        if not is_accepted(explained(effect, CATALOGUE[effect.name], rest, state)):
             return _without_needless(rest)
     return state
 
 
 def _verdict(first: _Stage, last: _Stage, found: bool) -> Verdict:
-    if not is_quiet(last.level, first.level):
+    if not at_noise_floor(last.level, first.level):
         return "unexplained"
     return "closed" if found else "no-effect"
 
@@ -235,7 +243,7 @@ def _told(found: _Found, last: _Stage) -> FoundEffect:
     )
 
 
-def _screened(probes: Sequence[Sequence[Probe]], state: Unbalanced) -> tuple[Screened, ...]:
+def _screened(probes: Sequence[Sequence[Probe]], state: ForceBalanceResidual) -> tuple[Screened, ...]:
     cost = float(np.sum(state.residual[state.balances.training] ** 2))
     found = []
     for best, *_ in probes:

@@ -11,11 +11,11 @@ from discovery.decide.acceptance import ALIKE, NEAR, spread_of
 from discovery.decide.explanation import Explanation
 from discovery.explain.motion import Probe, explanation, motion_channels
 from discovery.loop.result import FoundEffect, LookAlike, Screened
-from discovery.loop.state import State, lacking, with_effects
-from discovery.residual.output_error import Evidence
+from discovery.loop.state import State, residual_without, with_effects
+from discovery.residual.output_error import WhitenedResidual
 from discovery.separating_tests.effects import separating_tests
 from discovery.separating_tests.law_changes import separating_hits
-from rom.effects import CATALOGUE, Added, Effect, candidates
+from rom.effects import CATALOGUE, Effect, ModelCorrection, candidates
 
 
 def found_effect(best: Explanation, rivals: Sequence[Explanation], state: State) -> FoundEffect:
@@ -45,10 +45,12 @@ def found_effect(best: Explanation, rivals: Sequence[Explanation], state: State)
     )
 
 
-def _limited(effect: Added, fitted: Added, evidence: Evidence) -> Added:
+def _limited(effect: ModelCorrection, fitted: ModelCorrection, evidence: WhitenedResidual) -> ModelCorrection:
     """With 95 % limits: of a force of the catalogue about the last model, else by the fit that found it."""
     if isinstance(effect, Effect) and effect.name in CATALOGUE:
-        return explanation(effect, CATALOGUE[effect.name], with_effects(lacking(evidence, effect))).effect
+        return explanation(
+            effect, CATALOGUE[effect.name], with_effects(residual_without(evidence, effect))
+        ).effect
     limited = {
         name: replace(p, low=_moved(old.low, p.value - old.value), high=_moved(old.high, p.value - old.value))
         for (name, p), old in zip(effect.parameters.items(), fitted.parameters.values(), strict=True)
@@ -67,12 +69,12 @@ def _moved(limit: float | None, shift: float) -> float | None:
     return None if limit is None else limit + shift
 
 
-def label_of(effect: Added) -> str:
+def label_of(effect: ModelCorrection) -> str:
     """Name and place of an effect."""
     return f"{effect.name} ({effect.enters})"
 
 
-def screened(probes: Iterable[Sequence[Probe]], evidence: Evidence) -> tuple[Screened, ...]:
+def screened(probes: Iterable[Sequence[Probe]], evidence: WhitenedResidual) -> tuple[Screened, ...]:
     """The best probe of every effect, and the share of the residual that it could explain."""
     left = evidence.beyond(evidence.residual)
     cost = float(left @ left)

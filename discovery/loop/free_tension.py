@@ -8,17 +8,17 @@ from dataclasses import replace
 from discovery.decide.acceptance import SURELY, harms
 from discovery.decide.explanation import Explanation
 from discovery.explain.tension import TensionFindings
-from discovery.loop.history import CLOSES, Chosen, Trail
+from discovery.loop.history import CLOSES, LoopHistory, Selection
 from discovery.loop.state import State
 from discovery.residual.tension_data import Misfit
 
 
 def with_free_form(
-    named: Trail,
-    starts: Iterable[Trail],
+    named: LoopHistory,
+    starts: Iterable[LoopHistory],
     tell: Callable[[State], TensionFindings],
     adopt: Callable[[State, Explanation], State],
-) -> Trail:
+) -> LoopHistory:
     """Return the first trail with a free form of the rate that explains the courses, as no name does.
 
     A name of the catalogue that leaves more than noise may be the wrong one, which is worse than none; but a
@@ -26,9 +26,9 @@ def with_free_form(
 
     Parameters
     ----------
-    named : Trail
+    named : LoopHistory
         With what the catalogue named in the tension; it leaves more than noise of the courses.
-    starts : iterable of Trail
+    starts : iterable of LoopHistory
         To which a free form is added, those with fewer effects first.
     tell : callable
         What the best free form beside a state's model explains, as `explain_freely` has it.
@@ -37,14 +37,14 @@ def with_free_form(
 
     Returns
     -------
-    Trail
+    LoopHistory
         ``named`` where no free form does.
     """
     for start in starts:
         told = tell(start.last)
         if not told.explanations:
             continue
-        one = Chosen(told.explanations[0], ())
+        one = Selection(told.explanations[0], ())
         after = adopt(start.last, one.best)
         if any(harms(other.last.errors, after.errors) for other in (start, named)):
             continue

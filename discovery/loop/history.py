@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from discovery.decide.acceptance import QUIET, is_alike, is_exact, is_quiet, is_sure, matters, merit
+from discovery.decide.acceptance import (
+    QUIET,
+    at_noise_floor,
+    is_accepted,
+    is_alike,
+    is_exact,
+    is_material,
+    penalised_gain,
+)
 from discovery.decide.explanation import Explanation
 from discovery.localisation.localise import COURSES, Profile
 from discovery.loop.result import Screened, Verdict
@@ -22,7 +30,7 @@ MODERATE = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class Chosen:
+class Selection:
     """The effect that explains most, and the others that do nearly as well."""
 
     best: Explanation
@@ -35,11 +43,11 @@ class Chosen:
 
 
 @dataclass(frozen=True, eq=False)
-class Trail:
+class LoopHistory:
     """Models one after the other, the declared one first, and the effects that lead from each to the next."""
 
     states: tuple[State, ...]
-    chosen: tuple[Chosen, ...] = ()
+    chosen: tuple[Selection, ...] = ()
     screened: tuple[Screened, ...] = ()
     tension: tuple[Misfit, ...] = ()  # of the courses, first and last
 
@@ -53,15 +61,15 @@ class Trail:
         """Names and places of its effects."""
         return frozenset(one.best.effect.path for one in self.chosen)
 
-    def longer(self, one: Chosen, state: State) -> Trail:
+    def longer(self, one: Selection, state: State) -> LoopHistory:
         """The trail with one more effect."""
         return replace(self, states=(*self.states, state), chosen=(*self.chosen, one))
 
-    def ending(self, state: State) -> Trail:
+    def ending(self, state: State) -> LoopHistory:
         """The trail with another last model of the same effects."""
         return replace(self, states=(*self.states[:-1], state))
 
-    def without(self, place: int, state: State) -> Trail:
+    def without(self, place: int, state: State) -> LoopHistory:
         """The trail without one of its effects and the model that it led to; ``state`` is then the last."""
         kept = min(place + 1, len(self.chosen) - 1)
         return replace(
@@ -71,21 +79,21 @@ class Trail:
         )
 
     @property
-    def is_quiet(self) -> bool:
+    def at_noise_floor(self) -> bool:
         """Whether noise alone is left, or next to nothing of what was beyond it."""
-        return is_quiet(self.last.level, self.states[0].level)
+        return at_noise_floor(self.last.level, self.states[0].level)
 
     @property
     def is_explained(self) -> bool:
         """Whether no more is left of the motion than noise, or than hits are known by."""
-        return self.is_quiet or (self.last.level < MODERATE and is_exact(self.last.errors))
+        return self.at_noise_floor or (self.last.level < MODERATE and is_exact(self.last.errors))
 
     @property
-    def tension_is_quiet(self) -> bool:
+    def tension_at_noise_floor(self) -> bool:
         """Whether courses of the tension differ from the law's by noise, or next to nothing more."""
         if not self.tension or self.tension[-1].is_noise:
             return True
-        return is_quiet(self.tension[-1].level, self.tension[0].level)
+        return at_noise_floor(self.tension[-1].level, self.tension[0].level)
 
     def improves(self, after: State) -> bool:
         """Whether a state is better than the last one by what matters, or leaves little beyond noise.
@@ -96,24 +104,24 @@ class Trail:
             return False
         before = self.last.level
         loud = before > QUIET
-        return matters(
+        return is_material(
             self.last.errors,
             after.errors,
-            settled=loud and self.is_quiet,
+            settled=loud and self.at_noise_floor,
             closes=loud and after.level - 1 <= CLOSES * (before - 1),
         )
 
-    def or_better(self, other: Trail) -> Trail:
+    def or_better(self, other: LoopHistory) -> LoopHistory:
         """That which leaves noise alone; where neither does, this one unless the other leaves far less.
 
         Next to nothing of much is still more than noise: a form that is a little wrong leaves as much as the
         right one with another knee. What leaves far less of that too is nearer the truth.
         """
-        if self.is_quiet:
+        if self.at_noise_floor:
             more = self.last.level - 1
             is_better = more > QUIET - 1 and other.last.level - 1 <= CLOSES * more
         else:
-            is_better = other.is_quiet or other.last.level < FAR_LESS * self.last.level
+            is_better = other.at_noise_floor or other.last.level < FAR_LESS * self.last.level
         return replace(other, screened=self.screened) if is_better else self
 
     def doubts(self) -> tuple[str, ...]:
@@ -122,7 +130,7 @@ class Trail:
 
     def excuses(self) -> tuple[str, ...]:
         """What is said where more than noise is left of a motion that counts as explained."""
-        if self.is_quiet or not self.is_explained:
+        if self.at_noise_floor or not self.is_explained:
             return ()
         error = 100 * (self.last.errors["training"]["motion_nrmse"] or 0.0)
         return (
@@ -132,18 +140,18 @@ class Trail:
 
     def verdict(self) -> Verdict:
         """What is to be said of the declared model."""
-        if not self.is_explained or not self.tension_is_quiet or (self.chosen and self.doubts()):
+        if not self.is_explained or not self.tension_at_noise_floor or (self.chosen and self.doubts()):
             return "unexplained"
         return "closed" if self.chosen else "no-effect"
 
 
-def chosen(explanations: Sequence[Explanation]) -> Chosen | None:
+def chosen(explanations: Sequence[Explanation]) -> Selection | None:
     """The effect that explains most beyond chance, and what is like it; None where there is none."""
-    sure = [one for one in explanations if is_sure(one)]
+    sure = [one for one in explanations if is_accepted(one)]
     if not sure:
         return None
-    best = max(sure, key=merit)
-    return Chosen(best, alike(explanations, best))
+    best = max(sure, key=penalised_gain)
+    return Selection(best, alike(explanations, best))
 
 
 def alike(
@@ -155,7 +163,7 @@ def alike(
         return one if hold_out else one.of_training()
 
     rivals = [one for one in explanations if one is not best and is_alike(seen(one), seen(best))]
-    return tuple(sorted(rivals, key=lambda one: -merit(seen(one))))
+    return tuple(sorted(rivals, key=lambda one: -penalised_gain(seen(one))))
 
 
 def courses(misfit: Sequence[Misfit]) -> tuple[Mapping[str, float], Mapping[str, Profile]]:

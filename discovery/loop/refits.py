@@ -14,17 +14,17 @@ from discovery.loop.history import FAR_LESS
 from discovery.loop.state import (
     Stages,
     State,
-    approached,
     cost,
     level,
+    linearised_start,
+    refit_fault,
     refitted,
-    retold,
     set_aside,
     settled,
     with_law,
 )
-from discovery.residual.free_parameters import Baseline
-from discovery.residual.output_error import Evidence, gather, starting, weigh
+from discovery.residual.free_parameters import FreeParameters
+from discovery.residual.output_error import WhitenedResidual, starting, whiten, whitened_residual_of
 from discovery.residual.trajectory import Measurements, read_measurements
 from rom.campaign.campaign import Campaign
 from rom.effects import Effect, LawChange, Reading, SensorFault, with_stiffness
@@ -32,7 +32,7 @@ from rom.identification.identify import Identification, reidentified
 from rom.identification.noise_spectrum import Group, NoiseFloor
 from rom.identification.spectral_model import SpectralRecord
 from rom.identification.uncoupled_priors import as_uncoupled, unlikely
-from rom.signals.per_record_parameters import own_names
+from rom.signals.per_record_parameters import per_record_names
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Refits:
         evidence = refitted(self.gathered(starting(self.found, self.found.model)))
         return self.settled(self._nearer(evidence))
 
-    def _nearer(self, evidence: Evidence) -> Evidence:
+    def _nearer(self, evidence: WhitenedResidual) -> WhitenedResidual:
         """Start from the uncoupled tests instead, where that leaves far less.
 
         An identification takes what it leaves over for noise: misfit, alike in all coupled records, may lead
@@ -72,11 +72,13 @@ class Refits:
             return evidence
         return refitted(self.gathered(other.baseline))
 
-    def gathered(self, baseline: Baseline, floors: Mapping[Group, NoiseFloor] | None = None) -> Evidence:
+    def gathered(
+        self, baseline: FreeParameters, floors: Mapping[Group, NoiseFloor] | None = None
+    ) -> WhitenedResidual:
         """All sound records traced along a model, and what it leaves over."""
-        return gather(self.campaign, baseline, self.measurements, floors, self.stage("tracing"))
+        return whitened_residual_of(self.campaign, baseline, self.measurements, floors, self.stage("tracing"))
 
-    def settled(self, evidence: Evidence, *, learned: bool = False) -> State:
+    def settled(self, evidence: WhitenedResidual, *, learned: bool = False) -> State:
         """Learn the tension law anew unless it is ``learned`` already, and tell the errors."""
         return settled(self.campaign, self.found, evidence, self.jobs, self.stage, learned=learned)
 
@@ -84,7 +86,7 @@ class Refits:
         """Add an effect, refit everything together, and tell the errors."""
         return self.settled(self.beside(state, one, floors_too=floors_too), learned=bool(one.beside))
 
-    def beside(self, state: State, one: Explanation, *, floors_too: bool = False) -> Evidence:
+    def beside(self, state: State, one: Explanation, *, floors_too: bool = False) -> WhitenedResidual:
         """Add an effect, trace all records anew and refit everything together.
 
         ``floors_too``: what was in the noise before the hits is not any more.
@@ -95,15 +97,17 @@ class Refits:
             return replace(state.evidence, baseline=replace(near, model=model))
         model, floors = effect.added_to(near.model), None if floors_too else state.evidence.floors
         if isinstance(effect, Effect) and not floors_too:  # first along the old model's traces
-            near = self._fitted(approached(state.evidence, effect)).baseline
+            near = self._fitted(linearised_start(state.evidence, effect)).baseline
             model = near.model
         evidence = self._fitted(self.gathered(replace(near, model=model), floors))
-        if isinstance(effect, SensorFault) and not (floors_too or own_names(effect)):  # from afar so far
-            again = refitted(self.gathered(retold(evidence, effect), evidence.floors))
+        if isinstance(effect, SensorFault) and not (
+            floors_too or per_record_names(effect)
+        ):  # from afar so far
+            again = refitted(self.gathered(refit_fault(evidence, effect), evidence.floors))
             evidence = min(evidence, again, key=cost)
         return evidence
 
-    def _fitted(self, evidence: Evidence) -> Evidence:
+    def _fitted(self, evidence: WhitenedResidual) -> WhitenedResidual:
         """Fit all numbers together; where more than noise is left, also from a start that forgets them.
 
         A model that lacked the effect may have been far from its plant, where steps do not lead back, and one
@@ -125,10 +129,10 @@ class Refits:
             return after
         effects = tuple(with_stiffness(effect, anew) for effect in near.effects)
         model = replace(anew, effects=effects, identification=None)
-        other = refitted(weigh(after.traces, replace(after.baseline, model=model), after.floors))
+        other = refitted(whiten(after.traces, replace(after.baseline, model=model), after.floors))
         return min(after, other, key=lambda e: cost(e) * (1 + MATERIAL * bool(_denied(e))))
 
 
-def _denied(evidence: Evidence) -> tuple[str, ...]:
+def _denied(evidence: WhitenedResidual) -> tuple[str, ...]:
     """Numbers of a model that uncoupled tests deny."""
     return unlikely(evidence.baseline.model, evidence.baseline.believed)

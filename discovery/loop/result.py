@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from discovery.localisation.localise import Localisation
-    from rom.effects import Added
+    from rom.effects import ModelCorrection
     from rom.evaluation.error_measures import Errors
     from rom.model.model import Model
 
@@ -48,7 +48,7 @@ class FoundEffect:
 
     Attributes
     ----------
-    effect : Added
+    effect : ModelCorrection
         With its parameters and their 95 % limits.
     look_alikes : tuple of LookAlike
         The nearest first.
@@ -58,7 +58,8 @@ class FoundEffect:
         Share of the whitened square of its `basis` that it took away on training records.
     p_value : float
         Chance that any effect of the catalogue explains as much of this campaign's residuals by chance
-        (`discovery.decide.chance`; 0.001 at least): the signs of records drawn anew in the motion, noise and scatter
+        (`discovery.decide.chance`; 0.001 at least): the signs of records drawn anew in the motion, noise and
+        scatter
         in the tension. Of what shows before the hits, in the gauge's fast part, and for few records: by the
         likelihood ratio were all noise normal, times the effects tried.
     wins : tuple of int
@@ -69,7 +70,7 @@ class FoundEffect:
         Where `p_value` comes from. The latter takes rows as independent, which a misfit is not.
     """
 
-    effect: Added
+    effect: ModelCorrection
     look_alikes: tuple[LookAlike, ...]
     source: Literal["catalogue", "free-form"]
     share: float

@@ -9,19 +9,19 @@ import numpy as np
 
 from discovery.explain.motion import Probe, explain, free_numbers, output_of, slopes_of
 from discovery.loop.result import ErrorsByKind
-from discovery.residual.free_parameters import Baseline, effect_number, size_of
-from discovery.residual.output_error import Evidence, noise_of, weigh
+from discovery.residual.free_parameters import FreeParameters, effect_number, size_of
+from discovery.residual.output_error import WhitenedResidual, noise_of, whiten
 from rom.campaign.campaign import Campaign
-from rom.effects import CATALOGUE, Added, Effect, SensorFault
+from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
 from rom.evaluation.error_measures import summarise
-from rom.evaluation.evaluate import judge
+from rom.evaluation.evaluate import evaluate
 from rom.identification.identify import Identification, relearned
 from rom.identification.reduce import Progress
 from rom.model.laws import Parameter
 from rom.model.model import Model
 
 Stages = Callable[[str], Progress | None]
-_LOUDER = 2.0  # in power: noise that it is worth to weigh by anew
+_LOUDER = 2.0  # in power: noise that it is worth to whiten by again
 _REFITS, _DAMPINGS, _SETTLED = 5, (0.0, 1e-4, 1e-2, 1.0), 1e-4
 
 
@@ -30,7 +30,7 @@ class State:
     """A model, what it leaves over, its errors, and the identification with its tension law."""
 
     model: Model
-    evidence: Evidence
+    evidence: WhitenedResidual
     errors: ErrorsByKind
     found: Identification
 
@@ -55,7 +55,7 @@ def set_aside(found: Identification) -> frozenset[str]:
 def settled(
     campaign: Campaign,
     found: Identification,
-    evidence: Evidence,
+    evidence: WhitenedResidual,
     jobs: int = 1,
     stage: Stages = silent,
     *,
@@ -69,7 +69,7 @@ def settled(
         Its records that were not set aside are simulated, held-out ones too.
     found : Identification
         For the courses of the tension.
-    evidence : Evidence
+    evidence : WhitenedResidual
         The model, and its residual.
     jobs : int
         Processes.
@@ -83,7 +83,7 @@ def settled(
     model = replace(anew.model, identification=None)
     aside = set_aside(found)
     records = [r for r in campaign.settings.record if r.file not in aside]
-    judged = judge([model], campaign, records, jobs, stage("errors"))
+    judged = evaluate([model], campaign, records, jobs, stage("errors"))
     training, hold_out = (
         summarise(c for one in judged for c in one.comparisons if one.settings.hold_out is held)
         for held in (False, True)
@@ -92,7 +92,7 @@ def settled(
     return State(model, evidence, {"training": training, "hold_out": hold_out}, anew)
 
 
-def refitted(evidence: Evidence) -> Evidence:
+def refitted(evidence: WhitenedResidual) -> WhitenedResidual:
     """Gauss-Newton steps in all numbers of a model, those of its effects among them, on training records.
 
     Damped ones where a free one does not lower the cost, none where that does not help either.
@@ -100,7 +100,9 @@ def refitted(evidence: Evidence) -> Evidence:
     for _ in range(_REFITS):
         beside = with_effects(evidence)
         trials = (
-            weigh(evidence.traces, evidence.baseline.moved(beside.steps(beside.residual, d)), evidence.floors)
+            whiten(
+                evidence.traces, evidence.baseline.moved(beside.steps(beside.residual, d)), evidence.floors
+            )
             for d in _DAMPINGS
         )
         better = next((one for one in trials if cost(one) < cost(evidence)), None)
@@ -113,20 +115,20 @@ def refitted(evidence: Evidence) -> Evidence:
     return with_effects(evidence)
 
 
-def approached(evidence: Evidence, effect: Effect) -> Evidence:
+def linearised_start(evidence: WhitenedResidual, effect: Effect) -> WhitenedResidual:
     """Return the evidence with an effect in its model, whose numbers suit training records as slopes tell."""
     rows = evidence.residual - output_of(effect, evidence)
     here = float(np.sum(rows[evidence.training] ** 2))
     for damping in _DAMPINGS:
         moved = evidence.baseline.moved(evidence.steps(rows, damping))
-        beside = weigh(evidence.traces, replace(moved, model=effect.added_to(moved.model)), evidence.floors)
+        beside = whiten(evidence.traces, replace(moved, model=effect.added_to(moved.model)), evidence.floors)
         if cost(beside) < here:
             return beside
     same = replace(evidence.baseline, model=effect.added_to(evidence.baseline.model))
-    return weigh(evidence.traces, same, evidence.floors)
+    return whiten(evidence.traces, same, evidence.floors)
 
 
-def retold(evidence: Evidence, fault: SensorFault) -> Baseline:
+def refit_fault(evidence: WhitenedResidual, fault: SensorFault) -> FreeParameters:
     """Return the baseline with a fault of its model moved to where the records that it corrects want it.
 
     What is left of a fault that is small adds to it; from afar, slopes by all numbers are off.
@@ -155,32 +157,32 @@ def with_law(model: Model, numbers: Mapping[str, Parameter]) -> Model:
     return replace(model, link_laws={**model.link_laws, link: laws})
 
 
-def sharpened(evidence: Evidence) -> Evidence:
+def reestimate_noise(evidence: WhitenedResidual) -> WhitenedResidual:
     """Refit beside the noise of bodies struck alone as it is now, where an effect had passed for it."""
     floors = noise_of(evidence.baseline, evidence.traces)
     both = evidence.floors.keys() & floors.keys()  # none of a group's records may be simulable any more
     if all(evidence.floors[one].sensor.max() < _LOUDER * floors[one].sensor.max() for one in both):
         return evidence
-    return refitted(weigh(evidence.traces, evidence.baseline, floors))
+    return refitted(whiten(evidence.traces, evidence.baseline, floors))
 
 
-def lacking(evidence: Evidence, effect: Effect) -> Evidence:
+def residual_without(evidence: WhitenedResidual, effect: Effect) -> WhitenedResidual:
     """What a model leaves over without one of its effects, all other numbers as they are."""
-    return weigh(evidence.traces, without_effect(evidence.baseline, effect), evidence.floors)
+    return whiten(evidence.traces, without_effect(evidence.baseline, effect), evidence.floors)
 
 
-def without_effect(baseline: Baseline, effect: Added) -> Baseline:
+def without_effect(baseline: FreeParameters, effect: ModelCorrection) -> FreeParameters:
     """Return the baseline without one of its model's effects."""
     kept = tuple(e for e in baseline.model.effects if e.path != effect.path)
     return replace(baseline, model=replace(baseline.model, effects=kept))
 
 
-def cost(evidence: Evidence) -> float:
+def cost(evidence: WhitenedResidual) -> float:
     """Squares of the residual on training records."""
     return float(np.sum(evidence.residual[evidence.training] ** 2))
 
 
-def with_effects(evidence: Evidence) -> Evidence:
+def with_effects(evidence: WhitenedResidual) -> WhitenedResidual:
     """The same with slopes by the numbers of the model's own forces."""
     columns, names = [evidence.jacobian], list(evidence.names)
     for effect in evidence.baseline.model.effects:
@@ -193,6 +195,6 @@ def with_effects(evidence: Evidence) -> Evidence:
     return replace(evidence, jacobian=np.concatenate(columns, axis=1), names=tuple(names))
 
 
-def level(evidence: Evidence) -> float:
+def level(evidence: WhitenedResidual) -> float:
     """Mean square of the residual on training records."""
     return cost(evidence) / float(evidence.training.sum())

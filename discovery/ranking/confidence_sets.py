@@ -20,7 +20,7 @@ import numpy as np
 from scipy import stats
 
 from discovery.courses.fit import Fit, fit
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.laws.candidate import Candidate, Term, baseline, no_loosening
 from discovery.laws.factors import Factor, Inner, velocity_power
 from discovery.ranking.pairwise import Pair, compare_laws, not_told_apart, separation
@@ -156,7 +156,7 @@ class MotionProfile:
 
 
 def exponent_profile(
-    frozen: Frozen,
+    frozen: FrozenMotion,
     form: Candidate | None = None,
     values: Sequence[float] = VALUES,
     jobs: int = 1,
@@ -165,7 +165,7 @@ def exponent_profile(
 
     Parameters
     ----------
-    frozen : Frozen
+    frozen : FrozenMotion
         Motion and measured courses.
     form : Candidate
         The law: the term of it that loosens most counts. Where its motion factor has no exponent n of the
@@ -184,7 +184,7 @@ def exponent_profile(
 
 
 def motion_profile(
-    frozen: Frozen,
+    frozen: FrozenMotion,
     form: Candidate | None = None,
     values: Sequence[float] = MIXED_VALUES,
     jobs: int = 1,
@@ -210,7 +210,7 @@ def _mixed(n: float, q: float, highest: float) -> Factor:
     return Factor("abs(v) ** n * abs(x) ** q", inner, (("v", "n"), ("x", "q")))
 
 
-def _main_term(candidate: Candidate, frozen: Frozen) -> int:
+def _main_term(candidate: Candidate, frozen: FrozenMotion) -> int:
     """The term that loosens most, in the mean over the cases of its share of the tension."""
     initial = np.maximum(frozen.initial, 1e-9)
     shares = [
@@ -220,7 +220,7 @@ def _main_term(candidate: Candidate, frozen: Frozen) -> int:
     return int(np.argmax(shares))
 
 
-def _velocity_form(form: Candidate, frozen: Frozen) -> tuple[Candidate, str]:
+def _velocity_form(form: Candidate, frozen: FrozenMotion) -> tuple[Candidate, str]:
     """The law with its exponent of the velocity free, and the name of that exponent."""
     whole = form if form.terms else baseline()
     place = _main_term(whole, frozen)
@@ -236,7 +236,7 @@ def _velocity_form(form: Candidate, frozen: Frozen) -> tuple[Candidate, str]:
 
 
 def _profile(
-    frozen: Frozen, form: Candidate, name: str, values: Sequence[float], jobs: int
+    frozen: FrozenMotion, form: Candidate, name: str, values: Sequence[float], jobs: int
 ) -> ExponentProfile:
     held = np.unique(np.asarray(values, dtype=np.float64))
     if len(held) < 3:
@@ -287,7 +287,7 @@ def _reach(low: float, high: float) -> Reach:
     return "open above" if np.isnan(high) else "identified"
 
 
-def _loses(found: Fit, frozen: Frozen) -> bool:
+def _loses(found: Fit, frozen: FrozenMotion) -> bool:
     """Whether the courses differ from "no loosening" by more than chance."""
     gain = fit(no_loosening(), frozen).deviance - found.deviance
     return bool(gain > stats.chi2.ppf(_LEVEL, len(found.free) + 1))

@@ -16,7 +16,7 @@ from scipy import stats
 from sklearn.model_selection import GroupKFold
 
 from discovery.courses.fit import Fit, fit, fit_losses, log_predictive, predict
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.marginal_likelihood import Problem
 from rom.campaign.channels import FloatArray
 
@@ -50,7 +50,7 @@ class CrossValidation:
     loss_error_percent: FloatArray
 
 
-def preload_groups(frozen: Frozen) -> Index:
+def preload_groups(frozen: FrozenMotion) -> Index:
     """Number of the preload of every case, (cases,); within 5 % of each other preloads are the same."""
     preloads = np.maximum([course.preload for course in frozen.courses], 1e-9)
     order = np.argsort(preloads, kind="stable")
@@ -80,13 +80,16 @@ def preload_folds(groups: Index, seed: int = 0) -> list[Fold]:
     return list(splitter.split(groups, groups=groups))
 
 
-def divide(frozen: Frozen, folds: Sequence[Fold]) -> list[tuple[Frozen, Frozen]]:
+def divide(frozen: FrozenMotion, folds: Sequence[Fold]) -> list[tuple[FrozenMotion, FrozenMotion]]:
     """Fitted and left-out cases of every fold."""
     return [(frozen.subset(kept), frozen.subset(left)) for kept, left in folds]
 
 
 def cross_validate(
-    fitted: Fit, frozen: Frozen, folds: Sequence[Fold], parts: Sequence[tuple[Frozen, Frozen]]
+    fitted: Fit,
+    frozen: FrozenMotion,
+    folds: Sequence[Fold],
+    parts: Sequence[tuple[FrozenMotion, FrozenMotion]],
 ) -> CrossValidation:
     """Refit without each fold's preloads, by the offsets of the full fit, and score those left out."""
     scores, errors = np.empty(len(frozen)), np.empty(len(frozen))
@@ -99,7 +102,7 @@ def cross_validate(
     return CrossValidation(np.where(np.isfinite(scores), scores, -1e12), errors)
 
 
-def _log_density(found: Fit, unseen: Frozen, offsets: FloatArray, deviations: FloatArray) -> FloatArray:
+def _log_density(found: Fit, unseen: FrozenMotion, offsets: FloatArray, deviations: FloatArray) -> FloatArray:
     """Log predictive density with modes of u sought from zero, and from the best of many places.
 
     Where a law takes all tension the search has no slope and is lost; the higher density is right.
@@ -116,7 +119,7 @@ def _log_density(found: Fit, unseen: Frozen, offsets: FloatArray, deviations: Fl
     return np.asarray(np.fmax(log_predictive(found, unseen, offsets), again))
 
 
-def refit(fitted: Fit, part: Frozen, index: Index) -> Fit:
+def refit(fitted: Fit, part: FrozenMotion, index: Index) -> Fit:
     """Fit again to the cases ``index``, from the full fit and with its offsets; where lost, the full fit."""
     if fitted.of_losses:
         return fit_losses(fitted.candidate, part, fitted.offsets[index])
@@ -141,7 +144,7 @@ def estimate(fitted: Fit) -> FloatArray:
 
 
 def limits(
-    fitted: Fit, frozen: Frozen, groups: Index, rng: np.random.Generator, spread: float = 1.0
+    fitted: Fit, frozen: FrozenMotion, groups: Index, rng: np.random.Generator, spread: float = 1.0
 ) -> dict[str, tuple[float, float]]:
     """95 % limits of every free number.
 
@@ -167,7 +170,7 @@ def limits(
     return found
 
 
-def dispersion(fitted: Fit, frozen: Frozen) -> float:
+def dispersion(fitted: Fit, frozen: FrozenMotion) -> float:
     """Mean square of whitened residuals over degrees of freedom, 1 at least: c-hat of quasi-likelihood.
 
     More than 1 where motion and noise are less well known than their covariance says: differences of
@@ -181,12 +184,12 @@ def dispersion(fitted: Fit, frozen: Frozen) -> float:
     return max(1.0, square / float(freedom))
 
 
-def information_criterion(fitted: Fit, frozen: Frozen, spread: float = 1.0) -> float:
+def information_criterion(fitted: Fit, frozen: FrozenMotion, spread: float = 1.0) -> float:
     """``deviance / c-hat + free numbers ln n``; n counts means of bins, not cases: the stricter choice."""
     return fitted.deviance / spread + len(fitted.free) * float(np.log(_size(frozen)))
 
 
-def _size(frozen: Frozen) -> int:
+def _size(frozen: FrozenMotion) -> int:
     cases, bins = frozen.change.shape
     return int(cases * (bins - _NUISANCE))
 
@@ -211,7 +214,7 @@ def paired(scores: FloatArray, other: FloatArray, groups: Index) -> tuple[float,
     return float(sums.sum()), float(error)
 
 
-def evidence(fitted: Fit, frozen: Frozen, spread: float = 1.0) -> FloatArray:
+def evidence(fitted: Fit, frozen: FrozenMotion, spread: float = 1.0) -> FloatArray:
     """Share of every case in ``-BIC / 2``, up to a constant: likelihood over c-hat, less numbers' price."""
     problem = Problem(fitted.candidate, frozen, fitted.offsets)
     state = problem.solve(problem.theta0, np.array(fitted.scatter), fitted.deviations, steps=12)

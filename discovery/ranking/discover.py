@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from discovery.courses.fit import refine
-from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.laws.candidate import baseline
 from discovery.ranking.confidence_sets import exponent_profile, motion_profile
 from discovery.ranking.pairwise import compare_laws, not_told_apart
@@ -130,7 +130,7 @@ def _left_out(columns: Sequence[str]) -> tuple[str, ...]:
     return (f"sparse fits: left out columns that are zero or multiples of others: {named}{more}",)
 
 
-def _with_what_is_open(ranking: Ranking, frozen: Frozen, jobs: int, stage: Stages) -> Ranking:
+def _with_what_is_open(ranking: Ranking, frozen: FrozenMotion, jobs: int, stage: Stages) -> Ranking:
     """Add the exponents' confidence sets, the laws not told apart, and the tests that would tell them."""
     report = stage("what is still open")
     winner = ranking.laws[0]

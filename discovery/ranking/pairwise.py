@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from discovery.courses.fit import Fit, log_predictive, predict
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.ranking.cross_validation import Index, beyond_chance, paired, preload_groups
 from rom.campaign.channels import FloatArray
 
@@ -57,7 +57,7 @@ class Pair:
 
 
 def compare_laws(
-    fits: Sequence[Fit], frozen: Frozen, scores: Mapping[str, FloatArray] | None = None
+    fits: Sequence[Fit], frozen: FrozenMotion, scores: Mapping[str, FloatArray] | None = None
 ) -> tuple[Pair, ...]:
     """Compare laws pair by pair.
 
@@ -65,7 +65,7 @@ def compare_laws(
     ----------
     fits : sequence of Fit
         Fitted to the cases of ``frozen``, with different names.
-    frozen : Frozen
+    frozen : FrozenMotion
         Motion and measured courses.
     scores : mapping of str to ndarray, shape (cases,)
         Log scores of every case by law, cross-validated. Not given: log marginal likelihoods of the fits
@@ -91,7 +91,7 @@ def not_told_apart(pairs: Sequence[Pair], name: str) -> tuple[str, ...]:
     )
 
 
-def _pair(a: Fit, b: Fit, frozen: Frozen, scores: Mapping[str, FloatArray], groups: Index) -> Pair:
+def _pair(a: Fit, b: Fit, frozen: FrozenMotion, scores: Mapping[str, FloatArray], groups: Index) -> Pair:
     total, error = paired(scores[a.candidate.name], scores[b.candidate.name], groups)
     if total < 0:
         a, b, total = b, a, -total
@@ -101,7 +101,7 @@ def _pair(a: Fit, b: Fit, frozen: Frozen, scores: Mapping[str, FloatArray], grou
     return Pair(a.candidate.name, b.candidate.name, total, error, apart, told)
 
 
-def separation(a: Fit, b: Fit, frozen: Frozen) -> float:
+def separation(a: Fit, b: Fit, frozen: FrozenMotion) -> float:
     """Expected log likelihood ratio of two fitted laws over all cases, if the one or the other were true.
 
     The smaller of both ways, of normal courses whose covariance holds noise and scatter of the rate.
@@ -110,7 +110,7 @@ def separation(a: Fit, b: Fit, frozen: Frozen) -> float:
     return min(_divergence(mean_a, cov_a, mean_b, cov_b), _divergence(mean_b, cov_b, mean_a, cov_a))
 
 
-def _marginal(found: Fit, frozen: Frozen) -> tuple[FloatArray, FloatArray]:
+def _marginal(found: Fit, frozen: FrozenMotion) -> tuple[FloatArray, FloatArray]:
     """Mean and covariance of the courses, linear in the deviations about their modes."""
     here = predict(found.candidate, frozen, found.offsets, found.deviations)
     ahead = predict(found.candidate, frozen, found.offsets, found.deviations + _STEP)

@@ -11,7 +11,7 @@ from joblib import Parallel, delayed
 from scipy import optimize, stats
 
 from discovery.courses.fit import Fit, correction, fit, predict, refine, resimulate
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.laws.candidate import Candidate
 from discovery.laws.factors import Factor, Inner
 from rom.campaign.channels import FloatArray
@@ -28,7 +28,7 @@ Side = list[tuple[float, Fit]]
 class Curve:
     """Fits of a form along one of its exponents; offsets to full re-simulation are linear between anchors."""
 
-    frozen: Frozen
+    frozen: FrozenMotion
     form: Candidate
     name: str
     ends: tuple[float, float]
@@ -144,7 +144,7 @@ class Curve:
         return float(optimize.brentq(excess, inner, outer, xtol=close)) if excess(outer) > 0 else outer
 
 
-def dispersion_of(found: Fit, frozen: Frozen) -> tuple[float, bool]:
+def dispersion_of(found: Fit, frozen: FrozenMotion) -> tuple[float, bool]:
     """Mean square of the whitened residuals, one at least, and whether chance allows it."""
     residual = frozen.change - predict(found.candidate, frozen, found.offsets, found.deviations)
     solved = np.linalg.solve(frozen.covariance, residual[..., None])[..., 0]

@@ -10,7 +10,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from discovery.courses.fit import Fit, correction, fit, fit_losses, predict, unchanged
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.laws.candidate import BASELINE, Candidate, rivals_always_in_the_race
 from discovery.ranking import cross_validation as validation
 from discovery.ranking.cross_validation import CrossValidation, Fold
@@ -18,7 +18,7 @@ from discovery.ranking.result import OFTEN, RankedLaw, Ranking, names_of, with_l
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
 from rom.evaluation.error_measures import Errors, summarise
-from rom.evaluation.evaluate import judge
+from rom.evaluation.evaluate import evaluate
 from rom.identification.reduce import Progress
 from rom.model.laws import Parameter
 
@@ -47,8 +47,8 @@ class _Entrant:
 
 def race(
     candidates: Sequence[Candidate],
-    frozen: Frozen,
-    hold_out: Frozen | None = None,
+    frozen: FrozenMotion,
+    hold_out: FrozenMotion | None = None,
     campaign: Campaign | None = None,
     seed: int = 0,
     jobs: int = 1,
@@ -60,9 +60,9 @@ def race(
     ----------
     candidates : sequence of Candidate
         Proposed laws; their numbers are the start of the fit.
-    frozen : Frozen
+    frozen : FrozenMotion
         Motion and tension courses of the training records.
-    hold_out : Frozen
+    hold_out : FrozenMotion
         Of records that no fit sees: they only say which records of the campaign are judged as held out.
     campaign : Campaign
         Its loosening records are re-simulated in full with every law listed; None: `errors` are empty.
@@ -110,7 +110,7 @@ class _Runner:
         stage: int,
         work: Callable[..., list[Found]],
         items: Sequence[Item],
-        frozen: Frozen,
+        frozen: FrozenMotion,
         *others: object,
     ) -> list[Found]:
         count = max(min(_CHUNKS * self.jobs, len(items)), 1)
@@ -153,15 +153,15 @@ def _lowest(fits: Sequence[Fit | None]) -> list[Fit]:
     return list(best.values())
 
 
-def _fit_some(candidates: Sequence[Candidate], frozen: Frozen) -> list[Fit | None]:
+def _fit_some(candidates: Sequence[Candidate], frozen: FrozenMotion) -> list[Fit | None]:
     return [_safely(fit, candidate, frozen) for candidate in candidates]
 
 
-def _refine_some(fits: Sequence[Fit], frozen: Frozen) -> list[Fit | None]:
+def _refine_some(fits: Sequence[Fit], frozen: FrozenMotion) -> list[Fit | None]:
     return [_safely(_corrected, found, frozen) for found in fits]
 
 
-def _corrected(found: Fit, frozen: Frozen) -> Fit:
+def _corrected(found: Fit, frozen: FrozenMotion) -> Fit:
     """Correct by full re-simulation and fit on from the fit at hand.
 
     Where a law is far from the truth, as the baseline may be, it may be so steep in the tension that the
@@ -180,7 +180,7 @@ def _corrected(found: Fit, frozen: Frozen) -> Fit:
     return found
 
 
-def _of_losses(candidate: Candidate, frozen: Frozen) -> Fit:
+def _of_losses(candidate: Candidate, frozen: FrozenMotion) -> Fit:
     """Fit a law whose courses are not those measured to the losses alone, corrected by full re-simulation."""
     start = next((c for c in rivals_always_in_the_race() if c.name == candidate.name), candidate)
     found = fit_losses(start, frozen)
@@ -198,7 +198,7 @@ def _finite(offsets: FloatArray) -> FloatArray:
     return offsets
 
 
-def _safely(work: Callable[[Item, Frozen], Fit], item: Item, frozen: Frozen) -> Fit | None:
+def _safely(work: Callable[[Item, FrozenMotion], Fit], item: Item, frozen: FrozenMotion) -> Fit | None:
     """Fit of a candidate; None where it cannot be solved or its simulation fails: it is out of the race."""
     try:
         with np.errstate(all="ignore"):
@@ -208,13 +208,13 @@ def _safely(work: Callable[[Item, Frozen], Fit], item: Item, frozen: Frozen) -> 
     return found if np.isfinite(found.deviance) else None
 
 
-def _validate_some(fits: Sequence[Fit], frozen: Frozen, folds: Sequence[Fold]) -> list[CrossValidation]:
+def _validate_some(fits: Sequence[Fit], frozen: FrozenMotion, folds: Sequence[Fold]) -> list[CrossValidation]:
     parts = validation.divide(frozen, folds)
     with np.errstate(all="ignore"):
         return [validation.cross_validate(found, frozen, folds, parts) for found in fits]
 
 
-def _best(fits: Sequence[Fit | None], frozen: Frozen, share: tuple[int, int, float]) -> list[Fit]:
+def _best(fits: Sequence[Fit | None], frozen: FrozenMotion, share: tuple[int, int, float]) -> list[Fit]:
     """The fits of lowest BIC, and what is always in the race."""
     least, most, reach = share
     there = [(validation.information_criterion(found, frozen), found) for found in fits if found is not None]
@@ -234,7 +234,7 @@ def _at_bound(found: Fit) -> bool:
     return any(p.value in p.bounds for p in values)
 
 
-def _merged(fits: Sequence[Fit], frozen: Frozen) -> list[tuple[Fit, tuple[str, ...]]]:
+def _merged(fits: Sequence[Fit], frozen: FrozenMotion) -> list[tuple[Fit, tuple[str, ...]]]:
     """Laws of equal predictions as one: that of the fewest numbers, the others as its look-alikes.
 
     Also those with a number at its bound, a threshold of zero say, that fit as well as a simpler law.
@@ -267,7 +267,7 @@ def _merged(fits: Sequence[Fit], frozen: Frozen) -> list[tuple[Fit, tuple[str, .
 
 
 def _ranked(
-    entrants: Sequence[_Entrant], frozen: Frozen, groups: validation.Index, rng: np.random.Generator
+    entrants: Sequence[_Entrant], frozen: FrozenMotion, groups: validation.Index, rng: np.random.Generator
 ) -> tuple[RankedLaw, ...]:
     fits = [entrant.fit for entrant in entrants]
     checks = [entrant.validation for entrant in entrants if entrant.validation is not None]
@@ -307,7 +307,7 @@ def _ranked(
 
 
 def _parameters(
-    found: Fit, frozen: Frozen, groups: validation.Index, rng: np.random.Generator, spread: float
+    found: Fit, frozen: FrozenMotion, groups: validation.Index, rng: np.random.Generator, spread: float
 ) -> dict[str, Parameter]:
     """Numbers with 95 % limits."""
     limits = validation.limits(found, frozen, groups, rng, spread)
@@ -324,8 +324,8 @@ def _listed(laws: Sequence[RankedLaw]) -> list[RankedLaw]:
 
 def _judged(
     laws: Sequence[RankedLaw],
-    frozen: Frozen,
-    hold_out: Frozen | None,
+    frozen: FrozenMotion,
+    hold_out: FrozenMotion | None,
     campaign: Campaign,
     jobs: int,
     run: _Runner,
@@ -336,7 +336,7 @@ def _judged(
     files = {course.file for course in frozen.courses} | unseen
     records = [record for record in campaign.settings.record if record.file in files]
     models = [with_law(frozen.model, law) for law in listed]
-    judged = judge(
+    judged = evaluate(
         models, campaign, records, jobs, lambda done, total: run.report(run.stages - 1, done / total)
     )
     errors: list[dict[str, Errors]] = []

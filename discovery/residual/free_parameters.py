@@ -8,8 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
-from rom.effects import Added, with_stiffness
-from rom.identification.priors import Tie
+from rom.effects import ModelCorrection, with_stiffness
+from rom.identification.priors import PriorConstraint
 from rom.identification.record_spectra import UNCOUPLED
 from rom.identification.spectral_model import CORNER, SpectralRecord, key, step_unit
 from rom.identification.uncoupled_priors import without_modes
@@ -24,7 +24,7 @@ Slopes = Mapping[str, float]
 _OF_EFFECT = "effect|"
 
 
-def effect_number(effect: Added, parameter: str) -> str:
+def effect_number(effect: ModelCorrection, parameter: str) -> str:
     """Name of a number of an effect; it is counted in shares of its size."""
     return f"{_OF_EFFECT}{effect.enters}|{effect.name}|{parameter}"
 
@@ -35,7 +35,7 @@ def size_of(value: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Baseline:
+class FreeParameters:
     """A model, and the corners of the sensors' AC coupling, as free numbers.
 
     A constant of a link or a mass is one number, counted in shares of its value; a law that sees the tension
@@ -45,7 +45,7 @@ class Baseline:
 
     model: Model
     corners: Mapping[str, float]
-    ties: tuple[Tie, ...] = ()
+    ties: tuple[PriorConstraint, ...] = ()
 
     def values(self, record: SpectralRecord, tension: float) -> dict[str, float]:
         """Values of all terms of a record [SI], at a tension [N]."""
@@ -78,7 +78,7 @@ class Baseline:
             found[f"{term}:{parameter}"] = (float(moved(tension)) - here) / here * size / step
         return found
 
-    def moved(self, steps: Mapping[str, float]) -> Baseline:
+    def moved(self, steps: Mapping[str, float]) -> FreeParameters:
         """The same with its numbers moved, by the names of ``slopes`` and in their units."""
         model, corners = self.model, dict(self.corners)
         for name, step in steps.items():
@@ -93,7 +93,7 @@ class Baseline:
         return replace(self, model=model, corners=corners)
 
     @cached_property
-    def believed(self) -> tuple[Tie, ...]:
+    def believed(self) -> tuple[PriorConstraint, ...]:
         """The ties that hold beside the model's effects, which show in a body's own test too."""
         return without_modes(self.ties, {effect.enters for effect in self.model.effects})
 

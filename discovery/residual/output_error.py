@@ -1,7 +1,8 @@
 """The residual of a model on all records at once, whitened by the noise before the hits.
 
 The output error of the motion is taken in the frequency domain, where neither filters nor integration enter
-(`rom.identification.spectral_model`): linear parts of the model stand in its transfer function, everything else (a tension that
+(`rom.identification.spectral_model`): linear parts of the model stand in its transfer function, everything
+else (a tension that
 falls during the test, effects) is a force along the motion that was measured. So the residual is linear in
 the strength of a missing effect however large that is, and stays in phase.
 
@@ -24,11 +25,11 @@ import numpy as np
 import numpy.typing as npt
 
 from discovery.decide.acceptance import QUIET
-from discovery.residual.free_parameters import Baseline
-from discovery.residual.trajectory import Measurements, Progress, Trace, trace_records
+from discovery.residual.free_parameters import FreeParameters
+from discovery.residual.trajectory import MeasuredTrajectory, Measurements, Progress, trace_records
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
-from rom.effects import Added, Effect
+from rom.effects import Effect, ModelCorrection
 from rom.identification.identify import Identification
 from rom.identification.noise_spectrum import Group, NoiseFloor, before_hit, noise_floors, quiet_seconds
 from rom.identification.priors import ALIGNED
@@ -46,18 +47,18 @@ from rom.identification.spectral_model import (
 from rom.identification.uncoupled_priors import constants, of_stiffness
 from rom.kernels.prescribed import force_of_effects
 from rom.model.model import Model
-from rom.signals.per_record_parameters import own_names
+from rom.signals.per_record_parameters import per_record_names
 
 _SUBSTEPS = 2
 _SAME = 1e-9  # of the largest singular value: directions that the slopes do not tell
 _MEDIAN_SQUARE = 0.4549  # of a normal number
 
 
-Change = Callable[[Trace, SpectralRecord, Linearised], ComplexArray | None]
+Change = Callable[[MeasuredTrajectory, SpectralRecord, Linearised], ComplexArray | None]
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class WhitenedResidual:
     """Whitened residual of a model on its records, and its slopes by the model's numbers.
 
     Attributes
@@ -72,10 +73,10 @@ class Evidence:
         Whether `slopes` are those along the measured motion, right for changes of any size, or `jacobian`.
     """
 
-    traces: tuple[Trace, ...]
-    baseline: Baseline
+    traces: tuple[MeasuredTrajectory, ...]
+    baseline: FreeParameters
     floors: Mapping[Group, NoiseFloor]
-    parts: tuple[tuple[Trace, SpectralRecord, Linearised], ...]
+    parts: tuple[tuple[MeasuredTrajectory, SpectralRecord, Linearised], ...]
     residual: FloatArray
     jacobian: FloatArray
     names: tuple[str, ...]
@@ -99,7 +100,7 @@ class Evidence:
         """Rows of records that are not held out."""
         return ~np.array([trace.settings.hold_out for trace in self.traces])[self.owner]
 
-    def with_own(self, path: str, own: Mapping[str, Mapping[str, float]]) -> Evidence:
+    def with_own(self, path: str, own: Mapping[str, Mapping[str, float]]) -> WhitenedResidual:
         """The same with numbers of an effect that are each record's own, by file and name."""
         traces = [
             replace(t, own={**t.own, path: own[t.settings.file]}) if t.settings.file in own else t
@@ -109,11 +110,11 @@ class Evidence:
         parts = tuple((new[id(trace)], part, linear) for trace, part, linear in self.parts)
         return replace(self, traces=tuple(traces), parts=parts)
 
-    def of_training(self) -> Evidence:
+    def of_training(self) -> WhitenedResidual:
         """The same without the records that are held out."""
         return self.of([k for k, trace in enumerate(self.traces) if not trace.settings.hold_out])
 
-    def of(self, kept: Sequence[int]) -> Evidence:
+    def of(self, kept: Sequence[int]) -> WhitenedResidual:
         """The same with some of its records alone, by their places in order."""
         if len(kept) == len(self.traces):
             return self
@@ -211,20 +212,20 @@ class Evidence:
         return np.concatenate(rows)
 
 
-def gather(
+def whitened_residual_of(
     campaign: Campaign,
-    baseline: Baseline,
+    baseline: FreeParameters,
     measurements: Measurements,
     floors: Mapping[Group, NoiseFloor] | None = None,
     progress: Progress | None = None,
-) -> Evidence:
-    """Trace all records of moving bodies with a model and weigh what it leaves by the noise floor.
+) -> WhitenedResidual:
+    """Follow all records of moving bodies with a model and whiten what it leaves by the noise floor.
 
     Parameters
     ----------
     campaign : Campaign
         Its settings.
-    baseline : Baseline
+    baseline : FreeParameters
         The model.
     measurements : sequence
         Its records, as `read_measurements` has them.
@@ -234,18 +235,18 @@ def gather(
         Called as ``progress(done, total)``.
     """
     traces = trace_records(campaign, baseline, measurements, progress)
-    return weigh(traces, baseline, noise_of(baseline, traces) if floors is None else floors)
+    return whiten(traces, baseline, noise_of(baseline, traces) if floors is None else floors)
 
 
-def starting(found: Identification, model: Model) -> Baseline:
+def starting(found: Identification, model: Model) -> FreeParameters:
     """Return the baseline of a model with the sensors' corners that its identification found."""
     linear = found.linear
     corners = {n: linear.value(n) for n in linear.names if n.startswith(CORNER)} if linear is not None else {}
     ties = of_stiffness(linear.ties) if linear is not None else ()
-    return Baseline(replace(model, identification=None), corners, ties)
+    return FreeParameters(replace(model, identification=None), corners, ties)
 
 
-def noise_of(baseline: Baseline, traces: Sequence[Trace]) -> Mapping[Group, NoiseFloor]:
+def noise_of(baseline: FreeParameters, traces: Sequence[MeasuredTrajectory]) -> Mapping[Group, NoiseFloor]:
     """Floors from before the hits; a body struck alone gets what its own residual asks for, if more.
 
     There a hit accelerates the sensor's body at once, faster than samples follow, and no joint is seen.
@@ -259,7 +260,7 @@ def noise_of(baseline: Baseline, traces: Sequence[Trace]) -> Mapping[Group, Nois
     alone = [trace for trace in traces if trace.measurement.test == "uncoupled"]
     if not alone:
         return floors
-    evidence = weigh(alone, baseline, floors)
+    evidence = whiten(alone, baseline, floors)
     left = evidence.left_over(evidence.residual)
     lift: dict[Group, float] = {}
     for place, trace in enumerate(alone):
@@ -268,7 +269,9 @@ def noise_of(baseline: Baseline, traces: Sequence[Trace]) -> Mapping[Group, Nois
     return {group: floor.raised(lift.get(group, 1.0)) for group, floor in floors.items()}
 
 
-def weigh(traces: Sequence[Trace], baseline: Baseline, floors: Mapping[Group, NoiseFloor]) -> Evidence:
+def whiten(
+    traces: Sequence[MeasuredTrajectory], baseline: FreeParameters, floors: Mapping[Group, NoiseFloor]
+) -> WhitenedResidual:
     """Return the whitened residual and its slopes at a baseline."""
     parts, columns = [], []
     for trace in traces:
@@ -284,7 +287,7 @@ def weigh(traces: Sequence[Trace], baseline: Baseline, floors: Mapping[Group, No
             parts.append((trace, driven, linear.thin()))
     names = tuple(dict.fromkeys(name for slopes in columns for name in slopes))
     places = {id(trace): place for place, trace in enumerate(traces)}
-    return Evidence(
+    return WhitenedResidual(
         traces=tuple(traces),
         baseline=baseline,
         floors=floors,
@@ -304,7 +307,7 @@ def weigh(traces: Sequence[Trace], baseline: Baseline, floors: Mapping[Group, No
 
 
 def _along_measured(
-    trace: Trace, part: SpectralRecord, linear: Linearised, baseline: Baseline
+    trace: MeasuredTrajectory, part: SpectralRecord, linear: Linearised, baseline: FreeParameters
 ) -> dict[str, FloatArray]:
     """Slopes along the motion that was measured, by the numbers of springs, dashpots and masses."""
     values = baseline.values(part, trace.level)
@@ -326,7 +329,7 @@ def _along_measured(
 
 
 def _by_number(
-    terms: Iterable[tuple[str, FloatArray]], baseline: Baseline, level: float
+    terms: Iterable[tuple[str, FloatArray]], baseline: FreeParameters, level: float
 ) -> dict[str, FloatArray]:
     """Slopes by the model's numbers of slopes by a record's coefficients."""
     found: dict[str, FloatArray] = {}
@@ -336,7 +339,7 @@ def _by_number(
     return found
 
 
-def _beyond_linear(trace: Trace, model: Model) -> list[tuple[FloatArray, tuple[str, str]]]:
+def _beyond_linear(trace: MeasuredTrajectory, model: Model) -> list[tuple[FloatArray, tuple[str, str]]]:
     """Forces of the model that are not in its linear part, each with the ends of its link."""
     found = []
     for link in model.structure.links:
@@ -355,7 +358,9 @@ def _beyond_linear(trace: Trace, model: Model) -> list[tuple[FloatArray, tuple[s
     return found
 
 
-def effect_force(trace: Trace, effect: Effect, model: Model) -> tuple[FloatArray, tuple[str, str]] | None:
+def effect_force(
+    trace: MeasuredTrajectory, effect: Effect, model: Model
+) -> tuple[FloatArray, tuple[str, str]] | None:
     """Force of an effect along a record's motion and the ends it acts between; None where it cannot act."""
     link = next((one for one in model.structure.links if one.name == effect.enters), None)
     ends = (link.first, link.second) if link is not None else (effect.enters.partition(":")[2], "ground")
@@ -378,7 +383,7 @@ def effect_force(trace: Trace, effect: Effect, model: Model) -> tuple[FloatArray
     return np.asarray(force), ends
 
 
-def lasting_force(trace: Trace, effects: Sequence[Added], samples: int) -> FloatArray:
+def lasting_force(trace: MeasuredTrajectory, effects: Sequence[ModelCorrection], samples: int) -> FloatArray:
     """Force [N] of a record's first samples on its bodies that acts all the time, (samples, bodies).
 
     That of effects with numbers of each record's own; others wait for the hit.
@@ -386,7 +391,7 @@ def lasting_force(trace: Trace, effects: Sequence[Added], samples: int) -> Float
     out = np.zeros((samples, len(trace.bodies)))
     for effect in effects:
         body = effect.enters.partition(":")[2]
-        if isinstance(effect, Effect) and own_names(effect) and body in trace.bodies:
+        if isinstance(effect, Effect) and per_record_names(effect) and body in trace.bodies:
             own = effect.with_values(**trace.own.get(effect.path, {}))
             table, still = np.array([[own.address, 0, 0]]), np.zeros((5, samples))
             step_s = 1 / trace.measurement.rate_hz

@@ -15,13 +15,13 @@ import numpy as np
 from joblib import Parallel, delayed
 from scipy import linalg
 
-from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.courses.frozen_motion import FrozenMotion, freeze
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import FloatArray
 from rom.effects import Effect, Motion, Reading, SensorFault
 from rom.model.law_change import LawChange
 from rom.model.model import Model
-from rom.signals.per_record_parameters import own_names, own_numbers
+from rom.signals.per_record_parameters import own_numbers, per_record_names
 from rom.signals.processing import Measurement, TensionRecord, process, tension_record
 from rom.signals.quality import assess
 from rom.signals.sensor_correction import corrected
@@ -47,7 +47,7 @@ _ALLOWED = 0.3  # of the noise of a sample: so much of the peaks of any column i
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class TensionObservation:
     """A record's tension without the faults and readings that the model knows, and the motion beside it."""
 
     settings: RecordSettings
@@ -74,7 +74,7 @@ class Projected:
     own: FloatArray | None = None
 
 
-def read_tensions(campaign: Campaign, model: Model, jobs: int = 1) -> tuple[Seen, ...]:
+def read_tensions(campaign: Campaign, model: Model, jobs: int = 1) -> tuple[TensionObservation, ...]:
     """Return every coupled and loosening record, held out or not, that has a tension and a hit."""
     records = [r for r in campaign.settings.record if r.test in ("coupled", "loosening")]
     bare = replace(model, identification=None)
@@ -82,7 +82,7 @@ def read_tensions(campaign: Campaign, model: Model, jobs: int = 1) -> tuple[Seen
     return tuple(seen for seen in found if seen is not None)
 
 
-def _seen(campaign: Campaign, record: RecordSettings, model: Model) -> Seen | None:
+def _seen(campaign: Campaign, record: RecordSettings, model: Model) -> TensionObservation | None:
     loaded = campaign.load(record)
     if assess(loaded, campaign.settings):
         return None
@@ -106,7 +106,7 @@ def _seen(campaign: Campaign, record: RecordSettings, model: Model) -> Seen | No
         np.zeros((0, 0)), tension.rate_hz, campaign.settings.windows.final_s,
         tension.initial if held else tension.final, tension.final_error,
     )  # fmt: skip
-    return Seen(
+    return TensionObservation(
         record, course, bins, bins_before_hit(measurement), tension.samples, tension.rate_hz,
         motion.displacement, motion.link_force, motion.body_displacement, _white(measurement, tension),
     )  # fmt: skip
@@ -115,7 +115,7 @@ def _seen(campaign: Campaign, record: RecordSettings, model: Model) -> Seen | No
 def _without_known(measurement: Measurement, model: Model) -> tuple[Measurement, Motion]:
     """The record as its gauge would show it without what the model knows, and the measured motion."""
     gauge = replace(model, effects=tuple(e for e in model.effects if not isinstance(e, Effect)))
-    if any(own_names(effect) for effect in gauge.effects):
+    if any(per_record_names(effect) for effect in gauge.effects):
         gauge, _ = own_numbers(gauge, measurement, None)
     measurement = corrected(measurement, gauge)
     tension = measurement.tension
@@ -174,7 +174,9 @@ class Drift:
     spread: float
 
 
-def noises(seen: Sequence[Seen], allowed: float) -> tuple[CourseNoise, CourseNoise, Drift] | None:
+def noises(
+    seen: Sequence[TensionObservation], allowed: float
+) -> tuple[CourseNoise, CourseNoise, Drift] | None:
     """Return the noise of courses with a drift that no gauge is free of, with the one that it has, and that.
 
     From training tests that leave the tension alone. What all of those share is no noise: it is taken out.
@@ -182,7 +184,7 @@ def noises(seen: Sequence[Seen], allowed: float) -> tuple[CourseNoise, CourseNoi
 
     Parameters
     ----------
-    seen : sequence of Seen
+    seen : sequence of TensionObservation
         All records.
     allowed : float
         Drift [N/s] that is no finding, one standard deviation.
@@ -208,7 +210,7 @@ def noises(seen: Sequence[Seen], allowed: float) -> tuple[CourseNoise, CourseNoi
     return steady, drifting, Drift(mean, allowed * float(np.sqrt(drifting.drift / steady.drift)))
 
 
-def _drifting(noise: CourseNoise, seen: Sequence[Seen], drift: float) -> CourseNoise:
+def _drifting(noise: CourseNoise, seen: Sequence[TensionObservation], drift: float) -> CourseNoise:
     """The same noise with another drift [N/s]."""
     slope = 1.0 if noise.of_tension else float(np.median([s.bins.slope for s in seen]))
     return replace(noise, drift=(drift / slope) ** 2)
@@ -244,7 +246,7 @@ def _first(bins: TensionBins, count: int, change: FloatArray) -> TensionBins:
     return replace(bins, edges_s=edges, change=change, counts=bins.counts[:count], lag_s=bins.lag_s[:count])
 
 
-def frozen_of(seen: Sequence[Seen], noise: CourseNoise, model: Model) -> Frozen:
+def frozen_of(seen: Sequence[TensionObservation], noise: CourseNoise, model: Model) -> FrozenMotion:
     """Motion of all records, frozen, thinned to what a law's course needs."""
     courses = [replace(s.course, covariance=noise.covariance(s.bins)) for s in seen]
     kept = tuple(e for e in model.effects if not isinstance(e, (LawChange, Reading, SensorFault)))
@@ -252,7 +254,7 @@ def frozen_of(seen: Sequence[Seen], noise: CourseNoise, model: Model) -> Frozen:
     return thinned(frozen, [s.settings.test == "coupled" for s in seen])
 
 
-def thinned(frozen: Frozen, small: Sequence[bool]) -> Frozen:
+def thinned(frozen: FrozenMotion, small: Sequence[bool]) -> FrozenMotion:
     """Frozen motion with fewer nodes, fewest for small hits, up to the end of the last bin."""
     end_s = float(frozen.courses[0].edges_s[-1] - frozen.courses[0].impact_s)
     parts = [_thinned(frozen.of_case(i), end_s, few) for i, few in enumerate(small)]
@@ -268,7 +270,9 @@ def _thinned(nodes: FloatArray, end_s: float, small: bool) -> FloatArray:
     return np.concatenate([kept, [[end_s + 1e-3], *kept[1:, -1:]]], axis=1)
 
 
-def drifted(frozen: Frozen, seen: Sequence[Seen], old: CourseNoise, new: CourseNoise, drift: float) -> Frozen:
+def drifted(
+    frozen: FrozenMotion, seen: Sequence[TensionObservation], old: CourseNoise, new: CourseNoise, drift: float
+) -> FrozenMotion:
     """The same motion with another noise of the courses, less a drift [N/s] that all have."""
     bins = frozen.change.shape[1]
     more = [(new.covariance(s.bins) - old.covariance(s.bins))[:bins, :bins] for s in seen]
@@ -276,19 +280,19 @@ def drifted(frozen: Frozen, seen: Sequence[Seen], old: CourseNoise, new: CourseN
     return replace(frozen, change=change, covariance=frozen.covariance + np.stack(more))
 
 
-def rest_of(seen: Seen, nodes: FloatArray) -> FloatArray:
+def rest_of(seen: TensionObservation, nodes: FloatArray) -> FloatArray:
     """Measured tension less the course simulated with the record's own rate [N], at all samples."""
     time = np.arange(len(seen.tension)) / seen.rate_hz - seen.course.impact_s
     change = np.interp(time, nodes[0], nodes[5]) - nodes[5, 0]
     return np.asarray(seen.tension - seen.course.initial - change)
 
 
-def _window(seen: Seen, start_s: float, end_s: float) -> slice:
+def _window(seen: TensionObservation, start_s: float, end_s: float) -> slice:
     first = int((seen.course.impact_s + start_s) * seen.rate_hz)
     return slice(max(first, 0), min(int((seen.course.impact_s + end_s) * seen.rate_hz), len(seen.tension)))
 
 
-def following(seen: Seen, nodes: FloatArray, columns: Sequence[FloatArray]) -> Projected:
+def following(seen: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray]) -> Projected:
     """Project the fast part on readings of strength one that follow the motion, (samples,) each."""
     found = _after_hit(seen, nodes, columns)
     peaks = [np.abs(column[_window(seen, 0.0, _WINDOW_S)]).max() for column in columns]
@@ -296,7 +300,7 @@ def following(seen: Seen, nodes: FloatArray, columns: Sequence[FloatArray]) -> P
     return _allowing(found, found.columns * share)
 
 
-def _after_hit(seen: Seen, nodes: FloatArray, columns: Sequence[FloatArray]) -> Projected:
+def _after_hit(seen: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray]) -> Projected:
     window = _window(seen, 0.0, _WINDOW_S)
     time = (np.arange(window.start, window.stop) / seen.rate_hz) - seen.course.impact_s
     length = float(time[-1])
@@ -314,7 +318,9 @@ def _allowing(found: Projected, allowed: FloatArray) -> Projected:
     return Projected(np.linalg.solve(root, found.seen), np.linalg.solve(root, found.columns))
 
 
-def altered(seen: Seen, nodes: FloatArray, faults: Sequence[SensorFault], least: int) -> Projected:
+def altered(
+    seen: TensionObservation, nodes: FloatArray, faults: Sequence[SensorFault], least: int
+) -> Projected:
     """Project the part about the hit on what faults would make of the course, a column for every fault.
 
     One as small as the fault of the number ``least`` is no finding.
@@ -329,7 +335,9 @@ def altered(seen: Seen, nodes: FloatArray, faults: Sequence[SensorFault], least:
     return _allowing(found, found.columns[:, [least]])
 
 
-def disturbed(seen: Seen, nodes: FloatArray, groups: Sequence[Sequence[FloatArray]]) -> Projected:
+def disturbed(
+    seen: TensionObservation, nodes: FloatArray, groups: Sequence[Sequence[FloatArray]]
+) -> Projected:
     """Project the part after the hit on groups of columns, with coefficients of each group from before it.
 
     Drawn towards zero as far as noise alone could have moved them.

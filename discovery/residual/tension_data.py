@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 
 from scipy import stats
 
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.localisation.localise import Profile
-from discovery.residual.tension import Seen
+from discovery.residual.tension import TensionObservation
 from rom.campaign.channels import FloatArray
-from rom.effects import Added, Member
+from rom.effects import Member, ModelCorrection
 from rom.model.laws import Parameter
 from rom.model.model import Model
 
 if TYPE_CHECKING:
-    from discovery.explain.tension_law import Slow
+    from discovery.explain.tension_law import CourseFit
 
-Pair = tuple[Member, Added]
+Pair = tuple[Member, ModelCorrection]
 _CHANCE = 1e-3
 _NEARLY_NOISE = 1.5  # mean square: a motion that is known to a few percent shifts courses by as much
 _AT_BOUND = 1e-6  # of a range
@@ -30,8 +30,8 @@ class Data:
     """All records of a campaign that tell something of the tension, training ones first."""
 
     model: Model
-    seen: tuple[Seen, ...]
-    frozen: Frozen
+    seen: tuple[TensionObservation, ...]
+    frozen: FrozenMotion
     training: int
     struck: FloatArray  # whether a record is a loosening one: coupled ones are not run again
 
@@ -44,7 +44,7 @@ class Data:
         """Files in order."""
         return [seen.settings.file for seen in self.seen]
 
-    def part(self, *, hold_out: bool, of: Frozen | None = None) -> Frozen:
+    def part(self, *, hold_out: bool, of: FrozenMotion | None = None) -> FrozenMotion:
         """Training or held-out records."""
         whole = of or self.frozen
         ends = (self.training, len(self.seen)) if hold_out else (0, self.training)
@@ -83,16 +83,16 @@ class Gained:
     fit to the courses where it is a law's.
     """
 
-    effect: Added
+    effect: ModelCorrection
     gains: FloatArray
     at_bound: tuple[str, ...] = ()
     beside: Mapping[str, Parameter] = field(default_factory=dict)
     left: float | None = None
     p_value: float | None = None
-    slow: Slow | None = None
+    slow: CourseFit | None = None
 
 
-def at_bounds(effect: Added) -> tuple[str, ...]:
+def at_bounds(effect: ModelCorrection) -> tuple[str, ...]:
     """Parameters at an end of their range."""
     found = []
     for name, number in effect.parameters.items():

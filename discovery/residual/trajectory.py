@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import fft, ndimage
 
-from discovery.residual.free_parameters import Baseline
+from discovery.residual.free_parameters import FreeParameters
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import MOTIONS, FloatArray
 from rom.effects import Effect, LawChange, Reading, SensorFault
@@ -20,7 +20,7 @@ from rom.identification.spectral_model import CORNER, ComplexArray, SpectralReco
 from rom.model.laws import power_loosening
 from rom.model.model import Model
 from rom.signals.filters import ac_coupled
-from rom.signals.per_record_parameters import own_names
+from rom.signals.per_record_parameters import per_record_names
 from rom.signals.processing import Measurement, process
 from rom.signals.sensor_correction import faults_of, without_faults
 
@@ -36,7 +36,7 @@ Measurements = Sequence[tuple[RecordSettings, Measurement]]
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
+class MeasuredTrajectory:
     """One record: its spectra, and the motion that was measured, integrated with the model's help.
 
     Attributes
@@ -138,10 +138,10 @@ def read_measurements(campaign: Campaign, set_aside: Collection[str] = ()) -> Me
 
 def trace_records(
     campaign: Campaign,
-    baseline: Baseline,
+    baseline: FreeParameters,
     measurements: Measurements,
     progress: Progress | None = None,
-) -> tuple[Trace, ...]:
+) -> tuple[MeasuredTrajectory, ...]:
     """Run records again with the model, its tension falling as it was measured to fall."""
     stored_ones = [stored for _, stored in measurements]
     own = _own_models(baseline.model, stored_ones, campaign.settings.windows.final_s)
@@ -158,8 +158,8 @@ def trace_records(
 
 
 def _traced(
-    campaign: Campaign, baseline: Baseline, settings: RecordSettings, run: Replay, stored: Measurement
-) -> Trace:
+    campaign: Campaign, baseline: FreeParameters, settings: RecordSettings, run: Replay, stored: Measurement
+) -> MeasuredTrajectory:
     seen, response = run.measurement, run.response
     tension = np.asarray(response.tension) if isinstance(response.tension, np.ndarray) else np.zeros(0)
     tension = tension if tension.size else np.zeros(seen.samples)
@@ -173,7 +173,7 @@ def _traced(
     displacement, velocity = {}, {}
     for body in bodies:
         displacement[body], velocity[body] = (m[kept].copy() for m in _motion_of(seen, run, body, corner))
-    return Trace(
+    return MeasuredTrajectory(
         settings, stored, parts, displacement, velocity, tension[kept].copy(), level, stride, _own(run.model)
     )
 
@@ -181,9 +181,9 @@ def _traced(
 def _own(model: Model) -> dict[str, dict[str, float]]:
     """Numbers of a record's own in the model as it is in that record."""
     return {
-        effect.path: {name: effect.parameters[name].value for name in own_names(effect)}
+        effect.path: {name: effect.parameters[name].value for name in per_record_names(effect)}
         for effect in model.effects
-        if isinstance(effect, Effect) and own_names(effect)
+        if isinstance(effect, Effect) and per_record_names(effect)
     }
 
 
@@ -265,7 +265,7 @@ def _own_models(
 
 def _is_of_course(fault: SensorFault) -> bool:
     """Whether a fault, alike in all records, is of what the course of a tension is told by."""
-    return not own_names(fault) and not fault.channel.startswith(MOTIONS)
+    return not per_record_names(fault) and not fault.channel.startswith(MOTIONS)
 
 
 def _with_gamma(model: Model, gamma: float) -> Model:

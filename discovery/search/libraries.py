@@ -34,7 +34,7 @@ from discovery.laws.factors import (
 from rom.campaign.channels import FloatArray
 
 if TYPE_CHECKING:
-    from discovery.courses.frozen_motion import Frozen
+    from discovery.courses.frozen_motion import FrozenMotion
 
 _DEGREE = 6  # of the polynomials in |v| and |x|
 _INPUTS = ("abs(v)", "abs(x)", "abs(F)", "abs(D)", "T")
@@ -51,7 +51,7 @@ class Scales:
     tension: float
 
     @classmethod
-    def of(cls, frozen: Frozen) -> Scales:
+    def of(cls, frozen: FrozenMotion) -> Scales:
         """Medians over the tests of the largest values, and of the tension before the hit."""
         sizes = [np.abs(frozen.of_case(i)[1:5]).max(axis=1) for i in range(len(frozen))]
         x, v, force, damping = np.maximum(np.median(sizes, axis=0), 1e-12)

@@ -2,7 +2,8 @@
 
 A first round finds a guide: the single term that suits the courses best, fitted with its scatter. Along
 the tension that the guide predicts for every case all terms are integrated. Every single term and every sum
-of terms on the paths of the sparse fits is then judged by the same quick measure (``discovery.search.quick_likelihood``).
+of terms on the paths of the sparse fits is then judged by the same quick measure
+(``discovery.search.quick_likelihood``).
 What passes goes on to refinement by re-simulation, which decides.
 """
 
@@ -35,7 +36,7 @@ from rom.campaign.channels import FloatArray
 
 if TYPE_CHECKING:
     from discovery.courses.fit import Fit
-    from discovery.courses.frozen_motion import Frozen
+    from discovery.courses.frozen_motion import FrozenMotion
 
 Progress = Callable[[int, int], None]
 
@@ -75,7 +76,7 @@ class Proposals:
 
 
 def propose(
-    frozen: Frozen,
+    frozen: FrozenMotion,
     baseline_fit: Fit,
     seed: int,
     tightening: bool = False,
@@ -86,7 +87,7 @@ def propose(
 
     Parameters
     ----------
-    frozen : Frozen
+    frozen : FrozenMotion
         Motion and measured courses of the training records.
     baseline_fit : Fit
         A fitted law; it smooths the measured courses until a better guide is found.
@@ -106,7 +107,9 @@ def _silent(done: int, total: int) -> None:  # noqa: ARG001 - the signature of p
     return None
 
 
-def _proposed(frozen: Frozen, baseline_fit: Fit, seed: int, tightening: bool, tell: Progress) -> Proposals:
+def _proposed(
+    frozen: FrozenMotion, baseline_fit: Fit, seed: int, tightening: bool, tell: Progress
+) -> Proposals:
     rng = np.random.default_rng(seed)
     tell(0, 4)
     scales = Scales.of(frozen)
@@ -131,7 +134,7 @@ def _proposed(frozen: Frozen, baseline_fit: Fit, seed: int, tightening: bool, te
     return Proposals(kept, len(singles) + len(sums), inclusion, dropped, scores)
 
 
-def _guide(frozen: Frozen, baseline_fit: Fit, scales: Scales, motions: tuple[Factor, ...]) -> Fit:
+def _guide(frozen: FrozenMotion, baseline_fit: Fit, scales: Scales, motions: tuple[Factor, ...]) -> Fit:
     """The best of a few single-term laws of different motion and the baseline, fitted."""
     from discovery.courses.fit import fit, refine
 

@@ -26,7 +26,7 @@ from rom.campaign.channels import FloatArray
 
 if TYPE_CHECKING:
     from discovery.courses.fit import Fit
-    from discovery.courses.frozen_motion import Frozen
+    from discovery.courses.frozen_motion import FrozenMotion
     from discovery.search.libraries import TermLibrary
 
 MODEL_ERROR = 0.01  # of the change: frozen motion and tension course against the full simulation
@@ -58,7 +58,7 @@ class Rows:
     target: FloatArray
 
 
-def integrals(library: TermLibrary, frozen: Frozen) -> FloatArray:
+def integrals(library: TermLibrary, frozen: FrozenMotion) -> FloatArray:
     """Integrals of the columns from the hit, averaged over bins, (cases, bins, motions, tensions) [s]."""
     bins = frozen.averages.shape[0]
     out = np.empty((len(frozen), bins, len(library.motions), len(library.tensions)))
@@ -70,7 +70,7 @@ def integrals(library: TermLibrary, frozen: Frozen) -> FloatArray:
     return out
 
 
-def _node_weights(time: FloatArray, frozen: Frozen) -> FloatArray:
+def _node_weights(time: FloatArray, frozen: FrozenMotion) -> FloatArray:
     """Weights of an integrand's nodes in the mean of its integral over each bin, (bins, nodes) [s].
 
     Trapezoids up to the knots, then the knots' averages: as along exposures, so that offsets mean the same.
@@ -81,12 +81,12 @@ def _node_weights(time: FloatArray, frozen: Frozen) -> FloatArray:
     return np.asarray(np.pad(half, ((0, 0), (0, 1))) + np.pad(half, ((0, 0), (1, 0))))
 
 
-def whitener(frozen: Frozen, smooth: FloatArray, tau: FloatArray | None = None) -> FloatArray:
+def whitener(frozen: FrozenMotion, smooth: FloatArray, tau: FloatArray | None = None) -> FloatArray:
     """Inverse Cholesky factors of the rows' covariance, (cases, bins, bins) [1/N].
 
     Parameters
     ----------
-    frozen : Frozen
+    frozen : FrozenMotion
         Courses with their covariance.
     smooth : ndarray, shape (cases, bins)
         Changes as a fitted law predicts them for these cases [N].
@@ -99,7 +99,7 @@ def whitener(frozen: Frozen, smooth: FloatArray, tau: FloatArray | None = None) 
     return np.asarray(np.linalg.inv(np.linalg.cholesky(total)))
 
 
-def weighted(columns: FloatArray, frozen: Frozen, roots: FloatArray) -> Rows:
+def weighted(columns: FloatArray, frozen: FrozenMotion, roots: FloatArray) -> Rows:
     """Rows whitened by ``whitener``; the target is the loss, so that loosening has positive coefficients."""
     flat = roots @ columns.reshape(*columns.shape[:2], -1)
     # numbers so small that their squares leave the normal range cost a hundred times the time of others
@@ -107,14 +107,14 @@ def weighted(columns: FloatArray, frozen: Frozen, roots: FloatArray) -> Rows:
     return Rows(flat, -np.einsum("cij,cj->ci", roots, frozen.change))
 
 
-def smoothed(fit: Fit, frozen: Frozen) -> FloatArray:
+def smoothed(fit: Fit, frozen: FrozenMotion) -> FloatArray:
     """The measured courses as a fit with its deviations predicts them on frozen motion, (cases, bins) [N]."""
     from discovery.courses.fit import predict
 
     return predict(fit.candidate, frozen, deviations=fit.deviations)
 
 
-def along(fit: Fit, frozen: Frozen) -> Frozen:
+def along(fit: Fit, frozen: FrozenMotion) -> FrozenMotion:
     """The same with the tension of a fit at the nodes, and its offsets to full simulation taken off."""
     every = replace(frozen, averages=np.eye(len(frozen.knots_s)))
     courses = frozen.initial[:, None] + smoothed(fit, every)

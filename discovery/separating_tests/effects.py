@@ -18,10 +18,10 @@ import numpy as np
 from discovery.explain.motion import free_numbers, output_of, slopes_of
 from discovery.loop.state import with_effects
 from discovery.residual.free_parameters import effect_number, size_of
-from discovery.residual.output_error import Evidence, weigh
-from discovery.residual.trajectory import Trace
+from discovery.residual.output_error import WhitenedResidual, whiten
+from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
-from rom.effects import CATALOGUE, Added, Effect, SensorFault
+from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
 from rom.evaluation.replay import replay
 from rom.identification.spectral_model import ComplexArray, SpectralRecord
 
@@ -60,11 +60,15 @@ class _Test:
 
     words: str
     harder: float
-    trace: Trace
+    trace: MeasuredTrajectory
 
 
 def separating_tests(
-    best: Added, rivals: Sequence[Added], evidence: Evidence, enough: float, near: float
+    best: ModelCorrection,
+    rivals: Sequence[ModelCorrection],
+    evidence: WhitenedResidual,
+    enough: float,
+    near: float,
 ) -> list[str]:
     """Return for every rival the test, in words, that would tell it from the best effect.
 
@@ -72,11 +76,11 @@ def separating_tests(
 
     Parameters
     ----------
-    best : Added
+    best : ModelCorrection
         The effect in the evidence's model.
-    rivals : sequence of Added
+    rivals : sequence of ModelCorrection
         With their fitted numbers.
-    evidence : Evidence
+    evidence : WhitenedResidual
         The refined model on the records at hand.
     enough, near : float
         Difference in cost that tells two effects apart: so much, and such a share of what the best explains.
@@ -92,7 +96,7 @@ def separating_tests(
     tests = list(_tests(evidence))
     if not tests:
         return [""] * len(rivals)
-    traced = with_effects(weigh([test.trace for test in tests], evidence.baseline, evidence.floors))
+    traced = with_effects(whiten([test.trace for test in tests], evidence.baseline, evidence.floors))
     here = evidence.of_training()
     needed = np.maximum(enough, near * _gains(best, None, here, traced))
     return [
@@ -101,7 +105,7 @@ def separating_tests(
     ]
 
 
-def _tests(evidence: Evidence) -> Iterator[_Test]:
+def _tests(evidence: WhitenedResidual) -> Iterator[_Test]:
     """Tests like those at hand, with harder hits, from the other side and on the other bodies too."""
     masses = {body.name: body.mass for body in evidence.baseline.model.structure.bodies}
     for trace in _at_hand(evidence.of_training().traces):
@@ -116,9 +120,9 @@ def _tests(evidence: Evidence) -> Iterator[_Test]:
                 yield _Test(f"hit {body} {where} with {abs(times) * peak:.3g} N{side}", abs(factor), imagined)
 
 
-def _at_hand(traces: Iterable[Trace]) -> Iterator[Trace]:
+def _at_hand(traces: Iterable[MeasuredTrajectory]) -> Iterator[MeasuredTrajectory]:
     """A few records of each kind of hit, over all preloads."""
-    alike: dict[tuple[str, str], list[Trace]] = {}
+    alike: dict[tuple[str, str], list[MeasuredTrajectory]] = {}
     for trace in traces:
         if trace.measurement.impact_s is not None and trace.measurement.force:
             kind = "uncoupled" if trace.measurement.test == "uncoupled" else "bolted"
@@ -128,13 +132,15 @@ def _at_hand(traces: Iterable[Trace]) -> Iterator[Trace]:
         yield from (ordered[i] for i in np.unique(np.linspace(0, len(ordered) - 1, _PRELOADS).astype(int)))
 
 
-def _hit(trace: Trace) -> tuple[str, float]:
+def _hit(trace: MeasuredTrajectory) -> tuple[str, float]:
     """The body that was struck, and the peak force [N]."""
     peaks = {body: float(np.abs(force).max()) for body, force in trace.measurement.force.items()}
     return max(peaks.items(), key=lambda one: one[1])
 
 
-def _imagined(trace: Trace, evidence: Evidence, body: str, times: float) -> Trace | None:
+def _imagined(
+    trace: MeasuredTrajectory, evidence: WhitenedResidual, body: str, times: float
+) -> MeasuredTrajectory | None:
     """The record as the model has it, its force on a body and multiplied; None where the model diverges."""
     seen, (struck, _) = trace.seen(), _hit(trace)
     hit = replace(seen, force={body: times * seen.force[struck]})
@@ -169,7 +175,9 @@ def _struck(part: SpectralRecord, here: int, there: int, times: float) -> Spectr
     return replace(part, force=times * moved(part.force), force_errors=errors, motion=times * part.motion)
 
 
-def _gains(best: Added, rival: Added | None, evidence: Evidence, tests: Evidence) -> FloatArray:
+def _gains(
+    best: ModelCorrection, rival: ModelCorrection | None, evidence: WhitenedResidual, tests: WhitenedResidual
+) -> FloatArray:
     """By how much tests raise the cost of the rival, or of no effect, over the best's, (tests, repeats).
 
     The model with the rival has not the best one's numbers: free, they would imitate that one's whole force.
@@ -191,7 +199,9 @@ def _gains(best: Added, rival: Added | None, evidence: Evidence, tests: Evidence
     )
 
 
-def _normals(best: Added, rival: Added | None, evidence: Evidence, names: Sequence[str]) -> list[_Normal]:
+def _normals(
+    best: ModelCorrection, rival: ModelCorrection | None, evidence: WhitenedResidual, names: Sequence[str]
+) -> list[_Normal]:
     """The sums of every record."""
     place = {name: k for k, name in enumerate(evidence.names)}
     none = np.zeros(len(evidence.residual))

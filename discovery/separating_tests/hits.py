@@ -21,7 +21,7 @@ from itertools import permutations, product
 import numpy as np
 
 from discovery.courses.fit import Fit
-from discovery.courses.frozen_motion import Frozen
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
 
@@ -109,7 +109,7 @@ class _Grid:
 
 
 def propose_tests(
-    fits: Sequence[Fit], frozen: Frozen, most_tests: int = 3, odds: float = 100.0
+    fits: Sequence[Fit], frozen: FrozenMotion, most_tests: int = 3, odds: float = 100.0
 ) -> tuple[Proposal, ...]:
     """Choose few tests by greedy search, one hit after the other, until every two laws are told apart.
 
@@ -117,7 +117,7 @@ def propose_tests(
     ----------
     fits : sequence of Fit
         The first two or three laws, fitted to ``frozen``; a law without terms is left out.
-    frozen : Frozen
+    frozen : FrozenMotion
         Measured courses: their forces, pulses, preloads and noise are the guide. No proposed force is beyond
         1.5 times the strongest measured, no pulse beyond twice the length, no preload beyond 1.5 times the
         range, and no hit is one that takes half of the tension.
@@ -146,7 +146,7 @@ def propose_tests(
     return _proposals(ways, names, _greedy(ways, names, most_tests, float(np.log(odds))), grid)
 
 
-def _grid(frozen: Frozen) -> _Grid:
+def _grid(frozen: FrozenMotion) -> _Grid:
     courses = frozen.courses
     peaks = [float(np.abs(course.force).max()) for course in courses]
     strongest = max(peaks)
@@ -177,7 +177,7 @@ class _Response:
     tension: FloatArray
 
 
-def _response(found: Fit, frozen: Frozen, grid: _Grid) -> _Response:
+def _response(found: Fit, frozen: FrozenMotion, grid: _Grid) -> _Response:
     force = grid.force
     still = np.zeros(len(grid.preload))
     tension = _simulated(found.candidate, still, frozen, grid, force)
@@ -194,7 +194,7 @@ def _response(found: Fit, frozen: Frozen, grid: _Grid) -> _Response:
 
 
 def _simulated(
-    candidate: Candidate, deviations: FloatArray, frozen: Frozen, grid: _Grid, force: FloatArray
+    candidate: Candidate, deviations: FloatArray, frozen: FrozenMotion, grid: _Grid, force: FloatArray
 ) -> FloatArray:
     laws = replace(frozen.model.link_laws[frozen.link], tension_rate=candidate.law())
     model = replace(frozen.model, link_laws={**frozen.model.link_laws, frozen.link: laws})
@@ -255,7 +255,7 @@ class _Way:
         return self.ratio(sums[0] + self.c, sums[1] + self.r, sums[2] + self.A)
 
 
-def _way(true: _Response, rival: _Response, frozen: Frozen, grid: _Grid) -> _Way:
+def _way(true: _Response, rival: _Response, frozen: FrozenMotion, grid: _Grid) -> _Way:
     initial = np.log(np.maximum(frozen.initial, 1e-3))
     nearest = np.argmin(np.abs(initial - np.log(grid.preload)[:, None]), axis=1)
     bins = len(grid.offsets_s) - 1

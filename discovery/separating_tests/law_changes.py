@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from discovery.explain.tension_law import Slow
+from discovery.explain.tension_law import CourseFit
 from discovery.separating_tests.hits import propose_tests
 from rom.effects import LawChange
 
 _ODDS = 100.0
 
 
-def separating_hits(best: Slow | None, rival: Slow | None) -> str:
-    """Return in words how often to hit, how hard and at which tension; `discovery.separating_tests.hits` tells how.
+def separating_hits(best: CourseFit | None, rival: CourseFit | None) -> str:
+    """Return in words how often to hit, how hard and at which tension; `discovery.separating_tests.hits`
+    tells how.
 
     Parameters
     ----------
-    best, rival : Slow or None
+    best, rival : CourseFit or None
         Two effects as they were fitted to the same courses; None for one that is not in these.
 
     Returns

@@ -105,11 +105,11 @@ def _missing(closure: Closure) -> Iterator[str]:
 
 
 def _numbers(closure: Closure) -> Iterator[str]:
-    from rom.signals.per_record_parameters import own_names
+    from rom.signals.per_record_parameters import per_record_names
 
     for found in closure.effects:
         effect = found.effect
-        own = own_names(effect)
+        own = per_record_names(effect)
         numbers = [_with_limits(name, p, name in own) for name, p in effect.parameters.items()]
         yield f"{effect.name}: {effect.equation}{', with ' if numbers else ''}{', '.join(numbers)}."
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import FloatArray
-from rom.effects import Added, Effect, LawChange, Reading
+from rom.effects import Effect, LawChange, ModelCorrection, Reading
 from rom.effects.observation import motion_of
 from rom.evaluation.replay import Replay, replay
 from rom.model.link_force import force_of_effects
@@ -26,7 +26,9 @@ _CYCLE = 256
 _RECORDS = 3
 
 
-def effect_curves(model: Model, effects: Sequence[Added], campaign: Campaign) -> list[dict[str, Any] | None]:
+def effect_curves(
+    model: Model, effects: Sequence[ModelCorrection], campaign: Campaign
+) -> list[dict[str, Any] | None]:
     """Return for each effect what there is to draw; None for effects on bodies and faults of sensors.
 
     Forces and readings run along the motion that the refined model has in up to three training records, from
@@ -64,7 +66,7 @@ def _runs(model: Model, campaign: Campaign) -> Iterator[tuple[RecordSettings, Re
         return
 
 
-def _curve(effect: Added, runs: Sequence[tuple[RecordSettings, Replay]]) -> dict[str, Any] | None:
+def _curve(effect: ModelCorrection, runs: Sequence[tuple[RecordSettings, Replay]]) -> dict[str, Any] | None:
     match effect:
         case LawChange():
             kind, curves = "tension rate", [_head(record, run) | _rate(effect, run) for record, run in runs]
@@ -82,7 +84,7 @@ def _head(record: RecordSettings, run: Replay) -> dict[str, Any]:
     return {"file": record.file, "preload_n": record.preload_n, "initial_tension_n": tension}
 
 
-def _force(effect: Added, run: Replay) -> dict[str, Any]:
+def _force(effect: ModelCorrection, run: Replay) -> dict[str, Any]:
     """Force of an effect alone along the motion of its link, from shortly before an impact on."""
     x, v, tension = _motion(run, effect.enters)
     laws, time = run.model.link_laws[effect.enters], run.response.time

@@ -15,7 +15,7 @@ from experiments.results import plain, results_folder
 from experiments.run.publication import results_into
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
-from rom.evaluation.evaluate import Judged, judge, without_loosening
+from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
 from rom.identification.gamma import GammaEstimate
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.joint import JointEstimate
@@ -32,7 +32,7 @@ class Outcome:
 
     campaign: Campaign
     identification: Identification
-    judged: tuple[Judged, ...]
+    judged: tuple[Evaluation, ...]
 
 
 def run(
@@ -75,7 +75,7 @@ def examine(
     report = progress or (lambda _: None)
     identification = identify_campaign(campaign, jobs, report("identifying"))
     model = identification.model
-    judged = judge([model, without_loosening(model)], campaign, jobs=jobs, progress=report("simulating"))
+    judged = evaluate([model, without_loosening(model)], campaign, jobs=jobs, progress=report("simulating"))
     return Outcome(campaign, identification, judged)
 
 
@@ -125,7 +125,7 @@ def identification_section(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def errors_by_set(judged: Iterable[Judged], model: int) -> dict[str, Any]:
+def errors_by_set(judged: Iterable[Evaluation], model: int) -> dict[str, Any]:
     """Return the errors of the model at place `model` on training and hold-out records."""
     every = [j for j in judged if j.comparisons]
     return {

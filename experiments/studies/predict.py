@@ -11,7 +11,7 @@ from experiments.results import results_folder, write_result
 from rom.campaign.campaign import read_campaign
 from rom.campaign.checks import file_digest
 from rom.evaluation.error_measures import summarise
-from rom.evaluation.evaluate import Judged, judge
+from rom.evaluation.evaluate import Evaluation, evaluate
 from rom.model_file import load_model
 
 
@@ -40,7 +40,7 @@ def run(
         raise ValueError(
             f"{campaign_path}: found the body {missing[0]}, expected those of the model: {known}"
         )
-    judged = judge([model], campaign, jobs=jobs, progress=progress)
+    judged = evaluate([model], campaign, jobs=jobs, progress=progress)
     content = {
         "model": str(model_path),
         "model_digest": file_digest(model_path),
@@ -56,7 +56,7 @@ def run(
     )  # fmt: skip
 
 
-def _row(judged: Judged) -> dict[str, Any]:
+def _row(judged: Evaluation) -> dict[str, Any]:
     found = judged.comparisons[0]
     motion = list(found.motion_nrmse.values())
     return {

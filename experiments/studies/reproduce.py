@@ -20,7 +20,7 @@ from experiments.studies import rig
 from experiments.studies.identify import Outcome, Progress, draw, errors_by_set, examine, save_figures
 from rom.campaign.campaign import read_campaign
 from rom.evaluation.error_measures import Comparison, summarise
-from rom.evaluation.evaluate import Judged, judge, without_loosening
+from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
 from rom.identification.modal import maximum_frequency
 from rom.parameters import he_2025
 
@@ -116,7 +116,7 @@ def run(
 
 def _measured(
     scratch: Path, cases: int | None, seed: int, jobs: int, report: Callable[[str], Progress | None]
-) -> tuple[Outcome, tuple[Judged, ...]]:
+) -> tuple[Outcome, tuple[Evaluation, ...]]:
     """Measure and identify the paper's campaign; judge the paper's own model on it too."""
     folder = rig.run(
         scratch / "campaign", cases, 1.0, seed, jobs, report("measuring"), hold_out_every=0, tightening=True
@@ -125,7 +125,7 @@ def _measured(
     outcome = examine(campaign, jobs, report)
     paper = he_2025.paper_model()
     models = [paper, without_loosening(paper)]
-    return outcome, judge(models, campaign, jobs=jobs, progress=report("paper's model"))
+    return outcome, evaluate(models, campaign, jobs=jobs, progress=report("paper's model"))
 
 
 def _losses(tension: Sequence[float], peak: Sequence[float]) -> list[float]:
@@ -187,7 +187,7 @@ def _amplitude_mm(tension: float, peak: float) -> float:
     return 1e3 * float(np.abs(response.displacement["lo"]).max())
 
 
-def _coupled_rows(judged: Iterable[Judged]) -> list[Row]:
+def _coupled_rows(judged: Iterable[Evaluation]) -> list[Row]:
     """Rows over the rig's coupled tests, as the paper's model simulates them."""
     losses = [
         j.comparisons[0].simulated_loss for j in judged if j.comparisons and j.settings.test == "coupled"
@@ -245,7 +245,7 @@ def _identified_rows(outcome: Outcome) -> list[Row]:
     ]
 
 
-def _error_rows(judged: Iterable[Judged]) -> list[Row]:
+def _error_rows(judged: Iterable[Evaluation]) -> list[Row]:
     """Rows of the paper's measure over the rig's net-loosening cases."""
     errors = summarise(_loosened(judged, 0))
     reason = "the scatter of the joint from test to test is the rig's own"
@@ -277,7 +277,7 @@ def _error_rows(judged: Iterable[Judged]) -> list[Row]:
     ]
 
 
-def _loosened(judged: Iterable[Judged], model: int) -> list[Comparison]:
+def _loosened(judged: Iterable[Evaluation], model: int) -> list[Comparison]:
     """Return the comparisons of net-loosening cases: the only ones that the paper's errors cover."""
     every = [j.comparisons[model] for j in judged if j.comparisons and j.settings.test == "loosening"]
     return [comparison for comparison in every if comparison.initial_tension > comparison.measured_final]

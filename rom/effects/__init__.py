@@ -15,7 +15,7 @@ import numpy as np
 
 from rom.effects.free_form import FREE_FORM, free_form
 from rom.effects.member import Member
-from rom.model.effect import Added, Effect, Motion, Reading, SensorFault
+from rom.model.effect import Effect, ModelCorrection, Motion, Reading, SensorFault
 from rom.model.law_change import LawChange
 from rom.model.laws import Parameter
 
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CATALOGUE",
-    "Added",
     "Effect",
     "LawChange",
     "Member",
+    "ModelCorrection",
     "Motion",
     "Reading",
     "SensorFault",
@@ -62,7 +62,7 @@ for _module in sorted(info.name for info in iter_modules(__path__) if not info.n
     register(*getattr(import_module(f"{__name__}.{_module}"), "MEMBERS", ()))
 
 
-def make(name: str, enters: str, parameters: Mapping[str, Parameter], equation: str = "") -> Added:
+def make(name: str, enters: str, parameters: Mapping[str, Parameter], equation: str = "") -> ModelCorrection:
     """The effect of a model from what its file says: of the catalogue, or free-form from its equation.
 
     Raises
@@ -100,7 +100,7 @@ def places(model: Model, channels: Iterable[str] = ()) -> Mapping[str, str]:
 
 def candidates(
     model: Model, channels: Iterable[str] = (), *, core: bool = True
-) -> tuple[tuple[Member, Added], ...]:
+) -> tuple[tuple[Member, ModelCorrection], ...]:
     """Every effect of the catalogue at every place of a model where it can enter, with physical defaults.
 
     Parameters
@@ -121,7 +121,7 @@ def candidates(
     )
 
 
-def with_stiffness(effect: Added, model: Model) -> Added:
+def with_stiffness(effect: ModelCorrection, model: Model) -> ModelCorrection:
     """The effect with those parameters that are the stiffness law's own, as far as they are plausible."""
     laws, member = model.link_laws.get(effect.enters), CATALOGUE.get(effect.name)
     if laws is None or member is None:

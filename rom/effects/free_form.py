@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import cache
 
-from rom.model.effect import Added, Effect
+from rom.model.effect import Effect, ModelCorrection
 from rom.model.expressions import compile_expression
 from rom.model.law_change import LawChange
 from rom.model.laws import Parameter
@@ -22,7 +22,7 @@ class FreeForm(Effect):
         return free_form, (self.equation, self.enters, dict(self.parameters))  # its function does not pickle
 
 
-def free_form(equation: str, enters: str, parameters: Mapping[str, Parameter]) -> Added:
+def free_form(equation: str, enters: str, parameters: Mapping[str, Parameter]) -> ModelCorrection:
     """A force [N], or where it enters the tension a changed rate [N/s], from an expression.
 
     Parameters

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any, Literal
 
-from rom.model.effect import Added, Effect, Reading, Samples, SensorFault
+from rom.model.effect import Effect, ModelCorrection, Reading, Samples, SensorFault
 from rom.model.law_change import LawChange
 from rom.model.laws import Parameter
 
@@ -95,7 +95,7 @@ class Member:
 
     def at(
         self, enters: str, parameters: Mapping[str, Parameter] | None = None, *, ground: bool = False
-    ) -> Added:
+    ) -> ModelCorrection:
         """The effect at a place, with the physical defaults or with given parameters.
 
         Raises
@@ -126,11 +126,11 @@ class Member:
         unit = _CHANNEL_UNITS.get(kind, OF_CHANNEL) if number.unit == OF_CHANNEL else number.unit
         return replace(number, unit=unit, source=number.source or self.source)
 
-    def silent(self, enters: str, *, ground: bool = False) -> Added:
+    def silent(self, enters: str, *, ground: bool = False) -> ModelCorrection:
         """The effect at a place with all strengths zero."""
         return self.at(enters, ground=ground).with_values(**dict.fromkeys(self.strengths, 0.0))
 
-    def probes(self, effect: Added) -> tuple[Added, ...]:
+    def probes(self, effect: ModelCorrection) -> tuple[ModelCorrection, ...]:
         """The effect at its smallest plausible strengths, one at a time, over the grid of the others.
 
         What screening needs: the output of a probe minus that without effect, over the strength, is the
@@ -139,7 +139,7 @@ class Member:
 
         Parameters
         ----------
-        effect : Added
+        effect : ModelCorrection
             The member at a place, with the defaults of that place.
         """
 

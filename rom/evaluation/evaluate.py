@@ -18,7 +18,7 @@ from rom.signals.quality import Doubt, assess
 
 
 @dataclass(frozen=True)
-class Judged:
+class Evaluation:
     """One record and what each model made of it; nothing where the record was set aside."""
 
     settings: RecordSettings
@@ -26,13 +26,13 @@ class Judged:
     doubts: tuple[Doubt, ...] = ()
 
 
-def judge(
+def evaluate(
     models: Sequence[Model],
     campaign: Campaign,
     records: Sequence[RecordSettings] | None = None,
     jobs: int = 1,
     progress: Progress | None = None,
-) -> tuple[Judged, ...]:
+) -> tuple[Evaluation, ...]:
     """Compare models with records (None: all) of a campaign, over `jobs` processes; numbers do not depend on
     `jobs`.
     """
@@ -57,11 +57,11 @@ def without_loosening(model: Model) -> Model:
     return replace(model, link_laws=laws, effects=effects)
 
 
-def _judge_record(models: Sequence[Model], campaign: Campaign, settings: RecordSettings) -> Judged:
+def _judge_record(models: Sequence[Model], campaign: Campaign, settings: RecordSettings) -> Evaluation:
     record = campaign.load(settings)
     doubts = tuple(assess(record, campaign.settings))
     if doubts:
-        return Judged(settings, (), doubts)
+        return Evaluation(settings, (), doubts)
     measurement = process(record, campaign.settings, models[0].filter_cutoff_hz)
     windows = campaign.settings.windows
-    return Judged(settings, compare_all(models, measurement, windows))
+    return Evaluation(settings, compare_all(models, measurement, windows))

@@ -1,7 +1,9 @@
 """A record run again by a model: what drives it and how it starts comes from the record alone.
 
-Faults of sensors that the model holds are taken out of the record first (``rom.signals.sensor_correction``), numbers that
-are each record's own are estimated from before its impact (``rom.signals.per_record_parameters``), and what a gauge shows
+Faults of sensors that the model holds are taken out of the record first (``rom.signals.sensor_correction``),
+numbers that
+are each record's own are estimated from before its impact (``rom.signals.per_record_parameters``), and what
+a gauge shows
 beyond the tension is added to the simulated one.
 """
 

@@ -1,6 +1,7 @@
 """The declared model of a campaign that drives its bodies or links: masses, springs, dashpots, offsets.
 
-By least squares on the balances of forces (``rom.identification.equation_error``), in which all of them are linear:
+By least squares on the balances of forces (``rom.identification.equation_error``), in which all of them are
+linear:
 
     F = M x'' + sum (k x + c x') - F_0
 

@@ -70,7 +70,8 @@ class Identification(shown.Shown):
 
     `unsettled` are reasons to doubt that its numbers are near those of the structure, none for a sound one:
     numbers that the uncoupled tests contradict, or much misfit without such tests. Misfit alone is none
-    (`linear.misfits` tells it): a good start may lack an effect. `rom.identification.uncoupled_priors.unlikely` asks the same of a
+    (`linear.misfits` tells it): a good start may lack an effect.
+    `rom.identification.uncoupled_priors.unlikely` asks the same of a
     later model.
     """
 

@@ -1,7 +1,8 @@
 """The noise of every kind of test as it is before the hit, where no model can be wrong.
 
 Noise of a channel has the spectrum S = G Q G^H + R per second of record: ambient forces Q(f) through the
-structure's transfer G, and sensor noise R. Both come from what precedes the hits (`rom.identification.output_error`).
+structure's transfer G, and sensor noise R. Both come from what precedes the hits
+(`rom.identification.output_error`).
 """
 
 from __future__ import annotations

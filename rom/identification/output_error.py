@@ -1,6 +1,7 @@
 """Linear output-error fit of a lumped structure, all records at once, in the frequency domain.
 
-By Parseval's theorem the weighted misfit of the spectra (`rom.identification.spectral_model`) is the time-domain output error after
+By Parseval's theorem the weighted misfit of the spectra (`rom.identification.spectral_model`) is the
+time-domain output error after
 ideal band-pass filtering, so no integration or filter bias enters (maximum likelihood for stationary noise;
 R. Pintelon and J. Schoukens, System Identification: A Frequency Domain Approach, 2012, ch. 9-12).
 
@@ -18,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from rom.identification.priors import Misfit, Tie, misfits, pull
+from rom.identification.priors import Misfit, PriorConstraint, misfits, pull
 from rom.identification.spectral_model import (
     ComplexArray,
     FloatArray,
@@ -55,7 +56,7 @@ class OutputErrorFit:
     reduced_chi_square: float
     converged: bool
     misfits: tuple[Misfit, ...] = ()
-    ties: tuple[Tie, ...] = field(default=(), repr=False)
+    ties: tuple[PriorConstraint, ...] = field(default=(), repr=False)
 
     def value(self, name: str) -> float:
         """Return the estimate of one coefficient."""
@@ -150,7 +151,7 @@ def _evaluate(
     values: dict[str, float],
     whiteners: Sequence[ComplexArray],
     names: Sequence[str],
-    tied: Sequence[tuple[Tie, float]],
+    tied: Sequence[tuple[PriorConstraint, float]],
 ) -> _State:
     position = {name: i for i, name in enumerate(names)}
     parts = [linearise(r, values, w) for r, w in zip(records, whiteners, strict=True)]
@@ -163,7 +164,7 @@ def _evaluate(
     return _tied(_State(values, parts, hessian, gradient, cost), names, tied)
 
 
-def _tied(state: _State, names: Sequence[str], tied: Sequence[tuple[Tie, float]]) -> _State:
+def _tied(state: _State, names: Sequence[str], tied: Sequence[tuple[PriorConstraint, float]]) -> _State:
     """Return the state with ties in its cost."""
     hessian, gradient, cost = state.hessian, state.gradient, state.cost
     for tie, weight in tied:
@@ -180,8 +181,8 @@ def _weighed(
     values: dict[str, float],
     whiteners: Sequence[ComplexArray],
     names: Sequence[str],
-    ties: Sequence[Tie],
-) -> tuple[_State, tuple[tuple[Tie, float], ...]]:
+    ties: Sequence[PriorConstraint],
+) -> tuple[_State, tuple[tuple[PriorConstraint, float], ...]]:
     """Return the state at new weights of the lines, and the ties with the weights that its misfit gives."""
     state = _evaluate(records, values, whiteners, names, ())
     weights = pull(ties, records, misfits(records, state.parts)) if ties else ()
@@ -194,7 +195,7 @@ def _levenberg_marquardt(
     state: _State,
     whiteners: Sequence[ComplexArray],
     names: Sequence[str],
-    tied: Sequence[tuple[Tie, float]],
+    tied: Sequence[tuple[PriorConstraint, float]],
     tolerance: float,
     iterations: int,
 ) -> tuple[_State, bool]:
@@ -227,7 +228,7 @@ def _levenberg_marquardt(
 def fit_output_error(
     records: Sequence[SpectralRecord],
     *,
-    ties: Sequence[Tie] = (),
+    ties: Sequence[PriorConstraint] = (),
     tolerance: float = 1e-4,
     progress: Callable[[int, int], None] | None = None,
 ) -> OutputErrorFit:

@@ -5,7 +5,7 @@
 A fit weighs its lines as if the residual were noise. Where it is misfit instead, it is the same in every
 record and does not average out: limits come out far too narrow, and coefficients that the records hardly tell
 apart (two flexures of a coupled structure, of which the first mode knows the sum) wander to wherever the
-misfit is smallest. So ties weigh nothing beside noise, and the more the larger the systematic part is.
+misfit is smallest. So priors weigh nothing beside noise, and the more the larger the systematic part is.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _BEYOND_CHANCE = 4.0
 
 
 @dataclass(frozen=True)
-class Tie:
+class PriorConstraint:
     """A product of powers of coefficients, its logarithm `target` known within `error`.
 
     `leaning` are those of them that misfit may lead astray; `statement` says for people what is tied to what.
@@ -73,7 +73,7 @@ def misfits(records: Sequence[SpectralRecord], parts: Sequence[Linearised]) -> t
 
 
 def pull(
-    ties: Sequence[Tie], records: Sequence[SpectralRecord], found: Sequence[Misfit]
+    ties: Sequence[PriorConstraint], records: Sequence[SpectralRecord], found: Sequence[Misfit]
 ) -> tuple[float, ...]:
     """Return every tie's weight: a share of the systematic cost of the records that its `leaning` are in."""
     cost = {one.group: one.systematic for one in found}

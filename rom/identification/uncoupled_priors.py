@@ -10,7 +10,7 @@ import numpy as np
 
 from rom.campaign.campaign import CampaignSettings, LinkSettings
 from rom.identification.output_error import OutputErrorFit, fit_output_error, values_of
-from rom.identification.priors import Tie, pull
+from rom.identification.priors import PriorConstraint, pull
 from rom.identification.record_spectra import UNCOUPLED, LinearNames
 from rom.identification.reduce import ReducedRecord, UncoupledTest
 from rom.identification.spectral_model import CORNER, SpectralRecord, key
@@ -25,7 +25,7 @@ _MUCH_MISFIT = 0.3  # systematic share of what coupled tests leave over
 _ALIKE = 0.15  # by how much the stiffening by the bolt may differ from link to link
 
 
-def flexure_ties(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[Tie, ...]:
+def flexure_ties(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[PriorConstraint, ...]:
     """Return the ties of linear links to the modes of bodies without the bolt.
 
         k = m (2 pi f)^2,   c = 2 zeta m 2 pi f,   k_i(bolt in) / k_i = k_j(bolt in) / k_j
@@ -50,11 +50,11 @@ def _only_link(body: str, settings: CampaignSettings) -> LinkSettings | None:
     return links[0]
 
 
-def _of_mode(link: str, test: UncoupledTest) -> Iterator[Tie]:
+def _of_mode(link: str, test: UncoupledTest) -> Iterator[PriorConstraint]:
     frequency, ratio = test.mode.natural_frequency, test.mode.damping_ratio
     omega, mass = 2 * np.pi * frequency.value, LinearNames.mass(test.body)
     stiffness, damping = LinearNames.stiffness(link, bolted_in=False), LinearNames.damping(link)
-    yield Tie(
+    yield PriorConstraint(
         {stiffness: 1.0, mass: -1.0},
         float(2 * np.log(omega)),
         float(np.hypot(2 * frequency.standard_error / frequency.value, _LEAST_ERROR[0])),
@@ -62,7 +62,7 @@ def _of_mode(link: str, test: UncoupledTest) -> Iterator[Tie]:
         f"{link}: stiffness without the bolt and the frequency of {test.file}",
     )
     if ratio.value > 0:
-        yield Tie(
+        yield PriorConstraint(
             {damping: 1.0, mass: -1.0},
             float(np.log(2 * ratio.value * omega)),
             float(np.hypot(ratio.standard_error / ratio.value, _LEAST_ERROR[1])),
@@ -71,17 +71,17 @@ def _of_mode(link: str, test: UncoupledTest) -> Iterator[Tie]:
         )
 
 
-def _stiffened_alike(links: Sequence[str]) -> Iterator[Tie]:
+def _stiffened_alike(links: Sequence[str]) -> Iterator[PriorConstraint]:
     for first, second in pairwise(links):
         with_bolt = tuple(LinearNames.stiffness(link) for link in (first, second))
         without = tuple(LinearNames.stiffness(link, bolted_in=False) for link in (first, second))
         factors = dict(zip((*with_bolt, *without), (1.0, -1.0, -1.0, 1.0), strict=True))
-        yield Tie(
+        yield PriorConstraint(
             factors, 0.0, _ALIKE, with_bolt, f"{first} and {second}: what the bolt adds to their stiffnesses"
         )
 
 
-def fit_near(records: Sequence[SpectralRecord], ties: Sequence[Tie]) -> OutputErrorFit:
+def fit_near(records: Sequence[SpectralRecord], ties: Sequence[PriorConstraint]) -> OutputErrorFit:
     """Return the fit of `fit_output_error`, with the ties where it breaks one of a stiffness and leaves more
     than noise.
 
@@ -98,7 +98,7 @@ def fit_near(records: Sequence[SpectralRecord], ties: Sequence[Tie]) -> OutputEr
 
 
 def _restarted(
-    records: Sequence[SpectralRecord], values: Mapping[str, float], ties: Sequence[Tie]
+    records: Sequence[SpectralRecord], values: Mapping[str, float], ties: Sequence[PriorConstraint]
 ) -> tuple[SpectralRecord, ...]:
     """Return the records with starts that keep all ties: the modes, and one stiffening of all links.
 
@@ -120,19 +120,19 @@ def _restarted(
     )
 
 
-def of_stiffness(ties: Sequence[Tie]) -> tuple[Tie, ...]:
+def of_stiffness(ties: Sequence[PriorConstraint]) -> tuple[PriorConstraint, ...]:
     """Return the ties of stiffnesses alone: an effect that the model lacks may well pass for damping."""
     dampings = LinearNames.damping("")
     return tuple(tie for tie in ties if not any(name.endswith(dampings) for name in tie.factors))
 
 
-def without_modes(ties: Sequence[Tie], acted_in: Collection[str]) -> tuple[Tie, ...]:
+def without_modes(ties: Sequence[PriorConstraint], acted_in: Collection[str]) -> tuple[PriorConstraint, ...]:
     """Return the ties but those to modes of links and bodies, ``body:NAME``, that effects act in or on."""
     masses = {
         LinearNames.mass(place.removeprefix("body:")) for place in acted_in if place.startswith("body:")
     }
 
-    def holds(tie: Tie) -> bool:
+    def holds(tie: PriorConstraint) -> bool:
         link, *others = {name.partition(".")[0] for name in tie.leaning}
         return bool(others) or (link not in acted_in and not masses & tie.factors.keys())
 
@@ -150,7 +150,7 @@ def constants(model: Model) -> Mapping[str, float]:
     return found
 
 
-def as_uncoupled(model: Model, ties: Sequence[Tie]) -> Model:
+def as_uncoupled(model: Model, ties: Sequence[PriorConstraint]) -> Model:
     """Return a model with its linear links as the uncoupled tests tell them, with the bolt in and without.
 
     Frequency and damping of a body alone are right whatever the gain of its sensors, and the bolt adds little
@@ -179,7 +179,7 @@ def as_uncoupled(model: Model, ties: Sequence[Tie]) -> Model:
     )
 
 
-def unlikely(model: Model, ties: Sequence[Tie]) -> tuple[str, ...]:
+def unlikely(model: Model, ties: Sequence[PriorConstraint]) -> tuple[str, ...]:
     """Return a line for every tie that a model's numbers break by far; none for a model near its plant.
 
     A stiffness may be off either way, a damping only be too large: friction, say, passes for damping in an

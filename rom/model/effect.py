@@ -24,7 +24,7 @@ Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class Added:
+class ModelCorrection:
     """Name, place, equation and parameters: what all added effects share.
 
     Parameters
@@ -53,7 +53,7 @@ class Added:
 
     def __setstate__(self, state: dict[str, object]) -> None:
         self.__dict__.update(state)
-        Added.__post_init__(self)
+        ModelCorrection.__post_init__(self)
 
     @property
     def values(self) -> FloatArray:
@@ -103,7 +103,7 @@ class Added:
 
 
 @dataclass(frozen=True)
-class Effect(Added):
+class Effect(ModelCorrection):
     """A force in a link or on a body, compiled into the equations of motion.
 
     Parameters
@@ -157,7 +157,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Reading(Added):
+class Reading(ModelCorrection):
     """What a bolt's gauge shows beyond the tension of the model: ``T_measured = T + reading(motion)``.
 
     It leaves motion and tension alone: what a simulation is compared with a gauge by.
@@ -187,7 +187,7 @@ Samples = Callable[..., FloatArray]
 
 
 @dataclass(frozen=True)
-class SensorFault(Added):
+class SensorFault(ModelCorrection):
     """A fault of one channel, corrected in processing and never modelled as force.
 
     Parameters

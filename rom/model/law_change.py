@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 
-from rom.model.effect import Added
+from rom.model.effect import ModelCorrection
 from rom.model.laws import Law, free_form_law
 
 # where a law is compared with itself over tension, and the motion at which it is
@@ -46,7 +46,7 @@ def _follow(law: str) -> ast.expr:
 
 
 @dataclass(frozen=True)
-class LawChange(Added):
+class LawChange(ModelCorrection):
     """A change of the law of a bolt's tension; the kernels see the changed law alone.
 
     The equation is an expression in what a tension law sees (``T x v F D``), the parameters, ``rate``, which
@@ -95,7 +95,7 @@ def _changed(change: str, law: str, first: str, parameters: tuple[str, ...], pre
     return ast.unparse(_replaced(change, {**names, "rate": _text(law), "follow": _follow(first)}))
 
 
-def prefix_of(change: Added) -> str:
+def prefix_of(change: ModelCorrection) -> str:
     """What stands before the names of a change's parameters in the changed law."""
     return f"{change.name.replace('-', '_')}_"
 

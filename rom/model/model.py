@@ -15,7 +15,7 @@ import numpy.typing as npt
 from rom import views as shown
 from rom.model.assembly import PLACES, TOLERANCE, Assembly, Response, assemble, simulate, tensions_of
 from rom.model.batch import final_tension, mean_tensions
-from rom.model.effect import Added, Effect
+from rom.model.effect import Effect, ModelCorrection
 from rom.model.law_change import LawChange, change_law
 from rom.model.laws import Law, Parameter
 from rom.model.link_force import equilibrium, link_force
@@ -59,8 +59,9 @@ class Model(shown.Shown):
         Bodies and links.
     link_laws : mapping of str to LinkLaws
         Laws of every link, by link.
-    effects : tuple of Added
-        Added effects, in order: forces, changes of the tension law, readings of the tension, faults of
+    effects : tuple of ModelCorrection
+        ModelCorrection effects, in order: forces, changes of the tension law, readings of the tension,
+        faults of
         sensors. A simulation sees the first two; what compares it with records sees the others.
     filter_cutoff_hz : mapping of str to float
         High-pass cutoff of the filter chain by kind of test [Hz].
@@ -82,7 +83,7 @@ class Model(shown.Shown):
 
     structure: Structure
     link_laws: Mapping[str, LinkLaws]
-    effects: tuple[Added, ...] = ()
+    effects: tuple[ModelCorrection, ...] = ()
     filter_cutoff_hz: Mapping[str, float] = field(default_factory=dict)
     calibration: tuple[float, ...] = ()
     windows: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -191,7 +192,7 @@ class Model(shown.Shown):
             self, structure=replace(self.structure, bodies=bodies), link_laws=link_laws, effects=effects
         )
 
-    def with_effect(self, effect: Added) -> Model:
+    def with_effect(self, effect: ModelCorrection) -> Model:
         """The same model with one more effect of any kind; see ``Model`` for what is refused."""
         return replace(self, effects=(*self.effects, effect))
 

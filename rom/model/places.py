@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from rom.campaign.channels import BOLT_CHANNELS, channel_names
-from rom.model.effect import Added, Effect, SensorFault
+from rom.model.effect import Effect, ModelCorrection, SensorFault
 from rom.model.structure import Structure
 
 
-def places_of(effect: Added, structure: Structure) -> tuple[str, ...]:
+def places_of(effect: ModelCorrection, structure: Structure) -> tuple[str, ...]:
     """Every place of a structure where an effect of this kind can enter."""
     bolted = bool(structure.bolted_links)
     if isinstance(effect, SensorFault):
@@ -22,7 +22,7 @@ def places_of(effect: Added, structure: Structure) -> tuple[str, ...]:
     return tension
 
 
-def check_effects(effects: Iterable[Added], structure: Structure) -> None:
+def check_effects(effects: Iterable[ModelCorrection], structure: Structure) -> None:
     """Refuse effects that enter where they cannot, or twice.
 
     Raises

@@ -19,13 +19,13 @@ import numpy as np
 
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE
-from rom.model.effect import Added, Effect, Motion, Reading, SensorFault
+from rom.model.effect import Effect, ModelCorrection, Motion, Reading, SensorFault
 from rom.model.laws import Z95
 from rom.model.model import Model
 from rom.signals.processing import Measurement
 from rom.signals.sensor_correction import corrected
 
-_Kind = TypeVar("_Kind", bound=Added)
+_Kind = TypeVar("_Kind", bound=ModelCorrection)
 _GUARD_S = 2e-3  # before the impact: its onset is known no better
 _FEWEST = 64  # samples before the impact
 _BATCHES = 8
@@ -59,19 +59,19 @@ def own_numbers(
     if measurement.impact_s is None:
         return model, None
     for effect in model.effects:
-        if own_names(effect) and isinstance(effect, SensorFault):
+        if per_record_names(effect) and isinstance(effect, SensorFault):
             model = _of_fault(model, measurement, effect)
     state = None
     seen = corrected(measurement, model)
     for effect in model.effects:
-        if own_names(effect) and isinstance(effect, Reading):
+        if per_record_names(effect) and isinstance(effect, Reading):
             model = _of_reading(model, seen, effect)
-        elif own_names(effect) and isinstance(effect, Effect):
+        elif per_record_names(effect) and isinstance(effect, Effect):
             model, state = _of_force(model, seen, effect, tension)
     return model, state
 
 
-def own_names(effect: Added) -> tuple[str, ...]:
+def per_record_names(effect: ModelCorrection) -> tuple[str, ...]:
     """Return the parameters of an effect that are each record's own."""
     return CATALOGUE[effect.name].by_record if effect.name in CATALOGUE else ()
 
@@ -103,7 +103,7 @@ def _of_fault(model: Model, measurement: Measurement, fault: SensorFault) -> Mod
     if len(quiet) < _FEWEST:
         return model
     if np.ptp(quiet) == 0:  # a channel that is gated shows nothing of a fault, whatever its size
-        return _with(model, fault, np.zeros(len(own_names(fault))))
+        return _with(model, fault, np.zeros(len(per_record_names(fault))))
     true = np.zeros(len(quiet))
     columns = np.stack([unit.apply(true, rate) - none.apply(true, rate) for unit, none in _units(fault)])
     return _with(model, fault, _fit(quiet[None], _per_one(fault, columns), _own(fault), _spread(fault)))
@@ -129,7 +129,7 @@ def _of_force(
     count, bodies = quiet_samples(measurement, measurement.rate_hz), model.structure.body_names
     if count < _FEWEST or not measurement.motion:
         return model, None
-    silent = model.with_values({f"{effect.path}.{name}": 0.0 for name in own_names(effect)})
+    silent = model.with_values({f"{effect.path}.{name}": 0.0 for name in per_record_names(effect)})
     force = {bodies[0]: np.zeros(count)}
     rest = dict(model.equilibrium(tension) or dict.fromkeys(bodies, 0.0))
 
@@ -169,37 +169,39 @@ def at_rest(count: int, rate_hz: float, measurement: Measurement) -> Motion:
     return Motion(time, measurement.impact_s or 0.0, still, still, bodies)
 
 
-def _own(effect: Added) -> FloatArray:
+def _own(effect: ModelCorrection) -> FloatArray:
     """The model's values of a record's own numbers."""
-    return np.array([effect.parameters[name].value for name in own_names(effect)])
+    return np.array([effect.parameters[name].value for name in per_record_names(effect)])
 
 
-def _spread(effect: Added) -> FloatArray | None:
+def _spread(effect: ModelCorrection) -> FloatArray | None:
     """Standard deviations of a record's own numbers about the model's; None where it does not tell them."""
-    limits = [(effect.parameters[name].low, effect.parameters[name].high) for name in own_names(effect)]
+    limits = [
+        (effect.parameters[name].low, effect.parameters[name].high) for name in per_record_names(effect)
+    ]
     told = [(high - low) / (2 * Z95) for low, high in limits if low is not None and high is not None]
     return np.array(told) if len(told) == len(limits) else None
 
 
 def _units(effect: _Kind) -> list[tuple[_Kind, _Kind]]:
     """The effect with each of the record's own numbers at its least strength, and with all of them zero."""
-    none = effect.with_values(**dict.fromkeys(own_names(effect), 0.0))
+    none = effect.with_values(**dict.fromkeys(per_record_names(effect), 0.0))
     return [(none.with_values(**{name: value}), none) for name, value in _least(effect).items()]
 
 
-def _per_one(effect: Added, columns: FloatArray) -> FloatArray:
+def _per_one(effect: ModelCorrection, columns: FloatArray) -> FloatArray:
     """Columns (numbers, 1, samples) of numbers of one, from those of the least strengths."""
     return np.asarray(columns[:, None] / np.array(list(_least(effect).values()))[:, None, None])
 
 
-def _least(effect: Added) -> Mapping[str, float]:
+def _least(effect: ModelCorrection) -> Mapping[str, float]:
     strengths = CATALOGUE[effect.name].strengths
-    return {name: strengths[name] for name in own_names(effect)}
+    return {name: strengths[name] for name in per_record_names(effect)}
 
 
-def _with(model: Model, effect: Added, found: FloatArray) -> Model:
+def _with(model: Model, effect: ModelCorrection, found: FloatArray) -> Model:
     values = {}
-    for name, value in zip(own_names(effect), found, strict=True):
+    for name, value in zip(per_record_names(effect), found, strict=True):
         low, high = effect.parameters[name].bounds
         values[f"{effect.path}.{name}"] = float(np.clip(value, low, high))
     return model.with_values(values)

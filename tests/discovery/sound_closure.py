@@ -9,7 +9,7 @@ import numpy as np
 from discovery.localisation.force_map import ForceMap
 from discovery.localisation.localise import Localisation, Profile
 from discovery.loop.result import Closure, FoundEffect, LookAlike, Screened, Step
-from rom.effects import CATALOGUE, Added, free_form
+from rom.effects import CATALOGUE, ModelCorrection, free_form
 from rom.evaluation.error_measures import Errors
 from rom.model.laws import Parameter
 from rom.parameters.he_2025 import paper_model
@@ -64,7 +64,7 @@ def force_map(place: str, scale: float = 1.0) -> ForceMap:
     )  # fmt: skip
 
 
-def with_limits(effect: Added, width: float = 0.1) -> Added:
+def with_limits(effect: ModelCorrection, width: float = 0.1) -> ModelCorrection:
     numbers = {
         name: replace(p, low=p.value - width * abs(p.value), high=p.value + width * abs(p.value))
         for name, p in effect.parameters.items()

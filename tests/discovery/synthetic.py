@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 import rom
-from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.laws.candidate import Candidate, Term, baseline
 from discovery.laws.factors import tension_logistic, velocity_power
 from rom.model.model import Model
@@ -33,7 +33,7 @@ def free_power() -> Candidate:
 
 
 @cache
-def small(n: float = 4.0, noise: float = 1.0) -> Frozen:
+def small(n: float = 4.0, noise: float = 1.0) -> FrozenMotion:
     """Few courses, for what is asked of many fits."""
     courses = measured(
         with_power(n), preloads=(20.0, 60.0, 300.0, 1000.0), scatter=0.3, noise=noise, length_s=0.5
@@ -42,7 +42,7 @@ def small(n: float = 4.0, noise: float = 1.0) -> Frozen:
 
 
 @cache
-def frozen(n: float = 4.0, scatter: float = 0.3, noise: float = 1.0, seed: int = 0) -> Frozen:
+def frozen(n: float = 4.0, scatter: float = 0.3, noise: float = 1.0, seed: int = 0) -> FrozenMotion:
     """Courses of a law with power n and their frozen motion; made once."""
     return freeze(rom.paper_model(), measured(with_power(n), scatter=scatter, noise=noise, seed=seed))
 

@@ -12,7 +12,15 @@ import pytest
 sys.path.append(str(Path(__file__).parents[2]))
 
 from benchmarks.false_alarms import null_of, rows
-from discovery.decide.acceptance import harms, is_alike, is_exact, is_quiet, is_sure, is_told, matters
+from discovery.decide.acceptance import (
+    at_noise_floor,
+    harms,
+    is_accepted,
+    is_alike,
+    is_exact,
+    is_material,
+    is_significant,
+)
 from discovery.decide.explanation import Explanation
 from discovery.loop.result import ErrorsByKind
 from rom.effects import CATALOGUE
@@ -42,9 +50,9 @@ def errors(tension: float | None, motion: float, training: float = 1.0, failed: 
 
 
 def test_an_effect_of_the_tension_is_sure_beyond_chance_and_on_tests_unseen() -> None:
-    assert is_sure(explained(30.0, 5.0, left=1.0))
-    assert not is_sure(explained(15.0, 5.0, left=1.0))
-    assert not is_sure(explained(30.0, -1.0, left=1.0))
+    assert is_accepted(explained(30.0, 5.0, left=1.0))
+    assert not is_accepted(explained(15.0, 5.0, left=1.0))
+    assert not is_accepted(explained(30.0, -1.0, left=1.0))
 
 
 @pytest.mark.parametrize(
@@ -65,21 +73,21 @@ def test_in_the_motion_a_few_records_do_not_outvote_the_others(
         after={"t.h5": 100.0} | {file: 200.0 - gain for file, gain in zip(files, gains, strict=True)},
         hold_out=frozenset(files),
     )
-    assert is_sure(several) is sure
+    assert is_accepted(several) is sure
 
 
 def test_a_difference_in_the_motion_is_told_however_small_its_share() -> None:
     slight = replace(explained(200.0, 30.0, place="joint", left=1.0), before={"t.h5": 1e5, "h.h5": 1e4})
     slight = replace(slight, after={"t.h5": 1e5 - 200.0, "h.h5": 1e4 - 30.0})
-    assert is_told(slight)
-    assert not is_sure(slight)
-    assert not is_told(replace(slight, left=1.5))
-    assert not is_told(explained(100.0, 30.0, place="joint", left=1.0))
-    assert not is_told(explained(200.0, 10.0, place="joint", left=1.0))
+    assert is_significant(slight)
+    assert not is_accepted(slight)
+    assert not is_significant(replace(slight, left=1.5))
+    assert not is_significant(explained(100.0, 30.0, place="joint", left=1.0))
+    assert not is_significant(explained(200.0, 10.0, place="joint", left=1.0))
 
 
 def test_what_is_left_makes_a_gain_less_telling() -> None:
-    assert not is_sure(explained(30.0, 5.0, left=3.0))
+    assert not is_accepted(explained(30.0, 5.0, left=3.0))
 
 
 def test_in_the_tension_training_tests_may_tell_two_effects_apart() -> None:
@@ -116,9 +124,9 @@ def test_without_held_out_tests_training_tests_tell_of_harm() -> None:
 
 
 def test_noise_is_quiet_and_so_is_next_to_nothing_of_much() -> None:
-    assert is_quiet(1.19, 1.0)
-    assert not is_quiet(1.3, 5.0)
-    assert is_quiet(1.3, 20.0)
+    assert at_noise_floor(1.19, 1.0)
+    assert not at_noise_floor(1.3, 5.0)
+    assert at_noise_floor(1.3, 20.0)
 
 
 def motion(error: float) -> ErrorsByKind:
@@ -127,25 +135,25 @@ def motion(error: float) -> ErrorsByKind:
 
 
 def test_an_effect_that_leaves_little_beyond_noise_need_not_lower_errors_but_must_not_raise_them() -> None:
-    assert matters(motion(1.0), motion(0.999), closes=True)
-    assert not matters(motion(1.0), motion(1.05), closes=True)
-    assert not matters(motion(1.0), motion(0.999), settled=True, closes=True)
+    assert is_material(motion(1.0), motion(0.999), closes=True)
+    assert not is_material(motion(1.0), motion(1.05), closes=True)
+    assert not is_material(motion(1.0), motion(0.999), settled=True, closes=True)
 
 
 def test_an_error_of_a_few_records_may_rise_a_little_where_little_beyond_noise_is_left() -> None:
     def after(other: float) -> ErrorsByKind:
         return cast(ErrorsByKind, {"hold_out": motion(1.0)["hold_out"] | {"relative_motion_nrmse": other}})
 
-    assert matters(motion(1.0), after(2 * 1.12), closes=True)
-    assert not matters(motion(1.0), after(2 * 1.3), closes=True)
-    assert not matters(motion(1.0), after(2 * 1.12))
+    assert is_material(motion(1.0), after(2 * 1.12), closes=True)
+    assert not is_material(motion(1.0), after(2 * 1.3), closes=True)
+    assert not is_material(motion(1.0), after(2 * 1.12))
 
 
 def test_an_effect_that_follows_a_strong_one_must_lower_an_error_by_more() -> None:
-    assert matters(motion(1.0), motion(0.95))
-    assert not matters(motion(1.0), motion(0.99))
-    assert not matters(motion(1.0), motion(0.95), settled=True)
-    assert matters(motion(1.0), motion(0.8), settled=True)
+    assert is_material(motion(1.0), motion(0.95))
+    assert not is_material(motion(1.0), motion(0.99))
+    assert not is_material(motion(1.0), motion(0.95), settled=True)
+    assert is_material(motion(1.0), motion(0.8), settled=True)
 
 
 def test_the_largest_gain_by_chance_is_told_by_its_training_records() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.decide.acceptance import is_sure
+from discovery.decide.acceptance import is_accepted
 from discovery.decide.explanation import Explanation
 from discovery.explain.at_rest import explain_at_rest
 from rom.campaign.channels import FloatArray
@@ -20,7 +20,7 @@ _RATE_HZ, _HIT_S, _RECORDS = 4800.0, 0.5, 10
 def still(
     added: FloatArray | float = 0.0, *, seed: int = 0, scatter: float = 0.0, hit_s: float = _HIT_S
 ) -> Any:
-    """Evidence of records that hold an accelerometer's noise, and what is added to it in every record."""
+    """Residual of records that hold an accelerometer's noise, and what is added to it in every record."""
     generator = np.random.default_rng(seed)
     samples = 0.01 * generator.standard_normal((_RECORDS, round(2 * hit_s * _RATE_HZ)))
     samples += added + scatter * generator.standard_normal((_RECORDS, 1))
@@ -38,7 +38,7 @@ def still(
 
 
 def sure(evidence: Any) -> list[Explanation]:
-    return [one for one in explain_at_rest(evidence) if is_sure(one)]
+    return [one for one in explain_at_rest(evidence) if is_accepted(one)]
 
 
 @pytest.mark.parametrize("seed", range(5))

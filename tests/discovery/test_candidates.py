@@ -7,7 +7,7 @@ import pytest
 
 import rom
 from discovery.courses.fit import fit
-from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.laws.candidate import Candidate, Term, baseline
 from discovery.laws.factors import displacement_power, tension_logistic, velocity_power
 from discovery.ranking.result import term_form
@@ -18,7 +18,7 @@ PRELOADS = (8.0, 20.0, 60.0, 150.0, 300.0, 900.0)
 SHAPE = tension_logistic(7.974, -0.00362)
 
 
-def _proposed(whole: Frozen, seed: int = 0, *, tightening: bool = False) -> Proposals:
+def _proposed(whole: FrozenMotion, seed: int = 0, *, tightening: bool = False) -> Proposals:
     return propose(whole, fit(baseline(), whole), seed, tightening)
 
 
@@ -92,12 +92,12 @@ def test_a_sum_of_two_terms_is_proposed_where_it_is_the_truth() -> None:
 
 
 @pytest.fixture(scope="module")
-def few() -> Frozen:
+def few() -> FrozenMotion:
     return frozen(3.0).subset(range(0, len(frozen(3.0)), 3))
 
 
 @pytest.mark.slow
-def test_one_seed_gives_the_same_numbers_and_progress_runs_to_its_end(few: Frozen) -> None:
+def test_one_seed_gives_the_same_numbers_and_progress_runs_to_its_end(few: FrozenMotion) -> None:
     told: list[tuple[int, int]] = []
     first, again = (
         propose(few, fit(baseline(), few), 7, progress=lambda done, total: told.append((done, total)))
@@ -109,7 +109,7 @@ def test_one_seed_gives_the_same_numbers_and_progress_runs_to_its_end(few: Froze
     assert told == [(step, 4) for step in range(5)] * 2
 
 
-def test_tightening_allows_terms_of_the_other_sign(few: Frozen) -> None:
+def test_tightening_allows_terms_of_the_other_sign(few: FrozenMotion) -> None:
     found = _proposed(few, tightening=True)
     assert any(term.sign == 1 for law in found.candidates for term in law.terms)
     assert all(c > 0 for law in found.candidates for c in law.coefficients)

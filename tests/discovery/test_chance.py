@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discovery.decide.acceptance import is_sure
+from discovery.decide.acceptance import is_accepted
 from discovery.decide.chance import (
     FALSE_ALARMS,
     FEWEST_RECORDS,
@@ -98,4 +98,4 @@ def test_an_effect_that_chance_explains_is_not_sure(chance, sure):
     effect = CATALOGUE["cubic-stiffness"].at("joint")
     before, after = {"a": 2000.0, "b": 2000.0}, {"a": 1000.0, "b": 1000.0}
     one = Explanation(effect, before, after, {"a": 1000, "b": 1000}, frozenset("b"), 1, p_value=chance)
-    assert is_sure(one) is sure
+    assert is_accepted(one) is sure

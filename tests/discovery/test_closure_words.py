@@ -226,6 +226,7 @@ def test_closed_loops_are_imported_when_they_are_used() -> None:
     assert {"close_loop", "discover", "Closure"} <= set(dir(discovery))
     with pytest.raises(AttributeError, match="close_lop"):
         discovery.close_lop  # noqa: B018 - the access is what is tested
-    code = "import sys, discovery; print([m for m in sys.modules if m in ('discovery.loop.result', 'matplotlib')])"
+    heavy = ("discovery.loop.result", "matplotlib")
+    code = f"import sys, discovery; print([m for m in sys.modules if m in {heavy}])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.decide.acceptance import is_sure
+from discovery.decide.acceptance import is_accepted
 from discovery.decide.explanation import Explanation
 from discovery.explain.calibration import explain_by_preloads
 from rom.campaign.channels import FloatArray
@@ -25,7 +25,7 @@ def shown(
     declared: FloatArray = PRELOADS,
     seed: int = 0,
 ) -> Any:
-    """Evidence of records whose gauge shows T_0 + (1 + c_1) T + c_2 T^2; one preload in five is held out."""
+    """Residual of records whose gauge shows T_0 + (1 + c_1) T + c_2 T^2; one preload in five is held out."""
     generator = np.random.default_rng(seed)
     true = declared * (1 + scatter * generator.standard_normal(declared.size))
     tension = wrong[0] + (1 + wrong[1]) * true + wrong[2] * true**2
@@ -41,7 +41,7 @@ def shown(
 
 
 def sure(evidence: Any) -> list[Explanation]:
-    return [one for one in explain_by_preloads(evidence) if is_sure(one)]
+    return [one for one in explain_by_preloads(evidence) if is_accepted(one)]
 
 
 @pytest.mark.parametrize("scatter", [0.0, 0.002, 0.02, 0.1])

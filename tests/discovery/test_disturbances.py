@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.decide.acceptance import is_sure
+from discovery.decide.acceptance import is_accepted
 from discovery.explain.ground_motion import explain_disturbances
 from discovery.loop.close_loop import close_loop
 from discovery.loop.state import refitted
-from discovery.residual.output_error import Evidence, gather, lasting_force, starting
+from discovery.residual.output_error import WhitenedResidual, lasting_force, starting, whitened_residual_of
 from discovery.residual.trajectory import read_measurements
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
@@ -25,16 +25,18 @@ SHAKEN = Undeclared("ground-motion", "body:lo", {"F_a": 0.02, "F_b": 0.0, "f": 1
 
 
 @cache
-def evidence(*undeclared: Undeclared) -> Evidence:
+def evidence(*undeclared: Undeclared) -> WhitenedResidual:
     with TemporaryDirectory() as scratch:
         rig.run(Path(scratch) / "c", 5, 1.0, 4, 1, duration_s=2.5, hold_out_every=4, undeclared=undeclared)
         campaign = rom.read_campaign(Path(scratch) / "c")
         found = identify_campaign(campaign)
-        return refitted(gather(campaign, starting(found, found.model), read_measurements(campaign)))
+        return refitted(
+            whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign))
+        )
 
 
 def test_a_ground_that_moves_is_found_with_its_frequency() -> None:
-    sure = [one for one in explain_disturbances(evidence(SHAKEN)) if is_sure(one)]
+    sure = [one for one in explain_disturbances(evidence(SHAKEN)) if is_accepted(one)]
     best = max(sure, key=lambda one: float(one.gains(hold_out=False).sum()))
     assert best.effect.path == "body:lo.ground-motion"
     assert best.effect.parameters["f"].value == pytest.approx(11.3, abs=0.02)
@@ -63,7 +65,7 @@ def test_what_is_told_does_not_depend_on_the_number_of_jobs() -> None:
 
 
 def test_noise_alone_has_none() -> None:
-    assert not [one for one in explain_disturbances(evidence()) if is_sure(one)]
+    assert not [one for one in explain_disturbances(evidence()) if is_accepted(one)]
 
 
 def test_a_record_s_own_numbers_drive_its_bodies() -> None:

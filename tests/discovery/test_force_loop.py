@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discovery.explain.force_balance import Unbalanced, explain_forces, screen_forces
+from discovery.explain.force_balance import ForceBalanceResidual, explain_forces, screen_forces
 from discovery.loop.close_loop import close_loop
 from discovery.loop.result import Closure
 from rom.campaign.campaign import Campaign
@@ -205,12 +205,12 @@ def test_the_tribometer_lacks_slip_under_its_normal_force(tmp_path: Path) -> Non
 def test_no_friction_without_memory_explains_the_tribometer(tmp_path: Path) -> None:
     """By name, each fitted beside all numbers of the model: held-out balance of forces."""
     balances, _ = balances_of(twins.tribometer(measured("tribometer"), tmp_path / "tribometer"))
-    declared = Unbalanced(balances, (), dict.fromkeys(balances.names, 0.0)).with_numbers()
+    declared = ForceBalanceResidual(balances, (), dict.fromkeys(balances.names, 0.0)).with_numbers()
     model, _ = declared_model(balances)
     probes = {one[0].effect.name: one for one in screen_forces(declared, model)}
     unseen = ~balances.training
 
-    def error(state: Unbalanced) -> float:
+    def error(state: ForceBalanceResidual) -> float:
         left = (state.residual * balances.noise)[unseen]
         return float(np.linalg.norm(left) / np.linalg.norm(balances.force[unseen]))
 

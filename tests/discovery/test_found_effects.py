@@ -11,8 +11,8 @@ import pytest
 import rom
 from discovery.explain.motion import explanation
 from discovery.loop.found_effects import found_effect
-from discovery.loop.state import State, lacking, refitted, with_effects
-from discovery.residual.output_error import gather, starting, weigh
+from discovery.loop.state import State, refitted, residual_without, with_effects
+from discovery.residual.output_error import starting, whiten, whitened_residual_of
 from discovery.residual.trajectory import read_measurements
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
@@ -32,17 +32,19 @@ def test_limits_of_a_force_are_those_about_the_last_model(tmp_path: Path) -> Non
     rig.run(tmp_path / "c", 4, 1.0, 1, 1, duration_s=2.5, hold_out_every=4, undeclared=(hidden,))
     campaign = rom.read_campaign(tmp_path / "c")
     found = identify_campaign(campaign)
-    before = refitted(gather(campaign, starting(found, found.model), read_measurements(campaign)))
+    before = refitted(
+        whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign))
+    )
     member = CATALOGUE["cubic-stiffness"]
     cubic = member.at("flexure_lo", ground=True)
     early = explanation(cubic.with_values(k3=3e8), member, before)  # a step of the fit that is far off
     model = cubic.with_values(k3=1e9).added_to(before.baseline.model)
-    last = refitted(weigh(before.traces, replace(before.baseline, model=model), before.floors))
+    last = refitted(whiten(before.traces, replace(before.baseline, model=model), before.floors))
     nothing: Any = None
     told = found_effect(early, (), State(last.baseline.model, last, nothing, nothing)).effect
     (own,) = last.baseline.model.effects
     assert told.parameters["k3"].value == own.parameters["k3"].value
-    beside = with_effects(lacking(last, cubic))
+    beside = with_effects(residual_without(last, cubic))
     width = half_width(told.parameters["k3"])
     assert width == half_width(explanation(own, member, beside).effect.parameters["k3"])
     assert width < 0.5 * half_width(early.effect.parameters["k3"])

@@ -25,7 +25,7 @@ from discovery.localisation.tension import tension_views
 from discovery.loop import close_loop as refinement
 from discovery.loop.close_loop import _Loop
 from discovery.loop.free_tension import with_free_form
-from discovery.loop.history import Chosen, Trail
+from discovery.loop.history import LoopHistory, Selection
 from discovery.loop.refits import Refits
 from discovery.loop.state import silent
 from discovery.residual.tension import Drift
@@ -197,10 +197,10 @@ def state(tension: float = 1.0) -> Any:
 
 def kept(
     left: list[float], error: float = 1.0, *, named: float = 4.0, none: int = 0, of_name: float = 1.0
-) -> Trail:
+) -> LoopHistory:
     """The trail where free forms leave so much in place of a name, and beside it."""
-    path = Trail((state(),))
-    with_name = path.longer(Chosen(explanation("loosening-ratchet"), ()), state(of_name))
+    path = LoopHistory((state(),))
+    with_name = path.longer(Selection(explanation("loosening-ratchet"), ()), state(of_name))
     with_name = replace(with_name, tension=(Misfit(9.0, 200.0), Misfit(named, 200.0)))
     free = TensionFindings((explanation("free-form"),), Misfit(9.0, 200.0))
     told = iter(
@@ -212,7 +212,7 @@ def kept(
     return with_free_form(with_name, [path, with_name], lambda _: next(told), lambda *_: state(error))
 
 
-def names(path: Trail) -> list[str]:
+def names(path: LoopHistory) -> list[str]:
     return [one.best.effect.name for one in path.chosen]
 
 
@@ -222,7 +222,7 @@ def test_a_free_form_that_explains_what_a_name_does_not_takes_its_place() -> Non
     path = kept([1.1])
     assert names(path) == ["free-form"]
     assert [one.level for one in path.tension] == [9.0, 1.1]
-    assert path.tension_is_quiet
+    assert path.tension_at_noise_floor
 
 
 @pytest.mark.parametrize(("left", "none"), [([3.0, 1.1], 0), ([1.1], 1)])
@@ -235,7 +235,7 @@ def test_a_name_stays_where_a_free_form_explains_little_more(named: float, left:
     path = kept([left, left], named=named)
     assert names(path) == ["loosening-ratchet"]
     assert path.tension[-1].level == named
-    assert not path.tension_is_quiet
+    assert not path.tension_at_noise_floor
 
 
 def test_a_free_form_that_ruins_an_error_is_not_kept() -> None:
@@ -252,4 +252,4 @@ def test_the_loop_asks_for_a_free_form_where_more_than_noise_is_left(monkeypatch
         nothing = TensionFindings((), Misfit(level, 200.0))
         monkeypatch.setattr(refinement, "explain_tension", lambda *_, n=nothing: n)
         loop = _Loop(Refits(None, None, 1, silent))  # type: ignore[arg-type]
-        assert names(loop.in_tension(Trail((state(),)))) == expected
+        assert names(loop.in_tension(LoopHistory((state(),)))) == expected

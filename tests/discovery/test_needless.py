@@ -13,23 +13,23 @@ import pytest
 import rom
 from discovery.decide.explanation import Explanation
 from discovery.explain.at_rest import explain_at_rest
-from discovery.explain.force_balance import Unbalanced
+from discovery.explain.force_balance import ForceBalanceResidual
 from discovery.explain.motion import explanation
 from discovery.explain.tension import TensionFindings
 from discovery.loop import close_loop as refinement
 from discovery.loop.close_loop import _Loop
 from discovery.loop.force_loop import _together
 from discovery.loop.force_loop import _without_needless as without_needless_forces
-from discovery.loop.history import Chosen, Trail
+from discovery.loop.history import LoopHistory, Selection
 from discovery.loop.redundant import without_needless, without_needless_in_tension
 from discovery.loop.refits import Refits
 from discovery.loop.state import State, silent, with_effects
-from discovery.residual.output_error import weigh
+from discovery.residual.output_error import whiten
 from discovery.residual.tension_data import Misfit
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 from rom.campaign.channels import FloatArray
-from rom.effects import CATALOGUE, Added, Effect
+from rom.effects import CATALOGUE, Effect, ModelCorrection
 from rom.identification.force_balance import balances_of
 from rom.identification.identify import identify_campaign
 from tests.discovery import driven_twins as twins
@@ -46,17 +46,17 @@ def refits(folder: Path, *undeclared: Undeclared) -> Refits:
     return Refits(campaign, identify_campaign(campaign), 1, silent)
 
 
-def of_catalogue(hidden: Undeclared, strength: float) -> Added:
+def of_catalogue(hidden: Undeclared, strength: float) -> ModelCorrection:
     effect = CATALOGUE[hidden.name].at(hidden.enters, ground=hidden.enters.startswith("flexure"))
     return effect.with_values(**{name: strength * value for name, value in hidden.parameters.items()})
 
 
-def with_effect(state: State, effect: Added, mine: Refits) -> State:
+def with_effect(state: State, effect: ModelCorrection, mine: Refits) -> State:
     """The state with an effect in its model, nothing refitted."""
     baseline = replace(state.evidence.baseline, model=effect.added_to(state.model))
     evidence = state.evidence
     if isinstance(effect, Effect):
-        evidence = with_effects(weigh(evidence.traces, baseline, evidence.floors))
+        evidence = with_effects(whiten(evidence.traces, baseline, evidence.floors))
     else:
         evidence = mine.gathered(baseline, evidence.floors)
     return replace(state, model=baseline.model, evidence=evidence)
@@ -66,8 +66,8 @@ def with_effect(state: State, effect: Added, mine: Refits) -> State:
 def test_a_force_is_dropped_where_the_model_does_as_well_without(tmp_path: Path, there: bool) -> None:
     mine = refits(tmp_path / "campaign", *([CUBIC] if there else []))
     first, effect = mine.start(), of_catalogue(CUBIC, 1.0 if there else 0.0)
-    one = Chosen(explanation(effect, CATALOGUE["cubic-stiffness"], first.evidence), ())
-    path = without_needless(Trail((first,)).longer(one, with_effect(first, effect, mine)), mine)
+    one = Selection(explanation(effect, CATALOGUE["cubic-stiffness"], first.evidence), ())
+    path = without_needless(LoopHistory((first,)).longer(one, with_effect(first, effect, mine)), mine)
     assert len(path.chosen) == len(path.states) - 1 == len(path.states[-1].model.effects) == int(there)
 
 
@@ -78,10 +78,10 @@ def test_a_fault_is_dropped_where_a_later_effect_has_made_it_needless(tmp_path: 
     gain, cubic = of_catalogue(GAIN, 1.0 if there else 1e-3), of_catalogue(CUBIC, 1.0)
     second = mine.adopt(first, explanation(gain, CATALOGUE["acceleration-gain"], first.evidence))
     told = [
-        Chosen(explanation(effect, CATALOGUE[effect.name], state.evidence), ())
+        Selection(explanation(effect, CATALOGUE[effect.name], state.evidence), ())
         for effect, state in ((gain, first), (cubic, second))
     ]
-    path = Trail((first,)).longer(told[0], second)
+    path = LoopHistory((first,)).longer(told[0], second)
     assert without_needless(path, mine) is path  # the last one is not asked
     third = mine.adopt(second, told[1].best)
     path = without_needless(path.longer(told[1], third), mine)
@@ -96,8 +96,8 @@ def test_what_shows_before_the_hits_stays_whatever_the_motion_says(tmp_path: Pat
     (told,) = (e for e in explain_at_rest(first.evidence) if e.effect.name == "acceleration-bias")
     second = mine.adopt(first, told, floors_too=True)
     cubic = of_catalogue(CUBIC, 1.0)
-    one = Chosen(explanation(cubic, CATALOGUE["cubic-stiffness"], second.evidence), ())
-    path = Trail((first,)).longer(Chosen(told, ()), second).longer(one, mine.adopt(second, one.best))
+    one = Selection(explanation(cubic, CATALOGUE["cubic-stiffness"], second.evidence), ())
+    path = LoopHistory((first,)).longer(Selection(told, ()), second).longer(one, mine.adopt(second, one.best))
     assert without_needless(path, mine) is path
 
 
@@ -106,14 +106,14 @@ def test_what_shows_before_the_hits_only_later_may_make_others_needless(
     monkeypatch: pytest.MonkeyPatch, shows_later: bool
 ) -> None:
     state: Any = SimpleNamespace(evidence=None)
-    cubic, hum = (Chosen(shown(name, 100.0), ()) for name in ("cubic-stiffness", "hum"))
-    first, done = Trail((state,)), []
+    cubic, hum = (Selection(shown(name, 100.0), ()) for name in ("cubic-stiffness", "hum"))
+    first, done = LoopHistory((state,)), []
     monkeypatch.setattr(
         _Loop, "in_motion", lambda _, path, given=None: path if done else path.longer(given, state)
     )
     monkeypatch.setattr(_Loop, "at_rest", lambda _, path: path.longer(hum, state) if shows_later else path)
 
-    def dropping(path: Trail, _: Refits) -> Trail:
+    def dropping(path: LoopHistory, _: Refits) -> LoopHistory:
         done.append(path.names)
         return first.longer(path.chosen[-1], state)
 
@@ -129,12 +129,12 @@ def test_the_loop_goes_on_as_long_as_the_same_effects_leave_less(
     monkeypatch: pytest.MonkeyPatch, left: list[float], screens: int
 ) -> None:
     state: Any = SimpleNamespace(evidence=None)
-    asked, costs, first = [], iter(left), Trail((state,))
-    found = (Chosen(shown("tension-drift", 100.0), ()), None), ()
+    asked, costs, first = [], iter(left), LoopHistory((state,))
+    found = (Selection(shown("tension-drift", 100.0), ()), None), ()
     monkeypatch.setattr(_Loop, "_most_helpful", lambda *_: asked.append(1) or found)
-    monkeypatch.setattr(Trail, "improves", lambda *_: True)
+    monkeypatch.setattr(LoopHistory, "improves", lambda *_: True)
     monkeypatch.setattr(Refits, "settled", lambda *_: state)
-    monkeypatch.setattr(refinement, "sharpened", lambda evidence: evidence)
+    monkeypatch.setattr(refinement, "reestimate_noise", lambda evidence: evidence)
     monkeypatch.setattr(refinement, "cost", lambda _: next(costs))
     monkeypatch.setattr(refinement, "without_needless", lambda *_: first)
     nothing: Any = None
@@ -145,9 +145,9 @@ def test_the_loop_goes_on_as_long_as_the_same_effects_leave_less(
 def test_what_the_motion_does_not_show_is_not_judged_by_it() -> None:
     state: Any = SimpleNamespace(model=SimpleNamespace(effects=()), evidence=None)
     nothing: Any = None
-    path = Trail((state,))
+    path = LoopHistory((state,))
     for one in (shown("tension-skew", 100.0, "sensor:tension"), shown("loosening-ratchet", 100.0)):
-        path = path.longer(Chosen(one, ()), state)
+        path = path.longer(Selection(one, ()), state)
     assert without_needless(path, nothing) is path
 
 
@@ -156,7 +156,7 @@ def shown(name: str, gain: float, enters: str = "tension") -> Explanation:
     return Explanation(effect, {"t.h5": cost}, {"t.h5": cost - gain}, {"t.h5": 200}, frozenset(), 2, left=1.0)
 
 
-def shortened(gains: dict[str, float], error: float = 1.0) -> Trail:
+def shortened(gains: dict[str, float], error: float = 1.0) -> LoopHistory:
     """Three effects in the tension, and what each explains where the one before the last is asked again."""
 
     def state(*names: str, error: float = 1.0) -> Any:
@@ -164,9 +164,9 @@ def shortened(gains: dict[str, float], error: float = 1.0) -> Trail:
         return SimpleNamespace(names=names, level=1.0, errors={"hold_out": held, "training": held})
 
     names = ("relaxation-log", "tension-drift", "loosening-ratchet")
-    path = Trail((state(),), tension=(Misfit(9.0, 100.0), Misfit(2.0, 100.0)))
+    path = LoopHistory((state(),), tension=(Misfit(9.0, 100.0), Misfit(2.0, 100.0)))
     for place, name in enumerate(names, 1):
-        path = path.longer(Chosen(shown(name, 100.0), ()), state(*names[:place]))
+        path = path.longer(Selection(shown(name, 100.0), ()), state(*names[:place]))
 
     def explain(_last: Any, asked: str) -> TensionFindings:
         told = tuple(shown(name, gains.get(name, 100.0)) for name in names)
@@ -200,6 +200,6 @@ def test_a_force_along_a_driven_motion_is_dropped_too(tmp_path: Path, there: boo
     balances = balances_of(twins.driven(tmp_path / "driven", extra=force))[0]
     held = [("coulomb-friction", {"F_c": 5.0 if there else 0.01}), ("cubic-stiffness", {"k3": 2e7})]
     effects = [CATALOGUE[name].at("guide", ground=True).with_values(**values) for name, values in held]
-    state = Unbalanced(balances, tuple(effects), dict.fromkeys(balances.names, 0.0))  # type: ignore[arg-type]
+    state = ForceBalanceResidual(balances, tuple(effects), dict.fromkeys(balances.names, 0.0))  # type: ignore[arg-type]
     left = without_needless_forces(_together(state.with_numbers())).effects
     assert [one.name for one in left] == ["coulomb-friction"] * there + ["cubic-stiffness"]

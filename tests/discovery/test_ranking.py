@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from discovery.courses.fit import refine
-from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.laws.candidate import (
     BASELINE,
     CONSTANT_QUADRATIC,
@@ -41,12 +41,12 @@ BY_DISPLACEMENT = Candidate("x", (Term(displacement_power(), tension_power()),),
 
 
 @pytest.fixture(scope="module")
-def frozen() -> Frozen:
+def frozen() -> FrozenMotion:
     return freeze(paper_model(), measured(with_power(3.0), scatter=0.3, seed=5))
 
 
 @pytest.fixture(scope="module")
-def laws(frozen: Frozen) -> tuple[RankedLaw, ...]:
+def laws(frozen: FrozenMotion) -> tuple[RankedLaw, ...]:
     return race([FREE, BY_DISPLACEMENT], frozen)
 
 
@@ -91,7 +91,7 @@ def test_errors_are_empty_without_a_campaign(laws: tuple[RankedLaw, ...]) -> Non
     assert laws[0].errors["training"]["tension_loss_error_percent_median"] is None
 
 
-def test_law_equal_to_a_simpler_one_is_its_look_alike(frozen: Frozen) -> None:
+def test_law_equal_to_a_simpler_one_is_its_look_alike(frozen: FrozenMotion) -> None:
     extra = Term(velocity_power().held(n=4.0), tension_logistic())
     tiny = Candidate("tiny", (FREE.terms[0], extra), (1e11, 1e-6), "hand")
     part = frozen.subset(range(4, 12))
@@ -103,7 +103,7 @@ def test_law_equal_to_a_simpler_one_is_its_look_alike(frozen: Frozen) -> None:
             assert law.free_numbers <= 4
 
 
-def test_law_at_its_bound_is_no_look_alike_of_one_that_fits_far_better(frozen: Frozen) -> None:
+def test_law_at_its_bound_is_no_look_alike_of_one_that_fits_far_better(frozen: FrozenMotion) -> None:
     better = replace(refine(FREE, frozen), deviance=100.0)
     at_bound = THRESHOLD.with_values({"v_th": 0.0})
     worse = refine(at_bound, frozen)
@@ -127,7 +127,7 @@ def test_law_that_comes_first_in_one_resample_of_twenty_is_listed_whatever_its_r
 
 
 @pytest.mark.slow
-def test_numbers_do_not_depend_on_jobs(frozen: Frozen) -> None:
+def test_numbers_do_not_depend_on_jobs(frozen: FrozenMotion) -> None:
     part = frozen.subset(range(6, 12))
     one, two = (race([FREE], part, seed=2, jobs=jobs) for jobs in (1, 2))
     assert [law.name for law in one] == [law.name for law in two]
@@ -137,7 +137,7 @@ def test_numbers_do_not_depend_on_jobs(frozen: Frozen) -> None:
         assert a.p_value_against_baseline == b.p_value_against_baseline
 
 
-def test_progress_rises_to_its_end(frozen: Frozen) -> None:
+def test_progress_rises_to_its_end(frozen: FrozenMotion) -> None:
     told: list[tuple[int, int]] = []
     race([], frozen.subset(range(6, 10)), progress=lambda done, total: told.append((done, total)))
     shares = [done / total for done, total in told]
@@ -145,7 +145,7 @@ def test_progress_rises_to_its_end(frozen: Frozen) -> None:
     assert shares[-1] == pytest.approx(1.0)
 
 
-def test_ranking_in_words_tables_and_as_a_model(laws: tuple[RankedLaw, ...], frozen: Frozen) -> None:
+def test_ranking_in_words_tables_and_as_a_model(laws: tuple[RankedLaw, ...], frozen: FrozenMotion) -> None:
     ranking = Ranking(laws, 321, paper_model(), {}, indistinguishable=(laws[1].name,))
     text = ranking.summary()
     assert laws[0].name in text

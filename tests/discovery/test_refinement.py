@@ -16,11 +16,11 @@ import rom
 from discovery.explain.motion import explain, explanation, output_of, screen
 from discovery.localisation.localise import localise
 from discovery.loop.close_loop import _Loop, close_loop
-from discovery.loop.history import Chosen, Trail
+from discovery.loop.history import LoopHistory, Selection
 from discovery.loop.refits import Refits
 from discovery.loop.result import Closure
-from discovery.loop.state import level, refitted, sharpened, silent, with_effects
-from discovery.residual.output_error import Evidence, gather, starting, weigh
+from discovery.loop.state import level, reestimate_noise, refitted, silent, with_effects
+from discovery.residual.output_error import WhitenedResidual, starting, whiten, whitened_residual_of
 from discovery.residual.trajectory import read_measurements
 from discovery.separating_tests.effects import separating_tests
 from experiments.studies import rig
@@ -41,12 +41,14 @@ def measured(folder: Path, undeclared: tuple[Undeclared, ...] = (), seed: int = 
 
 
 @cache
-def evidence(*undeclared: Undeclared) -> Evidence:
+def evidence(*undeclared: Undeclared) -> WhitenedResidual:
     """What the declared model leaves over."""
     with TemporaryDirectory() as scratch:
         campaign = measured(Path(scratch) / "campaign", undeclared)
         found = identify_campaign(campaign)
-        return refitted(gather(campaign, starting(found, found.model), read_measurements(campaign)))
+        return refitted(
+            whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign))
+        )
 
 
 @cache
@@ -137,7 +139,7 @@ def test_what_the_model_s_numbers_imitate_is_no_evidence() -> None:
 
 def test_a_step_along_the_measured_motion_is_right_from_afar_where_one_along_the_model_s_is_not() -> None:
     near = evidence()
-    far = weigh(near.traces, near.baseline.moved({"flexure_lo.stiffness": 0.3}), near.floors)
+    far = whiten(near.traces, near.baseline.moved({"flexure_lo.stiffness": 0.3}), near.floors)
     back, short = (
         replace(far, from_afar=along).steps(far.residual)["flexure_lo.stiffness"] for along in (True, False)
     )
@@ -180,7 +182,7 @@ def test_the_same_effect_elsewhere_is_told_though_the_model_has_it_here() -> Non
         for body in ("lo", "so")
     )
     model = lo.added_to(found.baseline.model)
-    refined = with_effects(weigh(found.traces, replace(found.baseline, model=model), found.floors))
+    refined = with_effects(whiten(found.traces, replace(found.baseline, model=model), found.floors))
     (told,) = separating_tests(lo, [so], refined, 12.0, 0.05)
     assert told.startswith("hit "), told
 
@@ -231,7 +233,9 @@ def test_a_start_without_stiffness_is_left_for_the_uncoupled_tests() -> None:
         campaign = measured(Path(scratch) / "campaign", (GAIN,))
         found = identify_campaign(campaign)
         astray = replace(found, model=found.model.with_values(flexures))
-        far = refitted(gather(campaign, starting(astray, astray.model), read_measurements(campaign)))
+        far = refitted(
+            whitened_residual_of(campaign, starting(astray, astray.model), read_measurements(campaign))
+        )
         start = Refits(campaign, astray, 1, silent).start()
     assert start.level < 0.7 * level(far)
     assert start.model.parameter("flexure_so.stiffness.k").value == pytest.approx(91800, rel=0.2)
@@ -245,8 +249,8 @@ def test_a_fit_that_was_stuck_goes_on_from_where_one_with_a_further_effect_ended
         first, cubic = loop.refits.start(), CATALOGUE["cubic-stiffness"].at("flexure_lo", ground=True)
         drag = CATALOGUE["quadratic-damping"].at("joint").with_values(c2=1e-3)
 
-        def weighed(model: rom.Model) -> Evidence:
-            return weigh(
+        def weighed(model: rom.Model) -> WhitenedResidual:
+            return whiten(
                 first.evidence.traces, replace(first.evidence.baseline, model=model), first.evidence.floors
             )
 
@@ -254,17 +258,19 @@ def test_a_fit_that_was_stuck_goes_on_from_where_one_with_a_further_effect_ended
         off = {"flexure_lo.stiffness.k": 0.99 * right.parameter("flexure_lo.stiffness.k").value}
         stuck, beside = weighed(right.with_values(off)), weighed(drag.added_to(right))
         far = replace(first, model=stuck.baseline.model, evidence=stuck)
-        path = Trail((first,)).longer(
-            Chosen(explanation(cubic, CATALOGUE["cubic-stiffness"], first.evidence), ()), far
+        path = LoopHistory((first,)).longer(
+            Selection(explanation(cubic, CATALOGUE["cubic-stiffness"], first.evidence), ()), far
         )
-        further = Chosen(explanation(drag, CATALOGUE["quadratic-damping"], stuck), ())
+        further = Selection(explanation(drag, CATALOGUE["quadratic-damping"], stuck), ())
         freed, told = loop._freed(path, further, beside)
         assert far.level > 1.2 > freed.last.level
         assert [effect.name for effect in freed.last.model.effects] == ["cubic-stiffness"]
         assert len(freed.states) == len(path.states)
         assert told.best.share() < 0.01  # the credit is not its own
         assert loop._freed(freed, further, beside) == (freed, further)  # no better than it is
-        assert loop._freed(Trail((far,)), further, beside)[0].last is far  # only beside effects found before
+        assert (
+            loop._freed(LoopHistory((far,)), further, beside)[0].last is far
+        )  # only beside effects found before
 
 
 def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_it() -> None:
@@ -276,13 +282,13 @@ def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_
         first = Refits(campaign, identify_campaign(campaign), 1, silent).start()
         friction = CATALOGUE["coulomb-friction"].at("flexure_so", ground=True).with_values(**numbers)
         told = replace(first.evidence.baseline, model=friction.added_to(first.model))
-        beside = refitted(weigh(first.evidence.traces, told, first.evidence.floors))
-        sharp = sharpened(beside)
+        beside = refitted(whiten(first.evidence.traces, told, first.evidence.floors))
+        sharp = reestimate_noise(beside)
     alone = ("uncoupled", ("so",))
     assert sharp.floors[alone].sensor.max() < 0.1 * first.evidence.floors[alone].sensor.max()
     assert level(sharp) < 1.2
-    assert sharpened(sharp) is sharp
-    assert sharpened(first.evidence) is first.evidence
+    assert reestimate_noise(sharp) is sharp
+    assert reestimate_noise(first.evidence) is first.evidence
 
 
 def test_hits_that_come_too_soon_to_tell_noise_by_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -291,7 +297,7 @@ def test_hits_that_come_too_soon_to_tell_noise_by_are_refused(monkeypatch: pytes
         campaign = measured(Path(scratch) / "campaign")
         found = identify_campaign(campaign)
         with pytest.raises(ValueError, match=r"at least 0\.22 s before the hit .* longer pre-trigger"):
-            gather(campaign, starting(found, found.model), read_measurements(campaign))
+            whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign))
 
 
 def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
@@ -299,7 +305,9 @@ def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
         wrong_zero = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 0.0, "c_2": 0.0})
         campaign = measured(Path(scratch) / "campaign", (wrong_zero,))
         found = identify_campaign(campaign)
-        left = refitted(gather(campaign, starting(found, found.model), read_measurements(campaign)))
+        left = refitted(
+            whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign))
+        )
     (lowest,) = [r.file for r in campaign.select("loosening") if r.preload_n == 6.0]
     assert [line for line in found.warnings if line.startswith(f"{lowest}: the gauge shows -")]
     assert lowest not in [course.file for course in found.courses]

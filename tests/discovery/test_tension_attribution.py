@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.courses.prediction import predict
 from discovery.courses.tension_likelihood import course, law_candidate, resimulated, slow_reading
 from discovery.decide.explanation import limited
@@ -16,7 +16,7 @@ from discovery.explain.gauge import explained_by_gauge
 from discovery.explain.tension import explain_tension
 from discovery.explain.tension_law import LawSearch
 from discovery.laws.candidate import baseline
-from discovery.residual.tension import Drift, Seen, thinned
+from discovery.residual.tension import Drift, TensionObservation, thinned
 from discovery.residual.tension_data import Data, Misfit, at_bounds
 from discovery.separating_tests.law_changes import separating_hits
 from rom.campaign.campaign import RecordSettings
@@ -31,7 +31,7 @@ _STRONG = CATALOGUE["loosening-displacement"].at("tension").with_values(g_x=0.5,
 _WHITE = 0.6
 
 
-def whole(held: Frozen) -> Frozen:
+def whole(held: FrozenMotion) -> FrozenMotion:
     return thinned(held, [False] * len(held))
 
 
@@ -46,7 +46,7 @@ def data(name: str = "") -> Data:
     return Data(held.model, seen, held, len(seen) - 4, np.ones(len(seen)))
 
 
-def seen_of(held: Frozen, case: int) -> Seen:
+def seen_of(held: FrozenMotion, case: int) -> TensionObservation:
     """The samples of a gauge along the frozen tension, with noise."""
     found, nodes, rate = held.courses[case], held.of_case(case), 4800.0
     time = np.arange(round((nodes[0, -1] + found.impact_s) * rate)) / rate
@@ -57,7 +57,7 @@ def seen_of(held: Frozen, case: int) -> Seen:
     settings = RecordSettings(
         file=f"{case}.h5", test="loosening", bodies=("lo", "so"), preload_n=None, hold_out=False
     )
-    return Seen(settings, found, bins, None, shown + noise, rate, x, force, {"lo": x}, _WHITE)
+    return TensionObservation(settings, found, bins, None, shown + noise, rate, x, force, {"lo": x}, _WHITE)
 
 
 def with_samples(of: Data, samples: list[FloatArray]) -> Data:

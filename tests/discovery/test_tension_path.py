@@ -11,7 +11,7 @@ from discovery.decide.explanation import Explanation
 from discovery.explain.tension import TensionFindings
 from discovery.loop import close_loop as refinement
 from discovery.loop.close_loop import _Loop
-from discovery.loop.history import Trail
+from discovery.loop.history import LoopHistory
 from discovery.loop.refits import Refits
 from discovery.loop.state import silent
 from discovery.residual.tension_data import Misfit
@@ -34,7 +34,7 @@ def led(
     errors: list[float],
     motion: float = 1.0,
     explanations: list[tuple[Explanation, ...]] | None = None,
-) -> Trail:
+) -> LoopHistory:
     """The path where an effect is explained as often as there are levels, and adopted with these errors."""
     found = explanations or [(explained(),)] * len(levels)
     after = iter(errors[1:])
@@ -54,7 +54,7 @@ def led(
     monkeypatch.setattr(refinement, "tension_misfit", lambda *_: Misfit(levels[0], 100.0))
     monkeypatch.setattr(Refits, "adopt", adopt)
     loop = _Loop(Refits(None, None, 1, silent))  # type: ignore[arg-type]
-    return loop.in_tension(Trail((state(errors[0], motion),)))
+    return loop.in_tension(LoopHistory((state(errors[0], motion),)))
 
 
 def test_effects_are_added_until_none_explains_more(monkeypatch: pytest.MonkeyPatch) -> None:

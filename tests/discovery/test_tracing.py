@@ -11,32 +11,34 @@ import pytest
 
 import rom
 from discovery.loop import close_loop as refinement
-from discovery.loop.history import Trail
+from discovery.loop.history import LoopHistory
 from discovery.loop.refits import Refits
 from discovery.loop.state import State, silent
-from discovery.residual.free_parameters import Baseline
-from discovery.residual.output_error import Evidence
+from discovery.residual.free_parameters import FreeParameters
+from discovery.residual.output_error import WhitenedResidual
 from rom.effects import CATALOGUE
-from rom.identification.priors import Tie
+from rom.identification.priors import PriorConstraint
 
 ROWS = 4000
 NAMES = ("flexure_lo.stiffness", "flexure_so.stiffness")
 
 
-def evidence(misfit: float, *, tied: bool = True) -> Evidence:
+def evidence(misfit: float, *, tied: bool = True) -> WhitenedResidual:
     """Return two numbers of which rows tell the sum well and the difference hardly, beside a misfit."""
     rng = np.random.default_rng(2)
     model = rom.paper_model()
     both, apart, wrong = (rng.normal(size=ROWS) for _ in range(3))
     stiffness = [float(model.link_laws[name.split(".")[0]].stiffness(0.0)) for name in NAMES]
     factors = dict(zip(NAMES, (1.0, -1.0), strict=True))
-    tie = Tie(factors, float(np.log(stiffness[0] / stiffness[1])), 0.1, NAMES, "one flexure and the other")
+    tie = PriorConstraint(
+        factors, float(np.log(stiffness[0] / stiffness[1])), 0.1, NAMES, "one flexure and the other"
+    )
     jacobian = np.stack([100 * both + apart, 100 * both - apart], axis=1)
     residual = rng.normal(size=ROWS) + misfit * (wrong + 0.5 * apart) + 100 * 0.02 * both
     trace: Any = SimpleNamespace(settings=SimpleNamespace(hold_out=False, file="a"))
-    return Evidence(
+    return WhitenedResidual(
         traces=(trace,),
-        baseline=Baseline(model, {}, (tie,) if tied else ()),
+        baseline=FreeParameters(model, {}, (tie,) if tied else ()),
         floors={},
         parts=(),
         residual=residual,
@@ -53,7 +55,7 @@ def test_ties_say_nothing_where_noise_alone_is_left() -> None:
 
 
 def test_a_misfit_does_not_move_apart_what_the_rows_hardly_tell_apart() -> None:
-    def moved(of: Evidence) -> tuple[float, float]:
+    def moved(of: WhitenedResidual) -> tuple[float, float]:
         first, second = of.steps(of.residual).values()
         return first + second, first - second
 
@@ -83,10 +85,10 @@ def test_what_a_link_s_own_test_says_of_it_holds_only_where_no_effect_acts_in_it
     alike = evidence(0.0).baseline.ties
     masses = ("body.lo.mass", "body.so.mass")
     modes = tuple(
-        Tie({name: 1.0, mass: -1.0}, 9.0, 0.02, (name,), name)
+        PriorConstraint({name: 1.0, mass: -1.0}, 9.0, 0.02, (name,), name)
         for name, mass in zip(NAMES, masses, strict=True)
     )
-    baseline = Baseline(rom.paper_model(), {}, modes + alike)
+    baseline = FreeParameters(rom.paper_model(), {}, modes + alike)
     assert baseline.believed == baseline.ties
     cubic = CATALOGUE["cubic-stiffness"].at("flexure_so", ground=True)
     further = CATALOGUE["extra-mode"].at("body:lo")
@@ -96,7 +98,7 @@ def test_what_a_link_s_own_test_says_of_it_holds_only_where_no_effect_acts_in_it
 
 def test_an_effect_s_numbers_that_are_the_stiffness_law_s_own_move_with_it() -> None:
     effect = CATALOGUE["oscillating-tension-stiffness"].at("joint")
-    moved = Baseline(effect.added_to(rom.paper_model()), {}).moved({"joint.stiffness:alpha": 0.1})
+    moved = FreeParameters(effect.added_to(rom.paper_model()), {}).moved({"joint.stiffness:alpha": 0.1})
     law = moved.model.link_laws["joint"].stiffness.parameters
     (own,) = (one.parameters for one in moved.model.effects)
     assert own["alpha"].value == law["alpha"].value == pytest.approx(0.9 * effect.parameters["alpha"].value)
@@ -104,7 +106,7 @@ def test_an_effect_s_numbers_that_are_the_stiffness_law_s_own_move_with_it() -> 
 
 
 def test_a_step_beyond_all_numbers_is_none() -> None:
-    baseline = Baseline(rom.paper_model(), {})
+    baseline = FreeParameters(rom.paper_model(), {})
     moved = baseline.moved({"joint.stiffness:alpha": np.inf, "joint.stiffness:beta": 0.1})
     before, after = (one.model.link_laws["joint"].stiffness.parameters for one in (baseline, moved))
     assert after["alpha"].value == before["alpha"].value
@@ -116,7 +118,7 @@ def test_slopes_from_afar_are_asked_only_far_from_the_plant_and_those_nearby_the
 ) -> None:
     asked: list[bool] = []
 
-    def screen(shown: Evidence, *_: object) -> tuple[()]:
+    def screen(shown: WhitenedResidual, *_: object) -> tuple[()]:
         asked.append(shown.from_afar)
         return ()
 
@@ -125,7 +127,7 @@ def test_slopes_from_afar_are_asked_only_far_from_the_plant_and_those_nearby_the
         nothing: Any = None
         states = (State(nothing, evidence(misfit), nothing, nothing) for misfit in misfits)
         loop = refinement._Loop(Refits(nothing, nothing, 1, silent))
-        loop._most_helpful(Trail(tuple(states)))
+        loop._most_helpful(LoopHistory(tuple(states)))
         return list(asked)
 
     monkeypatch.setattr(refinement, "screen", screen)

@@ -9,7 +9,7 @@ import pytest
 
 import rom
 from discovery.decide.explanation import Explanation
-from discovery.loop.history import Trail, alike, courses
+from discovery.loop.history import LoopHistory, alike, courses
 from discovery.residual.tension_data import Misfit
 from rom.effects import CATALOGUE
 
@@ -28,13 +28,13 @@ def state(level: float, error: float = 1.0, records: int = 3) -> Any:
 )
 def test_with_an_effect_goes_the_model_that_it_led_to(place: int, kept: list[str]) -> None:
     names: Any = ("declared", "a", "b" if place else "c", "d")
-    path = Trail(names, ("one", "two", "three")).without(place, "end")  # type: ignore[arg-type]
+    path = LoopHistory(names, ("one", "two", "three")).without(place, "end")  # type: ignore[arg-type]
     assert list(path.states) == kept
     assert len(path.chosen) == len(path.states) - 1
 
 
 def test_the_only_effect_leaves_the_model_without_any() -> None:
-    assert Trail(("declared", "a"), ("one",)).without(0, "end").states == ("end",)  # type: ignore[arg-type]
+    assert LoopHistory(("declared", "a"), ("one",)).without(0, "end").states == ("end",)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -53,12 +53,12 @@ def test_the_only_effect_leaves_the_model_without_any() -> None:
 def test_a_better_state_lowers_an_error_or_leaves_little_beyond_noise(
     before: float, after: float, error: float, better: bool
 ) -> None:
-    assert Trail((state(before),)).improves(state(after, error)) is better
+    assert LoopHistory((state(before),)).improves(state(after, error)) is better
 
 
 def test_a_model_with_which_a_record_diverges_is_no_better() -> None:
-    assert Trail((state(6.6),)).improves(state(1.0, 0.5))
-    assert not Trail((state(6.6),)).improves(state(1.0, 0.5, records=2))
+    assert LoopHistory((state(6.6),)).improves(state(1.0, 0.5))
+    assert not LoopHistory((state(6.6),)).improves(state(1.0, 0.5, records=2))
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_a_model_with_which_a_record_diverges_is_no_better() -> None:
 def test_a_form_without_the_catalogue_takes_the_place_of_a_name_that_leaves_far_more(
     named: float, formed: float, better: bool
 ) -> None:
-    path, other = (Trail((state(10.8), state(left))) for left in (named, formed))
+    path, other = (LoopHistory((state(10.8), state(left))) for left in (named, formed))
     assert (path.or_better(other).last is other.last) is better
 
 
@@ -94,10 +94,10 @@ def test_what_training_records_alone_ask_for_is_like_what_suits_them_as_well() -
 
 
 def test_the_verdict_is_that_of_the_last_model() -> None:
-    declared = Trail((state(1.0),))
+    declared = LoopHistory((state(1.0),))
     assert declared.verdict() == "no-effect"
-    assert Trail((state(5.0),)).verdict() == "unexplained"
-    assert Trail((state(5.0), state(1.0)), ("one",)).verdict() == "closed"  # type: ignore[arg-type]
+    assert LoopHistory((state(5.0),)).verdict() == "unexplained"
+    assert LoopHistory((state(5.0), state(1.0)), ("one",)).verdict() == "closed"  # type: ignore[arg-type]
 
 
 def test_the_last_misfit_of_the_courses_is_told_with_its_place() -> None:
@@ -119,7 +119,7 @@ def test_the_last_misfit_of_the_courses_is_told_with_its_place() -> None:
 def test_what_the_samples_of_a_hit_leave_open_is_no_missing_effect(
     level: float, error: float, verdict: str
 ) -> None:
-    path = Trail((state(level, error),))
+    path = LoopHistory((state(level, error),))
     assert path.verdict() == verdict
     assert bool(path.excuses()) == (level > 1.2 and verdict == "no-effect")
-    assert not path.is_quiet or level == 1.0
+    assert not path.at_noise_floor or level == 1.0

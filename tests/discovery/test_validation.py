@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from discovery.courses.fit import fit, log_predictive
-from discovery.courses.frozen_motion import Frozen, freeze
+from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.courses.marginal_likelihood import Problem
 from discovery.laws.candidate import BASELINE, CONSTANT_QUARTIC, baseline, rivals_always_in_the_race
 from discovery.ranking import cross_validation as validation
@@ -17,11 +17,11 @@ GROUPS = np.repeat(np.arange(16), 3)
 
 
 @pytest.fixture(scope="module")
-def frozen() -> Frozen:
+def frozen() -> FrozenMotion:
     return freeze(paper_model(), measured(scatter=0.4, seed=3))
 
 
-def test_preloads_within_a_few_percent_are_one_group(frozen: Frozen) -> None:
+def test_preloads_within_a_few_percent_are_one_group(frozen: FrozenMotion) -> None:
     groups = validation.preload_groups(frozen)
     assert list(groups) == list(np.repeat(np.arange(8), 2))
     shuffled = frozen.subset([15, 0, 2, 1, 14])
@@ -41,7 +41,7 @@ def test_one_preload_cannot_be_cross_validated() -> None:
         validation.preload_folds(np.zeros(5, dtype=np.int64))
 
 
-def test_cases_left_out_score_less_than_cases_fitted(frozen: Frozen) -> None:
+def test_cases_left_out_score_less_than_cases_fitted(frozen: FrozenMotion) -> None:
     found = fit(baseline(), frozen)
     folds = validation.preload_folds(validation.preload_groups(frozen))
     check = validation.cross_validate(found, frozen, folds, validation.divide(frozen, folds))
@@ -50,7 +50,7 @@ def test_cases_left_out_score_less_than_cases_fitted(frozen: Frozen) -> None:
     assert np.median(check.loss_error_percent) < 100
 
 
-def test_limits_are_never_inside_those_of_the_likelihood(frozen: Frozen) -> None:
+def test_limits_are_never_inside_those_of_the_likelihood(frozen: FrozenMotion) -> None:
     found = fit(baseline(), frozen)
     wide = validation.limits(found, frozen, validation.preload_groups(frozen), np.random.default_rng(0))
     for name, (low, high) in wide.items():
@@ -60,7 +60,7 @@ def test_limits_are_never_inside_those_of_the_likelihood(frozen: Frozen) -> None
     assert wide["gamma_i"][0] < 7.974 < wide["gamma_i"][1]
 
 
-def test_one_step_to_resampled_preloads_is_where_a_refit_ends(frozen: Frozen) -> None:
+def test_one_step_to_resampled_preloads_is_where_a_refit_ends(frozen: FrozenMotion) -> None:
     found = fit(baseline(), frozen)
     problem = Problem(found.candidate, frozen, found.offsets)
     state = problem.solve(problem.theta0, np.array(found.scatter), found.deviations, steps=12)
@@ -78,7 +78,7 @@ def test_one_step_to_resampled_preloads_is_where_a_refit_ends(frozen: Frozen) ->
         )
 
 
-def test_dispersion_is_one_for_noise_as_declared_and_grows_with_it(frozen: Frozen) -> None:
+def test_dispersion_is_one_for_noise_as_declared_and_grows_with_it(frozen: FrozenMotion) -> None:
     found = fit(baseline(), frozen)
     assert validation.dispersion(found, frozen) < 1.4
     noisy = freeze(paper_model(), measured(scatter=0.4, seed=3, noise=1.0))
@@ -130,7 +130,7 @@ def test_one_record_does_not_make_a_law_the_best() -> None:
     assert validation.order(np.stack([base, base]), worth, sizes[:2], GROUPS) == [0, 1]
 
 
-def test_evidence_is_the_information_criterion_case_by_case(frozen: Frozen) -> None:
+def test_evidence_is_the_information_criterion_case_by_case(frozen: FrozenMotion) -> None:
     laws = [rival for rival in rivals_always_in_the_race() if rival.name in (BASELINE, CONSTANT_QUARTIC)]
     fits = [fit(law, frozen) for law in laws]
     halves = [-2 * validation.evidence(one, frozen, 1.5).sum() for one in fits]

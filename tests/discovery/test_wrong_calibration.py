@@ -11,7 +11,7 @@ import pytest
 
 import rom
 from discovery.loop.close_loop import _Loop
-from discovery.loop.history import Trail
+from discovery.loop.history import LoopHistory
 from discovery.loop.refits import Refits
 from discovery.loop.state import silent
 from experiments.studies import rig
@@ -24,12 +24,12 @@ WRONG = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 
 
 
 @cache
-def gauged(*undeclared: Undeclared) -> tuple[_Loop, Trail]:
+def gauged(*undeclared: Undeclared) -> tuple[_Loop, LoopHistory]:
     with TemporaryDirectory() as scratch:
         rig.run(Path(scratch) / "c", 12, 1.0, 2, 1, duration_s=2.5, hold_out_every=4, undeclared=undeclared)
         campaign = rom.read_campaign(Path(scratch) / "c")
         loop = _Loop(Refits(campaign, identify_campaign(campaign), 1, silent))
-        return loop.gauged(Trail((loop.refits.start(),)))
+        return loop.gauged(LoopHistory((loop.refits.start(),)))
 
 
 def test_a_wrong_zero_is_named_and_the_motion_explained() -> None:

@@ -12,7 +12,7 @@ from rom import Model
 from rom.campaign.campaign import read_campaign, write_campaign
 from rom.effects import CATALOGUE, SensorFault, free_form
 from rom.evaluation.error_measures import summarise
-from rom.evaluation.evaluate import judge
+from rom.evaluation.evaluate import evaluate
 from rom.model.laws import Parameter
 from rom.parameters.he_2025 import paper_model
 from tests.rom.shown_records import SETTINGS, channels
@@ -58,7 +58,7 @@ def test_a_saved_model_knows_faults_readings_and_own_numbers(
     assert errors["records"] == 2
     assert errors["motion_nrmse"] < 0.01
     assert errors["tension_rmse_n"] < 0.1
-    judged = judge([truth, paper_model()], read_campaign(campaign))
+    judged = evaluate([truth, paper_model()], read_campaign(campaign))
     same, before = (summarise(j.comparisons[place] for j in judged) for place in (0, 1))
     assert errors["motion_nrmse"] == pytest.approx(same["motion_nrmse"], rel=1e-9)
     assert errors["tension_rmse_n"] == pytest.approx(same["tension_rmse_n"], rel=1e-9)

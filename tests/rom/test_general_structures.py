@@ -11,7 +11,7 @@ import pytest
 import rom
 from rom.campaign.campaign import Campaign
 from rom.evaluation.error_measures import summarise
-from rom.evaluation.evaluate import judge
+from rom.evaluation.evaluate import evaluate
 from rom.model.model import Model
 from tests.rom.lumped import LinkRow, campaign, noisy, pulse, random_force, respond
 
@@ -21,7 +21,7 @@ FINE = 4  # the truth runs this much finer than its samples
 
 def errors(model: Model, of: Campaign) -> Mapping[str, float | None]:
     """Return the errors on the campaign's held-out records."""
-    judged = judge([model], of, of.select(hold_out=True))
+    judged = evaluate([model], of, of.select(hold_out=True))
     return summarise(j.comparisons[0] for j in judged)  # type: ignore[return-value]
 
 

@@ -12,7 +12,7 @@ from rom.effects import CATALOGUE
 from rom.evaluation.error_measures import compare
 from rom.evaluation.replay import replay
 from rom.parameters.he_2025 import paper_model
-from rom.signals.per_record_parameters import own_names, own_numbers
+from rom.signals.per_record_parameters import own_numbers, per_record_names
 from tests.rom.shown_records import SETTINGS, record
 
 MODEL, HELD = paper_model(), {"joint": 200.0}
@@ -25,7 +25,7 @@ def held(name: str, enters: str, **values: float) -> Model:
 def own(model: Model, measurement: object) -> list[float]:
     found, _ = own_numbers(model, measurement, HELD)  # type: ignore[arg-type]
     (effect,) = found.effects
-    return [effect.parameters[name].value for name in own_names(effect)]
+    return [effect.parameters[name].value for name in per_record_names(effect)]
 
 
 @pytest.mark.parametrize("channel", ["acceleration_so", "force_lo", "tension"])

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from rom.identification.output_error import fit_output_error, values_of
-from rom.identification.priors import Tie, misfits, pull
+from rom.identification.priors import PriorConstraint, misfits, pull
 from rom.identification.spectral_model import SpectralRecord
 from rom.identification.uncoupled_priors import fit_near
 from tests.rom.lumped import noisy, pulse, respond
 from tests.rom.test_output_error import LINKS, RATE_HZ, SAMPLES, one_body
 
-STIFF = Tie({"k": 1.0, "mass": -1.0}, float(np.log(2000.0)), 0.01, ("k",), "k and a frequency")
+STIFF = PriorConstraint({"k": 1.0, "mass": -1.0}, float(np.log(2000.0)), 0.01, ("k",), "k and a frequency")
 
 
 def record(gain: float) -> SpectralRecord:
@@ -31,7 +31,7 @@ def test_a_wrong_gain_is_no_noise_and_noise_is_none_of_it() -> None:
 
 def test_a_tie_weighs_with_the_misfit_of_the_records_that_its_coefficient_is_in() -> None:
     found = [fit_output_error([record(gain)]).misfits for gain in (1.0, 1.2)]
-    elsewhere = Tie({"other": 1.0}, 0.0, 0.1, ("other",), "another")
+    elsewhere = PriorConstraint({"other": 1.0}, 0.0, 0.1, ("other",), "another")
     assert pull([STIFF, elsewhere], [record(1.0)], found[0]) == (0.0, 0.0)
     weight, other = pull([STIFF, elsewhere], [record(1.2)], found[1])
     assert weight > 10
@@ -39,7 +39,9 @@ def test_a_tie_weighs_with_the_misfit_of_the_records_that_its_coefficient_is_in(
 
 
 def test_a_wrong_tie_changes_nothing_where_the_model_fits() -> None:
-    wrong = Tie({"k": 1.0, "mass": -1.0}, float(np.log(3000.0)), 0.01, ("k",), "k and a wrong frequency")
+    wrong = PriorConstraint(
+        {"k": 1.0, "mass": -1.0}, float(np.log(3000.0)), 0.01, ("k",), "k and a wrong frequency"
+    )
     free, near = fit_output_error([record(1.0)]), fit_near([record(1.0)], [wrong])
     assert np.array_equal(near.logarithms, free.logarithms)
     assert np.array_equal(near.covariance, free.covariance)

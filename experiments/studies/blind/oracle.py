@@ -13,10 +13,10 @@ from discovery.explain.motion import motion_channels
 from discovery.explain.tension import explain_tension
 from discovery.loop.refits import Refits
 from discovery.loop.result import ErrorsByKind
-from discovery.loop.state import State, cost, refitted, retold, silent, without_effect
-from discovery.residual.output_error import Evidence, starting
+from discovery.loop.state import State, cost, refit_fault, refitted, silent, without_effect
+from discovery.residual.output_error import WhitenedResidual, starting
 from rom.campaign.campaign import Campaign
-from rom.effects import Added, Effect, LawChange, SensorFault, candidates
+from rom.effects import Effect, LawChange, ModelCorrection, SensorFault, candidates
 from rom.identification.identify import identify_campaign
 
 __all__ = ["declared_errors", "oracle_errors"]
@@ -82,7 +82,7 @@ def oracle_errors(campaign: Campaign, twin: Campaign, truths: Sequence[Truth]) -
     return [state.errors, *true]
 
 
-def _fault_refitted(fault: SensorFault, evidence: Evidence, refits: Refits) -> Evidence:
+def _fault_refitted(fault: SensorFault, evidence: WhitenedResidual, refits: Refits) -> WhitenedResidual:
     """A fault's numbers as the records before the hits tell them, or else what is left of it after these."""
     bare = refits.gathered(without_effect(evidence.baseline, fault), evidence.floors)
     told = next((e.effect for e in explain_at_rest(bare) if e.effect.path == fault.path), None)
@@ -92,13 +92,13 @@ def _fault_refitted(fault: SensorFault, evidence: Evidence, refits: Refits) -> E
     while True:
         (own,) = (e for e in evidence.baseline.model.effects if e.path == fault.path)
         assert isinstance(own, SensorFault)
-        again = refitted(refits.gathered(retold(evidence, own), evidence.floors))
+        again = refitted(refits.gathered(refit_fault(evidence, own), evidence.floors))
         if not cost(again) < (1 - _SETTLED) * cost(evidence):
             return min(evidence, again, key=cost)
         evidence = again
 
 
-def _with_tension(effect: Added, state: State, refits: Refits) -> State:
+def _with_tension(effect: ModelCorrection, state: State, refits: Refits) -> State:
     """The state with an effect in the tension fitted beside the law; as it is where that asks for none."""
     campaign, path = refits.campaign, effect.path
     told = explain_tension(campaign, state.found, state.model, only=path).explanations
@@ -108,7 +108,7 @@ def _with_tension(effect: Added, state: State, refits: Refits) -> State:
     return refits.adopt(state, one) if any(one.gains(hold_out=False)) else state
 
 
-def _true(truth: Truth, evidence: Evidence) -> Added:
+def _true(truth: Truth, evidence: WhitenedResidual) -> ModelCorrection:
     """The effect with its true values, cut to its bounds."""
     channels = (*motion_channels(evidence), "tension")
     for _, effect in candidates(evidence.baseline.model, channels, core=False):
