@@ -21,17 +21,19 @@ from typing import TYPE_CHECKING, Any
 from discovery.ranking.discover import discover
 
 if TYPE_CHECKING:
+    from discovery.criteria.criteria import Criteria
     from discovery.loop.close_loop import close_loop
     from discovery.loop.result import Closure
     from discovery.ranking.result import RankedLaw, Ranking
 
 _HOME = {
     "Closure": "discovery.loop.result",
+    "Criteria": "discovery.criteria.criteria",
     "RankedLaw": "discovery.ranking.result",
     "Ranking": "discovery.ranking.result",
     "close_loop": "discovery.loop.close_loop",
 }
-__all__ = ["Closure", "RankedLaw", "Ranking", "close_loop", "discover"]
+__all__ = ["Closure", "Criteria", "RankedLaw", "Ranking", "close_loop", "discover"]
 
 
 def __getattr__(name: str) -> Any:
