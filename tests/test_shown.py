@@ -22,7 +22,7 @@ from rom.model.model import LinkLaws, Model
 from rom.model.structure import Body, Link, Structure
 from rom.parameters.he_2025 import nominal_impact
 from rom.signals.quality import Doubt
-from rom.views import Shown
+from rom.viewed import Viewed
 from tests.discovery.sound_closure import closure, friction
 from tests.experiments.test_discover import ranked
 from tests.rom.sound_campaign import write_sound_campaign
@@ -58,7 +58,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def shown(folder: Path) -> dict[str, Shown]:
+def shown(folder: Path) -> dict[str, Viewed]:
     response = rom.paper_model().simulate({"lo": nominal_impact(1600.0, 4800.0, 1.0)}, 4800.0, 60.0)
     return {
         "campaign": rom.read_campaign(folder / "campaign"),
@@ -152,7 +152,7 @@ def test_several_bolts_have_a_row_each_and_none_is_refused() -> None:
 
 
 def test_a_parameter_without_limits_has_none() -> None:
-    from rom.views import with_limits
+    from rom.views.model import with_limits
 
     assert with_limits(Parameter(4.0, "1")) == "4"
     assert with_limits(Parameter(4.0, "N", 3.0, 5.0)) == "4 N (95 %: 3 to 5)"

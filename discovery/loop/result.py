@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from rom.views import Shown
+from rom.viewed import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -99,7 +99,7 @@ class Screened:
 
 
 @dataclass(frozen=True, eq=False)
-class Closure(Shown):
+class Closure(Viewed):
     """Residual, effect, refined model, errors before and after.
 
     Attributes

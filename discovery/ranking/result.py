@@ -17,7 +17,7 @@ from rom.evaluation.error_measures import Errors
 from rom.model.laws import Parameter, free_form_law
 from rom.model.model import Model
 from rom.signals.tension_bins import TensionCourse
-from rom.views import Shown
+from rom.viewed import Viewed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -78,7 +78,7 @@ class RankedLaw:
 
 
 @dataclass(frozen=True, eq=False)
-class Ranking(Shown):
+class Ranking(Viewed):
     """Tension laws in the order in which the records support them.
 
     Attributes

@@ -10,11 +10,10 @@ import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Any, get_args
 
 from pydantic import ValidationError
 
-from rom import views as shown
 from rom.campaign.channels import (
     BOLT_CHANNELS,
     MOTIONS,
@@ -39,10 +38,7 @@ from rom.campaign.settings import (
     record_faults,
     structure_faults,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
+from rom.viewed import Viewed
 
 __all__ = [
     "FORMAT",
@@ -149,7 +145,7 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Campaign(shown.Shown):
+class Campaign(Viewed):
     """A checked campaign folder: `path`, its settings, and `digest` (SHA-256 of settings and records).
 
     `digests` holds that of each record by file: what is read later must be what was checked. A record without
@@ -196,18 +192,6 @@ class Campaign(shown.Shown):
         if checked is not None and file_digest(path) != checked:  # after reading: also what changed meanwhile
             raise RecordError(path, (CHANGED,))
         return Record(record, channels, moving_bodies(record, self.settings, channels))
-
-    def summary(self) -> str:
-        """Return what it holds: structure, records by kind, preloads."""
-        return shown.campaign_summary(self)
-
-    def to_frame(self) -> DataFrame:
-        """Return a row for each record, by file."""
-        return shown.campaign_frame(self)
-
-    def plot(self) -> Figure:
-        """Draw the nominal preload of every record over its kind of test; held-out records are hollow."""
-        return shown.campaign_figure(self)
 
 
 def read_campaign(

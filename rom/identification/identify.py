@@ -10,11 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rom import views as shown
 from rom.campaign.campaign import Campaign, CampaignSettings
 from rom.effects import CATALOGUE
 from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
@@ -56,16 +54,13 @@ from rom.one_thread import one_threaded
 from rom.signals.quality import Doubt
 from rom.signals.sensor_correction import faults_of, true_hit
 from rom.signals.tension_bins import CourseNoise, TensionCourse, course_noise
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
+from rom.viewed import Viewed
 
 _LOST = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Identification(shown.Shown):
+class Identification(Viewed):
     """All that an identification found; `model` is what it was for.
 
     `unsettled` are reasons to doubt that its numbers are near those of the structure, none for a sound one:
@@ -95,18 +90,6 @@ class Identification(shown.Shown):
     def settled(self) -> bool:
         """Whether nothing speaks against the numbers as a start."""
         return not self.unsettled
-
-    def summary(self) -> str:
-        """Return the model found, and what to know of how it was."""
-        return shown.identification_summary(self)
-
-    def to_frame(self) -> DataFrame:
-        """Return what each training record told of the joint, a row each by file."""
-        return shown.identification_frame(self)
-
-    def plot(self) -> Figure:
-        """Draw stiffness, damping and loss rate over tension, with what each record told."""
-        return shown.model_figure(replace(self.model, identification=self))
 
 
 def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None) -> Model:

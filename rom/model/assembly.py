@@ -10,15 +10,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
-from rom import views as shown
 from rom.model.effect import Effect
 from rom.model.laws import constant_stiffness
 from rom.model.structure import Structure
+from rom.viewed import Viewed
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
-
     from rom.kernels.equations import Program
     from rom.model.model import LinkLaws, Model
 
@@ -31,7 +28,7 @@ PLACES = ("stiffness", "damping", "tension_rate")
 
 
 @dataclass(frozen=True)
-class Response(shown.Shown):
+class Response(Viewed):
     """The simulated response to a record of force, at the force's own samples.
 
     Attributes
@@ -73,18 +70,6 @@ class Response(shown.Shown):
     states: FloatArray
     steps: int
     estimated_error: float
-
-    def summary(self) -> str:
-        """Return status, length and what became of the tension."""
-        return shown.response_summary(self)
-
-    def to_frame(self) -> DataFrame:
-        """Return displacement [m], velocity [m/s], acceleration [m/s2] and tension [N] over time [s]."""
-        return shown.response_frame(self)
-
-    def plot(self) -> Figure:
-        """Draw displacements and tensions over time."""
-        return shown.response_figure(self)
 
 
 @dataclass(frozen=True)

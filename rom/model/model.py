@@ -7,12 +7,10 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from rom import views as shown
 from rom.model.assembly import PLACES, TOLERANCE, Assembly, Response, assemble, simulate, tensions_of
 from rom.model.batch import final_tension, mean_tensions
 from rom.model.effect import Effect, ModelCorrection
@@ -21,10 +19,7 @@ from rom.model.laws import Law, Parameter
 from rom.model.link_force import equilibrium, link_force
 from rom.model.places import check_effects, places_of
 from rom.model.structure import Structure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
+from rom.viewed import Viewed
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -50,7 +45,7 @@ class LinkLaws:
 
 
 @dataclass(frozen=True)
-class Model(shown.Shown):
+class Model(Viewed):
     """Structure, laws, effects and what ``predict`` needs beside them.
 
     Parameters
@@ -376,15 +371,3 @@ class Model(shown.Shown):
         from rom.model_file import write_model
 
         write_model(self, Path(path), header)
-
-    def summary(self) -> str:
-        """Return bodies, laws with numbers and 95 % limits, effects, and how the model was found."""
-        return shown.model_summary(self)
-
-    def to_frame(self) -> DataFrame:
-        """Return a row for each parameter, by path."""
-        return shown.model_frame(self)
-
-    def plot(self) -> Figure:
-        """Draw the laws of every bolted link over tension, with what was identified."""
-        return shown.model_figure(self)

@@ -1,90 +1,30 @@
-"""What people see of campaigns, models and responses: a summary, a table, a figure, and a notebook's view."""
+"""Views of a model and of the identification that found it."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from rom import viewed
+from rom.campaign.channels import FloatArray
+from rom.identification.identify import Identification
+from rom.model.laws import Law, Parameter
+from rom.model.model import Model
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
-    from rom.campaign.campaign import Campaign
-    from rom.campaign.channels import FloatArray
-    from rom.identification.identify import Identification
-    from rom.model.assembly import Response
-    from rom.model.laws import Law, Parameter
-    from rom.model.model import Model
-
-_ROWS = 60  # of a table in a notebook; the middle is left out
 _SPEED = 0.1  # at which a tension law is drawn [m/s]
 _TENSIONS = (1.0, 3000.0)  # over which laws are drawn that no record belongs to [N]
 
 
-class Shown:
-    """What has a summary and a table: a notebook shows both."""
-
-    def summary(self) -> str:
-        """Return the result in plain words."""
-        raise NotImplementedError
-
-    def to_frame(self) -> DataFrame:
-        """Return the result as a table."""
-        raise NotImplementedError
-
-    def _repr_html_(self) -> str:
-        table = self.to_frame().to_html(float_format=lambda x: f"{x:.4g}", na_rep="", max_rows=_ROWS)
-        return f"<pre>{escape(self.summary())}</pre>{table}"
-
-
-def campaign_summary(campaign: Campaign) -> str:
-    """Return what a campaign holds: structure, records by kind, preloads."""
-    settings = campaign.settings
-    lines = [f"{settings.name}: {len(settings.record)} records of {', '.join(settings.body_names)}"]
-    lines += [f"  {link.name}: {link.law}, between {' and '.join(link.between)}" for link in settings.link]
-    for test, count in Counter(record.test for record in settings.record).items():
-        records = campaign.select(test)
-        held = sum(record.hold_out for record in records)
-        preloads = [record.preload_n for record in records if record.preload_n is not None]
-        span = f", preloads {min(preloads):.4g} to {max(preloads):.4g} N" if preloads else ""
-        lines.append(f"  {test}: {count}, {held} of them held out{span}")
-    return "\n".join(lines)
-
-
-def campaign_frame(campaign: Campaign) -> DataFrame:
-    """Return a row for each record, by file."""
-    from pandas import DataFrame
-
-    rows = [record.model_dump() for record in campaign.settings.record]
-    return DataFrame(rows).set_index("file")[["test", "bodies", "preload_n", "hold_out"]]
-
-
-def campaign_figure(campaign: Campaign) -> Figure:
-    """Draw the nominal preload of every record over its kind of test; held-out records are hollow."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6, 3), layout="constrained")
-    axes = figure.subplots()
-    for hold_out, face in ((False, "C0"), (True, "none")):
-        chosen = [r for r in campaign.select(hold_out=hold_out) if r.preload_n is not None]
-        label = "held out" if hold_out else "training"
-        axes.scatter(
-            [r.preload_n or 0.0 for r in chosen], [r.test for r in chosen], facecolors=face, edgecolors="C0",
-            label=label,
-        )  # fmt: skip
-    axes.set_xscale("symlog", linthresh=1.0)
-    axes.set_xlabel("nominal preload [N]")
-    axes.legend(frameon=False)
-    return figure
-
-
-def model_summary(model: Model) -> str:
+@viewed.summary.register(Model)
+def _model_summary(model: Model) -> str:
     """Return bodies, laws with their numbers and 95 % limits, effects, and how the model was found."""
     masses = ", ".join(f"{body.name} {body.mass:.5g} kg" for body in model.structure.bodies)
     lines = [f"bodies: {masses}"]
@@ -114,8 +54,6 @@ def with_limits(parameter: Parameter) -> str:
 
 
 def _identification(model: Model) -> Identification | None:
-    from rom.identification.identify import Identification
-
     return model.identification if isinstance(model.identification, Identification) else None
 
 
@@ -126,7 +64,8 @@ def _found(found: Identification) -> Iterator[str]:
     yield from (f"  set aside: {doubt.file}: {doubt.message}" for doubt in found.set_aside)
 
 
-def model_frame(model: Model) -> DataFrame:
+@viewed.frame.register(Model)
+def _model_frame(model: Model) -> DataFrame:
     """Return a row for each parameter, by path."""
     from pandas import DataFrame
 
@@ -137,7 +76,8 @@ def model_frame(model: Model) -> DataFrame:
     return DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
 
 
-def model_figure(model: Model) -> Figure:
+@viewed.figure.register(Model)
+def _model_figure(model: Model) -> Figure:
     """Draw stiffness, damping and loss rate of every bolted link over tension, with what was identified.
 
     Raises
@@ -198,12 +138,14 @@ def _draw(
     axes.set_xscale("log")
 
 
-def identification_summary(found: Identification) -> str:
+@viewed.summary.register(Identification)
+def _identification_summary(found: Identification) -> str:
     """Return the model found, and what to know of how it was."""
-    return model_summary(replace(found.model, identification=found))
+    return _model_summary(replace(found.model, identification=found))
 
 
-def identification_frame(found: Identification) -> DataFrame:
+@viewed.frame.register(Identification)
+def _identification_frame(found: Identification) -> DataFrame:
     """Return what each training record told of the joint, a row each by file."""
     from pandas import DataFrame
 
@@ -221,45 +163,7 @@ def identification_frame(found: Identification) -> DataFrame:
     return frame.reindex(columns=list(columns))
 
 
-def response_summary(response: Response) -> str:
-    """Return status, length and what became of each tension."""
-    lines = [f"{response.status}: {len(response.time)} samples to {response.time[-1]:.6g} s"]
-    for name, values in _tensions(response).items():
-        lines.append(f"  {name}: {values[0]:.5g} N at first, {values[-1]:.5g} N at last")
-    return "\n".join(lines)
-
-
-def response_frame(response: Response) -> DataFrame:
-    """Return displacement [m], velocity [m/s], acceleration [m/s2] and tension [N] over time [s]."""
-    from pandas import DataFrame, Index
-
-    columns = {
-        f"{quantity}_{body}": values
-        for quantity in ("displacement", "velocity", "acceleration")
-        for body, values in getattr(response, quantity).items()
-    }
-    return DataFrame(columns | _tensions(response), index=Index(response.time, name="time_s"))
-
-
-def _tensions(response: Response) -> dict[str, FloatArray]:
-    if isinstance(response.tension, Mapping):
-        return {f"tension_{link}": values for link, values in response.tension.items()}
-    return {"tension": response.tension} if len(response.tension) else {}
-
-
-def response_figure(response: Response) -> Figure:
-    """Draw displacements and tensions over time."""
-    from matplotlib.figure import Figure
-
-    tensions = _tensions(response)
-    figure = Figure(figsize=(8, 2.5 * (1 + bool(tensions))), layout="constrained")
-    axes = figure.subplots(1 + bool(tensions), 1, squeeze=False, sharex=True)[:, 0]
-    for body, values in response.displacement.items():
-        axes[0].plot(response.time, values, linewidth=0.8, label=body)
-    axes[0].set_ylabel("displacement [m]")
-    axes[0].legend(frameon=False)
-    for label, values in tensions.items():
-        axes[1].plot(response.time, values, linewidth=0.8, label=label)
-        axes[1].set_ylabel("tension [N]")
-    axes[-1].set_xlabel("time [s]")
-    return figure
+@viewed.figure.register(Identification)
+def _identification_figure(found: Identification) -> Figure:
+    """Draw stiffness, damping and loss rate over tension, with the estimates of each record."""
+    return _model_figure(replace(found.model, identification=found))
