@@ -1,46 +1,23 @@
-"""model.json: a model as a file that people can read."""
+"""model.json read back: the laws from their equations, the effects from the catalogue."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rom.model.laws import Law, Parameter, law_from_text
-from rom.model.model import LinkLaws, Model
+from rom.effects import make
+from rom.model.description import LinkLaws
+from rom.model.laws import Parameter, law_from_text
+from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
-from rom.provenance import program_version, versions
-
-FORMAT = "boltlaw-model/1"
+from rom.model.writing import FORMAT
 
 
 class ModelFileError(ValueError):
     """A file that is not a model; the message says what was required and what came."""
-
-
-def write_model(model: Model, path: Path, header: Mapping[str, object]) -> None:
-    """Write a model; the file appears whole or not at all."""
-    head = {
-        "format": FORMAT,
-        "campaign": None,
-        "program_version": program_version(),
-        "versions": versions(),
-        "seed": None,
-        "elapsed_s": None,
-    }
-    text = json.dumps({**head, **header, **_as_data(model)}, indent=2, allow_nan=False) + "\n"
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def load_model(path: str | Path) -> Model:
@@ -74,63 +51,6 @@ def load_model(path: str | Path) -> Model:
         ) from error
 
 
-def _as_data(model: Model) -> dict[str, Any]:
-    return {
-        "bodies": [{"name": b.name, "mass": {"value": b.mass, "unit": "kg"}} for b in model.structure.bodies],
-        "links": [_link_as_data(link, model.link_laws[link.name]) for link in model.structure.links],
-        "uncoupled_links": [
-            {"name": name, "stiffness": _law_as_data(laws.stiffness), "damping": _law_as_data(laws.damping)}
-            for name, laws in model.uncoupled_laws.items()
-        ],
-        "effects": [
-            {
-                "name": e.name,
-                "enters": e.enters,
-                "equation": e.equation,
-                "parameters": _parameters(e.parameters),
-            }
-            for e in model.effects
-        ],
-        "filter": {"cutoff_hz": dict(model.filter_cutoff_hz)},
-        "calibration": {"coefficients": list(model.calibration), "unit": "N"},
-        "windows": {name: list(window) for name, window in model.windows.items()},
-        "sampling": dict(model.sampling),
-    }
-
-
-def _link_as_data(link: Link, laws: LinkLaws) -> dict[str, Any]:
-    return {
-        "name": link.name,
-        "between": [link.first, link.second],
-        "law": link.law,
-        "stiffness": _law_as_data(laws.stiffness),
-        "damping": _law_as_data(laws.damping),
-        "tension_rate": None if laws.tension_rate is None else _law_as_data(laws.tension_rate),
-    }
-
-
-def _law_as_data(law: Law) -> dict[str, Any]:
-    return {"name": law.name, "equation": law.equation, "parameters": _parameters(law.parameters)}
-
-
-def _parameters(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
-    return {
-        name: {
-            "value": p.value,
-            "unit": p.unit,
-            "low": _finite(p.low),
-            "high": _finite(p.high),
-            "bounds": [_finite(p.bounds[0]), _finite(p.bounds[1])],
-            "source": p.source,
-        }
-        for name, p in parameters.items()
-    }
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
-
-
 def _from_data(data: Mapping[str, Any]) -> Model:
     structure = Structure(
         bodies=tuple(Body(item["name"], float(item["mass"]["value"])) for item in data["bodies"]),
@@ -154,10 +74,6 @@ def _link(item: Mapping[str, Any]) -> Link:
 
 
 def _effects_from_data(items: list[Mapping[str, Any]]) -> tuple[Any, ...]:
-    if not items:
-        return ()
-    from rom.effects import make
-
     return tuple(
         make(
             item["name"],

@@ -91,9 +91,8 @@ def _force(effect: ModelCorrection, run: Replay) -> dict[str, Any]:
     impact = run.measurement.impact_s
     end = len(time) if impact is None else int(np.searchsorted(time, impact + _SHOWN_S))
     along = np.stack([x, v, tension, laws.stiffness(tension), laws.damping(tension)])[:, :end]
-    force = force_of_effects(
-        replace(run.model, effects=(effect,)), effect.enters, along, float(time[1] - time[0])
-    )
+    alone = replace(run.model, effects=(effect,)).assembly
+    force = force_of_effects(alone, effect.enters, along, float(time[1] - time[0]))
     start = int(np.searchsorted(time, (impact or 0.0) - 0.005))
     shown = slice(start, end, max((end - start) // _POINTS, 1))
     return {"displacement_m": x[shown], "velocity_m_per_s": v[shown], "force_n": force[shown]}

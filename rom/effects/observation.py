@@ -37,7 +37,9 @@ def motion_of(model: Model, response: Response, impact_s: float = 0.0) -> Motion
     force = stiffness * x + damping * v
     if len(response.time) > 1:
         along = np.stack([x, v, tension, stiffness, damping])
-        force = force + force_of_effects(model, link.name, along, float(response.time[1] - response.time[0]))
+        force = force + force_of_effects(
+            model.assembly, link.name, along, float(response.time[1] - response.time[0])
+        )
     return Motion(response.time, impact_s, x, np.asarray(force), response.displacement)
 
 

@@ -22,8 +22,9 @@ from rom.campaign.campaign import Campaign, CampaignSettings, RecordSettings
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Effect
 from rom.identification.equation_error import TESTS, Balance, ForceRecord, force_records
+from rom.model.description import LinkLaws
 from rom.model.laws import Law, Parameter, constant_damping, constant_stiffness
-from rom.model.model import LinkLaws, Model
+from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
 from rom.signals.quality import Doubt, assess
 

@@ -19,8 +19,9 @@ from scipy.optimize import elementwise
 from rom.campaign.channels import FloatArray
 from rom.effects import LawChange
 from rom.identification.curve_fits import LawFit, covariance_of, gamma_curve, with_limits
+from rom.model.description import LinkLaws
 from rom.model.laws import Parameter, power_loosening
-from rom.model.model import LinkLaws, Model
+from rom.model.model import Model
 
 GAMMA_BOUND = 1e10
 _REFINEMENTS = 3

@@ -40,6 +40,7 @@ from rom.identification.reduce import (
 )
 from rom.identification.spectral_model import CORNER, SpectralRecord
 from rom.identification.uncoupled_priors import fit_near, flexure_ties, unsettled, without_modes
+from rom.model.description import LinkLaws
 from rom.model.effect import SensorFault
 from rom.model.laws import (
     constant_damping,
@@ -48,7 +49,7 @@ from rom.model.laws import (
     no_loosening,
     power_loosening,
 )
-from rom.model.model import LinkLaws, Model
+from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
 from rom.one_thread import one_threaded
 from rom.signals.quality import Doubt

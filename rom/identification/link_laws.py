@@ -11,8 +11,8 @@ from rom.campaign.campaign import LinkSettings
 from rom.identification.curve_fits import LawFit
 from rom.identification.output_error import OutputErrorFit
 from rom.identification.record_spectra import LinearNames
+from rom.model.description import LinkLaws
 from rom.model.laws import Z95, Law, constant_damping, constant_stiffness, no_loosening
-from rom.model.model import LinkLaws
 
 UNDETERMINED = 1.0  # standard error of a logarithm
 

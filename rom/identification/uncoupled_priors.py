@@ -14,8 +14,9 @@ from rom.identification.priors import PriorConstraint, pull
 from rom.identification.record_spectra import UNCOUPLED, LinearNames
 from rom.identification.reduce import ReducedRecord, UncoupledTest
 from rom.identification.spectral_model import CORNER, SpectralRecord, key
+from rom.model.description import LinkLaws
 from rom.model.laws import constant_damping, constant_stiffness
-from rom.model.model import LinkLaws, Model
+from rom.model.model import Model
 from rom.model.structure import GROUND
 
 _LEAST_ERROR = (0.02, 0.3)  # of ln k and ln c: a peak's amplitude may differ from that of a coupled test

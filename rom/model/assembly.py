@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
+from rom.model.description import PLACES, LinkLaws, ModelDescription
 from rom.model.effect import Effect
 from rom.model.laws import constant_stiffness
 from rom.model.structure import Structure
@@ -17,14 +18,12 @@ from rom.viewed import Viewed
 
 if TYPE_CHECKING:
     from rom.kernels.equations import Program
-    from rom.model.model import LinkLaws, Model
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 Status = Literal["ok", "diverged"]
 TOLERANCE = 1.5e-6  # of a final tension relative to its change, of a velocity relative to its peak
 DENSE_BODIES = 60  # larger structures go link by link
-PLACES = ("stiffness", "damping", "tension_rate")
 
 
 @dataclass(frozen=True)
@@ -74,8 +73,10 @@ class Response(Viewed):
 
 @dataclass(frozen=True)
 class Assembly:
-    """What the kernels need of a model: tables, coefficients, and where each parameter is among them."""
+    """What a simulation needs of a model: tables, coefficients, and where each parameter is among them."""
 
+    structure: Structure
+    link_laws: Mapping[str, LinkLaws]
     program: Program
     coefficients: FloatArray
     active: IntArray
@@ -97,16 +98,16 @@ class _Layout:
         return offset
 
 
-def assemble(model: Model) -> Assembly:
+def assemble(model: ModelDescription) -> Assembly:
     """Tables and coefficients of a model; compiles those laws that are new to this process."""
     from rom.kernels.equations import Program
 
-    structure = model.structure
+    structure, (link_laws, changes) = model.structure, model.changed_laws
     layout = _Layout()
     layout.add("body", (f"{name}.mass" for name in structure.body_names), structure.masses)
     zero = layout.add("", (), (0.0,))
-    driven = [(_link_index(model, e.enters), e) for e in model.effects if isinstance(e, Effect)]
-    laws = [_law_row(layout, name, model.link_laws[name]) for name in structure.link_names]
+    driven = [(_link_index(structure, e.enters), e) for e in model.effects if isinstance(e, Effect)]
+    laws = [_law_row(layout, name, link_laws[name]) for name in structure.link_names]
     nothing = constant_stiffness(0.0).address
     loaded = sorted({link for link, _ in driven if link >= len(laws)})  # bodies with effects of their own
     body_rows = {link: len(laws) + i for i, link in enumerate(loaded)}
@@ -125,7 +126,7 @@ def assemble(model: Model) -> Assembly:
         states += effect.states
     program = Program(
         ends=_table(ends, 2),
-        tension=_tension_seen(model, [row for row, _ in rows], len(laws)),
+        tension=_tension_seen(structure, link_laws, [row for row, _ in rows], len(laws)),
         laws=_table(laws, 6),
         effects=_table(table, 3),
         effect_start=np.searchsorted([row for row, _ in rows], np.arange(len(laws) + 1)).astype(np.int64),
@@ -134,7 +135,9 @@ def assemble(model: Model) -> Assembly:
     loaded_rows = np.diff(program.effect_start) > 0
     active = np.flatnonzero((program.tension >= 0) | loaded_rows).astype(np.int64)
     # one more number, so that a law without parameters has a valid place behind the last one
-    return Assembly(program, np.array([*layout.values, 0.0]), active, MappingProxyType(layout.places))
+    coefficients = np.array([*layout.values, 0.0])
+    places = layout.places | {path: layout.places[inner] for path, inner in changes.items()}
+    return Assembly(structure, link_laws, program, coefficients, active, MappingProxyType(places))
 
 
 def _table(rows: npt.ArrayLike, columns: int) -> IntArray:
@@ -151,9 +154,8 @@ def _law_row(layout: _Layout, link: str, laws: LinkLaws) -> list[int]:
     return row
 
 
-def _link_index(model: Model, enters: str) -> int:
+def _link_index(structure: Structure, enters: str) -> int:
     """Row of the link where an effect enters; behind the links, a row for every body."""
-    structure = model.structure
     if enters == "tension":
         return structure.link_names.index(structure.bolted_links[0])
     if enters.startswith("body:"):
@@ -161,12 +163,14 @@ def _link_index(model: Model, enters: str) -> int:
     return structure.link_names.index(enters)
 
 
-def _tension_seen(model: Model, loaded: list[int], rows: int) -> IntArray:
+def _tension_seen(
+    structure: Structure, link_laws: Mapping[str, LinkLaws], loaded: list[int], rows: int
+) -> IntArray:
     """A bolted link sees its own tension, every other one that of the only bolt if it can depend on it."""
-    bolts = model.structure.bolted_links
+    bolts = structure.bolted_links
     seen = np.full(rows, -1, dtype=np.int64)
-    for row, name in enumerate(model.structure.link_names):
-        laws = model.link_laws[name]
+    for row, name in enumerate(structure.link_names):
+        laws = link_laws[name]
         if name in bolts:
             seen[row] = bolts.index(name)
         elif len(bolts) == 1 and (laws.stiffness.sees_tension or laws.damping.sees_tension):
@@ -235,7 +239,7 @@ def tensions_of(structure: Structure, initial: float | Mapping[str, float] | Non
 
 
 def simulate(
-    model: Model,
+    assembly: Assembly,
     force: Mapping[str, npt.ArrayLike],
     rate_hz: float,
     initial_tension: float | Mapping[str, float] | None,
@@ -247,7 +251,7 @@ def simulate(
     from rom.kernels.exponential import Task, integrate
     from rom.kernels.runge_kutta import integrate_links
 
-    structure = model.structure
+    structure = assembly.structure
     rate = number("rate_hz", rate_hz, 0.0, strict=True)
     driven, forces = forces_on(structure, force)
     tensions = np.array(_tensions(structure, initial_tension))
@@ -257,7 +261,7 @@ def simulate(
             *_by_body(structure, "initial_velocity", initial_velocity),
         ]
     )
-    assembly, samples, bodies = model.assembly, forces.shape[1], len(structure.bodies)
+    samples, bodies = forces.shape[1], len(structure.bodies)
     last = np.array([samples - 1, samples])
     task = Task(rate, driven, assembly.active, fixed(forces), motion, tensions, last, 1, tolerance)
     out = np.full((3 * bodies + int(assembly.program.size[1:].sum()), samples), np.nan)

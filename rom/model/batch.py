@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from rom.model.assembly import DENSE_BODIES, TOLERANCE, finite, fixed, forces_on, number
+from rom.model.assembly import DENSE_BODIES, TOLERANCE, Assembly, finite, fixed, forces_on, number
+from rom.model.link_force import equilibrium
 
 if TYPE_CHECKING:
     from rom.kernels.exponential import Task
-    from rom.model.model import Model
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -20,7 +21,7 @@ _ROUNDING = 1e-6  # samples
 
 
 def final_tension(
-    model: Model,
+    assembly: Assembly,
     forces: npt.ArrayLike,
     rate_hz: float,
     initial_tension: npt.ArrayLike,
@@ -33,12 +34,12 @@ def final_tension(
     rate = number("rate_hz", rate_hz, 0.0, strict=True)
     force = _records(forces)
     edges = np.tile(_window(window_s, rate, force.shape[1]), (len(force), 1))
-    means = _means(model, force, rate, initial_tension, edges, 1, vary, body, tolerance)
+    means = _means(assembly, force, rate, initial_tension, edges, 1, vary, body, tolerance)
     return np.ascontiguousarray(means[:, 0, 0] if means.shape[2] == 1 else means[:, 0])
 
 
 def mean_tensions(
-    model: Model,
+    assembly: Assembly,
     forces: npt.ArrayLike,
     rate_hz: float,
     initial_tension: npt.ArrayLike,
@@ -53,12 +54,12 @@ def mean_tensions(
     force = _records(forces)
     every = _every(rate, tension_rate_hz)
     edges = _edges(edges_s, rate, every, *force.shape)
-    means = _means(model, force, rate, initial_tension, edges, every, vary, body, tolerance)
+    means = _means(assembly, force, rate, initial_tension, edges, every, vary, body, tolerance)
     return np.ascontiguousarray(means[:, :, 0] if means.shape[2] == 1 else means)
 
 
 def _means(
-    model: Model,
+    assembly: Assembly,
     force: FloatArray,
     rate: float,
     initial_tension: npt.ArrayLike,
@@ -71,12 +72,11 @@ def _means(
     """Mean tensions, shape (cases, bins, bolted links), over bins of samples."""
     from rom.kernels.exponential import Task
 
-    structure, assembly, cases = model.structure, model.assembly, len(force)
+    structure, cases = assembly.structure, len(force)
     tension = _starts(len(structure.bolted_links), cases, initial_tension)
     coefficients = np.tile(assembly.coefficients, (cases, 1))
     varied = {path: finite(path, np.broadcast_to(values, (cases,))) for path, values in vary.items()}
     for path, values in varied.items():
-        model.parameter(path)
         if path not in assembly.places:
             raise ValueError(f"vary must name what a simulation depends on, got {path!r}")
         coefficients[:, assembly.places[path]] = values
@@ -84,28 +84,33 @@ def _means(
     still = np.zeros(2 * len(structure.bodies))
     records = fixed(force[:, None])
     task = Task(rate, driven, assembly.active, records, still, tension, edges, every, tolerance)
-    rests = _rests(model, tension, varied)
+    rests = _rests(assembly, tension, coefficients, varied)
     if rests is None:
-        result = _cases(model, coefficients, task)
+        result = _cases(assembly, coefficients, task)
     else:
         result = np.concatenate(
-            [_cases(model, coefficients[i : i + 1], _one(task, i, rest)) for i, rest in enumerate(rests)]
+            [_cases(assembly, coefficients[i : i + 1], _one(task, i, rest)) for i, rest in enumerate(rests)]
         )
     if np.isnan(result).any():  # looked for here alone, to read the records once
         finite("forces", force)
     return result
 
 
-def _rests(model: Model, tension: FloatArray, vary: Mapping[str, FloatArray]) -> FloatArray | None:
+def _rests(
+    assembly: Assembly, tension: FloatArray, coefficients: FloatArray, vary: Iterable[str]
+) -> FloatArray | None:
     """Initial displacements and velocities, shape (cases, 2 bodies), where effects push; None: all zero."""
-    bolts, bodies = model.structure.bolted_links, model.structure.body_names
-    of_effects = [path for path in vary if any(path.startswith(f"{e.path}.") for e in model.effects)]
-    if not of_effects and model.equilibrium(dict(zip(bolts, tension[0], strict=True))) is None:
+    effects = assembly.program.effects
+    if not len(effects):
+        return None
+    bolts, bodies = assembly.structure.bolted_links, assembly.structure.body_names
+    of_effects = any(assembly.places[path] >= effects[0, 1] for path in vary)  # theirs come last
+    if not of_effects and not equilibrium(assembly, dict(zip(bolts, tension[0], strict=True))):
         return None
     rests = np.zeros((len(tension), 2 * len(bodies)))
     for case, held in enumerate(tension):
-        own = model.with_values({path: float(vary[path][case]) for path in of_effects})
-        rest = own.equilibrium(dict(zip(bolts, held, strict=True))) or {}
+        own = replace(assembly, coefficients=coefficients[case])
+        rest = equilibrium(own, dict(zip(bolts, held, strict=True)))
         rests[case, : len(bodies)] = [rest.get(body, 0.0) for body in bodies]
     return rests if rests.any() else None
 
@@ -116,7 +121,7 @@ def _one(task: Task, case: int, rest: FloatArray) -> Task:
     return task._replace(y0=rest, force=task.force[one], tensions=task.tensions[one], edges=task.edges[one])
 
 
-def _cases(model: Model, coefficients: FloatArray, tasks: Task) -> FloatArray:
+def _cases(assembly: Assembly, coefficients: FloatArray, tasks: Task) -> FloatArray:
     """Mean tensions, shape (cases, bins, tensions); NaN for a case that diverged.
 
     Effects with memory bend too sharply for long blocks: unless more is asked for, they go link by link.
@@ -125,9 +130,11 @@ def _cases(model: Model, coefficients: FloatArray, tasks: Task) -> FloatArray:
     from rom.kernels.exponential import REACHED, integrate
     from rom.kernels.runge_kutta import integrate_links
 
-    program = model.assembly.program
+    program = assembly.program
     reports = np.zeros((len(coefficients), 6 + int(program.size[2])))
-    if len(model.structure.bodies) <= DENSE_BODIES and not (program.size[2] and tasks.tolerance >= TOLERANCE):
+    if len(assembly.structure.bodies) <= DENSE_BODIES and not (
+        program.size[2] and tasks.tolerance >= TOLERANCE
+    ):
         nothing = np.empty((len(coefficients), 0, 0))
         result: FloatArray = integrate(program, coefficients, tasks, reports, nothing)
         return result

@@ -9,18 +9,26 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Self
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from rom.model.laws import Parameter
 
-if TYPE_CHECKING:
-    from rom.model.model import Model
-
 FloatArray = npt.NDArray[np.float64]
 Numbers = tuple[float, ...]
+
+
+class TakesEffects(Protocol):
+    """What an effect can be added to: a model."""
+
+    def with_effect(self, effect: ModelCorrection) -> Self:
+        """The same with one more effect."""
+        ...
+
+
+M = TypeVar("M", bound=TakesEffects)
 
 
 @dataclass(frozen=True)
@@ -75,13 +83,9 @@ class ModelCorrection:
         """Where a model that holds the effect has its parameters: ``"<enters>.<name>"``."""
         return f"{self.enters}.{self.name}"
 
-    def added_to(self, model: Model) -> Model:
-        """The model with this effect; its parameters are at ``paths``."""
+    def added_to(self, model: M) -> M:
+        """The model with this effect; its parameters are below ``path``."""
         return model.with_effect(self)
-
-    def paths(self, model: Model) -> Mapping[str, str]:  # noqa: ARG002 - one day by model
-        """Where a model that holds the effect has its parameters, by name."""
-        return {name: f"{self.path}.{name}" for name in self.parameters}
 
     def with_values(self, **values: float) -> Self:
         """The same effect with other parameter values; their old limits no longer hold and are dropped.

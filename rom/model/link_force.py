@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from rom.model.model import Model
+from rom.model.assembly import Assembly
 
 FloatArray = npt.NDArray[np.float64]
 _LONGEST_S = 2.5e-4  # of a step; a slider that must give way does so within 0.2 ms
@@ -20,7 +18,7 @@ _ITERATIONS = 30
 
 
 def link_force(
-    model: Model,
+    assembly: Assembly,
     link: str,
     displacement: npt.ArrayLike,
     rate_hz: float,
@@ -29,26 +27,26 @@ def link_force(
     settled: bool,
 ) -> FloatArray:
     """See ``Model.link_force``."""
-    if link not in model.link_laws:
-        raise ValueError(f"link must be one of {sorted(model.link_laws)}, got {link!r}")
+    if link not in assembly.link_laws:
+        raise ValueError(f"link must be one of {sorted(assembly.link_laws)}, got {link!r}")
     x = np.asarray(displacement, dtype=np.float64)
     held = np.broadcast_to(np.maximum(np.asarray(tension, dtype=np.float64), 0.0), x.shape)
-    laws, velocity = model.link_laws[link], np.gradient(x, 1 / rate_hz)
+    laws, velocity = assembly.link_laws[link], np.gradient(x, 1 / rate_hz)
     motion = np.stack([x, velocity, held, laws.stiffness(held), laws.damping(held)])
     force = motion[3] * x + motion[4] * velocity
-    return np.asarray(force + force_of_effects(model, link, motion, 1 / rate_hz, settled=settled))
+    return np.asarray(force + force_of_effects(assembly, link, motion, 1 / rate_hz, settled=settled))
 
 
 def force_of_effects(
-    model: Model, link: str, motion: FloatArray, step_s: float, *, settled: bool = False
+    assembly: Assembly, link: str, motion: FloatArray, step_s: float, *, settled: bool = False
 ) -> FloatArray:
     """Force of a link's effects [N] along a motion, shape (5, samples): rows x, v, T, k, c.
 
     Steps are 0.25 ms at most, and half a sample: errors of 1e-6 for the catalogue's ranges. They are halved
     where that is unstable.
     """
-    row = model.structure.link_names.index(link)
-    program, start = model.assembly.program, model.assembly.program.effect_start
+    row = assembly.structure.link_names.index(link)
+    program, start = assembly.program, assembly.program.effect_start
     effects = program.effects[start[row] : start[row + 1]]
     if not len(effects):
         return np.zeros(motion.shape[1])
@@ -59,14 +57,14 @@ def force_of_effects(
     substeps = max(2, math.ceil(step_s / _LONGEST_S)) if states else 1
     found = np.full(motion.shape[1], np.nan)
     for halvings in range(_HALVINGS):
-        found = _run(model, effects, states, motion, step_s, substeps << halvings, settled=settled)
+        found = _run(assembly, effects, states, motion, step_s, substeps << halvings, settled=settled)
         if np.isfinite(found).all():
             break
     return found
 
 
 def _run(
-    model: Model,
+    assembly: Assembly,
     effects: npt.NDArray[np.int64],
     states: int,
     motion: FloatArray,
@@ -77,7 +75,7 @@ def _run(
 ) -> FloatArray:
     from rom.kernels import prescribed
 
-    p, state = model.assembly.coefficients, np.zeros(states + 1)
+    p, state = assembly.coefficients, np.zeros(states + 1)
     if settled and states:
         before = np.ascontiguousarray(motion[:, ::-1])
         before[1] *= -1.0
@@ -85,39 +83,39 @@ def _run(
     return np.asarray(prescribed.force_of_effects(effects, p, motion, step_s, substeps, state, 0.0))
 
 
-def equilibrium(model: Model, tension: Mapping[str, float]) -> Mapping[str, float]:
+def equilibrium(assembly: Assembly, tension: Mapping[str, float]) -> Mapping[str, float]:
     """Where the bodies rest [m] under the forces of the effects, by body, at tensions by bolted link.
 
     Forces that go with time count for nothing, states are zero. Empty where nothing pushes at zero, or where
     no place of rest is found: a body that floats.
     """
-    bodies = model.structure.body_names
-    if not len(model.assembly.program.effects):
+    bodies = assembly.structure.body_names
+    if not len(assembly.program.effects):
         return {}
     x = np.zeros(len(bodies))
-    force = _force_on_bodies(model, x, tension)
+    force = _force_on_bodies(assembly, x, tension)
     largest = float(np.abs(force).max())
     if largest == 0.0 or not np.isfinite(largest):
         return {}
     for _ in range(_ITERATIONS):
         steps = np.diag(np.maximum(1e-6 * np.abs(x), 1e-9))
         columns = [
-            (_force_on_bodies(model, x + d, tension) - _force_on_bodies(model, x - d, tension))
+            (_force_on_bodies(assembly, x + d, tension) - _force_on_bodies(assembly, x - d, tension))
             / (2 * d.max())
             for d in steps
         ]
         if not np.isfinite(columns).all():
             return {}
         x = x - np.linalg.lstsq(np.stack(columns, axis=1), force, rcond=1e-10)[0]
-        force = _force_on_bodies(model, x, tension)
+        force = _force_on_bodies(assembly, x, tension)
         if float(np.abs(force).max()) <= 1e-10 * largest:
             return dict(zip(bodies, x.tolist(), strict=True))
     return {}
 
 
-def _force_on_bodies(model: Model, x: FloatArray, tension: Mapping[str, float]) -> FloatArray:
+def _force_on_bodies(assembly: Assembly, x: FloatArray, tension: Mapping[str, float]) -> FloatArray:
     """Force that pulls every body back while nothing moves [N]."""
-    program, structure = model.assembly.program, model.structure
+    program, structure = assembly.program, assembly.structure
     bolts = structure.bolted_links
     total = np.zeros(len(x))
     for row, (first, second) in enumerate(program.ends):
@@ -125,10 +123,10 @@ def _force_on_bodies(model: Model, x: FloatArray, tension: Mapping[str, float]) 
         held = tension[bolts[program.tension[row]]] if program.tension[row] >= 0 else 0.0
         stiffness = damping = 0.0
         if row < len(structure.links):
-            laws = model.link_laws[structure.link_names[row]]
+            laws = assembly.link_laws[structure.link_names[row]]
             stiffness, damping = float(laws.stiffness(held)), float(laws.damping(held))
         still = np.array([[relative], [0.0], [held], [stiffness], [damping]])
-        force = stiffness * relative + _steady(model, row, still)
+        force = stiffness * relative + _steady(assembly, row, still)
         if first >= 0:
             total[first] += force
         if second >= 0:
@@ -136,13 +134,13 @@ def _force_on_bodies(model: Model, x: FloatArray, tension: Mapping[str, float]) 
     return total
 
 
-def _steady(model: Model, row: int, still: FloatArray) -> float:
+def _steady(assembly: Assembly, row: int, still: FloatArray) -> float:
     """Force of those effects of a row that do not go with time."""
     from rom.kernels import prescribed
 
-    program, total = model.assembly.program, 0.0
+    program, total = assembly.program, 0.0
     for effect in program.effects[program.effect_start[row] : program.effect_start[row + 1]]:
-        alone, p, state = np.array([effect]), model.assembly.coefficients, np.zeros(int(program.size[2]) + 1)
+        alone, p, state = np.array([effect]), assembly.coefficients, np.zeros(int(program.size[2]) + 1)
         now, then = (prescribed.force_of_effects(alone, p, still, 1.0, 1, state, t)[0] for t in (0.0, _ODD_S))
         total += now if now == then else 0.0
     return total

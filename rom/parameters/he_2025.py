@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from rom.campaign.channels import FloatArray
+from rom.model.description import LinkLaws
 from rom.model.laws import (
     Law,
     Parameter,
@@ -19,7 +20,7 @@ from rom.model.laws import (
     logistic_loosening,
     logistic_stiffness,
 )
-from rom.model.model import LinkLaws, Model
+from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
 
 MASS_LO = Parameter(8.625, "kg", source="section 2.2")

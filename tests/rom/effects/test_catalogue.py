@@ -157,9 +157,9 @@ def test_places_are_told_by_kind():
         "sensor",
     ]
     effect = CATALOGUE["coulomb-friction"].at("joint")
-    assert effect.added_to(model).parameter(effect.paths(model)["mu"]).value == 1.2e-3
+    assert effect.added_to(model).parameter(f"{effect.path}.mu").value == 1.2e-3
     change = CATALOGUE["tightening"].at("tension")
-    assert change.added_to(model).parameter(change.paths(model)["g_t"]).unit == "1/s"
+    assert change.added_to(model).parameter(f"{change.path}.g_t").unit == "1/s"
 
 
 @pytest.mark.parametrize(
