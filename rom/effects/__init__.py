@@ -1,6 +1,7 @@
 """Catalogue of effects that a model may lack: a file per family, found by its ``MEMBERS``.
 
-A new effect is one more ``Member`` in a file of this folder, or in a file of one's own and ``register``.
+A new effect is one more ``Member`` in a file of this folder, or in a file of one's own and ``register``. May
+import `rom.model`, and from `rom.kernels` what compiles a function.
 """
 
 from __future__ import annotations

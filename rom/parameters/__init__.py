@@ -1,1 +1,1 @@
-"""Published parameter sets, a file per paper."""
+"""Published parameter sets, a file per paper. May import `rom.model` and `rom.campaign`."""
