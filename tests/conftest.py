@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +10,6 @@ import numpy as np
 import pytest
 
 from tests.shared import Shared
-
-# the table of malformed campaigns serves the tests of the reader and of the commands
-sys.path.append(str(Path(__file__).parent / "rom"))
 
 
 @dataclass(frozen=True)

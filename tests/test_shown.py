@@ -24,7 +24,7 @@ from rom.parameters.he_2025 import nominal_impact
 from rom.signals.quality import Doubt
 from rom.viewed import Viewed
 from tests.discovery.sound_closure import closure, friction
-from tests.experiments.test_discover import ranked
+from tests.experiments.studies.test_discover import ranked
 from tests.rom.sound_campaign import write_sound_campaign
 
 WITH_EXAMPLES = (

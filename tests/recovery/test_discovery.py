@@ -12,17 +12,13 @@ under the ten seeds is judged by the tests after it.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).parents[2]))
 
 from benchmarks.discovery import SURE, Trial, contenders, race_of_forms, score
 from benchmarks.discovery_specimens import Setting, Specimen, specimen

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).parents[2]))
 
 from benchmarks.identification import COVERAGE_TARGET, TARGETS, Trial, run_trial
 from tests.shared import Shared

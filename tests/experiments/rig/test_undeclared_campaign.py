@@ -16,7 +16,7 @@ from experiments.rig.undeclared import KINDS, Undeclared
 from experiments.studies import rig
 from rom.campaign.campaign import read_campaign
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SMALL = {"cases": 2, "duration_s": 2.5, "jobs": 1, "seed": 6, "hold_out_every": 0}
 HARD = Hit("lo", 1608.7, 0.1, contact_time(1608.7))
 EVERYWHERE = [

@@ -364,5 +364,5 @@ def test_the_truth_stays_sealed_until_the_loop_is_closed(
 
 
 def test_the_stored_tables_are_those_of_the_stored_results() -> None:
-    stored = Path(__file__).parents[2] / "docs" / "blind"
+    stored = Path(__file__).parents[3] / "docs" / "blind"
     assert (stored / "tables.md").read_text(encoding="utf-8") == tables(read_results(stored)) + "\n"

@@ -22,7 +22,7 @@ from rom.parameters.he_2025 import paper_model
 from tests.rom.sound_campaign import UNCOUPLED, sound_channels, write_sound_campaign
 
 Boltlaw = Callable[..., Any]
-REPOSITORY = Path(__file__).parents[2]
+REPOSITORY = Path(__file__).parents[3]
 PATIENCE_S = 120.0
 OLD = {"closure.json": "old", "model.json": "old", "mine.txt": "mine"}
 

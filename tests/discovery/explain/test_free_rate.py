@@ -34,8 +34,8 @@ from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, LawChange, free_form
 from rom.model.laws import Parameter
 from rom.parameters.he_2025 import nominal_impact
+from tests.discovery.explain.test_tension import seen_of, whole
 from tests.discovery.synthetic import measured
-from tests.discovery.test_tension_attribution import seen_of, whole
 
 _NUMBERS = ("gamma_d", "gamma_i", "rho")
 _G = 0.15

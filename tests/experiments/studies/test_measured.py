@@ -20,7 +20,7 @@ from rom.model.model import LinkLaws, Model
 from rom.model.structure import Body, Link, Structure
 from tests.discovery.sound_closure import closure, friction
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[3] / "docs"
 
 
 def results(folder: Path, found: Closure, campaign: str = "EMPS") -> dict[str, Any]:

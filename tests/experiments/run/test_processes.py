@@ -21,7 +21,7 @@ from experiments.run.processes import RemoteTraceback, Worker, WorkerLostError
 _LONG_S = 60.0
 INTERRUPTED = f"""
 import signal
-from tests.experiments.test_processes import many, slept
+from tests.experiments.run.test_processes import many, slept
 from experiments.run.execution import execution
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for what runs behind it
 with execution():
@@ -127,7 +127,7 @@ def test_workers_serve_every_call_of_a_block_and_end_with_it(capfd: pytest.Captu
 
 
 def test_an_interrupt_ends_all_workers() -> None:
-    there = Path(__file__).parents[2]
+    there = Path(__file__).parents[3]
     main = subprocess.Popen(
         [sys.executable, "-c", INTERRUPTED],
         cwd=there,
@@ -149,7 +149,7 @@ def test_an_interrupt_ends_all_workers() -> None:
 
 
 def test_workers_end_where_the_main_process_is_killed() -> None:
-    there = Path(__file__).parents[2]
+    there = Path(__file__).parents[3]
     main = subprocess.Popen(
         [sys.executable, "-c", INTERRUPTED.replace(str(_LONG_S), "1.0")],
         cwd=there,

@@ -16,9 +16,9 @@ from experiments.studies.identify import save_figures
 from rom.parameters.he_2025 import paper_model
 from tests.discovery.sound_closure import closure, friction, threshold
 from tests.experiments.browser import CHROMIUM, Page, browser
+from tests.experiments.report.test_closure import content, curves
+from tests.experiments.report.test_report import errors, identification, write
 from tests.experiments.sound_ranking import ranking
-from tests.experiments.test_closure_report import content, curves
-from tests.experiments.test_report import errors, identification, write
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 LONG = "_".join(["a_name_without_a_blank"] * 8)

@@ -10,7 +10,7 @@ from rom.signals.filters import FilterChain, decimate, find_impact, for_straight
 
 FloatArray = npt.NDArray[np.float64]
 
-TABLE = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "tension_split.py"))
+TABLE = runpy.run_path(str(Path(__file__).parents[3] / "benchmarks" / "tension_split.py"))
 RATE_HZ, WINDOW_S, IMPACT_S, IMPACT, STEP_N = (
     TABLE[name] for name in ("RATE_HZ", "WINDOW_S", "IMPACT_S", "IMPACT", "STEP_N")
 )

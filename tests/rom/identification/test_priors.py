@@ -9,8 +9,8 @@ from rom.identification.output_error import fit_output_error, values_of
 from rom.identification.priors import PriorConstraint, misfits, pull
 from rom.identification.spectral_model import SpectralRecord
 from rom.identification.uncoupled_priors import fit_near
+from tests.rom.identification.test_output_error import LINKS, RATE_HZ, SAMPLES, one_body
 from tests.rom.lumped import noisy, pulse, respond
-from tests.rom.test_output_error import LINKS, RATE_HZ, SAMPLES, one_body
 
 STIFF = PriorConstraint({"k": 1.0, "mass": -1.0}, float(np.log(2000.0)), 0.01, ("k",), "k and a frequency")
 

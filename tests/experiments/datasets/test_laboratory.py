@@ -143,7 +143,7 @@ def test_every_format_gives_the_same_campaign(form: str, boltlaw: Boltlaw, tmp_p
 
 
 def test_the_map_of_the_docs_does_what_they_say(boltlaw: Boltlaw, tmp_path: Path) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "import.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "import.md").read_text(encoding="utf-8")
     (shown,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     folder = tmp_path / "lab"
     (folder / "loosening").mkdir(parents=True)
