@@ -21,6 +21,7 @@ from rom.campaign.checks import moving_bodies
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.reduce import reduce_records, reduce_sound, tension_courses
 from rom.model.model import Model
+from rom.signals.measured_records import measured_record
 from rom.signals.tension_bins import TensionCourse
 
 PRELOADS = 20
@@ -89,7 +90,7 @@ def loosening_courses(
     """
     chosen = campaign.select("loosening", hold_out)
     if isinstance(campaign, Bench):
-        records = [reduce_sound(campaign.load(record), campaign) for record in chosen]
+        records = [reduce_sound(measured_record(campaign, record), campaign) for record in chosen]
     else:
         records = [record for record in reduce_records(campaign, chosen) if not record.doubts]
     return tension_courses(records, found.course_noise, campaign.settings)

@@ -51,11 +51,13 @@ from rom.effects import Effect, LawChange, ModelCorrection, Reading, SensorFault
 from rom.identification.force_balance import is_driven
 from rom.identification.identify import identify_campaign
 from rom.one_thread import one_threaded
+from rom.signals.measured_records import with_stored_records
 
 _AFAR = 10.0  # times noise: what integrating and filtering do to the measured motion is less
 
 
 @one_threaded
+@with_stored_records
 def close_loop(campaign: Campaign, jobs: int = 1, progress: Stages | None = None, seed: int = 0) -> Closure:
     """Find what a campaign's declared model lacks, add it, and tell the errors before and after.
 

@@ -20,6 +20,7 @@ from rom.campaign.campaign import Campaign
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.reduce import Progress, reduce_records, tension_courses
 from rom.one_thread import one_threaded
+from rom.signals.measured_records import with_stored_records
 from rom.signals.quality import Doubt
 from rom.signals.tension_bins import TensionCourse
 
@@ -31,6 +32,7 @@ _COMPARED, _NEAR = 6, 10.0  # first laws, and those of nearly the same BIC
 
 
 @one_threaded
+@with_stored_records
 def discover(
     campaign: Campaign,
     jobs: int = 1,

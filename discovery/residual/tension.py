@@ -21,9 +21,9 @@ from rom.campaign.channels import FloatArray
 from rom.effects import Effect, Motion, Reading, SensorFault
 from rom.model.law_change import LawChange
 from rom.model.model import Model
+from rom.signals.measured_records import measured_record
 from rom.signals.per_record_parameters import own_numbers, per_record_names
-from rom.signals.processing import Measurement, TensionRecord, process, tension_record
-from rom.signals.quality import assess
+from rom.signals.processing import Measurement, TensionRecord, tension_record
 from rom.signals.sensor_correction import corrected
 from rom.signals.tension_bins import (
     CourseNoise,
@@ -83,10 +83,10 @@ def read_tensions(campaign: Campaign, model: Model, jobs: int = 1) -> tuple[Tens
 
 
 def _seen(campaign: Campaign, record: RecordSettings, model: Model) -> TensionObservation | None:
-    loaded = campaign.load(record)
-    if assess(loaded, campaign.settings):
+    found = measured_record(campaign, record)
+    if found.doubts:
         return None
-    measurement = process(loaded, campaign.settings, model.filter_cutoff_hz)
+    measurement = found.measurement.with_cutoff(model.filter_cutoff_hz)
     if measurement.tension is None or measurement.impact_s is None or not measurement.force:
         return None
     measurement, motion = _without_known(measurement, model)

@@ -20,8 +20,9 @@ from rom.identification.spectral_model import CORNER, ComplexArray, SpectralReco
 from rom.model.laws import power_loosening
 from rom.model.model import Model
 from rom.signals.filters import ac_coupled
+from rom.signals.measured_records import measured_record
 from rom.signals.per_record_parameters import per_record_names
-from rom.signals.processing import Measurement, process
+from rom.signals.processing import Measurement
 from rom.signals.sensor_correction import faults_of, without_faults
 
 _LEAST_FINAL = 0.01
@@ -132,7 +133,7 @@ def _ramp(frequency: FloatArray, step_s: float) -> ComplexArray:
 def read_measurements(campaign: Campaign, set_aside: Collection[str] = ()) -> Measurements:
     """Read the uncoupled, coupled and loosening records, held-out ones too, without those set aside."""
     records = [settings for settings in campaign.select(_MOTION_TESTS) if settings.file not in set_aside]
-    read = (process(campaign.load(settings), campaign.settings) for settings in records)
+    read = (measured_record(campaign, settings).measurement for settings in records)
     return [(s, replace(one.as_type(np.float32), link={})) for s, one in zip(records, read, strict=True)]
 
 

@@ -23,7 +23,8 @@ from rom.identification.identify import Identification
 from rom.model.assembly import Response
 from rom.model.model import Model
 from rom.signals.calibration import Calibration
-from rom.signals.processing import Measurement, process
+from rom.signals.measured_records import measured_record
+from rom.signals.processing import Measurement
 
 __all__ = [
     "calibration_curve",
@@ -148,7 +149,7 @@ def example_records(
         records = [record for record in campaign.select(test) if record.file not in leave_out]
         records.sort(key=lambda record: record.preload_n or 0.0)
         places = np.unique(np.linspace(0, len(records) - 1, min(count, len(records))).round().astype(int))
-        chosen += [process(campaign.load(records[place]), campaign.settings) for place in places]
+        chosen += [measured_record(campaign, records[place]).measurement for place in places]
     return tuple(chosen)
 
 

@@ -13,6 +13,7 @@ from experiments.run.publication import results_into
 from experiments.studies.effect_curves import effect_curves
 from experiments.studies.identify import Progress, save_figures
 from rom.campaign.campaign import read_campaign
+from rom.signals.measured_records import stored
 
 if TYPE_CHECKING:
     from discovery.loop.result import Closure, FoundEffect, Kind
@@ -44,7 +45,7 @@ def run(
     report = progress or (lambda _: None)
     campaign = read_campaign(campaign_path, jobs, report("checking records"))
     folder = results_folder(campaign_path, out)
-    with results_into(folder) as new:
+    with results_into(folder) as new, stored(campaign) as campaign:
         closure = discovery.close_loop(campaign, jobs, report, seed)
         curves = effect_curves(closure.model, [found.effect for found in closure.effects], campaign)
         content = plain(closure_section(closure) | {"command": command, "campaign_digest": campaign.digest})

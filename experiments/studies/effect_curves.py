@@ -15,8 +15,7 @@ from rom.effects.observation import motion_of
 from rom.evaluation.replay import Replay, replay
 from rom.model.link_force import force_of_effects
 from rom.model.model import Model
-from rom.signals.processing import process
-from rom.signals.quality import assess
+from rom.signals.measured_records import measured_record
 
 _TESTS = ("loosening", "driven", "coupled", "free")  # the hardest motion first
 _SHOWN_S = 0.2  # after the impact
@@ -57,10 +56,10 @@ def _runs(model: Model, campaign: Campaign) -> Iterator[tuple[RecordSettings, Re
         chosen.sort(key=lambda record: record.preload_n or 0.0)
         places = np.linspace(0, len(chosen) - 1, min(_RECORDS, len(chosen))).round().astype(int)
         for place in dict.fromkeys(places.tolist()):
-            record = campaign.load(chosen[place])
-            if assess(record, campaign.settings):
+            found = measured_record(campaign, chosen[place])
+            if found.doubts:
                 continue
-            run = replay(model, process(record, campaign.settings, model.filter_cutoff_hz))
+            run = replay(model, found.measurement.with_cutoff(model.filter_cutoff_hz))
             if run.response.status == "ok":
                 yield chosen[place], run
         return

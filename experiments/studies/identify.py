@@ -19,6 +19,7 @@ from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
 from rom.identification.gamma import GammaEstimate
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.joint import JointEstimate
+from rom.signals.measured_records import stored
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,7 +55,7 @@ def run(
     report = progress or (lambda _: None)
     campaign = read_campaign(campaign_path, jobs, report("checking records"))
     folder = results_folder(campaign_path, out)
-    with results_into(folder) as new:
+    with results_into(folder) as new, stored(campaign) as campaign:
         outcome = examine(campaign, jobs, report)
         drawn = draw(outcome)
         outcome.identification.model.save(

@@ -18,11 +18,12 @@ from experiments.results import write_result
 from experiments.run.publication import results_into
 from experiments.studies import rig
 from experiments.studies.identify import Outcome, Progress, draw, errors_by_set, examine, save_figures
-from rom.campaign.campaign import read_campaign
+from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import Comparison, summarise
 from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
 from rom.identification.modal import maximum_frequency
 from rom.parameters import he_2025
+from rom.signals.measured_records import stored
 
 _RATE_HZ = 76800.0
 _DURATION_S = 8.0
@@ -88,9 +89,14 @@ def run(
         As for every study.
     """
     started = time.perf_counter()
+    report = progress or (lambda _: None)
     with results_into(out) as new:
-        with tempfile.TemporaryDirectory(dir=new) as scratch:
-            outcome, judged = _measured(Path(scratch), cases, seed, jobs, progress or (lambda _: None))
+        with (
+            tempfile.TemporaryDirectory(dir=new) as scratch,
+            stored(_measured(Path(scratch), cases, seed, jobs, report)) as campaign,
+        ):
+            outcome = examine(campaign, jobs, report)
+            judged = _of_the_paper(campaign, jobs, report)
             drawn = draw(outcome)
         rows = [
             *_model_rows(), *_coupled_rows(judged), *_identified_rows(outcome), *_error_rows(outcome.judged)
@@ -116,16 +122,21 @@ def run(
 
 def _measured(
     scratch: Path, cases: int | None, seed: int, jobs: int, report: Callable[[str], Progress | None]
-) -> tuple[Outcome, tuple[Evaluation, ...]]:
-    """Measure and identify the paper's campaign; judge the paper's own model on it too."""
+) -> Campaign:
+    """Measure the paper's campaign."""
     folder = rig.run(
         scratch / "campaign", cases, 1.0, seed, jobs, report("measuring"), hold_out_every=0, tightening=True
     )
-    campaign = read_campaign(folder, jobs, report("checking records"))
-    outcome = examine(campaign, jobs, report)
+    return read_campaign(folder, jobs, report("checking records"))
+
+
+def _of_the_paper(
+    campaign: Campaign, jobs: int, report: Callable[[str], Progress | None]
+) -> tuple[Evaluation, ...]:
+    """Evaluate the paper's own model, with and without its loosening, on a campaign."""
     paper = he_2025.paper_model()
     models = [paper, without_loosening(paper)]
-    return outcome, evaluate(models, campaign, jobs=jobs, progress=report("paper's model"))
+    return evaluate(models, campaign, jobs=jobs, progress=report("paper's model"))
 
 
 def _losses(tension: Sequence[float], peak: Sequence[float]) -> list[float]:

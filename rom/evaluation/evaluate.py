@@ -13,8 +13,8 @@ from rom.identification.reduce import Progress
 from rom.model.law_change import LawChange
 from rom.model.laws import no_loosening
 from rom.model.model import Model
-from rom.signals.processing import process
-from rom.signals.quality import Doubt, assess
+from rom.signals.measured_records import measured_record
+from rom.signals.quality import Doubt
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,8 @@ def without_loosening(model: Model) -> Model:
 
 
 def _judge_record(models: Sequence[Model], campaign: Campaign, settings: RecordSettings) -> Evaluation:
-    record = campaign.load(settings)
-    doubts = tuple(assess(record, campaign.settings))
-    if doubts:
-        return Evaluation(settings, (), doubts)
-    measurement = process(record, campaign.settings, models[0].filter_cutoff_hz)
-    windows = campaign.settings.windows
-    return Evaluation(settings, compare_all(models, measurement, windows))
+    found = measured_record(campaign, settings)
+    if found.doubts:
+        return Evaluation(settings, (), found.doubts)
+    measurement = found.measurement.with_cutoff(models[0].filter_cutoff_hz)
+    return Evaluation(settings, compare_all(models, measurement, campaign.settings.windows))

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import interpolate, ndimage, signal
 
-from rom.campaign.campaign import Campaign, CampaignSettings, Record, RecordSettings
+from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import Channel, FloatArray
 from rom.effects import Effect
 
@@ -126,18 +126,17 @@ def _force(effect: Effect, motion: FloatArray, rate_hz: float, test: str) -> Flo
     return np.asarray(force_of_effects(table, values, motion, 1 / rate_hz, substeps, state, 0.0))
 
 
-def force_records(campaign: Campaign, records: Sequence[RecordSettings]) -> tuple[ForceRecord, ...]:
-    """Read driven, free and cycled records; filters are chosen from those among them that are not held out.
+def force_records(records: Sequence[Record], settings: CampaignSettings) -> tuple[ForceRecord, ...]:
+    """Balance the forces of driven, free and cycled records; filters are chosen from those not held out.
 
     Raises
     ------
     ValueError
         Where a moving body has no displacement channel, or a record is shorter than the filter.
     """
-    loaded = [campaign.load(settings) for settings in records]
-    told = [record for record in loaded if not record.hold_out]
+    told = [record for record in records if not record.hold_out]
     smoothing, fine_s = _filter(told, "force"), _filter(told, "displacement").width_s
-    made = (_force_record(record, campaign.settings, smoothing, fine_s) for record in loaded)
+    made = (_force_record(record, settings, smoothing, fine_s) for record in records)
     return tuple(record for record in made if record.balances)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
-from rom.campaign.campaign import Campaign, CampaignSettings, RecordSettings
+from rom.campaign.campaign import Campaign, CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Effect
 from rom.identification.equation_error import TESTS, Balance, ForceRecord, force_records
@@ -26,7 +26,8 @@ from rom.model.description import LinkLaws
 from rom.model.laws import Law, Parameter, constant_damping, constant_stiffness
 from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
-from rom.signals.quality import Doubt, assess
+from rom.signals.measured_records import measured_record
+from rom.signals.quality import Doubt
 
 OFFSET = "constant-force"
 _TOLD = 3.0  # standard errors beyond which an offset is part of the model
@@ -121,12 +122,12 @@ def is_driven(campaign: Campaign) -> bool:
     bolted = any(link.law == "bolted" for link in campaign.settings.link)
     if bolted or not tests & {"driven", "cycled"} or not tests <= set(TESTS):
         return False
-    return all(_shows_displacement(campaign, r.file) for r in campaign.select(TESTS))
+    return all(_shows_displacement(campaign, record) for record in campaign.select(TESTS))
 
 
-def _shows_displacement(campaign: Campaign, file: str) -> bool:
-    record = campaign.load(next(r for r in campaign.settings.record if r.file == file))
-    return record.test == "cycled" or all(record.motion(b)[0] == "displacement" for b in record.bodies)
+def _shows_displacement(campaign: Campaign, record: RecordSettings) -> bool:
+    motions = measured_record(campaign, record).measurement.motion.values()
+    return all(motion.kind == "displacement" for motion in motions)
 
 
 def balances_of(campaign: Campaign) -> tuple[Balances, tuple[Doubt, ...]]:
@@ -138,13 +139,13 @@ def balances_of(campaign: Campaign) -> tuple[Balances, tuple[Doubt, ...]]:
         If no training record holds a force, or nothing can be told from it.
     """
     settings = campaign.settings
-    chosen: list[RecordSettings] = []
+    chosen: list[Record] = []
     doubts: list[Doubt] = []
     for record in campaign.select(TESTS):
-        found = assess(campaign.load(record), settings)
-        doubts += found
-        chosen += [] if found else [record]
-    records = force_records(campaign, chosen)
+        found = measured_record(campaign, record)
+        doubts += found.doubts
+        chosen += [found.raw] if found.raw is not None and not found.doubts else []
+    records = force_records(chosen, settings)
     told = [b for r in records if not r.settings.hold_out for b in r.balances]
     if not any(np.any(balance.terms["force"]) for balance in told):
         raise ValueError(f"{campaign.path}: found no training record with a force, expected one")
@@ -162,12 +163,13 @@ def balances_of(campaign: Campaign) -> tuple[Balances, tuple[Doubt, ...]]:
     places = {id(record): place for place, record in enumerate(records)}
     owner = np.concatenate([np.full(len(f), places[id(r)]) for (r, _), f in zip(pairs, force, strict=True)])
     rows = np.concatenate(force)
-    every = Balances(
+    balances = Balances(
         settings, records, rows, np.concatenate(columns), tuple(names), np.ones(len(rows)), owner
     )
     for _ in range(_ITERATIONS):
-        every = every.weighed(dict(zip(names, every.fitted(rows)[0].tolist(), strict=True)))
-    return every, tuple(doubts)
+        values = balances.fitted(rows)[0].tolist()
+        balances = balances.weighed(dict(zip(names, values, strict=True)))
+    return balances, tuple(doubts)
 
 
 def noise_share(balances: Balances) -> float:

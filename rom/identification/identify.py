@@ -52,6 +52,7 @@ from rom.model.laws import (
 from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
 from rom.one_thread import one_threaded
+from rom.signals.measured_records import with_stored_records
 from rom.signals.quality import Doubt
 from rom.signals.sensor_correction import faults_of, true_hit
 from rom.signals.tension_bins import CourseNoise, TensionCourse, course_noise
@@ -119,6 +120,7 @@ def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None
 
 
 @one_threaded
+@with_stored_records
 def identify_campaign(
     campaign: Campaign,
     jobs: int = 1,

@@ -25,8 +25,9 @@ from rom.identification.modal import average_period_frequency, logarithmic_decre
 from rom.identification.record_spectra import LINEAR_TESTS, spectral_records
 from rom.identification.spectral_model import SpectralRecord
 from rom.model.effect import SensorFault
-from rom.signals.processing import Measurement, TensionRecord, driven_displacement, process
-from rom.signals.quality import Doubt, assess
+from rom.signals.measured_records import MeasuredRecord, measured_record
+from rom.signals.processing import Measurement, TensionRecord, driven_displacement
+from rom.signals.quality import Doubt
 from rom.signals.sensor_correction import without_faults
 from rom.signals.tension_bins import CourseNoise, TensionBins, TensionCourse, bins_after_hit, bins_before_hit
 
@@ -117,28 +118,31 @@ def reduce_records(
 def reduce_record(
     campaign: Campaign, record_settings: RecordSettings, faults: Sequence[SensorFault] = ()
 ) -> ReducedRecord:
-    """Load, check and process one record and keep what an identification needs."""
-    record = campaign.load(record_settings)
-    doubts = tuple(assess(record, campaign.settings))
-    return ReducedRecord(record_settings, doubts) if doubts else reduce_sound(record, campaign, faults)
+    """Read one record and keep what an identification needs."""
+    found = measured_record(campaign, record_settings)
+    if found.doubts:
+        return ReducedRecord(record_settings, found.doubts)
+    return reduce_sound(found, campaign, faults)
 
 
-def reduce_sound(record: Record, campaign: Campaign, faults: Sequence[SensorFault] = ()) -> ReducedRecord:
-    """Process one record without a doubt and keep what an identification needs."""
+def reduce_sound(
+    found: MeasuredRecord, campaign: Campaign, faults: Sequence[SensorFault] = ()
+) -> ReducedRecord:
+    """Keep what an identification needs of one record without a doubt."""
     settings = campaign.settings
-    measurement = without_faults(process(record, settings), faults)
+    measurement = without_faults(found.measurement, faults)
     tension = measurement.tension
     struck = max(measurement.force, key=lambda body: float(np.abs(measurement.force[body]).max()), default="")
     linear = measurement.test in LINEAR_TESTS or (
         measurement.test == "loosening" and not _has_linear(campaign)
     )
     return ReducedRecord(
-        record.settings,
+        found.settings,
         warnings=() if tension is None else (*tension.warnings, *_slack(measurement, tension)),
         cutoff_hz=measurement.chain.cutoff_hz if measurement.motion else None,
         spectra=_spectra(measurement, settings) if linear and measurement.motion else (),
         first_mode=_first_mode(measurement) if measurement.test == "coupled" else None,
-        uncoupled=_uncoupled(measurement, record) if measurement.test == "uncoupled" else None,
+        uncoupled=_uncoupled(measurement, found.raw) if measurement.test == "uncoupled" else None,
         tensions=None if tension is None else _tensions(tension),
         impact_s=measurement.impact_s,
         bins=bins_after_hit(measurement, settings),
@@ -286,17 +290,17 @@ def _first_mode(measurement: Measurement) -> FirstMode | None:
         return None
 
 
-def _uncoupled(measurement: Measurement, record: Record) -> UncoupledTest | None:
+def _uncoupled(measurement: Measurement, raw: Record | None) -> UncoupledTest | None:
     """Return the frequency response of a body alone and its single mode; None where body, force or peak is
     missing.
     """
     bodies = [body for body in measurement.motion if body in measurement.force]
     strongest = measurement.strongest_hz
-    if len(bodies) != 1 or strongest is None:
+    if len(bodies) != 1 or strongest is None or raw is None:
         return None
     body = bodies[0]
     motion = measurement.motion[body]
-    force = record.force(body)
+    force = raw.force(body)
     if force is None or len(force.samples) != len(motion.samples):
         return None
     try:

@@ -108,6 +108,11 @@ class Measurement:
             self._displacements[body] = found
         return self._displacements[body]
 
+    def with_cutoff(self, cutoff_hz: Mapping[str, float]) -> Measurement:
+        """The same behind the high-pass that a model was identified with, by kind of test [Hz], if any."""
+        own = cutoff_hz.get(self.test)
+        return replace(self, chain=FilterChain(own)) if own else self
+
     def as_type(self, kind: type[np.floating[Any]]) -> Measurement:
         """The same with samples of forces, motion and tension in another precision."""
         tension = self.tension
@@ -150,17 +155,8 @@ def driven_displacement(motion: Channel) -> FloatArray:
     return np.asarray(signal.sosfiltfilt(lowpass, motion.samples, padlen=padding))
 
 
-def process(
-    record: Record, settings: CampaignSettings, cutoff_hz: Mapping[str, float] | None = None
-) -> Measurement:
-    """Process one raw record.
-
-    Parameters
-    ----------
-    record, settings
-        A record as loaded, and its campaign's settings.
-    cutoff_hz
-        Cutoff of the high-pass by kind of test [Hz], as a model was identified with; else chosen by `cutoff`.
+def process(record: Record, settings: CampaignSettings) -> Measurement:
+    """Process one raw record; the high-pass of its motion is that of `cutoff`.
 
     Raises
     ------
@@ -194,7 +190,7 @@ def process(
         strongest_hz=first_mode,
         motion={body: Motion(m.kind, m.samples[:samples]) for body, m in motions.items()},
         impact_s=impact,
-        chain=FilterChain((cutoff_hz or {}).get(test) or cutoff(test, first_mode)),
+        chain=FilterChain(cutoff(test, first_mode)),
         tension=_tension(record, settings, impact, first_mode),
         link={name: c for name, c in record.channels.items() if name.startswith(("link_", "normal_force_"))},
         still_force=still,

@@ -18,6 +18,7 @@ from discovery.residual.output_error import WhitenedResidual, starting
 from rom.campaign.campaign import Campaign
 from rom.effects import Effect, LawChange, ModelCorrection, SensorFault, candidates
 from rom.identification.identify import identify_campaign
+from rom.signals.measured_records import with_stored_records
 
 __all__ = ["declared_errors", "oracle_errors"]
 
@@ -27,11 +28,13 @@ Truth = Mapping[str, Any]
 """An effect as a truth file tells it: `name`, `enters`, `parameters` with a `value` each."""
 
 
+@with_stored_records
 def declared_errors(campaign: Campaign) -> ErrorsByKind:
     """Return the errors of the declared model, its numbers refitted to training records."""
     return Refits(campaign, identify_campaign(campaign), 1, silent).start().errors
 
 
+@with_stored_records
 def oracle_errors(campaign: Campaign, twin: Campaign, truths: Sequence[Truth]) -> list[ErrorsByKind]:
     """Return the errors of a model with the true effects in it, refitted to training records.
 
