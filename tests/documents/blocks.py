@@ -25,7 +25,7 @@ LEFT_OUT: Mapping[tuple[str, ...], str] = {
     ("pip",): "changes the environment",
     ("pytest",): "is what runs this",
     ("python", "-m", "benchmarks"): "takes minutes to hours",
-    ("python", "-m", "experiments.studies.blind.trials"): "takes hours",
+    ("python", "-m", "experiments.studies.blind"): "takes hours",
     ("dask",): "is a server, and no program of ours",
     ("boltlaw", "import"): _MEASURED,
     **{("boltlaw", "close", name): _MEASURED for name in PUBLIC},
