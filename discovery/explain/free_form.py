@@ -13,7 +13,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from discovery.decide.explanation import Explanation
-from discovery.explain.motion import explanation, output_of
+from discovery.explain.effect_outputs import outputs_of
+from discovery.explain.motion import explanation
 from discovery.residual.output_error import WhitenedResidual
 from discovery.search.sparse_regression import sparse_supports, usable
 from rom.campaign.channels import FloatArray
@@ -64,9 +65,7 @@ def free_forms(evidence: WhitenedResidual, seed: int = 0) -> tuple[Explanation, 
             continue
         peaks = np.array([[np.abs(m).max() for m in trace.relative(ends)] for trace in evidence.traces])
         terms = terms_at(*np.median(peaks, axis=0), tension=link.law == "bolted" and GROUND not in ends)
-        columns = np.stack(
-            [evidence.beyond(output_of(one, evidence)) for one in single_terms(terms, link.name)], axis=1
-        )
+        columns = evidence.beyond(outputs_of(single_terms(terms, link.name), evidence))
         effect = sparse_sum(columns, left, terms, link.name, seed)
         if effect is not None:
             found.append(explanation(effect, member_of(effect), evidence))

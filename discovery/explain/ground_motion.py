@@ -16,8 +16,10 @@ from joblib import delayed
 from scipy import optimize
 
 from discovery.decide.explanation import Explanation
-from discovery.explain.motion import explanation, motion_channels, output_of
-from discovery.residual.output_error import WhitenedResidual, lasting_force
+from discovery.explain.effect_outputs import output_of
+from discovery.explain.motion import explanation, motion_channels
+from discovery.residual.effect_forces import lasting_force
+from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import MeasuredTrajectory
 from discovery.threads import side_by_side
 from rom.effects import Effect, Member, candidates

@@ -7,7 +7,7 @@ Numer. Anal. 10, 413, 1973). Numbers come from training records; costs are told 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,15 +16,15 @@ from joblib import Parallel, delayed
 from discovery.decide.acceptance import MATERIAL
 from discovery.decide.chance import FEWEST_RECORDS, by_record, largest_by_chance, p_value
 from discovery.decide.explanation import Explanation, limited, standard_errors
-from discovery.residual.output_error import WhitenedResidual, effect_force
-from discovery.residual.trajectory import MeasuredTrajectory, Progress
+from discovery.explain.effect_outputs import cut_to_bounds, output_of, outputs_of, slopes_of
+from discovery.residual.output_error import WhitenedResidual
+from discovery.residual.trajectory import Progress
 from rom.campaign.channels import FloatArray
-from rom.effects import Effect, Member, ModelCorrection, SensorFault, candidates, look_alikes
-from rom.identification.spectral_model import ComplexArray, Linearised, SpectralRecord
+from rom.effects import Member, ModelCorrection, candidates, look_alikes
 from rom.signals.per_record_parameters import per_record_names
 
 _ITERATIONS = 12
-_DIFFERENCE = 1e-3  # of a parameter's size
+_AT_ONCE = 16  # probes
 _SETTLED = 1e-4  # of the cost
 _SHARE = 5  # one record in so many, and as many of those that most is left over of, tell what to look at
 _ROUGHLY, _AT_LEAST, _PROBES = 0.1, 12, 3  # of the best gain there; effects; probes of each
@@ -57,54 +57,6 @@ def motion_channels(evidence: WhitenedResidual) -> tuple[str, ...]:
         names |= {f"force_{body}": None for body in trace.measurement.force}
         names |= {f"{motion.kind}_{body}": None for body, motion in trace.measurement.motion.items()}
     return tuple(names)
-
-
-def output_of(effect: ModelCorrection, evidence: WhitenedResidual) -> FloatArray:
-    """Whitened change of the output that an effect makes on all records, (rows,).
-
-    A force acts along the motion that was measured; a fault changes what the sensor shows of it.
-    """
-    model, forces = evidence.baseline.model, {}
-
-    def change(trace: MeasuredTrajectory, part: SpectralRecord, linear: Linearised) -> ComplexArray | None:
-        if isinstance(effect, SensorFault):
-            return _of_fault(effect, trace, part, linear)
-        assert isinstance(effect, Effect)
-        if id(trace) not in forces:
-            forces[id(trace)] = effect_force(trace, effect, model)
-        found = forces[id(trace)]
-        if found is None:
-            return None
-        on_bodies = trace.forces(*found, part)
-        return np.asarray((linear.gain @ on_bodies[:, :, None])[:, :, 0])
-
-    return evidence.output(change)
-
-
-def _of_fault(
-    fault: SensorFault, trace: MeasuredTrajectory, part: SpectralRecord, linear: Linearised
-) -> ComplexArray | None:
-    quantity, _, body = fault.channel.partition("_")
-    seen = trace.seen()
-    if body not in trace.bodies:
-        return None
-    place = trace.bodies.index(body)
-    if quantity == "force":
-        if body not in seen.force:
-            return None
-        true = fault.remove(seen.force[body], seen.rate_hz)
-        lines = trace.lines(np.where(seen.force[body] != 0, true - seen.force[body], 0.0), part)
-        return np.asarray(linear.gain[:, :, place] * lines[:, None])
-    motion = seen.motion[body]
-    if motion.kind != quantity:
-        return None
-    others = [m.samples for other, m in seen.motion.items() if other != body and m.kind == quantity]
-    if fault.other and not others:
-        return None
-    true = fault.remove(motion.samples, seen.rate_hz, others[0] if fault.other else None)
-    out = np.zeros(part.motion.shape, dtype=np.complex128)
-    out[:, place] = trace.lines(motion.samples - true, part)
-    return out
 
 
 def screen(
@@ -163,19 +115,22 @@ def _probed_all(
 def _probed(
     member: Member, probes: Sequence[ModelCorrection], evidence: WhitenedResidual, left: FloatArray
 ) -> tuple[Probe, ...]:
-    found = []
-    for probe in probes:
-        output = output_of(probe, evidence)
-        beyond = evidence.beyond(output)
-        whole, size = float(np.sum(output[evidence.training] ** 2)), float(beyond @ beyond)
-        if size <= 1e-18 * whole or whole == 0.0 or not np.isfinite(size):
-            continue
-        along = float(beyond @ left)
-        amplitude = float(np.clip(along / size, *_reach(member, probe)))
-        gain = amplitude * (2 * along - amplitude * size)
-        kept = float(np.sqrt(size / whole))
-        scores = by_record(beyond, left, evidence.owner[evidence.training], len(evidence.traces))
-        found.append(Probe(member, probe, gain, amplitude, kept, scores))
+    found, owner = [], evidence.owner[evidence.training]
+    for first in range(0, len(probes), _AT_ONCE):
+        some = probes[first : first + _AT_ONCE]
+        outputs = outputs_of(some, evidence)
+        wholes = np.sum(outputs[evidence.training] ** 2, axis=0)
+        rows = np.ascontiguousarray(evidence.beyond(outputs).T)
+        for probe, beyond, whole in zip(some, rows, wholes.tolist(), strict=True):
+            size = float(beyond @ beyond)
+            if size <= 1e-18 * whole or whole == 0.0 or not np.isfinite(size):
+                continue
+            along = float(beyond @ left)
+            amplitude = float(np.clip(along / size, *_reach(member, probe)))
+            gain = amplitude * (2 * along - amplitude * size)
+            kept = float(np.sqrt(size / whole))
+            scores = by_record(beyond, left, owner, len(evidence.traces))
+            found.append(Probe(member, probe, gain, amplitude, kept, scores))
     return tuple(sorted(found, key=lambda probe: -probe.gain))
 
 
@@ -241,15 +196,8 @@ def _starts(probes: Sequence[Probe]) -> list[tuple[Member, ModelCorrection]]:
         }
         inner = tuple(probe.effect.parameters[name].value for name in probe.member.inner)
         if inner not in found and len(found) < _STARTS:
-            found[inner] = probe.member, _set(probe.effect, strengths)
+            found[inner] = probe.member, cut_to_bounds(probe.effect, strengths)
     return list(found.values())
-
-
-def _set(effect: ModelCorrection, values: Mapping[str, float]) -> ModelCorrection:
-    """The effect with values cut to their bounds."""
-    return effect.with_values(
-        **{name: float(np.clip(value, *effect.parameters[name].bounds)) for name, value in values.items()}
-    )
 
 
 def free_numbers(effect: ModelCorrection, member: Member) -> tuple[str, ...]:
@@ -288,7 +236,7 @@ def _fitted(
         for _ in range(6):
             step = np.linalg.lstsq(matrix + damping * np.diag(np.diag(matrix)), right, rcond=1e-12)[0]
             moved = dict(zip(names, step * _sizes(effect, names, member), strict=True))
-            trial = _set(effect, {n: effect.parameters[n].value + moved[n] for n in names})
+            trial = cut_to_bounds(effect, {n: effect.parameters[n].value + moved[n] for n in names})
             after = evidence.beyond(evidence.residual - output_of(trial, evidence))
             if float(after @ after) < cost:
                 break
@@ -307,20 +255,6 @@ def _slopes(
 ) -> FloatArray:
     """Slopes of the output by an effect's numbers in their sizes, the model's taken off: (rows, numbers)."""
     return evidence.beyond(slopes_of(effect, names, _sizes(effect, names, member), evidence))
-
-
-def slopes_of(
-    effect: ModelCorrection, names: Sequence[str], sizes: FloatArray, evidence: WhitenedResidual
-) -> FloatArray:
-    """Slopes of an effect's output by its numbers, by differences, (rows, numbers)."""
-    here, columns = output_of(effect, evidence), []
-    for name, size in zip(names, sizes, strict=True):
-        old = effect.parameters[name]
-        ahead = old.value + _DIFFERENCE * size
-        ahead = ahead if ahead <= old.bounds[1] else old.value - _DIFFERENCE * size
-        moved = output_of(_set(effect, {name: ahead}), evidence)
-        columns.append((moved - here) / (ahead - old.value) * size)
-    return np.stack(columns, axis=1)
 
 
 def explanation(effect: ModelCorrection, member: Member, evidence: WhitenedResidual) -> Explanation:

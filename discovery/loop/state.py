@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discovery.explain.motion import Probe, explain, free_numbers, output_of, slopes_of
+from discovery.explain.effect_outputs import output_of, slopes_of
+from discovery.explain.motion import Probe, explain, free_numbers
 from discovery.loop.result import ErrorsByKind
 from discovery.residual.free_parameters import FreeParameters, effect_number, size_of
 from discovery.residual.output_error import WhitenedResidual, noise_of, whiten

@@ -17,26 +17,26 @@ variables; L. Ljung, System Identification, 1999, section 7.6): where noise alon
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 import numpy.typing as npt
 
 from discovery.decide.acceptance import QUIET
+from discovery.residual.effect_forces import lasting_force, lines_beyond_linear
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.trajectory import MeasuredTrajectory, Measurements, Progress, trace_records
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
-from rom.effects import Effect, ModelCorrection
 from rom.identification.identify import Identification
 from rom.identification.noise_spectrum import Group, NoiseFloor, before_hit, noise_floors, quiet_seconds
 from rom.identification.priors import ALIGNED
 from rom.identification.spectral_model import (
     CORNER,
     STRUCTURAL,
-    ComplexArray,
     Linearised,
     SpectralRecord,
     Term,
@@ -45,16 +45,10 @@ from rom.identification.spectral_model import (
     step_unit,
 )
 from rom.identification.uncoupled_priors import constants, of_stiffness
-from rom.kernels.prescribed import force_of_effects
 from rom.model.model import Model
-from rom.signals.per_record_parameters import per_record_names
 
-_SUBSTEPS = 2
 _SAME = 1e-9  # of the largest singular value: directions that the slopes do not tell
 _MEDIAN_SQUARE = 0.4549  # of a normal number
-
-
-Change = Callable[[MeasuredTrajectory, SpectralRecord, Linearised], ComplexArray | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +82,11 @@ class WhitenedResidual:
         """Slopes of the output by the numbers, that suit the distance from the plant; (rows, numbers)."""
         if not self.from_afar:
             return self.jacobian
-        found, place, done = self.jacobian.copy(), {name: k for k, name in enumerate(self.names)}, 0
-        for trace, part, linear in self.parts:
-            rows = slice(done, done := done + len(linear.residual))
-            for name, slope in _along_measured(trace, part, linear, self.baseline).items():
-                found[rows, place[name]] = slope
+        found, column = self.jacobian.copy(), {name: k for k, name in enumerate(self.names)}
+        for trace, parts in self.by_record():
+            for place, (rows, linear) in enumerate(parts):
+                for name, slope in _along_measured(trace, place, linear, self.baseline).items():
+                    found[rows, column[name]] = slope
         return found
 
     @cached_property
@@ -173,8 +167,9 @@ class WhitenedResidual:
 
         Where the model lacks much, rows of its ties follow: what it would cost to leave them.
         """
-        mine = rows[self.training]
-        mine = np.concatenate([mine, np.zeros((len(self._tied[0]), *mine.shape[1:]))])
+        mine = rows if self.training.all() else rows[self.training]
+        if len(self._tied[0]):
+            mine = np.concatenate([mine, np.zeros((len(self._tied[0]), *mine.shape[1:]))])
         return np.asarray(mine - self._basis @ (self._basis.T @ mine))
 
     def steps(self, rows: FloatArray, damping: float = 0.0) -> dict[str, float]:
@@ -203,13 +198,15 @@ class WhitenedResidual:
         counts = np.bincount(self.owner, minlength=len(self.traces))
         return {t.settings.file: int(n) for t, n in zip(self.traces, counts, strict=True)}
 
-    def output(self, change: Change) -> FloatArray:
-        """Whitened rows of a change of the output that is told for every part of every record."""
-        rows = []
-        for trace, part, linear in self.parts:
-            found = change(trace, part, linear)
-            rows.append(np.zeros(len(linear.residual)) if found is None else linear.projected(found))
-        return np.concatenate(rows)
+    def by_record(self) -> Iterator[tuple[MeasuredTrajectory, list[tuple[slice, Linearised]]]]:
+        """Every record's motion, and the rows and the linear model of each of its parts."""
+        done = 0
+        for _, parts in groupby(self.parts, key=lambda one: id(one[0])):
+            some = list(parts)
+            yield (
+                some[0][0],
+                [(slice(done, done := done + len(linear.residual)), linear) for _, _, linear in some],
+            )
 
 
 def whitened_residual_of(
@@ -275,10 +272,10 @@ def whiten(
     """Return the whitened residual and its slopes at a baseline."""
     parts, columns = [], []
     for trace in traces:
-        forces = _beyond_linear(trace, baseline.model)
-        for part in trace.parts:
+        beyond = lines_beyond_linear(trace, baseline.model)
+        for part, on_bodies in zip(trace.parts, beyond, strict=True):
             values = baseline.values(part, trace.level)
-            driven = replace(part, force=part.force + sum(trace.forces(*one, part) for one in forces))
+            driven = replace(part, force=part.force + on_bodies)
             first, last = part.samples
             seconds = (last - first) / trace.measurement.rate_hz
             linear = linearise(driven, values, floors[trace.group].whitener(part, values, seconds))
@@ -286,33 +283,34 @@ def whiten(
             columns.append(_by_number(terms, baseline, trace.level))
             parts.append((trace, driven, linear.thin()))
     names = tuple(dict.fromkeys(name for slopes in columns for name in slopes))
-    places = {id(trace): place for place, trace in enumerate(traces)}
+    ends = np.cumsum([0, *(len(linear.residual) for _, _, linear in parts)])
+    jacobian, owner = np.zeros((ends[-1], len(names))), np.zeros(ends[-1], dtype=np.int64)
+    place = {name: column for column, name in enumerate(names)}
+    number = {id(trace): k for k, trace in enumerate(traces)}
+    for (trace, _, _), slopes, first, last in zip(parts, columns, ends, ends[1:], strict=False):
+        owner[first:last] = number[id(trace)]
+        for name, slope in slopes.items():
+            jacobian[first:last, place[name]] = slope
     return WhitenedResidual(
         traces=tuple(traces),
         baseline=baseline,
         floors=floors,
         parts=tuple(parts),
         residual=np.concatenate([linear.residual for _, _, linear in parts]),
-        jacobian=np.concatenate(
-            [
-                np.stack([slopes.get(n, np.zeros(len(linear.residual))) for n in names], axis=1)
-                for (_, _, linear), slopes in zip(parts, columns, strict=True)
-            ]
-        ),
+        jacobian=jacobian,
         names=names,
-        owner=np.concatenate(
-            [np.full(len(linear.residual), places[id(trace)]) for trace, _, linear in parts]
-        ),
+        owner=owner,
     )
 
 
 def _along_measured(
-    trace: MeasuredTrajectory, part: SpectralRecord, linear: Linearised, baseline: FreeParameters
+    trace: MeasuredTrajectory, place: int, linear: Linearised, baseline: FreeParameters
 ) -> dict[str, FloatArray]:
     """Slopes along the motion that was measured, by the numbers of springs, dashpots and masses."""
+    part = trace.parts[place]
     values = baseline.values(part, trace.level)
     moved = [
-        np.stack([trace.lines(motion[body], part, trace.stride) for body in trace.bodies], axis=1)
+        trace.force_lines(np.stack([motion[body] for body in trace.bodies]), place).T
         for motion in (trace.displacement, trace.velocity)
     ]
     motions = [*moved, 2j * np.pi * part.frequency[:, None] * moved[1]]  # but for the ends, projected out
@@ -337,64 +335,3 @@ def _by_number(
         for number, slope in baseline.slopes(term, level).items():
             found[number] = found.get(number, 0.0) + slope * along
     return found
-
-
-def _beyond_linear(trace: MeasuredTrajectory, model: Model) -> list[tuple[FloatArray, tuple[str, str]]]:
-    """Forces of the model that are not in its linear part, each with the ends of its link."""
-    found = []
-    for link in model.structure.links:
-        ends = (link.first, link.second)
-        if link.law == "bolted" and trace.measurement.test != "uncoupled" and np.ptp(trace.tension) > 0:
-            x, v = trace.relative(ends)
-            laws = model.link_laws[link.name]
-            stiffness = np.asarray(laws.stiffness(trace.tension)) - float(laws.stiffness(trace.level))
-            damping = np.asarray(laws.damping(trace.tension)) - float(laws.damping(trace.level))
-            found.append((stiffness * x + damping * v, ends))
-    for effect in model.effects:
-        if isinstance(effect, Effect):
-            force = effect_force(trace, effect, model)
-            if force is not None:
-                found.append(force)
-    return found
-
-
-def effect_force(
-    trace: MeasuredTrajectory, effect: Effect, model: Model
-) -> tuple[FloatArray, tuple[str, str]] | None:
-    """Force of an effect along a record's motion and the ends it acts between; None where it cannot act."""
-    link = next((one for one in model.structure.links if one.name == effect.enters), None)
-    ends = (link.first, link.second) if link is not None else (effect.enters.partition(":")[2], "ground")
-    if not set(ends) & set(trace.bodies):
-        return None
-    if link is not None and link.law == "bolted" and trace.measurement.test == "uncoupled":
-        return None
-    effect = effect.with_values(**trace.own.get(effect.path, {}))
-    x, v = trace.relative(ends)
-    stiffness = damping = np.zeros_like(x)
-    if link is not None:
-        laws = model.link_laws[link.name]
-        stiffness, damping = (
-            np.array(np.broadcast_to(law(trace.tension), x.shape), dtype=np.float64)
-            for law in (laws.stiffness, laws.damping)
-        )
-    table, start = np.array([[effect.address, 0, 0]]), np.zeros(effect.states + 1)
-    motion = np.stack([x, v, trace.tension, stiffness, damping])
-    force = force_of_effects(table, effect.values, motion, 1 / trace.rate_hz, _SUBSTEPS, start, 0.0)
-    return np.asarray(force), ends
-
-
-def lasting_force(trace: MeasuredTrajectory, effects: Sequence[ModelCorrection], samples: int) -> FloatArray:
-    """Force [N] of a record's first samples on its bodies that acts all the time, (samples, bodies).
-
-    That of effects with numbers of each record's own; others wait for the hit.
-    """
-    out = np.zeros((samples, len(trace.bodies)))
-    for effect in effects:
-        body = effect.enters.partition(":")[2]
-        if isinstance(effect, Effect) and per_record_names(effect) and body in trace.bodies:
-            own = effect.with_values(**trace.own.get(effect.path, {}))
-            table, still = np.array([[own.address, 0, 0]]), np.zeros((5, samples))
-            step_s = 1 / trace.measurement.rate_hz
-            force = force_of_effects(table, own.values, still, step_s, 1, np.zeros(own.states + 1), 0.0)
-            out[:, trace.bodies.index(body)] -= np.asarray(force)
-    return out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import fft, ndimage
@@ -16,7 +17,7 @@ from rom.evaluation.replay import Replay, replay
 from rom.identification.gamma import LooseningCase, matching_factors, matching_gammas, own_rate
 from rom.identification.noise_spectrum import Group
 from rom.identification.record_spectra import STRIDES, spectral_records
-from rom.identification.spectral_model import CORNER, ComplexArray, SpectralRecord, spectrum
+from rom.identification.spectral_model import CORNER, ComplexArray, SpectralRecord
 from rom.model.laws import power_loosening
 from rom.model.model import Model
 from rom.signals.filters import ac_coupled
@@ -27,7 +28,6 @@ from rom.signals.sensor_correction import faults_of, without_faults
 
 _LEAST_FINAL = 0.01
 _SAMPLES = 4.0  # at the highest line of a spectrum: what else folds back there is below the noise
-_HALF_LINE = 1e-6
 _AS_MEASURED = 1e-6  # of asinh(gamma): noise tells a loss less closely
 _FEWEST_QUIET = 64  # samples before the hit
 _LINES = 9  # so many tell the power to a third
@@ -65,6 +65,8 @@ class MeasuredTrajectory:
     level: float
     stride: int
     own: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    token: object = field(default_factory=object, init=False, repr=False)
+    """What tells this record along this motion from all others."""
 
     def seen(self) -> Measurement:
         """The measurement in double precision, to calculate with."""
@@ -94,35 +96,43 @@ class MeasuredTrajectory:
         )
         return x, v
 
-    def forces(self, force: FloatArray, ends: tuple[str, str], part: SpectralRecord) -> ComplexArray:
-        """Spectra of a link's force along the motion on the bodies, (lines, bodies).
+    def direction(self, ends: tuple[str, str]) -> FloatArray:
+        """What a link's force does to the bodies, (bodies,): it pulls the first end back."""
+        signs = dict(zip(reversed(ends), (1.0, -1.0), strict=True))
+        return np.array([signs.get(body, 0.0) for body in self.bodies])
 
-        It pulls the first end back.
-        """
-        lines = self.lines(force, part, self.stride)
-        out = np.zeros((len(lines), len(self.bodies)), dtype=np.complex128)
-        for end, sign in zip(ends, (-1.0, 1.0), strict=True):
-            if end in self.bodies:
-                out[:, self.bodies.index(end)] += sign * lines
-        return out
-
-    def lines(self, samples: FloatArray, part: SpectralRecord, stride: int = 1) -> ComplexArray:
-        """Spectrum of samples, of the record or of every ``stride``-th, at the lines of a part.
+    def force_lines(self, forces: FloatArray, place: int) -> ComplexArray:
+        """Spectra of forces along the motion, (forces, samples), at the lines of a part, (forces, lines).
 
         Lines of samples that end elsewhere than they began depend on the step: those of a ramp with the same
         ends are taken off, and added again with the record's own step, which the measured spectra have.
         """
-        first, last = (place // stride for place in part.samples)
-        band = (part.frequency[0] - _HALF_LINE, part.frequency[-1] + _HALF_LINE)
-        rate = self.measurement.rate_hz
-        lines = spectrum(samples[first:last], rate / stride, band)[1]
-        if stride == 1:
-            return lines
-        end = samples[last] if last < len(samples) else 3 * samples[-1] - 3 * samples[-2] + samples[-3]
-        rise = end - samples[first]
-        return np.asarray(
-            lines + rise * (_ramp(part.frequency, stride / rate) - _ramp(part.frequency, 1 / rate))
-        )
+        part, rate, stride = self.parts[place], self.measurement.rate_hz, self.stride
+        first, last = (sample // stride for sample in part.samples)
+        lines = _lines(forces[:, first:last], rate / stride, part)
+        if stride > 1:
+            after = min(last, forces.shape[1] - 1)
+            end = forces[:, last] if last == after else 3 * forces[:, -1] - 3 * forces[:, -2] + forces[:, -3]
+            lines += np.multiply.outer(end - forces[:, first], self._ramps[place])
+        return lines
+
+    @cached_property
+    def _ramps(self) -> tuple[ComplexArray, ...]:
+        """By part, what a ramp's lines differ by between the record's step and that of the motion."""
+        rate, stride = self.measurement.rate_hz, self.stride
+        return tuple(_ramp(p.frequency, stride / rate) - _ramp(p.frequency, 1 / rate) for p in self.parts)
+
+    def lines(self, samples: FloatArray, part: SpectralRecord) -> ComplexArray:
+        """Spectrum of samples of the record at the lines of a part."""
+        first, last = part.samples
+        return np.asarray(_lines(samples[None, first:last], self.measurement.rate_hz, part)[0])
+
+
+def _lines(samples: FloatArray, rate_hz: float, part: SpectralRecord) -> ComplexArray:
+    """Fourier integrals of rows of samples at the lines of a part."""
+    lowest = round(float(part.frequency[0]) * samples.shape[1] / rate_hz)
+    spectra = fft.rfft(samples, axis=1)[:, lowest : lowest + len(part.frequency)]
+    return np.asarray(spectra / rate_hz, dtype=np.complex128)
 
 
 def _ramp(frequency: FloatArray, step_s: float) -> ComplexArray:

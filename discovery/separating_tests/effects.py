@@ -15,7 +15,8 @@ from itertools import product
 
 import numpy as np
 
-from discovery.explain.motion import free_numbers, output_of, slopes_of
+from discovery.explain.effect_outputs import output_of, slopes_of
+from discovery.explain.motion import free_numbers
 from discovery.loop.state import with_effects
 from discovery.residual.free_parameters import effect_number, size_of
 from discovery.residual.output_error import WhitenedResidual, whiten

@@ -100,6 +100,27 @@ class Linearised:
         rows = np.concatenate([white, np.zeros(len(self.ends) - len(white))])
         return _projected_out(self.ends, self.inverse, rows)[1]
 
+    def projected_forces(self, direction: FloatArray, lines: ComplexArray) -> FloatArray:
+        """Whitened output of forces in one direction, the end states projected out.
+
+        Parameters
+        ----------
+        direction : ndarray, shape (bodies,)
+            What such a force does to the bodies.
+        lines : ndarray, shape (lines, forces)
+            Spectra of the forces [N s].
+
+        Returns
+        -------
+        ndarray, shape (rows, forces)
+        """
+        along = (self.whitener @ (self.gain @ direction)[:, :, None]) * lines[:, None, :]
+        white = np.zeros((len(self.ends), lines.shape[1]))
+        half = along.shape[0] * along.shape[1]
+        white[:half] = along.real.reshape(half, -1)
+        white[half : 2 * half] = along.imag.reshape(half, -1)
+        return _projected_out(self.ends, self.inverse, white)[1]
+
 
 def spectrum(
     samples: FloatArray, rate_hz: float, band_hz: tuple[float, float]

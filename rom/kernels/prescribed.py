@@ -69,3 +69,17 @@ def force_of_effects(
             for j in range(state.size):
                 state[j] += h / 6.0 * (rates[0, j] + 2.0 * (rates[1, j] + rates[2, j]) + rates[3, j])
     return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def forces_of_effects(effects: Any, p: Any, motion: Any, step_s: float, substeps: int) -> Any:
+    """Force (effects, samples) of every effect by itself along one motion, its states zero at the start.
+
+    Rows of ``effects``: address, place of the first parameter, number of states.
+    """
+    out = np.zeros((effects.shape[0], motion.shape[1]))
+    for e in range(effects.shape[0]):
+        alone = np.zeros((1, 3), dtype=np.int64)
+        alone[0, 0], alone[0, 1] = effects[e, 0], effects[e, 1]
+        out[e] = force_of_effects(alone, p, motion, step_s, substeps, np.zeros(effects[e, 2] + 1), 0.0)
+    return out

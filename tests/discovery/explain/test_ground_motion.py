@@ -14,7 +14,8 @@ from discovery.decide.acceptance import is_accepted
 from discovery.explain.ground_motion import explain_disturbances
 from discovery.loop.close_loop import close_loop
 from discovery.loop.state import refitted
-from discovery.residual.output_error import WhitenedResidual, lasting_force, starting, whitened_residual_of
+from discovery.residual.effect_forces import lasting_force
+from discovery.residual.output_error import WhitenedResidual, starting, whitened_residual_of
 from discovery.residual.trajectory import read_measurements
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.explain.motion import explain, explanation, output_of, screen
+from discovery.explain.effect_outputs import output_of
+from discovery.explain.motion import explain, explanation, screen
 from discovery.localisation.localise import localise
 from discovery.loop.close_loop import _Loop, close_loop
 from discovery.loop.history import LoopHistory, Selection

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discovery.residual.trajectory import MeasuredTrajectory, _above_noise
+from discovery.residual.trajectory import _above_noise
 from rom.identification.spectral_model import spectrum
 
 _RATE_HZ, _QUIET, _ALL = 4800.0, 2000, 12000
@@ -54,11 +54,10 @@ def test_every_eighth_sample_of_a_force_that_does_not_end_as_it_began_has_the_li
     count = last if whole else last + 800
     force = np.cos(2 * np.pi * frequency_hz * np.arange(count) / rate)
     part: Any = SimpleNamespace(samples=(first, last), frequency=rate / (last - first) * np.arange(2, 200))
-    trace: Any = SimpleNamespace(measurement=SimpleNamespace(rate_hz=rate))
-    every, eighth = (
-        MeasuredTrajectory.lines(trace, force, part),
-        MeasuredTrajectory.lines(trace, force[::stride], part, stride),
-    )
+    seen: Any = SimpleNamespace(rate_hz=rate)
+    nothing: Any = None
+    traced = MeasuredTrajectory(nothing, seen, (part,), {}, {}, np.zeros(0), 0.0, stride)
+    every, eighth = traced.lines(force, part), traced.force_lines(force[None, ::stride], 0)[0]
     band = (part.frequency[0] - 1e-6, part.frequency[-1] + 1e-6)
     plain = spectrum(force[first:last:stride], rate / stride, band)[1]
     assert np.abs(eighth - every).max() < 0.05 * np.abs(plain - every).max()

@@ -1,0 +1,153 @@
+"""Forces of a model's effects along the motion that was measured in a record, and their spectra."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+
+import numpy as np
+
+from discovery.residual.recent import Recent
+from discovery.residual.trajectory import MeasuredTrajectory
+from rom.campaign.channels import FloatArray
+from rom.effects import Effect, ModelCorrection
+from rom.identification.spectral_model import ComplexArray
+from rom.kernels.prescribed import force_of_effects, forces_of_effects
+from rom.model.laws import Law
+from rom.model.model import Model
+from rom.signals.per_record_parameters import per_record_names
+
+_SUBSTEPS = 2  # of the states, from sample to sample
+_RECENT = Recent(300_000_000)
+
+
+def effect_lines(
+    trace: MeasuredTrajectory, effects: Sequence[Effect], model: Model
+) -> tuple[list[ComplexArray], FloatArray] | None:
+    """Spectra of the forces of effects at one place along a record's motion; None where they cannot act.
+
+    Parameters
+    ----------
+    trace : MeasuredTrajectory
+        The record; it keeps the spectra that were asked for last.
+    effects : sequence of Effect
+        All at one place, each by itself.
+    model : Model
+        An effect may depend on the stiffness and damping of its link.
+
+    Returns
+    -------
+    lines : list of ndarray, each of shape (lines, effects)
+        Spectra of the forces [N s], by part of the record.
+    direction : ndarray, shape (bodies,)
+        What such a force does to the bodies: it pulls the first end back.
+    """
+    ends = _ends(trace, effects[0].enters, model)
+    if ends is None:
+        return None
+    own = [
+        effect.with_values(**trace.own[effect.path]) if effect.path in trace.own else effect
+        for effect in effects
+    ]
+    place = (trace.token, effects[0].enters, *_laws(model, effects[0].enters))
+    keys = [(*place, effect.equation, *effect.values.tolist()) for effect in own]
+    known = {key: lines for key in keys if (lines := _RECENT.get(key)) is not None}
+    new = {key: effect for key, effect in zip(keys, own, strict=True) if key not in known}
+    if new:
+        forces = _forces(trace, list(new.values()), _motion(trace, effects[0].enters, model, ends, place))
+        parts = [trace.force_lines(forces, part) for part in range(len(trace.parts))]
+        for row, key in enumerate(new):
+            known[key] = [lines[row].copy() for lines in parts]
+            _RECENT.keep(key, known[key])
+    lines = [
+        np.stack([known[key][part] for key in keys], axis=1, dtype=np.complex128)
+        for part in range(len(trace.parts))
+    ]
+    return lines, trace.direction(ends)
+
+
+def lines_beyond_linear(trace: MeasuredTrajectory, model: Model) -> list[ComplexArray]:
+    """Spectra of the forces on the bodies that are not in the model's linear part, (lines, bodies) by part.
+
+    Those of its effects, and of a bolted link whose stiffness and damping change as the tension falls.
+    """
+    total = [np.zeros_like(part.force) for part in trace.parts]
+    for link in model.structure.links:
+        if link.law == "bolted" and trace.measurement.test != "uncoupled" and np.ptp(trace.tension) > 0:
+            ends = (link.first, link.second)
+            x, v = trace.relative(ends)
+            laws = model.link_laws[link.name]
+            stiffness = np.asarray(laws.stiffness(trace.tension)) - float(laws.stiffness(trace.level))
+            damping = np.asarray(laws.damping(trace.tension)) - float(laws.damping(trace.level))
+            force = (stiffness * x + damping * v)[None]
+            for place, on_bodies in enumerate(total):
+                on_bodies += trace.force_lines(force, place)[0][:, None] * trace.direction(ends)
+    for effect in model.effects:
+        found = effect_lines(trace, [effect], model) if isinstance(effect, Effect) else None
+        if found is not None:
+            for on_bodies, lines in zip(total, found[0], strict=True):
+                on_bodies += lines * found[1]
+    return total
+
+
+def lasting_force(trace: MeasuredTrajectory, effects: Sequence[ModelCorrection], samples: int) -> FloatArray:
+    """Force [N] of a record's first samples on its bodies that acts all the time, (samples, bodies).
+
+    That of effects with numbers of each record's own; others wait for the hit.
+    """
+    out = np.zeros((samples, len(trace.bodies)))
+    for effect in effects:
+        body = effect.enters.partition(":")[2]
+        if isinstance(effect, Effect) and per_record_names(effect) and body in trace.bodies:
+            own = effect.with_values(**trace.own.get(effect.path, {}))
+            table, still = np.array([[own.address, 0, 0]]), np.zeros((5, samples))
+            step_s = 1 / trace.measurement.rate_hz
+            force = force_of_effects(table, own.values, still, step_s, 1, np.zeros(own.states + 1), 0.0)
+            out[:, trace.bodies.index(body)] -= np.asarray(force)
+    return out
+
+
+def _ends(trace: MeasuredTrajectory, enters: str, model: Model) -> tuple[str, str] | None:
+    """What an effect acts between; None where that does not move in the record, or is not bolted."""
+    link = next((one for one in model.structure.links if one.name == enters), None)
+    ends = (link.first, link.second) if link is not None else (enters.partition(":")[2], "ground")
+    if not set(ends) & set(trace.bodies):
+        return None
+    if link is not None and link.law == "bolted" and trace.measurement.test == "uncoupled":
+        return None
+    return ends
+
+
+def _laws(model: Model, enters: str) -> tuple[Hashable, ...]:
+    """What tells the stiffness and damping laws of a link from others."""
+    laws = model.link_laws.get(enters)
+    both: tuple[Law, ...] = () if laws is None else (laws.stiffness, laws.damping)
+    return tuple((law.equation, *law.values.tolist()) for law in both)
+
+
+def _motion(
+    trace: MeasuredTrajectory, enters: str, model: Model, ends: tuple[str, str], key: Hashable
+) -> FloatArray:
+    """Relative displacement and velocity, tension, stiffness and damping of the link, (5, samples)."""
+    held = _RECENT.get(key)
+    if held is not None:
+        return np.asarray(held[0], dtype=np.float64)
+    motion = np.zeros((5, len(trace.tension)))
+    motion[0], motion[1] = trace.relative(ends)
+    motion[2] = trace.tension
+    laws = model.link_laws.get(enters)
+    if laws is not None:
+        motion[3], motion[4] = laws.stiffness(trace.tension), laws.damping(trace.tension)
+    _RECENT.keep(key, [motion])
+    return motion
+
+
+def _forces(trace: MeasuredTrajectory, effects: Sequence[Effect], motion: FloatArray) -> FloatArray:
+    """Force [N] of every effect along the motion, (effects, samples)."""
+    numbers = [effect.values for effect in effects]
+    first = np.cumsum([0, *(len(values) for values in numbers)])
+    table = np.array([[e.address, at, e.states] for e, at in zip(effects, first, strict=False)])
+    return np.asarray(
+        forces_of_effects(
+            table, np.array([*np.concatenate(numbers), 0.0]), motion, 1 / trace.rate_hz, _SUBSTEPS
+        )
+    )
