@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discovery.residual.trajectory import _above_noise
+from discovery.residual.trajectory import MeasuredTrajectory, _above_noise
 from rom.identification.spectral_model import spectrum
 
 _RATE_HZ, _QUIET, _ALL = 4800.0, 2000, 12000
