@@ -26,9 +26,11 @@ from discovery.decide.acceptance import is_accepted, spread_of
 from discovery.decide.chance import FALSE_ALARMS
 from discovery.decide.explanation import Explanation
 from discovery.explain.motion import by_chance, explain, screen
-from discovery.explain.tension import explain_tension
+from discovery.explain.tension import explain as explain_tension
 from discovery.loop.state import refitted, set_aside
+from discovery.options import Options
 from discovery.residual.output_error import starting, whitened_residual_of
+from discovery.residual.tension import TensionResidual
 from discovery.residual.trajectory import read_measurements
 from experiments.studies import rig
 from experiments.studies.blind.trials import DURATION_S, HOLD_OUT_EVERY, PRELOADS
@@ -79,7 +81,7 @@ def nulls(noise: float, seed: int, folder: Path) -> tuple[Null, Null]:
     evidence = refitted(whitened_residual_of(campaign, starting(found, found.model), sound))
     screened = screen(evidence)
     in_motion = [explain(probes, evidence, by_chance(screened)) for probes in screened[:FITTED]]
-    in_tension = explain_tension(campaign, found, evidence.baseline.model).explanations
+    in_tension = explain_tension(TensionResidual(campaign, found, evidence.baseline.model), Options())
     return null_of(in_motion), null_of(in_tension)
 
 

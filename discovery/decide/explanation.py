@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discovery.residual.course_fit import CourseFit
 from rom.campaign.channels import FloatArray
 from rom.effects import ModelCorrection
 from rom.model.laws import Z95, Parameter
-
-if TYPE_CHECKING:
-    from discovery.explain.tension_law import CourseFit
-
 
 Costs = Mapping[str, float]  # -2 log likelihood, or whitened squares, by record
 

@@ -21,21 +21,19 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
+from discovery.criteria.tension import Tension
 from discovery.decide.explanation import Explanation, limited
 from discovery.explain.motion import motion_channels
+from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
 from rom.campaign.channels import FloatArray
 from rom.effects import Member, ModelCorrection, SensorFault, candidates
 from rom.signals.per_record_parameters import as_measured, per_record_names, quiet_samples
 
-_SHORTEST_S = 0.2
 _STEP_HZ = 0.05
 _ABOUT_HZ = _STEP_HZ * np.arange(-3, 4)  # the mains are known so well
 _BESIDE_HZ = (-9.0, -7.0, -5.0, 5.0, 7.0, 9.0)
-_FEWEST = 4  # training records
 _MEDIAN_SQUARE = 0.4549  # of a normal number
-_OF_HIT = 1e-3
-_ALLOWED = 0.1  # of the smallest plausible strength: no amplifier is free of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,27 +46,26 @@ class _Still:
     rate_hz: float
 
 
-def explain_at_rest(evidence: WhitenedResidual) -> tuple[Explanation, ...]:
+def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
     """Return what every fault that shows at rest explains, the noise of all records before the hits known.
 
     Parameters
     ----------
     evidence : WhitenedResidual
         Traces of all records; faults that its model holds are taken out of them.
+    options : Options
+        Criteria.
     """
-    model, found = evidence.baseline.model, []
+    model, found, criteria = evidence.baseline.model, [], options.criteria.tension
     known = {effect.path for effect in model.effects}
     for member, effect in candidates(model, motion_channels(evidence)):
         if not isinstance(effect, SensorFault) or effect.path in known or not _shows(member, effect):
             continue
-        still = _before_hits(evidence, effect.channel)
-        if still is not None and still.training.sum() >= _FEWEST:
-            told = (
-                _of_each(member, effect, still)
-                if per_record_names(effect)
-                else _of_all(member, effect, still)
-            )
-            found += [told] if told is not None and _is_felt(evidence, told.effect) else []
+        still = _before_hits(evidence, effect.channel, criteria.quiet_s)
+        if still is not None and still.training.sum() >= criteria.quiet_records:
+            fitted = (_of_each if per_record_names(effect) else _of_all)(member, effect, still)
+            if _is_material(fitted.effect, member, evidence, criteria):
+                found.append(fitted)
     return tuple(found)
 
 
@@ -78,23 +75,29 @@ def _shows(member: Member, effect: SensorFault) -> bool:
     return bool(not effect.other and np.any(effect.with_values(**member.strengths).apply(zero, 1e3)))
 
 
-def _is_felt(evidence: WhitenedResidual, fault: ModelCorrection) -> bool:
-    """Whether a fault is more than next to nothing of the weakest hit, where it is a hammer's."""
+def _is_material(
+    fault: ModelCorrection, member: Member, evidence: WhitenedResidual, criteria: Tension
+) -> bool:
+    """Whether a fault is more than any amplifier has, and more than next to nothing of the weakest hit."""
+    least = criteria.fault_at_rest
+    if all(abs(fault.parameters[name].value) < least * size for name, size in member.strengths.items()):
+        return False
     quantity, _, body = fault.enters.partition(":")[2].partition("_")
     if quantity != "force":
         return True
     peaks = [np.abs(t.measurement.force[body]).max() for t in evidence.traces if body in t.measurement.force]
     size = np.linalg.norm([fault.parameters[name].value for name in per_record_names(fault)])
-    return bool(size > _OF_HIT * min((peak for peak in peaks if peak > 0), default=0.0))
+    weakest = min((peak for peak in peaks if peak > 0), default=0.0)
+    return bool(size > criteria.fault_of_hit * weakest)
 
 
-def _before_hits(evidence: WhitenedResidual, channel: str) -> _Still | None:
+def _before_hits(evidence: WhitenedResidual, channel: str, shortest_s: float) -> _Still | None:
     """Samples of a channel; not of records that show nothing there, not even noise."""
     found = []
     for trace in evidence.traces:
         samples, rate_hz = as_measured(trace.measurement, channel)
         before = np.asarray(samples[: quiet_samples(trace.measurement, rate_hz)], dtype=np.float64)
-        if len(before) >= _SHORTEST_S * rate_hz and np.ptp(before) > 0:
+        if len(before) >= shortest_s * rate_hz and np.ptp(before) > 0:
             found.append((trace, before))
     if len({trace.measurement.rate_hz for trace, _ in found}) != 1:
         return None
@@ -120,17 +123,17 @@ def _coefficients(
     return np.asarray(still.samples[:, part] @ np.linalg.pinv(_columns(fault, units, still)[:, part]))
 
 
-def _of_all(member: Member, effect: SensorFault, still: _Still) -> Explanation | None:
+def _of_all(member: Member, effect: SensorFault, still: _Still) -> Explanation:
     table = _coefficients(effect, member.strengths, still)
     train = table[still.training]
     mean, scatter = train.mean(axis=0), np.maximum(train.std(axis=0, ddof=1), 1e-300)
     before, after = ((((table - at) / scatter) ** 2).sum(axis=1) for at in (0.0, mean))
     values = dict(zip(member.strengths, mean.tolist(), strict=True))
     errors = dict(zip(member.strengths, (scatter / np.sqrt(len(train))).tolist(), strict=True))
-    return _told(member, limited(effect.with_values(**values), errors), still, before, after)
+    return _explanation(member, limited(effect.with_values(**values), errors), still, before, after)
 
 
-def _of_each(member: Member, effect: SensorFault, still: _Still) -> Explanation | None:
+def _of_each(member: Member, effect: SensorFault, still: _Still) -> Explanation:
     own = per_record_names(effect)
     (inner,) = [name for name in effect.parameters if name not in own]
     level = replace(still, samples=still.samples - still.samples.mean(axis=1, keepdims=True))
@@ -159,14 +162,12 @@ def _of_each(member: Member, effect: SensorFault, still: _Still) -> Explanation 
     before, after = ((rows**2).sum(axis=1) / noise for rows in (second, second - first))
     typical = np.sqrt((first[still.training] ** 2).mean(axis=0))  # a phase is each record's own
     values = dict(zip(own, typical.tolist(), strict=True))
-    return _told(member, effect.with_values(**values, **{inner: at}), still, before, after)
+    return _explanation(member, effect.with_values(**values, **{inner: at}), still, before, after)
 
 
-def _told(
+def _explanation(
     member: Member, effect: ModelCorrection, still: _Still, before: FloatArray, after: FloatArray
-) -> Explanation | None:
-    if all(abs(effect.parameters[n].value) < _ALLOWED * s for n, s in member.strengths.items()):
-        return None
+) -> Explanation:
     return Explanation(
         effect,
         dict(zip(still.files, before.tolist(), strict=True)),

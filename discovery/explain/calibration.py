@@ -16,16 +16,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
+from discovery.criteria.tension import Tension
 from discovery.decide.explanation import Explanation, limited
+from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
 from rom.campaign.channels import FloatArray
 from rom.effects import Member, SensorFault, candidates
 from rom.signals.sensor_correction import moves_levels
 
-_LARGEST_SCATTER = 0.02  # of a preload: more is no reference
 _LEAST_SCATTER = np.log([1e-3, 1e-4])  # [N], and of a preload
-_LEAST_OFF = (0.5, 0.05)  # [N], and of a preload: zeros and settings are no better known
-_FEWEST_LEVELS, _SAME_LEVEL = 8, 0.02  # preloads nearer than this share of them are one
 
 DISAGREE = (
     "the gauge and the preloads that the campaign declares disagree: the gauge is taken to be wrong, and all "
@@ -40,7 +39,7 @@ class _Shown:
     files: tuple[str, ...]
     training: npt.NDArray[np.bool_]
     declared: FloatArray
-    shown: FloatArray
+    tension: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +55,7 @@ class _Fit:
     errors: FloatArray
 
 
-def explain_by_preloads(evidence: WhitenedResidual) -> tuple[Explanation, ...]:
+def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
     """Return what faults of the gauge explain of the tensions before the hits.
 
     None where preloads are not declared, are too few or no reference, or are near to what the gauge shows.
@@ -65,12 +64,15 @@ def explain_by_preloads(evidence: WhitenedResidual) -> tuple[Explanation, ...]:
     ----------
     evidence : WhitenedResidual
         Traces of all records; faults that its model holds are taken out of them.
+    options : Options
+        Criteria.
     """
-    known, seen = {effect.path for effect in evidence.baseline.model.effects}, _shown(evidence)
-    if not _are_telling(seen.declared[seen.training]):
+    known, shown = {effect.path for effect in evidence.baseline.model.effects}, _shown(evidence)
+    criteria = options.criteria.tension
+    if _levels(shown.declared[shown.training], criteria.same_preload) < criteria.preload_levels:
         return ()
     found = (
-        _explained(member, effect, seen)
+        _explained(member, effect, shown, criteria)
         for member, effect in candidates(evidence.baseline.model, ["tension"])
         if isinstance(effect, SensorFault) and effect.path not in known and moves_levels(effect)
     )
@@ -92,24 +94,19 @@ def _shown(evidence: WhitenedResidual) -> _Shown:
     )
 
 
-def _are_telling(declared: FloatArray) -> bool:
-    """Whether there are enough different preloads for a curve."""
-    return _levels(declared) >= _FEWEST_LEVELS
-
-
-def _levels(declared: FloatArray) -> int:
+def _levels(declared: FloatArray, same: float) -> int:
     """Number of different preloads."""
-    return len(np.unique(np.round(np.log(declared) / _SAME_LEVEL)))
+    return len(np.unique(np.round(np.log(declared) / same)))
 
 
-def _explained(member: Member, fault: SensorFault, seen: _Shown) -> Explanation | None:
+def _explained(member: Member, fault: SensorFault, shown: _Shown, criteria: Tension) -> Explanation | None:
     """The fault as the training records ask for it; None where the gauge shows what was declared."""
-    fit = _fitted(_columns(member, fault, seen), seen)
-    if np.median((fit.sigma / seen.declared)[seen.training]) > _LARGEST_SCATTER:
+    fit = _fitted(_columns(member, fault, shown), shown, criteria.same_preload)
+    if np.median((fit.sigma / shown.declared)[shown.training]) > criteria.preload_scatter:
         return None
-    moved = fit.columns @ fit.numbers
-    allowed = _LEAST_OFF[0] + _LEAST_OFF[1] * seen.declared
-    if not np.any(np.abs(moved) > allowed, where=seen.training):
+    change = fit.columns @ fit.numbers
+    allowed = criteria.gauge_zero_n + criteria.gauge_slope * shown.declared
+    if not np.any(np.abs(change) > allowed, where=shown.training):
         return None
     low, high = np.array([fault.parameters[name].bounds for name in member.strengths]).T
     if np.any((fit.numbers < low) | (fit.numbers > high)):
@@ -117,36 +114,36 @@ def _explained(member: Member, fault: SensorFault, seen: _Shown) -> Explanation 
     values, errors = (
         dict(zip(member.strengths, of.tolist(), strict=True)) for of in (fit.numbers, fit.errors)
     )
-    off = seen.shown - seen.declared
-    before, after = (((of / fit.sigma) ** 2).tolist() for of in (off, off - moved))
+    off = shown.tension - shown.declared
+    before, after = (((of / fit.sigma) ** 2).tolist() for of in (off, off - change))
     return Explanation(
         limited(fault.with_values(**values), errors),
-        dict(zip(seen.files, before, strict=True)),
-        dict(zip(seen.files, after, strict=True)),
-        dict.fromkeys(seen.files, 1),
-        frozenset(file for file, training in zip(seen.files, seen.training, strict=True) if not training),
+        dict(zip(shown.files, before, strict=True)),
+        dict(zip(shown.files, after, strict=True)),
+        dict.fromkeys(shown.files, 1),
+        frozenset(file for file, training in zip(shown.files, shown.training, strict=True) if not training),
         len(values),
         basis="what the gauge shows beside the declared preloads",
     )
 
 
-def _columns(member: Member, fault: SensorFault, seen: _Shown) -> FloatArray:
+def _columns(member: Member, fault: SensorFault, shown: _Shown) -> FloatArray:
     """What a fault of strength one adds to every declared preload, (records, numbers)."""
     none = fault.with_values(**dict.fromkeys(member.strengths, 0.0))
     added = [
-        (none.with_values(**{name: size}).apply(seen.declared, 1.0) - seen.declared) / size
+        (none.with_values(**{name: size}).apply(shown.declared, 1.0) - shown.declared) / size
         for name, size in member.strengths.items()
     ]
     return np.stack(added, axis=1)
 
 
-def _fitted(columns: FloatArray, seen: _Shown) -> _Fit:
+def _fitted(columns: FloatArray, shown: _Shown, same: float) -> _Fit:
     """Numbers and scatters of the training records, by maximum likelihood."""
-    train, off = seen.training, seen.shown - seen.declared
+    train, off = shown.training, shown.tension - shown.declared
 
     def at(scatter: FloatArray) -> _Fit:
         size = np.exp(np.maximum(scatter, _LEAST_SCATTER))
-        sigma = np.hypot(size[0], size[1] * seen.declared)
+        sigma = np.hypot(size[0], size[1] * shown.declared)
         rows = (columns / sigma[:, None])[train]
         inverse = np.linalg.pinv(rows.T @ rows, rcond=1e-12, hermitian=True)
         numbers = inverse @ (rows.T @ (off / sigma)[train])
@@ -159,6 +156,6 @@ def _fitted(columns: FloatArray, seen: _Shown) -> _Fit:
 
     start = np.log([0.1, 0.01])
     fit = at(optimize.minimize(deviance, start, method="Nelder-Mead").x)
-    levels, free = _levels(seen.declared[train]), columns.shape[1] + len(start)
+    levels, free = _levels(shown.declared[train], same), columns.shape[1] + len(start)
     wider = np.sqrt(levels / (levels - free))  # numbers and scatters of few preloads suit them by chance
     return replace(fit, sigma=wider * fit.sigma, errors=wider * fit.errors)

@@ -15,6 +15,7 @@ import numpy as np
 from discovery.decide.explanation import Explanation
 from discovery.explain.effect_outputs import outputs_of
 from discovery.explain.motion import explanation
+from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
 from discovery.search.sparse_regression import sparse_supports, usable
 from rom.campaign.channels import FloatArray
@@ -54,8 +55,16 @@ PRICE = 12.0
 _TYPICAL = 0.1  # of the largest velocity, where a sign turns
 
 
-def free_forms(evidence: WhitenedResidual, seed: int = 0) -> tuple[Explanation, ...]:
-    """Fit the best sparse sum of terms at every link, each with its costs on held-out records too."""
+def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
+    """Fit the best sparse sum of terms at every link, each with its costs on held-out records too.
+
+    Parameters
+    ----------
+    evidence : WhitenedResidual
+        What the model leaves over of the motion.
+    options : Options
+        Seed of the ensembles of the sparse fits.
+    """
     model = evidence.baseline.model
     taken = {effect.enters for effect in model.effects if effect.name == "free-form"}
     left, found = evidence.beyond(evidence.residual), []
@@ -66,7 +75,7 @@ def free_forms(evidence: WhitenedResidual, seed: int = 0) -> tuple[Explanation, 
         peaks = np.array([[np.abs(m).max() for m in trace.relative(ends)] for trace in evidence.traces])
         terms = terms_at(*np.median(peaks, axis=0), tension=link.law == "bolted" and GROUND not in ends)
         columns = evidence.beyond(outputs_of(single_terms(terms, link.name), evidence))
-        effect = sparse_sum(columns, left, terms, link.name, seed)
+        effect = sparse_sum(columns, left, terms, link.name, options.seed)
         if effect is not None:
             found.append(explanation(effect, member_of(effect), evidence))
     return tuple(found)

@@ -18,11 +18,18 @@ import numpy as np
 
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.tension_likelihood import bin_edges, law_candidate
+from discovery.decide.acceptance import is_accepted, spread_of
+from discovery.decide.explanation import Explanation
 from discovery.explain.free_form import MOST_TERMS, PRICE
-from discovery.residual.tension_data import Data, Pair
+from discovery.explain.tension import compared
+from discovery.explain.tension_gain import Pair
+from discovery.options import Options
+from discovery.residual.tension import TensionResidual
+from discovery.residual.tension_data import TensionData
 from discovery.search.sparse_regression import sparse_supports, usable, whitener
 from rom.campaign.channels import FloatArray
 from rom.effects import LawChange, Member, free_form
+from rom.effects.free_form import FREE_FORM
 from rom.model.laws import Parameter
 from rom.model.model import Model
 
@@ -52,12 +59,45 @@ _ALIKE = 0.98  # cosine of two columns
 _TYPICAL = 0.1  # of the largest velocity, where a rate saturates
 
 
-def free_rates(data: Data, seed: int = 0) -> tuple[Pair, ...]:
+def explain(residual: TensionResidual, options: Options) -> tuple[Explanation, ...]:
+    """Return what the best sum of terms beside a model's tension law explains: a form found from the courses.
+
+    Parameters
+    ----------
+    residual : TensionResidual
+        The measured tension, and the model.
+    options : Options
+        Threads, the seed of the ensembles of the sparse fits, progress.
+
+    Returns
+    -------
+    tuple of Explanation
+        One at most: of the sums that explain more than chance, on held-out records too, the one of lowest
+        cost with a price for every term. None where the courses are at noise, or the model has a free form
+        in its tension already.
+    """
+    taken = any(isinstance(e, LawChange) and e.name == FREE_FORM for e in residual.model.effects)
+    if residual.data is None or residual.misfit.is_noise or taken:
+        return ()
+    fitted = compared(residual, free_rates(residual.data, options.seed), (), options).explanations
+    sure = [one for one in fitted if _predicts(one)]
+    spread = min((spread_of(one) for one in sure), default=1.0)
+    sure.sort(key=lambda one: one.cost(hold_out=False) / spread + PRICE * one.free_numbers)
+    return tuple(sure[:1])
+
+
+def _predicts(one: Explanation) -> bool:
+    """Whether held-out records ask for a sum too: of so many sums one suits training records by chance."""
+    unseen = one.gains(hold_out=True)
+    return is_accepted(one) and (not unseen.size or float(unseen.sum()) / spread_of(one) > PRICE)
+
+
+def free_rates(data: TensionData, seed: int = 0) -> tuple[Pair, ...]:
     """Return sparse sums of terms that promise to explain what the law leaves over of the training courses.
 
     Parameters
     ----------
-    data : Data
+    data : TensionData
         The courses, and the model with the law that leaves something over.
     seed : int
         Of the ensembles of the sparse fits.
@@ -109,7 +149,7 @@ class _Apart(NamedTuple):
         return np.asarray(white.reshape(-1, columns.shape[2]))
 
 
-def _texts(data: Data) -> tuple[str, ...]:
+def _texts(data: TensionData) -> tuple[str, ...]:
     """Factors of the motion with its scale in them."""
     loosening = np.flatnonzero(data.struck[: data.training])
     peaks = [np.abs(data.nodes(int(case))[2]).max() for case in loosening]

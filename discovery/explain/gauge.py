@@ -7,8 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from discovery.decide.explanation import limited, standard_errors
-from discovery.residual.tension import Projected, TensionObservation, altered, disturbed, following
-from discovery.residual.tension_data import Data, Gained, Pair, at_bounds
+from discovery.explain.tension_gain import Pair, TensionGain, at_bounds
+from discovery.residual.fast_tension import Projected, altered, disturbed, following
+from discovery.residual.tension_data import TensionData
+from discovery.residual.tension_records import TensionObservation
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Member, ModelCorrection, Motion, Reading, SensorFault
 from rom.signals.per_record_parameters import per_record_names
@@ -17,11 +19,11 @@ _LINE_HZ = np.arange(-0.15, 0.151, 0.05)  # about a line's nominal frequency
 _ALLOWED = 0.3  # of the smallest plausible strength of a fault: in every record by chance
 
 
-def explained_by_gauge(data: Data, effects: Sequence[Pair]) -> tuple[list[Gained], FloatArray]:
+def explained_by_gauge(data: TensionData, effects: Sequence[Pair]) -> tuple[list[TensionGain], FloatArray]:
     """Gains of effects in the fast part, and its cost by record."""
     readings = [(m, e) for m, e in effects if isinstance(e, Reading)]
-    gained: list[Gained] = []
-    cost = np.zeros(len(data.seen))
+    gained: list[TensionGain] = []
+    cost = np.zeros(len(data.records))
     if readings:
         rows, places = _rows(data, readings)
         cost += [float(row.seen @ row.seen) for row in rows]
@@ -37,7 +39,7 @@ def explained_by_gauge(data: Data, effects: Sequence[Pair]) -> tuple[list[Gained
     return gained, cost
 
 
-def _rows(data: Data, readings: Sequence[Pair]) -> tuple[list[Projected], Mapping[str, slice]]:
+def _rows(data: TensionData, readings: Sequence[Pair]) -> tuple[list[Projected], Mapping[str, slice]]:
     units: list[Reading] = []
     places = {}
     for member, effect in readings:
@@ -49,13 +51,15 @@ def _rows(data: Data, readings: Sequence[Pair]) -> tuple[list[Projected], Mappin
             units.append(unit)
         places[effect.path] = slice(first, len(units))
     rows = []
-    for case, seen in enumerate(data.seen):
+    for case, seen in enumerate(data.records):
         motion = _measured_motion(seen)
         rows.append(following(seen, data.nodes(case), [unit.added(motion) for unit in units]))
     return rows, places
 
 
-def _linear(data: Data, effect: ModelCorrection, rows: Sequence[Projected], place: slice) -> Gained:
+def _linear(
+    data: TensionData, effect: ModelCorrection, rows: Sequence[Projected], place: slice
+) -> TensionGain:
     train = rows[: data.training]
     squares = np.array([row.columns[:, place].T @ row.columns[:, place] for row in train])
     rights = np.array([row.columns[:, place].T @ row.seen for row in train])
@@ -73,17 +77,17 @@ def _linear(data: Data, effect: ModelCorrection, rows: Sequence[Projected], plac
         values[name] = float(np.clip(value * least[name], low, high))
         errors[name] = float(spread * least[name])
     told = limited(effect.with_values(**values), errors)
-    return Gained(told, np.array(gains), at_bounds(told))
+    return TensionGain(told, np.array(gains), at_bounds(told))
 
 
-def _altered(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, FloatArray]:
+def _altered(data: TensionData, member: Member, effect: SensorFault) -> tuple[TensionGain, FloatArray]:
     (name,) = member.strengths
     low, high = effect.parameters[name].bounds
     sizes = np.geomspace(0.2 * member.strengths[name], high, 60)
     grid = np.concatenate([-sizes[::-1], sizes] if low < 0 else [sizes])
     faults = [effect.with_values(**{name: float(value)}) for value in grid]
     least = int(np.argmin(np.abs(grid - _ALLOWED * member.strengths[name])))
-    rows = [altered(seen, data.nodes(case), faults, least) for case, seen in enumerate(data.seen)]
+    rows = [altered(seen, data.nodes(case), faults, least) for case, seen in enumerate(data.records)]
     gains = np.array(
         [(row.seen @ row.seen) - ((row.seen[:, None] - row.columns) ** 2).sum(axis=0) for row in rows]
     )
@@ -92,17 +96,17 @@ def _altered(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, F
     bend = -np.gradient(np.gradient(total, grid), grid)[best]
     told = limited(faults[best], {name: float(np.sqrt(2 / max(bend, 1e-300)))})
     before = np.array([float(row.seen @ row.seen) for row in rows])
-    return Gained(told, gains[:, best], at_bounds(told)), before
+    return TensionGain(told, gains[:, best], at_bounds(told)), before
 
 
-def _line(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, FloatArray]:
+def _line(data: TensionData, member: Member, effect: SensorFault) -> tuple[TensionGain, FloatArray]:
     """A disturbance of each record's own size, told before the hit, at one frequency for all."""
     own = per_record_names(effect)
     (inner,) = [name for name in effect.parameters if name not in own]
     grid = np.array([f + d for f in member.inner[inner] for d in _LINE_HZ])
     none = effect.with_values(**dict.fromkeys(own, 0.0))
     gains, coefficients, before = [], [], []
-    for case, seen in enumerate(data.seen):
+    for case, seen in enumerate(data.records):
         zero = np.zeros(len(seen.tension))
         groups = [
             [none.with_values(**{name: 1.0, inner: float(f)}).apply(zero, seen.rate_hz) for name in own]
@@ -121,7 +125,7 @@ def _line(data: Data, member: Member, effect: SensorFault) -> tuple[Gained, Floa
     mean = np.array(coefficients)[: data.training, best].mean(axis=0)
     values = dict(zip(own, mean.tolist(), strict=True))
     found = effect.with_values(**values, **{inner: float(grid[best])})
-    return Gained(found, table[:, best]), np.array(before)
+    return TensionGain(found, table[:, best]), np.array(before)
 
 
 def _measured_motion(seen: TensionObservation) -> Motion:

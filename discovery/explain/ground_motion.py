@@ -18,6 +18,7 @@ from scipy import optimize
 from discovery.decide.explanation import Explanation
 from discovery.explain.effect_outputs import output_of
 from discovery.explain.motion import explanation, motion_channels
+from discovery.options import Options
 from discovery.residual.effect_forces import lasting_force
 from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import MeasuredTrajectory
@@ -28,7 +29,6 @@ from rom.identification.spectral_model import ComplexArray, Linearised, Spectral
 from rom.signals.per_record_parameters import per_record_names
 
 _STEPS_PER_LINE = 4  # of a spectrum before the hits
-_PROMISING = 2.0  # times what noise is expected to give
 _REACH_HZ, _STEP_HZ = 1.0, 0.1
 _BAND = 2.0  # times the highest frequency that is looked for
 
@@ -36,32 +36,32 @@ Own = dict[str, dict[str, float]]
 """Numbers by name, of each file."""
 
 
-def explain_disturbances(evidence: WhitenedResidual, jobs: int = 1) -> tuple[Explanation, ...]:
+def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
     """Return what every lasting force explains that has numbers of each record's own.
 
     Parameters
     ----------
     evidence : WhitenedResidual
         Traces of all records; disturbances that its model holds are known.
-    jobs : int
-        Threads.
+    options : Options
+        Threads, criteria.
     """
     seconds = quiet_seconds([trace.measurement for trace in evidence.traces])
     known = {effect.path for effect in evidence.baseline.model.effects}
     if seconds == 0:
         return ()
     tasks = (
-        delayed(_explained)(member, effect, evidence, seconds)
+        delayed(_explained)(member, effect, evidence, seconds, options.criteria.tension.disturbance)
         for member, effect in candidates(evidence.baseline.model, motion_channels(evidence))
         if isinstance(effect, Effect) and _lasts(member, effect) and effect.path not in known
     )
-    return tuple(told for told in side_by_side(jobs)(tasks) if told is not None)
+    return tuple(found for found in side_by_side(options.jobs)(tasks) if found is not None)
 
 
 def _explained(
-    member: Member, effect: Effect, evidence: WhitenedResidual, seconds: float
+    member: Member, effect: Effect, evidence: WhitenedResidual, seconds: float, least: float
 ) -> Explanation | None:
-    return _Disturbance(member, effect, evidence, seconds).explained()
+    return _Disturbance(member, effect, evidence, seconds).explained(least)
 
 
 def _lasts(member: Member, effect: Effect) -> bool:
@@ -86,14 +86,14 @@ class _Disturbance:
             if self.body in trace.bodies
         ]
 
-    def explained(self) -> Explanation | None:
-        """The effect at its best frequency; None where nothing before the hits promises one."""
+    def explained(self, least: float) -> Explanation | None:
+        """The effect at its best frequency; None where no gain before the hits is so many times noise's."""
         low, high = self.effect.parameters[self.inner].bounds
         low = max(low, 1 / self.seconds)  # less than a period is like a level and its slope
         grid = np.arange(low, high, 1 / (_STEPS_PER_LINE * self.seconds))
         gains = [self._before(at)[1] for at in grid]
         chance = len(per_record_names(self.effect)) * sum(not t.settings.hold_out for t, _, _ in self.rest)
-        if not chance or max(gains) < _PROMISING * chance:
+        if not chance or max(gains) < least * chance:
             return None
         rough = float(grid[int(np.argmax(gains))])
         near = np.arange(rough - _REACH_HZ, rough + _REACH_HZ, _STEP_HZ)

@@ -1,8 +1,7 @@
 """Laws of the tension and slow readings fitted to the courses of all tests: what each takes from their cost.
 
 Every effect is fitted beside the law's own numbers from several starts along frozen motion, corrected as the
-baseline is; the best few are corrected by full re-simulation of their own
-(`discovery.courses.tension_likelihood`).
+baseline is; the best few are corrected by full re-simulation of their own (`discovery.residual.course_fit`).
 """
 
 from __future__ import annotations
@@ -15,22 +14,13 @@ import numpy as np
 from joblib import delayed
 from scipy import linalg
 
-from discovery.courses.fit import Fit
-from discovery.courses.frozen_motion import FrozenMotion
-from discovery.courses.marginal_likelihood import State, tau
-from discovery.courses.tension_likelihood import (
-    LawCandidate,
-    LawProblem,
-    changes_of,
-    course,
-    law_candidate,
-    names_of,
-    resimulated,
-)
+from discovery.courses.marginal_likelihood import tau
+from discovery.courses.tension_likelihood import LawCandidate, LawProblem, changes_of, law_candidate, names_of
 from discovery.decide.chance import largest_of_noise, p_value
 from discovery.decide.explanation import limited, limited_number
-from discovery.residual.tension import Drift
-from discovery.residual.tension_data import Data, Gained, Misfit, Pair, at_bounds
+from discovery.explain.tension_gain import Pair, TensionGain, at_bounds
+from discovery.residual.course_fit import CourseFit, CourseFits, ended
+from discovery.residual.tension_data import TensionData
 from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, LawChange, Member, ModelCorrection
@@ -40,94 +30,60 @@ from rom.signals.per_record_parameters import per_record_names
 _REFINED = 5
 _STRENGTHS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times a default
 _FRESH = np.array([np.log(0.5), 0.0])  # scatter to start from
-_ROUGHLY = (0.5, 8)  # gain of a step and number of steps: enough to screen by
-_ROUNDS = 2  # of correction by re-simulation
-_UNTOLD = 2  # directions of a course that may oscillate with the motion
-_U_STARTS = (0.0, -1.0, 1.0, -3.0)
 
 
 @dataclass(frozen=True, eq=False)
-class CourseFit:
-    """A law fitted to the training courses, and its costs on all records."""
-
-    candidate: LawCandidate
-    state: State
-    problem: LawProblem
-    costs: FloatArray  # all records
-
-    @property
-    def training(self) -> float:
-        """Cost of the training records."""
-        return self.state.deviance
-
-    @property
-    def fit(self) -> Fit:
-        """The fit as tests are proposed by it."""
-        state, problem = self.state, self.problem
-        return Fit(
-            self.candidate, self.candidate.free, problem.covariance(state), state.deviance,
-            (float(state.scatter[0]), float(state.scatter[1])), problem.offsets, state.u, converged=True,
-        )  # fmt: skip
-
-    @property
-    def misfit(self) -> Misfit:
-        """What the law leaves over of the training courses.
-
-        Every course has two directions that nothing is told of, and a rate of its own.
-        """
-        information = (self.state.slope**2).sum(axis=1)
-        told = information / (information + 1 / tau(self.state.scatter, self.problem.frozen.initial) ** 2)
-        rows = self.state.residual.shape[1] - _UNTOLD - told
-        return Misfit(float((self.state.residual**2).sum() / rows.sum()), float(rows.sum()))
-
-
-@dataclass(eq=False)
 class LawSearch:
-    """Fits to the courses of one campaign; `free` are the numbers of the model's own law that may move."""
+    """Fits of effects beside the law of one campaign."""
 
-    data: Data
-    free: tuple[str, ...]
-    drifting: FrozenMotion
-    drift: Drift
+    data: TensionData
     jobs: int = 1
 
-    def baseline(self) -> CourseFit:
-        """Fit the law as it is."""
-        model = self.data.model
-        alone = [place for place, change in enumerate(changes_of(model, None)) if change.adds]
-        fits = [self._fitted(law_candidate(model, None, self.free, k), None) for k in (None, *alone)]
-        return self._refined(min(fits, key=lambda fit: fit.training))
+    @property
+    def fits(self) -> CourseFits:
+        """Fits of single laws."""
+        return CourseFits(self.data)
 
     def explained(
         self, effects: Sequence[Pair], base: CourseFit, report: Callable[[], None]
-    ) -> tuple[list[Gained], CourseFit]:
-        """Fit every effect, the best of them by re-simulation; return a baseline that is no worse too."""
+    ) -> tuple[list[TensionGain], CourseFit]:
+        """Fit every effect, the best of them by re-simulation; return a baseline that is no worse too.
+
+        Parameters
+        ----------
+        effects : sequence of (Member, ModelCorrection)
+            Changes of the law, readings at rest, and faults of the gauge.
+        base : CourseFit
+            The law alone.
+        report : callable
+            Called after every effect.
+        """
         shared = [pair for pair in effects if not per_record_names(pair[1])]
         screened: list[tuple[ModelCorrection, CourseFit]] = []
-        for found in self._each(self._screened, ((*pair, base) for pair in shared)):
-            screened.append((shared[len(screened)][1], found))
+        for fit in self._each(self._screened, ((*pair, base) for pair in shared)):
+            screened.append((shared[len(screened)][1], fit))
             report()
         screened.sort(key=lambda pair: pair[1].training)
         if screened:
             base = self._without_effect(screened[0][1], base)
         gained = [self._drift(effect, base) for _, effect in effects if per_record_names(effect)]
-        fits = [slow for _, slow in screened]
-        final = self._each(self._final, ((slow, rank < _REFINED) for rank, slow in enumerate(fits)))
-        gained += [
-            self._gained(effect, slow, base) for (effect, _), slow in zip(screened, final, strict=True)
-        ]
-        return self._judged(gained, fits, base), base
+        fits = [fit for _, fit in screened]
+        final = self._each(self._final, ((fit, rank < _REFINED) for rank, fit in enumerate(fits)))
+        gained += [self._gained(effect, fit, base) for (effect, _), fit in zip(screened, final, strict=True)]
+        return self._with_chance(gained, fits, base), base
 
     def _each(
         self, function: Callable[..., CourseFit], arguments: Iterable[tuple[object, ...]]
     ) -> Iterator[CourseFit]:
         """Results in order, by threads: courses are followed in compiled code that lets others run."""
-        yield from side_by_side(self.jobs)(delayed(function)(*one) for one in arguments)
+        yield from side_by_side(self.jobs)(delayed(function)(*of) for of in arguments)
 
-    def _final(self, slow: CourseFit, refined: bool) -> CourseFit:
-        return self._refined(slow) if refined else self._with_costs(slow, self.data.frozen)
+    def _final(self, fit: CourseFit, resimulate: bool) -> CourseFit:
+        return self.fits.resimulated(fit) if resimulate else self.fits.with_costs(fit, self.data.frozen)
 
-    def _judged(self, gained: Sequence[Gained], fits: Sequence[CourseFit], base: CourseFit) -> list[Gained]:
+    def _with_chance(
+        self, gained: Sequence[TensionGain], fits: Sequence[CourseFit], base: CourseFit
+    ) -> list[TensionGain]:
         """With the chance that noise alone gives any of the effects as much."""
         if not fits:
             return list(gained)
@@ -135,99 +91,45 @@ class LawSearch:
         count = self.data.training
         return [replace(g, p_value=p_value(float(g.gains[:count].sum()), largest)) for g in gained]
 
-    def _without_effect(self, slow: CourseFit, base: CourseFit) -> CourseFit:
+    def _without_effect(self, fit: CourseFit, base: CourseFit) -> CourseFit:
         """The law alone fitted from where a fit with an effect ended, if that is better than the baseline.
 
         Else every effect would gain what the baseline's own fit has missed.
         """
-        own = {name: slow.candidate.parameters[name].value for name in base.candidate.free}
-        again = self._refined(self._fitted(base.candidate.with_values(own), slow))
-        return min(base, again, key=lambda fit: fit.training)
-
-    def _fitted(
-        self,
-        candidate: LawCandidate,
-        start: CourseFit | None,
-        offsets: FloatArray | None = None,
-        *,
-        roughly: bool = False,
-    ) -> CourseFit:
-        """Fit to training courses from a start with another fit's scatter, deviations and corrections."""
-        train = self.data.part(hold_out=False)
-        if offsets is None:
-            offsets = start.problem.offsets if start is not None else np.zeros_like(train.change)
-        problem = LawProblem(candidate, train, offsets)
-        first = (
-            problem.first(None)
-            if start is None
-            else problem.solve(problem.theta0, start.state.scatter, start.state.u, steps=6)
-        )
-        state = problem.fitted(first, *_ROUGHLY) if roughly else problem.fitted(first)
-        found = problem.at(state.theta)
-        assert isinstance(found, LawCandidate)
-        return CourseFit(found, state, problem, np.zeros(0))
-
-    def _refined(self, slow: CourseFit) -> CourseFit:
-        """Correct by full re-simulation, fit again, and take the held-out records' costs."""
-        for _ in range(_ROUNDS):
-            offsets = self._offsets(slow.candidate, slow.problem.frozen, slow.state.u, 0)
-            if not np.isfinite(offsets).all():
-                break
-            slow = self._fitted(slow.candidate, slow, offsets)
-        return self._with_costs(slow, self.data.frozen)
-
-    def _offsets(self, candidate: LawCandidate, part: FrozenMotion, u: FloatArray, first: int) -> FloatArray:
-        """Full re-simulation less frozen course [N]; small hits leave the tension alone and are not run."""
-        struck = np.flatnonzero(self.data.struck[first : first + len(part)])
-        out = np.zeros_like(part.change)
-        if len(struck):
-            some = part.subset(struck)
-            out[struck] = resimulated(candidate, some, u[struck], self.data.model)
-            out[struck] -= course(candidate, some, u[struck])
-        return out
-
-    def _with_costs(self, slow: CourseFit, frozen: FrozenMotion) -> CourseFit:
-        """Add costs of all records, held-out ones by corrections of their own."""
-        costs = slow.state.by_case + self._log_volume(slow.problem)
-        if self.data.training == len(self.data.seen):
-            return replace(slow, costs=costs)
-        unseen = self.data.part(hold_out=True, of=frozen)
-        plain = LawProblem(slow.candidate, unseen, np.zeros_like(unseen.change))
-        at = _predictive(plain, slow.state)
-        offsets = np.nan_to_num(self._offsets(slow.candidate, unseen, at.u, self.data.training))
-        problem = LawProblem(slow.candidate, unseen, offsets)
-        # at a rate far from all others the correction at the first mode holds nowhere near
-        hidden = np.fmin(_predictive(problem, slow.state).by_case, at.by_case)
-        return replace(slow, costs=np.concatenate([costs, hidden + self._log_volume(problem, hold_out=True)]))
-
-    def _log_volume(self, problem: LawProblem, *, hold_out: bool = False) -> FloatArray:
-        """What another noise than the usual one adds to costs."""
-        usual = np.linalg.slogdet(self.data.part(hold_out=hold_out).covariance)[1]
-        return np.asarray(problem.log_determinant - usual)
+        own = {name: fit.candidate.parameters[name].value for name in base.candidate.free}
+        again = self.fits.resimulated(self.fits.fitted(base.candidate.with_values(own), fit))
+        return min(base, again, key=lambda one: one.training)
 
     def _screened(self, member: Member, effect: ModelCorrection, base: CourseFit) -> CourseFit:
         """Fit with an effect from the best of several starts, corrected as the baseline is."""
         own = {name: p.value for name, p in base.candidate.parameters.items() if name in base.candidate.free}
-        names, offsets = names_of(effect), base.problem.offsets
-        train = self.data.part(hold_out=False)
-        fresh = replace(base, state=replace(base.state, u=np.zeros(len(train)), scatter=_FRESH))
+        count = len(self.data.part(hold_out=False))
+        fresh = replace(base, state=replace(base.state, u=np.zeros(count), scatter=_FRESH))
         pairs = []
         for sharing in self._sharings(effect, base):
-            identified = law_candidate(self.data.model, effect, self.free, sharing)
+            identified = law_candidate(self.data.model, effect, self.data.free, sharing)
             refitted = identified.with_values({n: v for n, v in own.items() if n in identified.parameters})
             pairs.append((refitted, base))
             if not base.misfit.is_noise:  # then it can be far astray: what was identified case by case is one
                 pairs.append((identified, fresh))
-        fits = []
-        for candidate, start in pairs:
-            trials: list[tuple[float, int, LawCandidate]] = []
-            for point in _starts(member, effect):
-                trial = candidate.with_values({names[n]: v for n, v in point.items()})
-                problem = LawProblem(trial, train, offsets)
-                state = problem.solve(problem.theta0, start.state.scatter, start.state.u, steps=3)
-                trials.append((state.deviance, len(trials), trial))
-            fits.append(self._fitted(min(trials)[2], start, roughly=True))
+        fits = [
+            self.fits.fitted(self._best_start(candidate, start, member, effect), start, roughly=True)
+            for candidate, start in pairs
+        ]
         return min(fits, key=lambda fit: fit.training)
+
+    def _best_start(
+        self, candidate: LawCandidate, start: CourseFit, member: Member, effect: ModelCorrection
+    ) -> LawCandidate:
+        """The candidate with those numbers of the effect on its grid that leave least."""
+        names, train = names_of(effect), self.data.part(hold_out=False)
+        trials: list[tuple[float, int, LawCandidate]] = []
+        for point in _starts(member, effect):
+            trial = candidate.with_values({names[n]: v for n, v in point.items()})
+            problem = LawProblem(trial, train, start.problem.offsets)
+            state = problem.solve(problem.theta0, start.state.scatter, start.state.u, steps=3)
+            trials.append((state.deviance, len(trials), trial))
+        return min(trials)[2]
 
     def _sharings(self, effect: ModelCorrection, base: CourseFit) -> tuple[int | None, ...]:
         """An effect may scatter from test to test as the law does, or be the same in all."""
@@ -236,36 +138,35 @@ class LawSearch:
             return (known,)
         return (None, len(changes_of(self.data.model, None)))
 
-    def _gained(self, effect: ModelCorrection, slow: CourseFit, base: CourseFit) -> Gained:
-        if slow.training > base.training:  # as the full simulation has it, the law alone does better
-            return Gained(_silent(effect), np.zeros_like(base.costs))
-        names, numbers, errors = names_of(effect), slow.candidate.parameters, _errors(slow)
-        found = effect.with_values(**{name: numbers[path].value for name, path in names.items()})
-        told = limited(found, {name: float(errors[path]) for name, path in names.items()})
-        return Gained(
-            told, base.costs - slow.costs, at_bounds(told), self._beside(slow, errors), slow.misfit.level,
-            slow=slow,
+    def _gained(self, effect: ModelCorrection, fit: CourseFit, base: CourseFit) -> TensionGain:
+        if fit.training > base.training:  # as the full simulation has it, the law alone does better
+            return TensionGain(_silent(effect), np.zeros_like(base.costs))
+        names, numbers, errors = names_of(effect), fit.candidate.parameters, _errors(fit)
+        fitted = effect.with_values(**{name: numbers[path].value for name, path in names.items()})
+        with_limits = limited(fitted, {name: float(errors[path]) for name, path in names.items()})
+        return TensionGain(
+            with_limits, base.costs - fit.costs, at_bounds(with_limits), self._beside(fit, errors),
+            fit.misfit.level, slow=fit,
         )  # fmt: skip
 
-    def _beside(self, slow: CourseFit, errors: Mapping[str, float]) -> dict[str, Parameter]:
+    def _beside(self, fit: CourseFit, errors: Mapping[str, float]) -> dict[str, Parameter]:
         """Numbers of the model's own law as the fit has them."""
-        numbers = slow.candidate.parameters
-        return {name: limited_number(numbers[name], errors.get(name, 0.0)) for name in self.free}
+        numbers = fit.candidate.parameters
+        return {name: limited_number(numbers[name], errors.get(name, 0.0)) for name in self.data.free}
 
-    def _drift(self, effect: ModelCorrection, base: CourseFit) -> Gained:
+    def _drift(self, effect: ModelCorrection, base: CourseFit) -> TensionGain:
         """A reading of its own size in every record: a part of the courses' noise about what all share."""
-        train = self.data.part(hold_out=False, of=self.drifting)
+        drift, drifting = self.data.drift, self.data.drifting or self.data.frozen
+        train = self.data.part(hold_out=False, of=drifting)
         problem = LawProblem(base.candidate, train, base.problem.offsets)
         state = problem.fitted(problem.solve(problem.theta0, base.state.scatter, base.state.u, steps=6))
-        found = problem.at(state.theta)
-        assert isinstance(found, LawCandidate)
-        slow = self._with_costs(CourseFit(found, state, problem, np.zeros(0)), self.drifting)
+        fit = self.fits.with_costs(ended(problem, state), drifting)
         (name,) = per_record_names(effect)
         low, high = effect.parameters[name].bounds
-        mean = effect.with_values(**{name: float(np.clip(self.drift.mean, low, high))})
-        typical = limited(mean, {name: self.drift.spread})
-        return Gained(
-            typical, base.costs - slow.costs, (), self._beside(slow, _errors(slow)), slow.misfit.level
+        mean = effect.with_values(**{name: float(np.clip(drift.mean, low, high))})
+        typical = limited(mean, {name: drift.spread})
+        return TensionGain(
+            typical, base.costs - fit.costs, (), self._beside(fit, _errors(fit)), fit.misfit.level
         )
 
 
@@ -285,10 +186,10 @@ def _directions(fit: CourseFit, base: CourseFit) -> FloatArray:
     return np.vstack([(base.state.residual - fit.state.residual).ravel(), own.T])
 
 
-def _errors(slow: CourseFit) -> dict[str, float]:
+def _errors(fit: CourseFit) -> dict[str, float]:
     """Standard errors of all free numbers of a fit."""
-    found = np.sqrt(np.maximum(np.diag(slow.problem.covariance(slow.state)), 0.0))
-    return dict(zip(slow.candidate.free, found.tolist(), strict=True))
+    found = np.sqrt(np.maximum(np.diag(fit.problem.covariance(fit.state)), 0.0))
+    return dict(zip(fit.candidate.free, found.tolist(), strict=True))
 
 
 def _starts(member: Member, effect: ModelCorrection) -> list[dict[str, float]]:
@@ -310,15 +211,6 @@ def _starts(member: Member, effect: ModelCorrection) -> list[dict[str, float]]:
 
 
 def _silent(effect: ModelCorrection) -> ModelCorrection:
+    """The effect with strengths of zero."""
     member = CATALOGUE.get(effect.name)  # of a free form all numbers are strengths
     return effect.with_values(**dict.fromkeys(effect.parameters if member is None else member.strengths, 0.0))
-
-
-def _predictive(problem: LawProblem, at: State) -> State:
-    """Unseen records at fitted numbers, the deviations integrated out about the best mode."""
-    lowest, place = np.full(len(problem.frozen), np.inf), np.zeros(len(problem.frozen))
-    for start in _U_STARTS:
-        state = problem.solve(problem.theta0, at.scatter, np.full(len(place), start), steps=12)
-        place = np.where(state.by_case < lowest, state.u, place)
-        lowest = np.fmin(lowest, state.by_case)
-    return problem.solve(problem.theta0, at.scatter, place, steps=0)

@@ -8,8 +8,8 @@ import numpy as np
 
 from discovery.courses.marginal_likelihood import tau
 from discovery.courses.tension_likelihood import bin_edges
-from discovery.explain.tension_law import CourseFit
 from discovery.localisation.localise import Profile, class_label
+from discovery.residual.course_fit import CourseFit, Misfit
 from rom.campaign.channels import FloatArray
 
 _PRELOADS = (30.0, 100.0, 300.0, 1000.0)  # [N]
@@ -18,7 +18,7 @@ _TIMES = (10.0, 30.0, 100.0, 300.0, 1000.0)  # [ms]
 _FEWEST = 5.0  # free numbers: of fewer little can be said
 
 
-def tension_views(slow: CourseFit) -> Mapping[str, Profile]:
+def tension_views(misfit: Misfit) -> Mapping[str, Profile]:
     """Mean square of what a law leaves over of the training courses, 1 being noise, along three views.
 
     Whitened residuals are those of each bin given the bins before it, so that they belong to what the rate
@@ -27,8 +27,8 @@ def tension_views(slow: CourseFit) -> Mapping[str, Profile]:
 
     Parameters
     ----------
-    slow : CourseFit
-        A law fitted to the training courses.
+    misfit : Misfit
+        With the law's fit to the training courses; there are no views without it.
 
     Returns
     -------
@@ -37,6 +37,9 @@ def tension_views(slow: CourseFit) -> Mapping[str, Profile]:
         in the bin [mm/s]; ``tension_by_time``: middle of the bin from the hit [ms]. A label of the class and
         the mean square there; classes of less than five free numbers are left out.
     """
+    slow = misfit.fit
+    if slow is None:
+        return {}
     frozen = slow.problem.frozen
     squares, numbers = slow.state.residual**2, _free_numbers(slow)
     bins = bin_edges(frozen)

@@ -21,12 +21,9 @@ from discovery.decide.acceptance import (
     spread_of,
 )
 from discovery.decide.explanation import Explanation
-from discovery.explain.at_rest import explain_at_rest
-from discovery.explain.calibration import DISAGREE, explain_by_preloads
-from discovery.explain.free_form import free_forms
-from discovery.explain.ground_motion import explain_disturbances
+from discovery.explain import at_rest, calibration, free_form, free_rate, ground_motion
 from discovery.explain.motion import Probe, by_chance, explain, screen, worth_fitting
-from discovery.explain.tension import TensionFindings, explain_freely, explain_tension, tension_misfit
+from discovery.explain.tension import TensionFindings, findings
 from discovery.localisation.localise import localise
 from discovery.loop.force_loop import close_forces
 from discovery.loop.found_effects import found_effect, label_of, screened
@@ -116,20 +113,21 @@ class _Loop:
 
         All that follows rests on the tension: a bolt that a wrong zero shows slack is not even looked at.
         """
-        one, refits = chosen(explain_by_preloads(path.last.evidence)), self.refits
+        one, refits = chosen(calibration.explain(path.last.evidence, self.refits.options())), self.refits
         if one is None or not isinstance(one.best.effect, SensorFault):
             return self, path
         faults, tell = (one.best.effect,), refits.stage("identifying")
         found = identify_campaign(refits.campaign, refits.jobs, tell, faults)
-        refits = replace(refits, found=replace(found, warnings=(*found.warnings, DISAGREE)))
+        refits = replace(refits, found=replace(found, warnings=(*found.warnings, calibration.DISAGREE)))
         return _Loop(refits), path.longer(one, refits.start())
 
     def at_rest(self, path: LoopHistory) -> LoopHistory:
         """Add what shows before the hits, and would pass for noise: faults of sensors, then disturbances."""
+        options = self.refits.options()
         while True:
             last = path.last
-            one = chosen(explain_at_rest(last.evidence))
-            one = one or chosen(explain_disturbances(last.evidence, self.refits.jobs))
+            one = chosen(at_rest.explain(last.evidence, options))
+            one = one or chosen(ground_motion.explain(last.evidence, options))
             if one is None:
                 return path
             path = path.longer(one, self.refits.adopt(last, one.best, floors_too=True))
@@ -227,10 +225,10 @@ class _Loop:
         """
         refits = self.refits
         if not path.is_explained:
-            misfit = tension_misfit(refits.campaign, path.last.found, path.last.model, refits.jobs)
-            return (
-                path if misfit is None else replace(path, tension=(*(path.tension or (misfit,))[:1], misfit))
-            )
+            misfit = refits.tension_of(path.last).misfit
+            if not misfit.numbers:
+                return path
+            return replace(path, tension=(*(path.tension or (misfit,))[:1], misfit))
         named = self._named_in_tension(path)
         if named.tension_at_noise_floor:
             return named
@@ -238,7 +236,8 @@ class _Loop:
         return with_free_form(
             named,
             starts,
-            lambda state: explain_freely(refits.campaign, state.found, state.model, refits.jobs, seed),
+            lambda state: free_rate.explain(refits.tension_of(state), refits.options(seed)),
+            lambda state: refits.tension_of(state).misfit,
             refits.adopt,
         )
 
@@ -272,8 +271,7 @@ class _Loop:
             seen.append(path.names)
 
     def _findings(self, state: State, only: str = "") -> TensionFindings:
-        tell = self.refits.stage("tension")
-        return explain_tension(self.refits.campaign, state.found, state.model, self.refits.jobs, tell, only)
+        return findings(self.refits.tension_of(state), self.refits.options(), only)
 
     def law_first(self, path: LoopHistory) -> LoopHistory:
         """Add another law of loosening before all effects in the motion, where it is what is plainly wrong.
@@ -284,8 +282,8 @@ class _Loop:
         refits, last = self.refits, path.last
         if path.is_explained:
             return path
-        misfit = tension_misfit(refits.campaign, last.found, last.model, refits.jobs)
-        if misfit is None or misfit.is_noise or misfit.level <= last.level:
+        misfit = refits.tension_of(last).misfit
+        if misfit.is_noise or misfit.level <= last.level:
             return path
         named = self._named_in_tension(path)
         laws = [one for one in named.chosen[len(path.chosen) :] if isinstance(one.best.effect, LawChange)]
@@ -332,7 +330,9 @@ class _Loop:
         another knee leaves as much, but no term by itself does better than that.
         """
         forces = any(isinstance(one.best.effect, Effect) for one in path.chosen[len(start.chosen) :])
-        if not forces or not any(is_significant(one) for one in free_forms(path.last.evidence, seed)):
+        if not forces or not any(
+            is_significant(one) for one in free_form.explain(path.last.evidence, self.refits.options(seed))
+        ):
             return path
         formed = self.formed(start.last, seed)
         if formed is None:
@@ -349,7 +349,9 @@ class _Loop:
 
     def formed(self, state: State, seed: int) -> Selection | None:
         """The best term without the catalogue; None where even that does not predict held-out records."""
-        sure = [one for one in free_forms(state.evidence, seed) if is_accepted(one)]
+        sure = [
+            one for one in free_form.explain(state.evidence, self.refits.options(seed)) if is_accepted(one)
+        ]
         if not sure:
             return None
         best = max(sure, key=penalised_gain)

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 from discovery.decide.acceptance import SURELY, harms
 from discovery.decide.explanation import Explanation
-from discovery.explain.tension import TensionFindings
 from discovery.loop.history import CLOSES, LoopHistory, Selection
 from discovery.loop.state import State
-from discovery.residual.tension_data import Misfit
+from discovery.residual.course_fit import Misfit
 
 
 def with_free_form(
     named: LoopHistory,
     starts: Iterable[LoopHistory],
-    tell: Callable[[State], TensionFindings],
+    explain: Callable[[State], Sequence[Explanation]],
+    misfit_of: Callable[[State], Misfit],
     adopt: Callable[[State, Explanation], State],
 ) -> LoopHistory:
     """Return the first trail with a free form of the rate that explains the courses, as no name does.
@@ -30,8 +30,10 @@ def with_free_form(
         With what the catalogue named in the tension; it leaves more than noise of the courses.
     starts : iterable of LoopHistory
         To which a free form is added, those with fewer effects first.
-    tell : callable
-        What the best free form beside a state's model explains, as `explain_freely` has it.
+    explain : callable
+        What the best free form beside a state's model explains (`discovery.explain.free_rate`).
+    misfit_of : callable
+        What a state's model leaves over of the courses.
     adopt : callable
         The state with an effect in its model.
 
@@ -41,14 +43,14 @@ def with_free_form(
         ``named`` where no free form does.
     """
     for start in starts:
-        told = tell(start.last)
-        if not told.explanations:
+        explanations = explain(start.last)
+        if not explanations:
             continue
-        one = Selection(told.explanations[0], ())
+        one = Selection(explanations[0], ())
         after = adopt(start.last, one.best)
         if any(harms(other.last.errors, after.errors) for other in (start, named)):
             continue
-        left = tell(after).misfit
+        left = misfit_of(after)
         if _explains(named.tension[-1], left):
             return replace(start.longer(one, after), tension=(named.tension[0], left))
     return named

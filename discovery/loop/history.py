@@ -15,10 +15,12 @@ from discovery.decide.acceptance import (
     penalised_gain,
 )
 from discovery.decide.explanation import Explanation
-from discovery.localisation.localise import COURSES, Profile
+from discovery.localisation.lines import Profile
+from discovery.localisation.localise import COURSES
+from discovery.localisation.tension import tension_views
 from discovery.loop.result import Screened, Verdict
 from discovery.loop.state import State
-from discovery.residual.tension_data import Misfit
+from discovery.residual.course_fit import Misfit
 from rom.identification.uncoupled_priors import unlikely
 
 FAR_LESS = 0.7
@@ -168,4 +170,4 @@ def alike(
 
 def courses(misfit: Sequence[Misfit]) -> tuple[Mapping[str, float], Mapping[str, Profile]]:
     """The last misfit of the tension's courses by its name in result files, and where it is."""
-    return ({COURSES: misfit[-1].level}, misfit[-1].views) if misfit else ({}, {})
+    return ({COURSES: misfit[-1].level}, tension_views(misfit[-1])) if misfit else ({}, {})

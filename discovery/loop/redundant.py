@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from discovery.decide.acceptance import harms, in_tension, is_accepted
 from discovery.decide.explanation import Explanation
-from discovery.explain.at_rest import explain_at_rest
+from discovery.explain import at_rest
 from discovery.explain.motion import explanation
 from discovery.explain.tension import TensionFindings
 from discovery.loop.history import LoopHistory, Selection, alike
@@ -49,7 +49,9 @@ def _left_without(path: LoopHistory, place: int, refits: Refits) -> WhitenedResi
         rest = refitted(residual_without(last, effect))
     else:  # what it corrects is another motion
         traced = refits.gathered(without_effect(last.baseline, effect), last.floors)
-        if any(is_accepted(e) and e.effect.path == effect.path for e in explain_at_rest(traced)):
+        if any(
+            is_accepted(e) and e.effect.path == effect.path for e in at_rest.explain(traced, refits.options())
+        ):
             return None
         rest = refitted(traced)
     return None if _needs(one, rest, last) else rest
@@ -79,7 +81,8 @@ def without_needless_in_tension(
     first : int
         Place of the first of these.
     explain : callable
-        What effects explain beside a state's model, as `explain_tension` has it: all, or one by its path.
+        What effects explain beside a state's model, all or one by its path
+        (`discovery.explain.tension.findings`).
     adopt : callable
         The state with an effect in its model.
     """

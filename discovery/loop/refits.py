@@ -23,8 +23,10 @@ from discovery.loop.state import (
     settled,
     with_law,
 )
+from discovery.options import Options
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.output_error import WhitenedResidual, starting, whiten, whitened_residual_of
+from discovery.residual.tension import TensionResidual
 from discovery.residual.trajectory import Measurements, read_measurements
 from rom.campaign.campaign import Campaign
 from rom.effects import Effect, LawChange, Reading, SensorFault, with_stiffness
@@ -48,6 +50,14 @@ class Refits:
     def measurements(self) -> Measurements:
         """All sound records as they were measured."""
         return read_measurements(self.campaign, set_aside(self.found))
+
+    def options(self, seed: int = 0) -> Options:
+        """How explainers are run."""
+        return Options(self.jobs, self.stage, seed)
+
+    def tension_of(self, state: State) -> TensionResidual:
+        """What a state's model leaves over of the tension."""
+        return TensionResidual(self.campaign, state.found, state.model, self.options())
 
     def start(self) -> State:
         """The declared model, its numbers refitted to all training records.

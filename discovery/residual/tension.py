@@ -1,370 +1,77 @@
-"""What is kept of every record's tension: its course after the hit, and few numbers of its fast part.
-
-The fast part is what the measured tension has beyond a course that was simulated with the record's own rate.
-It is projected on a few columns, each what one effect would add, after directions that a wrong course or slow
-noise could take are projected out; whitened by the gauge's noise before the hit, what is left are numbers of
-unit variance.
-"""
+"""What a model's tension law leaves over of the measured tension: histories and fast parts."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from joblib import Parallel, delayed
-from scipy import linalg
 
-from discovery.courses.frozen_motion import FrozenMotion, freeze
-from rom.campaign.campaign import Campaign, RecordSettings
-from rom.campaign.channels import FloatArray
-from rom.effects import Effect, Motion, Reading, SensorFault
-from rom.model.law_change import LawChange
+from discovery.options import Options
+from discovery.residual.course_fit import CourseFit, CourseFits, Misfit
+from discovery.residual.tension_data import TensionData
+from discovery.residual.tension_records import drifted, frozen_of, noises, read_tensions
+from rom.campaign.campaign import Campaign
+from rom.effects import Reading
+from rom.identification.identify import Identification
 from rom.model.model import Model
-from rom.signals.measured_records import measured_record
-from rom.signals.per_record_parameters import own_numbers, per_record_names
-from rom.signals.processing import Measurement, TensionRecord, tension_record
-from rom.signals.sensor_correction import corrected
-from rom.signals.tension_bins import (
-    CourseNoise,
-    TensionBins,
-    TensionCourse,
-    bins_after_hit,
-    bins_before_hit,
-    course_noise,
-)
+from rom.signals.per_record_parameters import per_record_names
 
-_WINDOW_S, _EARLY_S, _LEAD_S = 1.2, 0.06, 0.005
-_SLOWEST_HZ = 6.0  # below it a course that is wrong and slow noise are not told from an effect
-_LOSSES_S = (1e-3, 4e-3, 1.5e-2, 5e-2)
-_NOISE_BAND_HZ = (4.0, 300.0)
-_MEDIAN_OF_EXPONENTIAL = 0.6931
-_SAME = 1e-8
-_RANK = 5
-_FEWEST_QUIET = 6
-_AGREE = 3.0  # standard errors
-_ALLOWED = 0.3  # of the noise of a sample: so much of the peaks of any column is no finding
+_FEWEST = 3  # loosening records
+_ALLOWED_DRIFT = 0.005  # [N/s]; half the smallest plausible one
 
 
 @dataclass(frozen=True, eq=False)
-class TensionObservation:
-    """A record's tension without the faults and readings that the model knows, and the motion beside it."""
+class TensionResidual:
+    """The tension of a campaign's records, and what a model's own law leaves over of it.
 
-    settings: RecordSettings
-    course: TensionCourse
-    bins: TensionBins
-    before: TensionBins | None
-    tension: FloatArray
-    rate_hz: float
-    displacement: FloatArray
-    link_force: FloatArray
-    bodies: Mapping[str, FloatArray]
-    white: float  # variance of a sample [N^2]
-
-
-@dataclass(frozen=True, eq=False)
-class Projected:
-    """Whitened numbers of one record: `seen`, and what an effect adds, a column for every trial.
-
-    `own` are the record's own coefficients of the columns from before the hit, where it has such.
-    """
-
-    seen: FloatArray
-    columns: FloatArray
-    own: FloatArray | None = None
-
-
-def read_tensions(campaign: Campaign, model: Model, jobs: int = 1) -> tuple[TensionObservation, ...]:
-    """Return every coupled and loosening record, held out or not, that has a tension and a hit."""
-    records = [r for r in campaign.settings.record if r.test in ("coupled", "loosening")]
-    bare = replace(model, identification=None)
-    found = Parallel(n_jobs=jobs)(delayed(_seen)(campaign, record, bare) for record in records)
-    return tuple(seen for seen in found if seen is not None)
-
-
-def _seen(campaign: Campaign, record: RecordSettings, model: Model) -> TensionObservation | None:
-    found = measured_record(campaign, record)
-    if found.doubts:
-        return None
-    measurement = found.measurement.with_cutoff(model.filter_cutoff_hz)
-    if measurement.tension is None or measurement.impact_s is None or not measurement.force:
-        return None
-    measurement, motion = _without_known(measurement, model)
-    tension = measurement.tension
-    assert tension is not None
-    assert measurement.impact_s is not None
-    bins = bins_after_hit(measurement, campaign.settings)
-    if bins is None or tension.initial <= 0:
-        return None
-    struck = max(measurement.force, key=lambda body: float(np.abs(measurement.force[body]).max()))
-    stop = int(campaign.settings.windows.final_s[1] * measurement.rate_hz)
-    preload = tension.initial if record.preload_n is None else record.preload_n
-    held = record.test == "coupled"
-    course = TensionCourse(
-        record.file, record.hold_out, preload, struck, measurement.applied_force[struck][:stop].copy(),
-        measurement.rate_hz, measurement.impact_s, tension.initial, bins.edges_s, bins.change,
-        np.zeros((0, 0)), tension.rate_hz, campaign.settings.windows.final_s,
-        tension.initial if held else tension.final, tension.final_error,
-    )  # fmt: skip
-    return TensionObservation(
-        record, course, bins, bins_before_hit(measurement), tension.samples, tension.rate_hz,
-        motion.displacement, motion.link_force, motion.body_displacement, _white(measurement, tension),
-    )  # fmt: skip
-
-
-def _without_known(measurement: Measurement, model: Model) -> tuple[Measurement, Motion]:
-    """The record as its gauge would show it without what the model knows, and the measured motion."""
-    gauge = replace(model, effects=tuple(e for e in model.effects if not isinstance(e, Effect)))
-    if any(per_record_names(effect) for effect in gauge.effects):
-        gauge, _ = own_numbers(gauge, measurement, None)
-    measurement = corrected(measurement, gauge)
-    tension = measurement.tension
-    assert tension is not None
-    assert tension.windows is not None
-    motion = _motion(measurement, tension, gauge)
-    readings = [effect for effect in gauge.effects if isinstance(effect, Reading)]
-    if not readings:
-        return measurement, motion
-    samples = tension.samples
-    for reading in readings:
-        samples = reading.remove(samples, motion)
-    cleaned = tension_record(
-        samples, tension.rate_hz, tension.windows, impact_s=measurement.impact_s,
-        first_mode_hz=measurement.strongest_hz, slope=tension.slope, warnings=tension.warnings,
-    )  # fmt: skip
-    return replace(measurement, tension=cleaned), motion
-
-
-def _motion(measurement: Measurement, tension: TensionRecord, model: Model) -> Motion:
-    """Measured motion at the samples of the tension; a body that is not measured rests."""
-    time = np.arange(len(tension.samples)) / tension.rate_hz
-    rate = measurement.rate_hz
-    bodies, speeds = {}, {}
-    for body in measurement.motion:
-        x = measurement.displacement(body)
-        at = np.arange(len(x)) / rate
-        bodies[body] = np.interp(time, at, x)
-        speeds[body] = np.interp(time, at, np.gradient(x, 1 / rate))
-    link = next(link for link in model.structure.links if link.law == "bolted")
-    still = np.zeros_like(time)
-    x, v = (of.get(link.first, still) - of.get(link.second, still) for of in (bodies, speeds))
-    laws, held = model.link_laws[link.name], np.maximum(tension.non_oscillatory, 0.0)
-    force = laws.stiffness(held) * x + laws.damping(held) * v
-    ordered = {body: bodies[body] for body in model.structure.body_names if body in bodies}
-    return Motion(time, measurement.impact_s or 0.0, x, np.asarray(force), ordered)
-
-
-def _white(measurement: Measurement, tension: TensionRecord) -> float:
-    """Variance of white noise with the density that the tension has before the hit, lines left out."""
-    quiet = tension.samples[: int(0.98 * (measurement.impact_s or 0.0) * tension.rate_hz)]
-    if len(quiet) < 256:
-        quiet = tension.samples[-(len(tension.samples) // 4) :]
-    window = np.hanning(len(quiet))
-    power = np.abs(np.fft.rfft((quiet - quiet.mean()) * window)) ** 2 / (window**2).sum()
-    lines = np.fft.rfftfreq(len(quiet), 1 / tension.rate_hz)
-    inside = (lines > _NOISE_BAND_HZ[0]) & (lines < _NOISE_BAND_HZ[1])
-    return max(float(np.median(power[inside])) / _MEDIAN_OF_EXPONENTIAL, 1e-18)
-
-
-@dataclass(frozen=True)
-class Drift:
-    """A gauge's drift [N/s]: its mean over records, and by how much that of a record differs from it."""
-
-    mean: float
-    spread: float
-
-
-def noises(
-    seen: Sequence[TensionObservation], allowed: float
-) -> tuple[CourseNoise, CourseNoise, Drift] | None:
-    """Return the noise of courses with a drift that no gauge is free of, with the one that it has, and that.
-
-    From training tests that leave the tension alone. What all of those share is no noise: it is taken out.
-    None where there are none, and no time before a hit either.
-
-    Parameters
+    Attributes
     ----------
-    seen : sequence of TensionObservation
-        All records.
-    allowed : float
-        Drift [N/s] that is no finding, one standard deviation.
+    campaign : Campaign
+        As read by `rom.read_campaign`.
+    identification : Identification
+        For the names of the law's numbers that were identified.
+    model : Model
+        The current model, effects that were accepted in it.
+    options : Options
+        Processes that read the records, threads of the fits, criteria.
     """
-    quiet = [s for s in seen if s.settings.test == "coupled" and not s.settings.hold_out]
-    before = [s.before for s in seen if s.before is not None and not s.settings.hold_out]
-    count = min((len(s.bins.change) for s in quiet), default=0)
-    if len(quiet) >= _FEWEST_QUIET and count:
-        shared = np.mean([s.bins.change[:count] for s in quiet], axis=0)
-        scale = np.sqrt(len(quiet) / (len(quiet) - 1))
-        bins = [_first(s.bins, count, scale * (s.bins.change[:count] - shared)) for s in quiet]
-    else:
-        bins = before
-    whole = course_noise(bins, [])
-    if whole is None:
-        return None
-    mean = _shared_drift(before, [s.bins for s in quiet], _drifting(whole, seen, allowed))
-    if mean and bins is before:
-        own = [replace(one, change=one.change - mean * one.lag_s) for one in before]
-        whole = course_noise(own, []) or whole
-    steady = _drifting(whole, seen, allowed)
-    drifting = replace(whole, drift=max(whole.drift, steady.drift))
-    return steady, drifting, Drift(mean, allowed * float(np.sqrt(drifting.drift / steady.drift)))
 
+    campaign: Campaign
+    identification: Identification
+    model: Model
+    options: Options = field(default_factory=Options)
 
-def _drifting(noise: CourseNoise, seen: Sequence[TensionObservation], drift: float) -> CourseNoise:
-    """The same noise with another drift [N/s]."""
-    slope = 1.0 if noise.of_tension else float(np.median([s.bins.slope for s in seen]))
-    return replace(noise, drift=(drift / slope) ** 2)
+    @cached_property
+    def data(self) -> TensionData | None:
+        """The records; None where the model has not one bolted link, or too few have a tension and a hit."""
+        if len(self.model.structure.bolted_links) != 1:
+            return None
+        found = read_tensions(self.campaign, self.model, self.options.jobs)
+        records = tuple(sorted(found, key=lambda one: one.settings.hold_out))
+        struck = np.array([one.settings.test == "loosening" for one in records])
+        training = sum(not one.settings.hold_out for one in records)
+        if struck[:training].sum() < _FEWEST:
+            return None
+        noise_of = noises(records, _ALLOWED_DRIFT)
+        if noise_of is None:
+            return None
+        steady, drifting, drift = noise_of
+        drifts = any(isinstance(e, Reading) and per_record_names(e) for e in self.model.effects)
+        noise = drifting if drifts else steady
+        fit = self.identification.gamma_fit
+        frozen = frozen_of(records, noise, self.model)
+        return TensionData(
+            self.model, records, frozen, training, struck, tuple(fit.free) if fit is not None else (), drift,
+            drifted(frozen, records, noise, drifting, drift.mean),
+        )  # fmt: skip
 
+    @cached_property
+    def baseline(self) -> CourseFit | None:
+        """The model's own law fitted to the training records; None where these tell nothing."""
+        return None if self.data is None else CourseFits(self.data).law_alone()
 
-def _shared_drift(before: Sequence[TensionBins], after: Sequence[TensionBins], noise: CourseNoise) -> float:
-    """Drift [N/s] that all records share, drawn towards none as far as chance may have made it.
-
-    Seconds after hits that leave the tension alone tell it far better than what precedes them. But what
-    begins with the hit is no drift: where the two differ the time before the hits counts.
-    """
-    (mean, error), (finer, finer_error) = _mean_slope(before, noise), _mean_slope(after, noise)
-    if finer_error < error and abs(finer - mean) <= _AGREE * np.hypot(error, finer_error):
-        mean, error = finer, finer_error
-    return mean * max(0.0, 1 - (error / mean) ** 2) if mean else 0.0
-
-
-def _mean_slope(bins: Sequence[TensionBins], noise: CourseNoise) -> tuple[float, float]:
-    """Mean change a second [N/s], weighted by its noise, and its standard error as records scatter."""
-    if len(bins) < _FEWEST_QUIET:
-        return 0.0, np.inf
-    along = [np.linalg.solve(noise.covariance(one), one.lag_s) for one in bins]
-    weights = np.array([float(of @ one.lag_s) for of, one in zip(along, bins, strict=True)])
-    slopes = np.array([float(of @ one.change) for of, one in zip(along, bins, strict=True)]) / weights
-    mean = float(np.average(slopes, weights=weights))
-    count = weights.sum() ** 2 / (weights**2).sum()  # as many of one weight scatter alike
-    scatter = float(np.average((slopes - mean) ** 2, weights=weights) / max(count - 1, 1))
-    return mean, float(np.sqrt(max(scatter, 1 / weights.sum())))
-
-
-def _first(bins: TensionBins, count: int, change: FloatArray) -> TensionBins:
-    edges = bins.edges_s[: count + 1]
-    return replace(bins, edges_s=edges, change=change, counts=bins.counts[:count], lag_s=bins.lag_s[:count])
-
-
-def frozen_of(seen: Sequence[TensionObservation], noise: CourseNoise, model: Model) -> FrozenMotion:
-    """Motion of all records, frozen, thinned to what a law's course needs."""
-    courses = [replace(s.course, covariance=noise.covariance(s.bins)) for s in seen]
-    kept = tuple(e for e in model.effects if not isinstance(e, (LawChange, Reading, SensorFault)))
-    frozen = freeze(replace(model, effects=kept, identification=None), courses)
-    return thinned(frozen, [s.settings.test == "coupled" for s in seen])
-
-
-def thinned(frozen: FrozenMotion, small: Sequence[bool]) -> FrozenMotion:
-    """Frozen motion with fewer nodes, fewest for small hits, up to the end of the last bin."""
-    end_s = float(frozen.courses[0].edges_s[-1] - frozen.courses[0].impact_s)
-    parts = [_thinned(frozen.of_case(i), end_s, few) for i, few in enumerate(small)]
-    starts = np.cumsum([0, *(part.shape[1] for part in parts)])
-    return replace(frozen, nodes=np.concatenate(parts, axis=1), starts=starts)
-
-
-def _thinned(nodes: FloatArray, end_s: float, small: bool) -> FloatArray:
-    """Fewer nodes, fewest for a small hit, which loosens nothing; the last one where the last bin ends."""
-    index, time = np.arange(nodes.shape[1]), nodes[0]
-    stride = np.where(time < 0.015, 2, np.where(time < _EARLY_S, 4, np.where(time < 0.5, 1, 2)))
-    kept = nodes[:, (index % (stride * (3 if small else 1)) == 0) & (time < end_s)]
-    return np.concatenate([kept, [[end_s + 1e-3], *kept[1:, -1:]]], axis=1)
-
-
-def drifted(
-    frozen: FrozenMotion, seen: Sequence[TensionObservation], old: CourseNoise, new: CourseNoise, drift: float
-) -> FrozenMotion:
-    """The same motion with another noise of the courses, less a drift [N/s] that all have."""
-    bins = frozen.change.shape[1]
-    more = [(new.covariance(s.bins) - old.covariance(s.bins))[:bins, :bins] for s in seen]
-    change = frozen.change - drift * np.stack([s.bins.lag_s[:bins] for s in seen])
-    return replace(frozen, change=change, covariance=frozen.covariance + np.stack(more))
-
-
-def rest_of(seen: TensionObservation, nodes: FloatArray) -> FloatArray:
-    """Measured tension less the course simulated with the record's own rate [N], at all samples."""
-    time = np.arange(len(seen.tension)) / seen.rate_hz - seen.course.impact_s
-    change = np.interp(time, nodes[0], nodes[5]) - nodes[5, 0]
-    return np.asarray(seen.tension - seen.course.initial - change)
-
-
-def _window(seen: TensionObservation, start_s: float, end_s: float) -> slice:
-    first = int((seen.course.impact_s + start_s) * seen.rate_hz)
-    return slice(max(first, 0), min(int((seen.course.impact_s + end_s) * seen.rate_hz), len(seen.tension)))
-
-
-def following(seen: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray]) -> Projected:
-    """Project the fast part on readings of strength one that follow the motion, (samples,) each."""
-    found = _after_hit(seen, nodes, columns)
-    peaks = [np.abs(column[_window(seen, 0.0, _WINDOW_S)]).max() for column in columns]
-    share = _ALLOWED * np.sqrt(seen.white) / np.maximum(peaks, 1e-300)
-    return _allowing(found, found.columns * share)
-
-
-def _after_hit(seen: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray]) -> Projected:
-    window = _window(seen, 0.0, _WINDOW_S)
-    time = (np.arange(window.start, window.stop) / seen.rate_hz) - seen.course.impact_s
-    length = float(time[-1])
-    order = np.arange(int(2 * _SLOWEST_HZ * length) + 1)
-    slow = np.cos(np.pi * np.outer(time / length, order))
-    losses = np.exp(-np.outer(time, 1 / np.array(_LOSSES_S)))
-    course = np.interp(time, nodes[0], nodes[5])[:, None]
-    target, rows = rest_of(seen, nodes)[window], np.stack([c[window] for c in columns], axis=1)
-    return _projected(target, rows, np.hstack([slow, losses, course]), seen.white)
-
-
-def _allowing(found: Projected, allowed: FloatArray) -> Projected:
-    """Whiten for what each record may have, columns of one standard deviation: no gauge is ideal."""
-    root = np.linalg.cholesky(np.eye(len(found.seen)) + allowed @ allowed.T)
-    return Projected(np.linalg.solve(root, found.seen), np.linalg.solve(root, found.columns))
-
-
-def altered(
-    seen: TensionObservation, nodes: FloatArray, faults: Sequence[SensorFault], least: int
-) -> Projected:
-    """Project the part about the hit on what faults would make of the course, a column for every fault.
-
-    One as small as the fault of the number ``least`` is no finding.
-    """
-    window = _window(seen, -_LEAD_S, _EARLY_S)
-    time = (np.arange(window.start, window.stop) / seen.rate_hz) - seen.course.impact_s
-    course = np.interp(time, nodes[0], nodes[5])
-    columns = np.stack([fault.apply(course, seen.rate_hz) - course for fault in faults], axis=1)
-    x = seen.displacement[window]
-    nuisance = np.stack([np.ones_like(time), course, x, x**2], axis=1)
-    found = _projected(rest_of(seen, nodes)[window], columns, nuisance, seen.white, _RANK)
-    return _allowing(found, found.columns[:, [least]])
-
-
-def disturbed(
-    seen: TensionObservation, nodes: FloatArray, groups: Sequence[Sequence[FloatArray]]
-) -> Projected:
-    """Project the part after the hit on groups of columns, with coefficients of each group from before it.
-
-    Drawn towards zero as far as noise alone could have moved them.
-    """
-    after = _after_hit(seen, nodes, [unit for group in groups for unit in group])
-    window = _window(seen, -10.0, -2e-3)
-    target = seen.tension[window] - seen.tension[window].mean()
-    own = []
-    for group in groups:
-        rows = np.stack([unit[window] for unit in group], axis=1)
-        rows = rows - rows.mean(axis=0)
-        found = np.linalg.lstsq(rows, target, rcond=None)[0]
-        chi_square = float(((rows @ found) ** 2).sum()) / seen.white
-        own.append(found * max(0.0, 1 - len(group) / max(chi_square, 1e-300)))
-    return replace(after, own=np.concatenate(own))
-
-
-def _projected(
-    target: FloatArray, columns: FloatArray, nuisance: FloatArray, white: float, rank: int | None = None
-) -> Projected:
-    scale = np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300)
-    basis = linalg.orth(nuisance / scale, rcond=1e-9)
-    left = columns - basis @ (basis.T @ columns)
-    sizes = np.maximum(np.linalg.norm(left, axis=0), 1e-300)
-    main, singular, _ = np.linalg.svd(left / sizes, full_matrices=False)
-    told = singular > _SAME * singular[0]
-    main = main[:, told][:, :rank]
-    rest = target - basis @ (basis.T @ target)
-    noise = np.sqrt(white)
-    return Projected(main.T @ rest / noise, main.T @ left / noise)
+    @property
+    def misfit(self) -> Misfit:
+        """What the law leaves over of the training records' histories; of no number where there are none."""
+        return Misfit(1.0, 0.0) if self.baseline is None else self.baseline.misfit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from discovery.explain.tension_law import CourseFit
+from discovery.residual.course_fit import CourseFit
 from discovery.separating_tests.hits import propose_tests
 from rom.effects import LawChange
 

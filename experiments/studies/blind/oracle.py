@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from discovery.explain.at_rest import explain_at_rest
+from discovery.explain import at_rest
 from discovery.explain.motion import motion_channels
-from discovery.explain.tension import explain_tension
+from discovery.explain.tension import explain_one
 from discovery.loop.refits import Refits
 from discovery.loop.result import ErrorsByKind
 from discovery.loop.state import State, cost, refit_fault, refitted, silent, without_effect
@@ -88,7 +88,9 @@ def oracle_errors(campaign: Campaign, twin: Campaign, truths: Sequence[Truth]) -
 def _fault_refitted(fault: SensorFault, evidence: WhitenedResidual, refits: Refits) -> WhitenedResidual:
     """A fault's numbers as the records before the hits tell them, or else what is left of it after these."""
     bare = refits.gathered(without_effect(evidence.baseline, fault), evidence.floors)
-    told = next((e.effect for e in explain_at_rest(bare) if e.effect.path == fault.path), None)
+    told = next(
+        (e.effect for e in at_rest.explain(bare, refits.options()) if e.effect.path == fault.path), None
+    )
     if told is not None:
         near = replace(bare.baseline, model=told.added_to(bare.baseline.model))
         return refitted(refits.gathered(near, evidence.floors))
@@ -103,9 +105,7 @@ def _fault_refitted(fault: SensorFault, evidence: WhitenedResidual, refits: Refi
 
 def _with_tension(effect: ModelCorrection, state: State, refits: Refits) -> State:
     """The state with an effect in the tension fitted beside the law; as it is where that asks for none."""
-    campaign, path = refits.campaign, effect.path
-    told = explain_tension(campaign, state.found, state.model, only=path).explanations
-    one = next((e for e in told if e.effect.path == path), None)
+    one = explain_one(refits.tension_of(state), refits.options(), effect.path)
     if one is None:
         raise ValueError(f"oracle: the tension tells nothing of {effect.name}")
     return refits.adopt(state, one) if any(one.gains(hold_out=False)) else state

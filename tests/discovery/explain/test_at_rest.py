@@ -11,7 +11,8 @@ import pytest
 import rom
 from discovery.decide.acceptance import is_accepted
 from discovery.decide.explanation import Explanation
-from discovery.explain.at_rest import explain_at_rest
+from discovery.explain.at_rest import explain
+from discovery.options import Options
 from rom.campaign.channels import FloatArray
 
 _RATE_HZ, _HIT_S, _RECORDS = 4800.0, 0.5, 10
@@ -38,7 +39,7 @@ def still(
 
 
 def sure(evidence: Any) -> list[Explanation]:
-    return [one for one in explain_at_rest(evidence) if is_accepted(one)]
+    return [one for one in explain(evidence, Options()) if is_accepted(one)]
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -96,4 +97,4 @@ def test_a_hammer_whose_channel_is_silent_until_it_strikes_tells_nothing() -> No
 
 
 def test_records_that_are_hit_at_once_tell_nothing() -> None:
-    assert not explain_at_rest(still(0.03, hit_s=0.1))
+    assert not explain(still(0.03, hit_s=0.1), Options())

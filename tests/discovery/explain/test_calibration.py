@@ -11,7 +11,8 @@ import pytest
 import rom
 from discovery.decide.acceptance import is_accepted
 from discovery.decide.explanation import Explanation
-from discovery.explain.calibration import explain_by_preloads
+from discovery.explain.calibration import explain
+from discovery.options import Options
 from rom.campaign.channels import FloatArray
 
 PRELOADS = np.repeat(np.geomspace(6.0, 3000.0, 20), 2)
@@ -41,7 +42,7 @@ def shown(
 
 
 def sure(evidence: Any) -> list[Explanation]:
-    return [one for one in explain_by_preloads(evidence) if is_accepted(one)]
+    return [one for one in explain(evidence, Options()) if is_accepted(one)]
 
 
 @pytest.mark.parametrize("scatter", [0.0, 0.002, 0.02, 0.1])
@@ -117,11 +118,11 @@ def test_campaigns_that_declare_none_tell_nothing() -> None:
     evidence = shown((-10.0, 0.0, 0.0))
     for trace in evidence.traces:
         trace.measurement.preload_n = None
-    assert explain_by_preloads(evidence) == ()
+    assert explain(evidence, Options()) == ()
 
 
 def test_a_fault_that_the_model_holds_is_not_looked_for_again() -> None:
     evidence = shown((-10.0, 0.0, 0.0))
     (found,) = sure(evidence)
     evidence.baseline.model = found.effect.added_to(evidence.baseline.model)
-    assert explain_by_preloads(evidence) == ()
+    assert explain(evidence, Options()) == ()

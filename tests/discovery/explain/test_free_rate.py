@@ -17,9 +17,9 @@ from discovery.courses.frozen_motion import freeze
 from discovery.courses.tension_likelihood import law_candidate
 from discovery.decide.chance import FALSE_ALARMS
 from discovery.decide.explanation import Explanation
-from discovery.explain import tension as tension_attribution
+from discovery.explain import free_rate
 from discovery.explain.free_rate import free_rates
-from discovery.explain.tension import TensionFindings, explain_freely
+from discovery.explain.tension import TensionFindings
 from discovery.explain.tension_law import LawSearch, _silent
 from discovery.localisation.tension import tension_views
 from discovery.loop import close_loop as refinement
@@ -28,8 +28,10 @@ from discovery.loop.free_tension import with_free_form
 from discovery.loop.history import LoopHistory, Selection
 from discovery.loop.refits import Refits
 from discovery.loop.state import silent
-from discovery.residual.tension import Drift
-from discovery.residual.tension_data import Data, Misfit
+from discovery.options import Options
+from discovery.residual.course_fit import CourseFits, Misfit
+from discovery.residual.tension import TensionResidual
+from discovery.residual.tension_data import TensionData
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, LawChange, free_form
 from rom.model.laws import Parameter
@@ -49,14 +51,14 @@ def rate(text: str, value: float) -> LawChange:
 
 
 @cache
-def data(g: float = 0.0, follows: float = 0.0) -> Data:
+def data(g: float = 0.0, follows: float = 0.0) -> TensionData:
     """Loosening tests of the paper's law, a rate more that is alike in all, seen by a gauge c |v|."""
     true = law_candidate(rom.paper_model(), rate(_ROOT, g), _NUMBERS, sharing=0)
     preloads = (8.0, 20.0, 60.0, 150.0, 300.0, 700.0, 1500.0, 3000.0, 40.0, 500.0)  # two are held out
     held = whole(freeze(rom.paper_model(), measured(true, preloads=preloads, scatter=0.5)))
     held = replace(held, change=held.change + follows * mean_speed(held.nodes, held.starts, held.courses[0]))
     seen = tuple(seen_of(held, case) for case in range(len(held)))
-    return Data(held.model, seen, held, len(seen) - 4, np.ones(len(seen)))
+    return TensionData(held.model, seen, held, len(seen) - 4, np.ones(len(seen)), _NUMBERS)
 
 
 def mean_speed(nodes: FloatArray, starts: Any, course: Any) -> FloatArray:
@@ -94,8 +96,8 @@ def test_what_a_gauge_that_follows_the_speed_explains_as_well_is_no_rate() -> No
 
 def test_a_proposal_is_fitted_as_effects_of_the_catalogue_are() -> None:
     of = data(_G)
-    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
-    base = search.baseline()
+    search = LawSearch(of)
+    base = search.fits.law_alone()
     assert not base.misfit.is_noise
     single = [(m, e) for m, e in free_rates(of) if len(e.parameters) == 1][:1]
     (found,), _ = search.explained(single, base, lambda: None)
@@ -112,9 +114,9 @@ def test_a_proposal_is_fitted_as_effects_of_the_catalogue_are() -> None:
 
 def test_what_noise_gives_as_well_has_a_chance_that_says_so() -> None:
     of = data()
-    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
+    search = LawSearch(of)
     member = CATALOGUE["loosening-ratchet"]
-    (found,), _ = search.explained([(member, member.at("tension"))], search.baseline(), lambda: None)
+    (found,), _ = search.explained([(member, member.at("tension"))], search.fits.law_alone(), lambda: None)
     assert found.p_value is not None
     assert found.p_value > FALSE_ALARMS
 
@@ -123,18 +125,17 @@ def test_a_free_form_that_explains_nothing_is_silent() -> None:
     assert list(_silent(rate(_ROOT, _G)).values) == [0.0]
 
 
-def explained_freely(monkeypatch: pytest.MonkeyPatch, of: Data) -> TensionFindings:
-    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
-    monkeypatch.setattr(tension_attribution, "_search", lambda *_: search)
-    return explain_freely(None, None, of.model)  # type: ignore[arg-type]
+def residual_of(monkeypatch: pytest.MonkeyPatch, of: TensionData) -> TensionResidual:
+    monkeypatch.setattr(TensionResidual, "data", of)
+    return TensionResidual(None, None, of.model)  # type: ignore[arg-type]
 
 
 def test_courses_at_noise_ask_for_no_free_form(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tension_attribution, "free_rates", None)  # not to be called
-    told = explained_freely(monkeypatch, data())
-    assert told.misfit.is_noise
-    assert told.explanations == ()
-    assert told.misfit.views
+    monkeypatch.setattr(free_rate, "free_rates", None)  # not to be called
+    residual = residual_of(monkeypatch, data())
+    assert free_rate.explain(residual, Options()) == ()
+    assert residual.misfit.is_noise
+    assert tension_views(residual.misfit)
 
 
 @pytest.mark.parametrize(("unseen", "kept"), [(1.8, 0), (30.0, 1)])
@@ -146,23 +147,23 @@ def test_held_out_records_must_ask_for_a_free_form(
         frozenset({"h"}), 1, left=1.0,
     )  # fmt: skip
     found = TensionFindings((one,), Misfit(9.0, 200.0))
-    monkeypatch.setattr(tension_attribution, "_explained", lambda *_: found)
-    assert len(explained_freely(monkeypatch, data(_G)).explanations) == kept
+    monkeypatch.setattr(free_rate, "compared", lambda *_: found)
+    assert len(free_rate.explain(residual_of(monkeypatch, data(_G)), Options())) == kept
 
 
 def test_a_model_has_one_free_form_in_its_tension_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tension_attribution, "free_rates", None)
+    monkeypatch.setattr(free_rate, "free_rates", None)
     of = data(_G)
     held = replace(of, model=replace(of.model, effects=(rate("max(T, 0)", 1e-6),)))
-    told = explained_freely(monkeypatch, held)
-    assert not told.misfit.is_noise
-    assert told.explanations == ()
+    residual = residual_of(monkeypatch, held)
+    assert free_rate.explain(residual, Options()) == ()
+    assert not residual.misfit.is_noise
 
 
 def test_what_is_left_over_has_a_place() -> None:
     of = data(_G)
-    noisy, quiet = (LawSearch(d, _NUMBERS, d.frozen, Drift(0.0, 0.0)).baseline() for d in (of, data()))
-    told, still = tension_views(noisy), tension_views(quiet)
+    noisy, quiet = (CourseFits(d).law_alone() for d in (of, data()))
+    told, still = tension_views(noisy.misfit), tension_views(quiet.misfit)
     assert set(told) == {"tension_by_preload", "tension_by_velocity", "tension_by_time"}
     assert all(0.2 < value < 2.0 for profile in still.values() for _, value in profile)
     assert max(value for _, value in told["tension_by_preload"]) > 2 * max(
@@ -202,14 +203,12 @@ def kept(
     path = LoopHistory((state(),))
     with_name = path.longer(Selection(explanation("loosening-ratchet"), ()), state(of_name))
     with_name = replace(with_name, tension=(Misfit(9.0, 200.0), Misfit(named, 200.0)))
-    free = TensionFindings((explanation("free-form"),), Misfit(9.0, 200.0))
-    told = iter(
-        [TensionFindings((), Misfit(9.0, 200.0))] * none
-        + [one for level in left for one in (free, TensionFindings((), Misfit(level, 200.0)))]
-    )
-    if max(error, 1.0) > 1.5 * min(of_name, 1.0):  # harm: what is left is not asked
-        told = iter([free] * 2)
-    return with_free_form(with_name, [path, with_name], lambda _: next(told), lambda *_: state(error))
+    explanations = iter([()] * none + [(explanation("free-form"),)] * 2)
+    misfits = iter([Misfit(level, 200.0) for level in left])
+    return with_free_form(
+        with_name, [path, with_name], lambda _: next(explanations), lambda _: next(misfits),
+        lambda *_: state(error),
+    )  # fmt: skip
 
 
 def names(path: LoopHistory) -> list[str]:
@@ -244,12 +243,11 @@ def test_a_free_form_that_ruins_an_error_is_not_kept() -> None:
 
 
 def test_the_loop_asks_for_a_free_form_where_more_than_noise_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    free = TensionFindings((explanation("free-form"),), Misfit(9.0, 200.0))
-    told = iter([free, TensionFindings((), Misfit(1.0, 200.0))])
-    monkeypatch.setattr(refinement, "explain_freely", lambda *_: next(told))
+    monkeypatch.setattr(free_rate, "explain", lambda *_: (explanation("free-form"),))
+    monkeypatch.setattr(TensionResidual, "misfit", Misfit(1.0, 200.0))
     monkeypatch.setattr(Refits, "adopt", lambda *_: state())
     for level, expected in ((1.0, []), (9.0, ["free-form"])):
         nothing = TensionFindings((), Misfit(level, 200.0))
-        monkeypatch.setattr(refinement, "explain_tension", lambda *_, n=nothing: n)
+        monkeypatch.setattr(refinement, "findings", lambda *_, n=nothing: n)
         loop = _Loop(Refits(None, None, 1, silent))  # type: ignore[arg-type]
         assert names(loop.in_tension(LoopHistory((state(),)))) == expected

@@ -11,9 +11,10 @@ import pytest
 
 import rom
 from discovery.decide.acceptance import is_accepted
-from discovery.explain.ground_motion import explain_disturbances
+from discovery.explain.ground_motion import explain
 from discovery.loop.close_loop import close_loop
 from discovery.loop.state import refitted
+from discovery.options import Options
 from discovery.residual.effect_forces import lasting_force
 from discovery.residual.output_error import WhitenedResidual, starting, whitened_residual_of
 from discovery.residual.trajectory import read_measurements
@@ -37,7 +38,7 @@ def evidence(*undeclared: Undeclared) -> WhitenedResidual:
 
 
 def test_a_ground_that_moves_is_found_with_its_frequency() -> None:
-    sure = [one for one in explain_disturbances(evidence(SHAKEN)) if is_accepted(one)]
+    sure = [one for one in explain(evidence(SHAKEN), Options()) if is_accepted(one)]
     best = max(sure, key=lambda one: float(one.gains(hold_out=False).sum()))
     assert best.effect.path == "body:lo.ground-motion"
     assert best.effect.parameters["f"].value == pytest.approx(11.3, abs=0.02)
@@ -60,13 +61,13 @@ def test_a_ground_that_moves_is_found_behind_what_the_hits_show(tmp_path: Path) 
 
 
 def test_what_is_told_does_not_depend_on_the_number_of_jobs() -> None:
-    alone, together = (explain_disturbances(evidence(SHAKEN), jobs) for jobs in (1, 2))
+    alone, together = (explain(evidence(SHAKEN), Options(jobs)) for jobs in (1, 2))
     assert [(one.effect, one.after) for one in alone] == [(one.effect, one.after) for one in together]
     assert alone
 
 
 def test_noise_alone_has_none() -> None:
-    assert not [one for one in explain_disturbances(evidence()) if is_accepted(one)]
+    assert not [one for one in explain(evidence(), Options()) if is_accepted(one)]
 
 
 def test_a_record_s_own_numbers_drive_its_bodies() -> None:

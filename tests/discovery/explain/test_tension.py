@@ -13,11 +13,15 @@ from discovery.courses.prediction import predict
 from discovery.courses.tension_likelihood import course, law_candidate, resimulated, slow_reading
 from discovery.decide.explanation import limited
 from discovery.explain.gauge import explained_by_gauge
-from discovery.explain.tension import explain_tension
+from discovery.explain.tension import explain
+from discovery.explain.tension_gain import at_bounds
 from discovery.explain.tension_law import LawSearch
 from discovery.laws.candidate import baseline
-from discovery.residual.tension import Drift, TensionObservation, thinned
-from discovery.residual.tension_data import Data, Misfit, at_bounds
+from discovery.options import Options
+from discovery.residual.course_fit import CourseFits, Misfit
+from discovery.residual.tension import TensionResidual
+from discovery.residual.tension_data import TensionData
+from discovery.residual.tension_records import Drift, TensionObservation, thinned
 from discovery.separating_tests.law_changes import separating_hits
 from rom.campaign.campaign import RecordSettings
 from rom.campaign.channels import FloatArray
@@ -36,14 +40,14 @@ def whole(held: FrozenMotion) -> FrozenMotion:
 
 
 @cache
-def data(name: str = "") -> Data:
+def data(name: str = "") -> TensionData:
     """Loosening tests of the paper's model, with a strong effect more by name."""
     effect = _STRONG if name else None
     true = law_candidate(rom.paper_model(), effect, _NUMBERS)
     preloads = (8.0, 20.0, 150.0, 700.0, 1500.0, 3000.0, 60.0, 300.0)  # the last two are held out
     held = whole(freeze(rom.paper_model(), measured(true, preloads=preloads)))
     seen = tuple(seen_of(held, case) for case in range(len(held)))
-    return Data(held.model, seen, held, len(seen) - 4, np.ones(len(seen)))
+    return TensionData(held.model, seen, held, len(seen) - 4, np.ones(len(seen)), _NUMBERS)
 
 
 def seen_of(held: FrozenMotion, case: int) -> TensionObservation:
@@ -60,8 +64,10 @@ def seen_of(held: FrozenMotion, case: int) -> TensionObservation:
     return TensionObservation(settings, found, bins, None, shown + noise, rate, x, force, {"lo": x}, _WHITE)
 
 
-def with_samples(of: Data, samples: list[FloatArray]) -> Data:
-    return replace(of, seen=tuple(replace(s, tension=new) for s, new in zip(of.seen, samples, strict=True)))
+def with_samples(of: TensionData, samples: list[FloatArray]) -> TensionData:
+    return replace(
+        of, records=tuple(replace(s, tension=new) for s, new in zip(of.records, samples, strict=True))
+    )
 
 
 def test_a_general_law_is_followed_as_its_exposures_are() -> None:
@@ -89,8 +95,8 @@ def test_frozen_courses_are_near_those_of_full_simulation() -> None:
 
 def test_what_changes_the_law_is_found_beside_the_refitted_law() -> None:
     of = data(_STRONG.name)
-    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
-    base = search.baseline()
+    search = LawSearch(of)
+    base = search.fits.law_alone()
     members = [CATALOGUE[name] for name in ("loosening-displacement", "loosening-threshold")]
     pairs = [(member, member.at("tension")) for member in members]
     found = {one.effect.name: one for one in search.explained(pairs, base, lambda: None)[0]}
@@ -111,8 +117,8 @@ def test_fits_do_not_depend_on_the_number_of_jobs() -> None:
     pairs = [(CATALOGUE[name], CATALOGUE[name].at("tension")) for name in names]
     told, done = [], []
     for jobs in (1, 3):
-        search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.02), jobs)
-        gained, base = search.explained(pairs, search.baseline(), lambda: done.append(1))
+        search = LawSearch(replace(of, drift=Drift(0.0, 0.02)), jobs)
+        gained, base = search.explained(pairs, search.fits.law_alone(), lambda: done.append(1))
         told.append([(one.effect, one.p_value, *one.gains) for one in gained] + [(base.training,)])
     assert told[0] == told[1]
     assert len(done) == 2 * 3  # a drift is not fitted: its size is each record's own
@@ -120,10 +126,10 @@ def test_fits_do_not_depend_on_the_number_of_jobs() -> None:
 
 def test_between_two_laws_a_hit_is_named_that_would_tell_them_apart_and_none_beside_a_reading() -> None:
     of = data(_STRONG.name)
-    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
+    search = LawSearch(of)
     members = [CATALOGUE[n] for n in ("loosening-displacement", "loosening-ratchet", "relaxation-log")]
     pairs = [(member, member.at("tension")) for member in members]
-    base = search.baseline()
+    base = search.fits.law_alone()
     found = {one.effect.name: one.slow for one in search.explained(pairs, base, lambda: None)[0]}
     law, rival, reading = (found[member.name] for member in members)
     told = separating_hits(law, rival)
@@ -138,34 +144,32 @@ def test_a_change_may_scatter_with_the_law_or_be_the_same_in_every_test(sharing:
     preloads = (8.0, 20.0, 60.0, 150.0, 300.0, 700.0, 1500.0, 3000.0)
     held = whole(freeze(rom.paper_model(), measured(true, preloads=preloads, scatter=0.7)))
     seen = tuple(seen_of(held, case) for case in range(len(held)))
-    search = LawSearch(
-        Data(held.model, seen, held, len(seen), np.ones(len(seen))), _NUMBERS, held, Drift(0.0, 0.0)
-    )
-    base = search.baseline()
+    search = LawSearch(TensionData(held.model, seen, held, len(seen), np.ones(len(seen)), _NUMBERS))
+    base = search.fits.law_alone()
     member = CATALOGUE[_STRONG.name]
     (found,), base = search.explained([(member, member.at("tension"))], base, lambda: None)
     assert not base.misfit.is_noise
     assert found.left == pytest.approx(1.0, abs=0.4)
     assert found.effect.parameters["g_x"].value == pytest.approx(0.5, rel=0.35)
     changed = replace(rom.paper_model(), effects=(_STRONG,))
-    again = LawSearch(replace(search.data, model=changed), _NUMBERS, held, Drift(0.0, 0.0)).baseline()
+    again = CourseFits(replace(search.data, model=changed)).law_alone()
     assert again.candidate.sharing == sharing
     assert again.misfit.is_noise
 
 
 def test_nothing_explains_courses_of_the_law_itself() -> None:
     of = data()
-    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
+    search = LawSearch(of)
     member = CATALOGUE["loosening-displacement"]
-    (one,), _ = search.explained([(member, member.at("tension"))], search.baseline(), lambda: None)
+    (one,), _ = search.explained([(member, member.at("tension"))], search.fits.law_alone(), lambda: None)
     assert -1 <= one.gains[: of.training].sum() < 12
-    assert search.baseline().misfit.is_noise
+    assert search.fits.law_alone().misfit.is_noise
 
 
 def test_a_baseline_that_was_not_fitted_well_lends_no_effect_its_loss() -> None:
     of = data()
-    search = LawSearch(of, _NUMBERS, of.frozen, Drift(0.0, 0.0))
-    good = search.baseline()
+    search = LawSearch(of)
+    good = search.fits.law_alone()
     missed = np.full_like(good.costs, 10.0)
     worse = replace(good.state, by_case=good.state.by_case + missed[: of.training])
     bad = replace(good, state=worse, costs=good.costs + missed)
@@ -179,7 +183,7 @@ def test_what_follows_the_motion_is_found_and_its_size() -> None:
     of = data()
     names = ("tension-follows-displacement", "tension-follows-displacement-squared")
     pairs = [(CATALOGUE[name], CATALOGUE[name].at("tension")) for name in names]
-    true = [seen.tension + 2e4 * seen.displacement for seen in of.seen]
+    true = [seen.tension + 2e4 * seen.displacement for seen in of.records]
     one, other = explained_by_gauge(with_samples(of, true), pairs)[0]
     number = one.effect.parameters["a"]
     assert number.low is not None
@@ -197,7 +201,7 @@ def test_a_late_gauge_is_found_from_the_step_of_the_loss(tau: float) -> None:
     fault = member.at("sensor:tension")
     assert isinstance(fault, SensorFault)
     late = fault.with_values(tau=tau)
-    shown = [late.apply(seen.tension, seen.rate_hz) for seen in of.seen]
+    shown = [late.apply(seen.tension, seen.rate_hz) for seen in of.records]
     (one,) = explained_by_gauge(with_samples(of, shown), [(member, fault)])[0]
     assert one.effect.parameters["tau"].value == pytest.approx(tau, rel=0.15)
     assert one.gains[of.training :].sum() > 20
@@ -206,9 +210,9 @@ def test_a_late_gauge_is_found_from_the_step_of_the_loss(tau: float) -> None:
 def test_hum_is_taken_out_by_what_is_told_before_the_hit() -> None:
     of, member = data(), CATALOGUE["hum"]
     fault = member.at("sensor:tension")
-    time = np.arange(max(len(seen.tension) for seen in of.seen)) / 4800.0
+    time = np.arange(max(len(seen.tension) for seen in of.records)) / 4800.0
     line = 2.0 * np.sin(2 * np.pi * 60.05 * time)
-    shown = [seen.tension + line[: len(seen.tension)] for seen in of.seen]
+    shown = [seen.tension + line[: len(seen.tension)] for seen in of.records]
     (found,), cost = explained_by_gauge(with_samples(of, shown), [(member, fault)])
     assert found.effect.parameters["f"].value == pytest.approx(60.05, abs=0.06)
     assert found.gains.sum() > 0.9 * cost.sum()
@@ -246,7 +250,7 @@ def test_an_effect_of_the_rig_comes_first(tmp_path: Path, name: str, place: str)
     run(tmp_path / "c", 12, 1.0, 3, 1, duration_s=2.5, undeclared=(Undeclared(name, place, {}),))
     campaign = rom.read_campaign(tmp_path / "c")
     found = identify_campaign(campaign)
-    first, second, *_ = explain_tension(campaign, found, found.model).explanations
+    first, second, *_ = explain(TensionResidual(campaign, found, found.model), Options())
     assert first.effect.name == name
     assert first.gains(hold_out=False).sum() > second.gains(hold_out=False).sum() + 20
     assert first.gains(hold_out=True).sum() > 0

@@ -12,7 +12,7 @@ import pytest
 
 import rom
 from discovery.decide.explanation import Explanation
-from discovery.explain.at_rest import explain_at_rest
+from discovery.explain import at_rest
 from discovery.explain.force_balance import ForceBalanceResidual
 from discovery.explain.motion import explanation
 from discovery.explain.tension import TensionFindings
@@ -24,8 +24,9 @@ from discovery.loop.history import LoopHistory, Selection
 from discovery.loop.redundant import without_needless, without_needless_in_tension
 from discovery.loop.refits import Refits
 from discovery.loop.state import State, silent, with_effects
+from discovery.options import Options
+from discovery.residual.course_fit import Misfit
 from discovery.residual.output_error import whiten
-from discovery.residual.tension_data import Misfit
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 from rom.campaign.channels import FloatArray
@@ -93,7 +94,7 @@ def test_a_fault_is_dropped_where_a_later_effect_has_made_it_needless(tmp_path: 
 def test_what_shows_before_the_hits_stays_whatever_the_motion_says(tmp_path: Path) -> None:
     mine = refits(tmp_path / "campaign", CUBIC, BIAS)
     first = mine.start()
-    (told,) = (e for e in explain_at_rest(first.evidence) if e.effect.name == "acceleration-bias")
+    (told,) = (e for e in at_rest.explain(first.evidence, Options()) if e.effect.name == "acceleration-bias")
     second = mine.adopt(first, told, floors_too=True)
     cubic = of_catalogue(CUBIC, 1.0)
     one = Selection(explanation(cubic, CATALOGUE["cubic-stiffness"], second.evidence), ())

@@ -8,13 +8,15 @@ from typing import Any
 import pytest
 
 from discovery.decide.explanation import Explanation
+from discovery.explain import free_rate
 from discovery.explain.tension import TensionFindings
 from discovery.loop import close_loop as refinement
 from discovery.loop.close_loop import _Loop
 from discovery.loop.history import LoopHistory
 from discovery.loop.refits import Refits
 from discovery.loop.state import silent
-from discovery.residual.tension_data import Misfit
+from discovery.residual.course_fit import Misfit
+from discovery.residual.tension import TensionResidual
 from rom.effects import CATALOGUE
 
 
@@ -40,7 +42,7 @@ def led(
     after = iter(errors[1:])
 
     def explain(*asked: Any) -> TensionFindings:
-        model, only = asked[2], asked[-1]
+        model, only = asked[0].model, asked[-1]
         told = found[len(model)] if len(model) < len(found) else ()
         level = levels[min(len(model), len(levels) - 1)]
         return TensionFindings(tuple(e for e in told if only in ("", e.effect.path)), Misfit(level, 100.0))
@@ -48,10 +50,9 @@ def led(
     def adopt(_: Refits, before: Any, one: Explanation) -> Any:
         return state(next(after, errors[-1]), model=(*before.model, one.effect.path))
 
-    nothing = TensionFindings((), Misfit(levels[-1], 100.0))
-    monkeypatch.setattr(refinement, "explain_tension", explain)
-    monkeypatch.setattr(refinement, "explain_freely", lambda *_: nothing)
-    monkeypatch.setattr(refinement, "tension_misfit", lambda *_: Misfit(levels[0], 100.0))
+    monkeypatch.setattr(refinement, "findings", explain)
+    monkeypatch.setattr(free_rate, "explain", lambda *_: ())
+    monkeypatch.setattr(TensionResidual, "misfit", Misfit(levels[0], 100.0))
     monkeypatch.setattr(Refits, "adopt", adopt)
     loop = _Loop(Refits(None, None, 1, silent))  # type: ignore[arg-type]
     return loop.in_tension(LoopHistory((state(errors[0], motion),)))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from discovery import close_loop
-from discovery.residual.tension import Drift, noises
+from discovery.residual.tension_records import Drift, noises
 from experiments.studies import rig
 from rom.campaign.campaign import read_campaign, write_campaign
 from rom.signals.tension_bins import bins_after_hit, bins_before_hit

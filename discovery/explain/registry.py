@@ -1,0 +1,53 @@
+"""Every explainer by name: what it takes, and where it is.
+
+An explainer is a function ``explain(residual, options)`` that returns an `Explanation` of every effect that
+it knows. A new one is a module of this folder and a line here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from types import MappingProxyType
+from typing import Any, Literal
+
+from discovery.decide.explanation import Explanation
+from discovery.options import Options
+
+Takes = Literal["output-error", "tension", "force-balance"]
+
+
+@dataclass(frozen=True)
+class Explainer:
+    """A function that explains residuals of one kind, imported when it is called.
+
+    Attributes
+    ----------
+    module : str
+        With a function ``explain``.
+    takes : {"output-error", "tension", "force-balance"}
+        The residual: `discovery.residual.output_error.WhitenedResidual`,
+        `discovery.residual.tension.TensionResidual` or
+        `discovery.explain.force_balance.ForceBalanceResidual`.
+    """
+
+    module: str
+    takes: Takes
+
+    def __call__(self, residual: Any, options: Options) -> Sequence[Explanation]:
+        """Return what every effect explains, see `discovery.decide.explanation.Explanation`."""
+        found: Sequence[Explanation] = import_module(self.module).explain(residual, options)
+        return found
+
+
+EXPLAINERS: Mapping[str, Explainer] = MappingProxyType(
+    {
+        "calibration": Explainer("discovery.explain.calibration", "output-error"),
+        "at rest": Explainer("discovery.explain.at_rest", "output-error"),
+        "ground motion": Explainer("discovery.explain.ground_motion", "output-error"),
+        "free form": Explainer("discovery.explain.free_form", "output-error"),
+        "tension": Explainer("discovery.explain.tension", "tension"),
+        "free rate": Explainer("discovery.explain.free_rate", "tension"),
+    }
+)

@@ -1,0 +1,128 @@
+"""Few numbers of the fast part of a record's tension.
+
+The fast part is what the measured tension has beyond a course that was simulated with the record's own rate.
+It is projected on a few columns, each what one effect would add, after directions that a wrong course or slow
+noise could take are projected out; whitened by the gauge's noise before the hit, what is left are numbers of
+unit variance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import linalg
+
+from discovery.residual.tension_records import TensionObservation
+from rom.campaign.channels import FloatArray
+from rom.effects import SensorFault
+
+_WINDOW_S, _EARLY_S, _LEAD_S = 1.2, 0.06, 0.005
+_SLOWEST_HZ = 6.0  # below it a course that is wrong and slow noise are not told from an effect
+_LOSSES_S = (1e-3, 4e-3, 1.5e-2, 5e-2)
+_SAME = 1e-8
+_RANK = 5
+_ALLOWED = 0.3  # of the noise of a sample: so much of the peaks of any column is no finding
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """Whitened numbers of one record: `seen`, and what an effect adds, a column for every trial.
+
+    `own` are the record's own coefficients of the columns from before the hit, where it has such.
+    """
+
+    seen: FloatArray
+    columns: FloatArray
+    own: FloatArray | None = None
+
+
+def rest_of(seen: TensionObservation, nodes: FloatArray) -> FloatArray:
+    """Measured tension less the course simulated with the record's own rate [N], at all samples."""
+    time = np.arange(len(seen.tension)) / seen.rate_hz - seen.course.impact_s
+    change = np.interp(time, nodes[0], nodes[5]) - nodes[5, 0]
+    return np.asarray(seen.tension - seen.course.initial - change)
+
+
+def _window(seen: TensionObservation, start_s: float, end_s: float) -> slice:
+    first = int((seen.course.impact_s + start_s) * seen.rate_hz)
+    return slice(max(first, 0), min(int((seen.course.impact_s + end_s) * seen.rate_hz), len(seen.tension)))
+
+
+def following(seen: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray]) -> Projected:
+    """Project the fast part on readings of strength one that follow the motion, (samples,) each."""
+    found = _after_hit(seen, nodes, columns)
+    peaks = [np.abs(column[_window(seen, 0.0, _WINDOW_S)]).max() for column in columns]
+    share = _ALLOWED * np.sqrt(seen.white) / np.maximum(peaks, 1e-300)
+    return _allowing(found, found.columns * share)
+
+
+def _after_hit(seen: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray]) -> Projected:
+    window = _window(seen, 0.0, _WINDOW_S)
+    time = (np.arange(window.start, window.stop) / seen.rate_hz) - seen.course.impact_s
+    length = float(time[-1])
+    order = np.arange(int(2 * _SLOWEST_HZ * length) + 1)
+    slow = np.cos(np.pi * np.outer(time / length, order))
+    losses = np.exp(-np.outer(time, 1 / np.array(_LOSSES_S)))
+    course = np.interp(time, nodes[0], nodes[5])[:, None]
+    target, rows = rest_of(seen, nodes)[window], np.stack([c[window] for c in columns], axis=1)
+    return _projected(target, rows, np.hstack([slow, losses, course]), seen.white)
+
+
+def _allowing(found: Projected, allowed: FloatArray) -> Projected:
+    """Whiten for what each record may have, columns of one standard deviation: no gauge is ideal."""
+    root = np.linalg.cholesky(np.eye(len(found.seen)) + allowed @ allowed.T)
+    return Projected(np.linalg.solve(root, found.seen), np.linalg.solve(root, found.columns))
+
+
+def altered(
+    seen: TensionObservation, nodes: FloatArray, faults: Sequence[SensorFault], least: int
+) -> Projected:
+    """Project the part about the hit on what faults would make of the course, a column for every fault.
+
+    One as small as the fault of the number ``least`` is no finding.
+    """
+    window = _window(seen, -_LEAD_S, _EARLY_S)
+    time = (np.arange(window.start, window.stop) / seen.rate_hz) - seen.course.impact_s
+    course = np.interp(time, nodes[0], nodes[5])
+    columns = np.stack([fault.apply(course, seen.rate_hz) - course for fault in faults], axis=1)
+    x = seen.displacement[window]
+    nuisance = np.stack([np.ones_like(time), course, x, x**2], axis=1)
+    found = _projected(rest_of(seen, nodes)[window], columns, nuisance, seen.white, _RANK)
+    return _allowing(found, found.columns[:, [least]])
+
+
+def disturbed(
+    seen: TensionObservation, nodes: FloatArray, groups: Sequence[Sequence[FloatArray]]
+) -> Projected:
+    """Project the part after the hit on groups of columns, with coefficients of each group from before it.
+
+    Drawn towards zero as far as noise alone could have moved them.
+    """
+    after = _after_hit(seen, nodes, [unit for group in groups for unit in group])
+    window = _window(seen, -10.0, -2e-3)
+    target = seen.tension[window] - seen.tension[window].mean()
+    own = []
+    for group in groups:
+        rows = np.stack([unit[window] for unit in group], axis=1)
+        rows = rows - rows.mean(axis=0)
+        found = np.linalg.lstsq(rows, target, rcond=None)[0]
+        chi_square = float(((rows @ found) ** 2).sum()) / seen.white
+        own.append(found * max(0.0, 1 - len(group) / max(chi_square, 1e-300)))
+    return replace(after, own=np.concatenate(own))
+
+
+def _projected(
+    target: FloatArray, columns: FloatArray, nuisance: FloatArray, white: float, rank: int | None = None
+) -> Projected:
+    scale = np.maximum(np.linalg.norm(nuisance, axis=0), 1e-300)
+    basis = linalg.orth(nuisance / scale, rcond=1e-9)
+    left = columns - basis @ (basis.T @ columns)
+    sizes = np.maximum(np.linalg.norm(left, axis=0), 1e-300)
+    main, singular, _ = np.linalg.svd(left / sizes, full_matrices=False)
+    told = singular > _SAME * singular[0]
+    main = main[:, told][:, :rank]
+    rest = target - basis @ (basis.T @ target)
+    noise = np.sqrt(white)
+    return Projected(main.T @ rest / noise, main.T @ left / noise)
