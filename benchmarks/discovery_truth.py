@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -92,9 +92,7 @@ def truth_of(terms: tuple[LooseningTerm, ...]) -> Truth:
 def held_out_error(law: Law | Candidate, hold_out: FrozenMotion) -> float:
     """Median over records of the error of the re-simulated loss [%]; infinite where a simulation fails."""
     rate = law.law() if isinstance(law, Candidate) else law
-    link = hold_out.link
-    laws = replace(hold_out.model.link_laws[link], tension_rate=rate)
-    model = replace(hold_out.model, link_laws={**hold_out.model.link_laws, link: laws})
+    model = hold_out.model.with_tension_law(rate, hold_out.link)
     errors = []
     for course, change in zip(hold_out.courses, hold_out.change, strict=True):
         initial = max(course.initial, 0.0)

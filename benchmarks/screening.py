@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import replace
 
 import numpy as np
 from rich.console import Console
@@ -18,7 +17,6 @@ from benchmarks.frozen_screening import freeze, screen
 from benchmarks.peers import RATE_HZ, FloatArray
 from benchmarks.simulation import NOISE_N, hit
 from rom.model.laws import Law, logistic_loosening, power_loosening
-from rom.model.model import Model
 from rom.parameters.he_2025 import paper_model
 
 FULL, OTHERS = 400, 400
@@ -37,12 +35,6 @@ def candidates(count: int, rng: np.random.Generator) -> list[Law]:
             depth, rho = rng.normal(7.974, 0.5), -0.00362 * rng.lognormal(0.0, 0.3)
             laws.append(logistic_loosening(11.79 + shift, depth, rho, exponent))
     return laws
-
-
-def with_law(model: Model, law: Law) -> Model:
-    """The model with another tension law."""
-    joint = replace(model.link_laws["joint"], tension_rate=law)
-    return replace(model, link_laws={**model.link_laws, "joint": joint})
 
 
 def main(count: int = 10_000, cases: int = 58, full_count: int = FULL, others: int = OTHERS) -> None:
@@ -72,7 +64,9 @@ def main(count: int = 10_000, cases: int = 58, full_count: int = FULL, others: i
     rest = rng.permutation(np.arange(full_count, count))[:others]
     places = np.concatenate([np.arange(min(full_count, count)), rest])
     start = time.perf_counter()
-    full = [score(with_law(model, laws[i]).final_tension(forces, RATE_HZ, tensions)) for i in order[places]]
+    full = [
+        score(model.with_tension_law(laws[i]).final_tension(forces, RATE_HZ, tensions)) for i in order[places]
+    ]
     spent = time.perf_counter() - start
     console.print(
         f"simulate the {full_count} best and {len(rest)} others in full on one thread: {spent:.1f} s"

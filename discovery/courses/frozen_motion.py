@@ -249,7 +249,7 @@ def _simulated(model: Model, courses: Sequence[TensionCourse], end_s: float) -> 
     found = []
     for course, estimate in zip(courses, gammas, strict=True):
         rate = power_loosening(max(estimate.gamma, 0.0))
-        own = replace(model, link_laws={**model.link_laws, link.name: replace(laws, tension_rate=rate)})
+        own = model.with_tension_law(rate, link.name)
         response = own.simulate({course.body: course.force}, course.rate_hz, course.initial)
         hit = round(course.impact_s * course.rate_hz)
         first = max(hit - round(_LEAD_S * course.rate_hz), 0)

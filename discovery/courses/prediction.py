@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,8 +52,7 @@ def resimulate(
     if not candidate.terms:
         return np.zeros_like(frozen.change)
     link, law = frozen.link, candidate.law()
-    laws = replace(frozen.model.link_laws[link], tension_rate=law)
-    model = replace(frozen.model, link_laws={**frozen.model.link_laws, link: laws})
+    model = frozen.model.with_tension_law(law, link)
     rates = frozen.factors(deviations)
     out = np.empty_like(frozen.change)
     keys = [(c.body, c.rate_hz, len(c.force), c.tension_rate_hz) for c in frozen.courses]

@@ -118,7 +118,7 @@ def law_candidate(
         law = change.changed(law, prefix_of(change), first)
     rate = law if _OWN in law.parameters else _scattering(law)
     own = tuple(n for n in rate.parameters if n != _OWN and (n in baseline or n not in first.parameters))
-    beside = None if isinstance(effect, LawChange) else effect
+    beside = None if effect is None or effect.kind == "law change" else effect
     added = tuple(beside.parameters) if beside is not None else ()
     return LawCandidate(rate.name, (), (), rate=rate, effect=beside, moved=(*own, *added), sharing=sharing)
 
@@ -136,7 +136,7 @@ def changes_of(model: Model, effect: ModelCorrection | None) -> tuple[LawChange,
 
 def names_of(effect: ModelCorrection) -> Mapping[str, str]:
     """Names of an effect's numbers among a candidate's, by their names in the effect."""
-    if not isinstance(effect, LawChange):
+    if effect.kind != "law change":
         return {name: name for name in effect.parameters}
     return {name: prefix_of(effect) + name for name in effect.parameters}
 
@@ -217,9 +217,8 @@ def acts_at_rest(reading: Reading) -> bool:
 def resimulated(candidate: LawCandidate, frozen: FrozenMotion, u: FloatArray, model: Model) -> FloatArray:
     """Changes of the measured tension [N] by full simulation, (cases, bins); nan where it diverged."""
     link, effect = frozen.link, candidate.effect
-    laws = replace(model.link_laws[link], tension_rate=candidate.acting)
-    kept = tuple(e for e in model.effects if not isinstance(e, (LawChange, Reading, SensorFault)))
-    own = replace(model, link_laws={**model.link_laws, link: laws}, effects=kept)
+    own = model.without_effects_of("law change", "reading", "sensor fault")
+    own = own.with_tension_law(candidate.acting, link)
     measured = frozen.initial
     initial = effect.remove(measured, 1.0) if isinstance(effect, SensorFault) else measured
     out = np.empty_like(frozen.change)

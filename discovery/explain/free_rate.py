@@ -76,7 +76,7 @@ def explain(residual: TensionResidual, options: Options) -> tuple[Explanation, .
         cost with a price for every term. None where the courses are at noise, or the model has a free form
         in its tension already.
     """
-    taken = any(isinstance(e, LawChange) and e.name == FREE_FORM for e in residual.model.effects)
+    taken = any(e.name == FREE_FORM for e in residual.model.effects_of("law change"))
     if residual.data is None or residual.misfit.is_noise or taken:
         return ()
     fitted = compared(residual, free_rates(residual.data, options.seed), (), options).explanations

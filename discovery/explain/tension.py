@@ -95,7 +95,7 @@ def findings(residual: TensionResidual, options: Options, path: str = "") -> Ten
         (member, effect)
         for member, effect in candidates(residual.model, ["tension"])
         if effect.enters in ("tension", "sensor:tension") and effect.path not in held
-        and isinstance(effect, (LawChange, Reading, SensorFault))
+        and effect.kind != "force"
     ]  # fmt: skip
     fast = [pair for pair in effects if not _of_course(*pair)]
     slow = [pair for pair in effects if _of_course(*pair) and path in ("", pair[1].path)]

@@ -226,10 +226,7 @@ class Ranking(Viewed):
 
 def with_law(model: Model, law: RankedLaw) -> Model:
     """Return the model with this tension law in its bolted link."""
-    link = model.structure.bolted_links[0]
-    rate = free_form_law(law.name, law.equation, "tension rate", law.parameters)
-    laws = replace(model.link_laws[link], tension_rate=rate)
-    return replace(model, link_laws={**model.link_laws, link: laws})
+    return model.with_tension_law(free_form_law(law.name, law.equation, "tension rate", law.parameters))
 
 
 def names_of(candidates: Sequence[Candidate]) -> list[str]:

@@ -12,7 +12,6 @@ from discovery.residual.course_fit import CourseFit, CourseFits, Misfit
 from discovery.residual.tension_data import TensionData
 from discovery.residual.tension_records import drifted, frozen_of, noises, read_tensions
 from rom.campaign.campaign import Campaign
-from rom.effects import Reading
 from rom.identification.identify import Identification
 from rom.model.model import Model
 from rom.signals.per_record_parameters import per_record_names
@@ -57,7 +56,7 @@ class TensionResidual:
         if noise_of is None:
             return None
         steady, drifting, drift = noise_of
-        drifts = any(isinstance(e, Reading) and per_record_names(e) for e in self.model.effects)
+        drifts = any(per_record_names(e) for e in self.model.effects_of("reading"))
         noise = drifting if drifts else steady
         fit = self.identification.gamma_fit
         frozen = frozen_of(records, noise, self.model)

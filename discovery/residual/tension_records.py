@@ -11,8 +11,7 @@ from joblib import Parallel, delayed
 from discovery.courses.frozen_motion import FrozenMotion, freeze
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import FloatArray
-from rom.effects import Effect, Motion, Reading, SensorFault
-from rom.model.law_change import LawChange
+from rom.effects import Motion
 from rom.model.model import Model
 from rom.signals.measured_records import measured_record
 from rom.signals.per_record_parameters import own_numbers, per_record_names
@@ -90,7 +89,7 @@ def _seen(campaign: Campaign, record: RecordSettings, model: Model) -> TensionOb
 
 def _without_known(measurement: Measurement, model: Model) -> tuple[Measurement, Motion]:
     """The record as its gauge would show it without what the model knows, and the measured motion."""
-    gauge = replace(model, effects=tuple(e for e in model.effects if not isinstance(e, Effect)))
+    gauge = model.without_effects_of("force")
     if any(per_record_names(effect) for effect in gauge.effects):
         gauge, _ = own_numbers(gauge, measurement, None)
     measurement = corrected(measurement, gauge)
@@ -98,7 +97,7 @@ def _without_known(measurement: Measurement, model: Model) -> tuple[Measurement,
     assert tension is not None
     assert tension.windows is not None
     motion = _motion(measurement, tension, gauge)
-    readings = [effect for effect in gauge.effects if isinstance(effect, Reading)]
+    readings = gauge.effects_of("reading")
     if not readings:
         return measurement, motion
     samples = tension.samples
@@ -228,8 +227,8 @@ def _first(bins: TensionBins, count: int, change: FloatArray) -> TensionBins:
 def frozen_of(seen: Sequence[TensionObservation], noise: CourseNoise, model: Model) -> FrozenMotion:
     """Motion of all records, frozen, thinned to what a law's course needs."""
     courses = [replace(s.course, covariance=noise.covariance(s.bins)) for s in seen]
-    kept = tuple(e for e in model.effects if not isinstance(e, (LawChange, Reading, SensorFault)))
-    frozen = freeze(replace(model, effects=kept, identification=None), courses)
+    moving = model.without_effects_of("law change", "reading", "sensor fault")
+    frozen = freeze(replace(moving, identification=None), courses)
     return thinned(frozen, [s.settings.test == "coupled" for s in seen])
 
 

@@ -12,7 +12,7 @@ from scipy import fft, ndimage
 from discovery.residual.free_parameters import FreeParameters
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import MOTIONS, FloatArray
-from rom.effects import Effect, LawChange, Reading, SensorFault
+from rom.effects import SensorFault
 from rom.evaluation.replay import Replay, replay
 from rom.identification.gamma import LooseningCase, matching_factors, matching_gammas, own_rate
 from rom.identification.noise_spectrum import Group
@@ -194,7 +194,7 @@ def _own(model: Model) -> dict[str, dict[str, float]]:
     return {
         effect.path: {name: effect.parameters[name].value for name in per_record_names(effect)}
         for effect in model.effects
-        if isinstance(effect, Effect) and per_record_names(effect)
+        if effect.kind == "force" and per_record_names(effect)
     }
 
 
@@ -263,23 +263,17 @@ def _own_models(
         )  # fmt: skip
     if not cases:
         return {}
-    read = replace(model, effects=tuple(e for e in model.effects if not isinstance(e, Reading)))
-    if any(isinstance(effect, LawChange) for effect in read.effects):
+    read = model.without_effects_of("reading")
+    if read.effects_of("law change"):
         factors, failed = matching_factors(read, cases, window_s, tolerance=_AS_MEASURED)
         own = np.where(failed, 1.0, np.maximum(factors, 0.0))
         models = [read.with_effect(own_rate(float(factor))) for factor in own]
     else:
         gammas, _ = matching_gammas(read, cases, window_s, tolerance=_AS_MEASURED)
-        models = [_with_gamma(read, max(float(gamma), 0.0)) for gamma in gammas]
+        models = [read.with_tension_law(power_loosening(max(float(gamma), 0.0))) for gamma in gammas]
     return {case.file: own for case, own in zip(cases, models, strict=True)}
 
 
 def _is_of_course(fault: SensorFault) -> bool:
     """Whether a fault, alike in all records, is of what the course of a tension is told by."""
     return not per_record_names(fault) and not fault.channel.startswith(MOTIONS)
-
-
-def _with_gamma(model: Model, gamma: float) -> Model:
-    link = model.structure.bolted_links[0]
-    laws = replace(model.link_laws[link], tension_rate=power_loosening(gamma))
-    return replace(model, link_laws={**model.link_laws, link: laws})

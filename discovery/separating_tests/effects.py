@@ -22,7 +22,7 @@ from discovery.residual.free_parameters import effect_number, size_of
 from discovery.residual.output_error import WhitenedResidual, whiten
 from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
-from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
+from rom.effects import CATALOGUE, ModelCorrection
 from rom.evaluation.replay import replay
 from rom.identification.spectral_model import ComplexArray, SpectralRecord
 
@@ -91,7 +91,7 @@ def separating_tests(
     list of str
         Empty for effects that do not act on the motion.
     """
-    in_motion = [isinstance(one, Effect | SensorFault) for one in (best, *rivals)]
+    in_motion = [one.kind in ("force", "sensor fault") for one in (best, *rivals)]
     if not in_motion[0] or not any(in_motion[1:]):
         return [""] * len(rivals)
     tests = list(_tests(evidence))

@@ -15,7 +15,7 @@ more than that, and such hits are not proposed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
@@ -196,8 +196,7 @@ def _response(found: Fit, frozen: FrozenMotion, grid: _Grid) -> _Response:
 def _simulated(
     candidate: Candidate, deviations: FloatArray, frozen: FrozenMotion, grid: _Grid, force: FloatArray
 ) -> FloatArray:
-    laws = replace(frozen.model.link_laws[frozen.link], tension_rate=candidate.law())
-    model = replace(frozen.model, link_laws={**frozen.model.link_laws, frozen.link: laws})
+    model = frozen.model.with_tension_law(candidate.law(), frozen.link)
     rated = candidate.rated(frozen.factors(deviations))
     vary = {f"{frozen.link}.tension_rate.{name}": values for name, values in rated.items()}
     edges = _LEAD_S + grid.offsets_s

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 from discovery.residual.course_fit import CourseFit
 from discovery.separating_tests.hits import propose_tests
-from rom.effects import LawChange
 
 _ODDS = 100.0
 
@@ -28,9 +27,8 @@ def separating_hits(best: CourseFit | None, rival: CourseFit | None) -> str:
     if best is None or rival is None or best.candidate.effect or rival.candidate.effect:
         return ""
     frozen = best.problem.frozen
-    model = frozen.model  # the changes are in the laws that are compared
-    kept = tuple(effect for effect in model.effects if not isinstance(effect, LawChange))
-    guide = replace(frozen, model=replace(model, effects=kept))
+    # the changes are in the laws that are compared
+    guide = replace(frozen, model=frozen.model.without_effects_of("law change"))
     tests = propose_tests([best.fit, rival.fit], guide, most_tests=1, odds=_ODDS)
     if not tests:
         return "none of the hits tried, up to 60 of them 1.5 times as hard as those at hand"

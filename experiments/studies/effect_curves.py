@@ -10,7 +10,7 @@ import numpy as np
 
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import FloatArray
-from rom.effects import Effect, LawChange, ModelCorrection, Reading
+from rom.effects import LawChange, ModelCorrection, Reading
 from rom.effects.observation import motion_of
 from rom.evaluation.replay import Replay, replay
 from rom.model.link_force import force_of_effects
@@ -36,9 +36,7 @@ def effect_curves(
     """
     one_bolt = len(model.structure.bolted_links) == 1
     drawn = [
-        e.enters in model.link_laws
-        if isinstance(e, Effect)
-        else one_bolt and isinstance(e, LawChange | Reading)
+        e.enters in model.link_laws if e.kind == "force" else one_bolt and e.kind in ("law change", "reading")
         for e in effects
     ]
     if not any(drawn):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rom.model.effect import FloatArray, Motion, Reading
+from rom.model.effect import FloatArray, Motion
 from rom.model.link_force import force_of_effects
 
 if TYPE_CHECKING:
@@ -52,7 +52,6 @@ def tension_reading(model: Model, response: Response, impact_s: float = 0.0) -> 
         If the model has not one bolted link.
     """
     motion, shown = motion_of(model, response, impact_s), np.asarray(response.tension, dtype=np.float64)
-    for effect in model.effects:
-        if isinstance(effect, Reading):
-            shown = effect.apply(shown, motion)
+    for reading in model.effects_of("reading"):
+        shown = reading.apply(shown, motion)
     return shown

@@ -10,7 +10,6 @@ from joblib import Parallel, delayed
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.evaluation.error_measures import Comparison, compare_all
 from rom.identification.reduce import Progress
-from rom.model.law_change import LawChange
 from rom.model.laws import no_loosening
 from rom.model.model import Model
 from rom.signals.measured_records import measured_record
@@ -53,8 +52,7 @@ def without_loosening(model: Model) -> Model:
         name: replace(laws, tension_rate=no_loosening() if laws.tension_rate is not None else None)
         for name, laws in model.link_laws.items()
     }
-    effects = tuple(effect for effect in model.effects if not isinstance(effect, LawChange))
-    return replace(model, link_laws=laws, effects=effects)
+    return replace(model.without_effects_of("law change"), link_laws=laws)
 
 
 def _judge_record(models: Sequence[Model], campaign: Campaign, settings: RecordSettings) -> Evaluation:

@@ -17,7 +17,6 @@ import numpy as np
 from rom.campaign.channels import Channel, FloatArray
 from rom.effects.observation import motion_of
 from rom.model.assembly import Response
-from rom.model.effect import Reading
 from rom.model.model import Model
 from rom.model.structure import GROUND, Structure
 from rom.signals.per_record_parameters import at_rest, own_numbers
@@ -115,7 +114,7 @@ def shown_tension(run: Replay, tension: TensionRecord) -> tuple[FloatArray, Floa
     """
     time = np.arange(len(tension.samples)) / tension.rate_hz
     held = np.interp(time, run.response.time, np.asarray(run.response.tension))
-    readings = [effect for effect in run.model.effects if isinstance(effect, Reading)]
+    readings = run.model.effects_of("reading")
     if not readings:
         return held, held
     seen = run.measurement
@@ -186,7 +185,7 @@ def _initial_tension(model: Model, measurement: Measurement) -> Mapping[str, flo
 
 def _shown_at_rest(model: Model, measurement: Measurement, tension: TensionRecord) -> float:
     """Mean of what the readings of a model add to the tension [N] in the window of its initial value."""
-    readings = [effect for effect in model.effects if isinstance(effect, Reading)]
+    readings = model.effects_of("reading")
     if not readings or tension.windows is None:
         return 0.0
     first, last = tension.windows.initial_s

@@ -19,7 +19,6 @@ from scipy.optimize import elementwise
 from rom.campaign.channels import FloatArray
 from rom.effects import LawChange
 from rom.identification.curve_fits import LawFit, covariance_of, gamma_curve, with_limits
-from rom.model.description import LinkLaws
 from rom.model.laws import Parameter, power_loosening
 from rom.model.model import Model
 
@@ -175,9 +174,7 @@ def _matching(
 
 def _with_power(model: Model, exponent: float) -> Model:
     """The model with ``gamma |v|^n T`` for its tension's law."""
-    link = model.structure.bolted_links[0]
-    laws = replace(model.link_laws[link], tension_rate=power_loosening(1.0, exponent))
-    return replace(model, link_laws={**model.link_laws, link: laws})
+    return model.with_tension_law(power_loosening(1.0, exponent))
 
 
 def _small_loss_gamma(
@@ -200,7 +197,6 @@ def refine_gamma_law(
     error s of the loss, scatter tau of ln gamma. It is (m - l) / s where a loss is small and ln(m / l) / tau
     where it is large, with unit variance in between, so that small losses neither bias the law nor drop out.
     """
-    link = model.structure.bolted_links[0]
     initial = np.array([case.initial for case in cases])
     measured = initial - np.array([case.final for case in cases])
     error = np.maximum([case.loss_error for case in cases], _LEAST_LOSS_ERROR)
@@ -208,8 +204,7 @@ def refine_gamma_law(
 
     def loss(parameters: FloatArray) -> FloatArray:
         law = fit.law.with_values(**dict(zip(fit.free, parameters, strict=True)))
-        laws: LinkLaws = replace(model.link_laws[link], tension_rate=law)
-        final = final_tensions(replace(model, link_laws={**model.link_laws, link: laws}), cases, window_s)
+        final = final_tensions(model.with_tension_law(law), cases, window_s)
         return np.asarray(initial - np.where(np.isfinite(final), final, 0.0))
 
     covariance = fit.covariance

@@ -342,10 +342,8 @@ def _without_loosening(found: Identification) -> Identification:
     if not told or tension_levels(np.array([g.initial for g in found.gamma])):
         text = "no case loosened: the tension law stays dT/dt = 0"
         return replace(found, warnings=(*found.warnings, text))
-    link = found.model.structure.bolted_links[0]
-    laws = replace(found.model.link_laws[link], tension_rate=power_loosening(float(np.median(told))))
     text = "no case loosened: the median of the negative gammas that tighten stands for all tensions"
-    model = replace(found.model, link_laws={**found.model.link_laws, link: laws})
+    model = found.model.with_tension_law(power_loosening(float(np.median(told))))
     return replace(found, model=model, warnings=(*found.warnings, text))
 
 
@@ -379,8 +377,6 @@ def _with_loosening(
         starts = [logistic_loosening(2 * top - bottom, 2 * (top - bottom), -1 / scale) for scale in scales]
         case_fit = fit_law(starts, free, tension, values, covariance, files, gamma_curve)
     by_file = {case.file: case for case in cases}
-    link = found.model.structure.bolted_links[0]
     refined = refine_gamma_law(found.model, [by_file[file] for file in files], window_s, case_fit)
-    laws = replace(found.model.link_laws[link], tension_rate=refined.law)
-    model = replace(found.model, link_laws={**found.model.link_laws, link: laws})
+    model = found.model.with_tension_law(refined.law)
     return replace(found, model=model, gamma=gamma, gamma_case_fit=case_fit, gamma_fit=refined)

@@ -11,7 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from rom.model.description import PLACES, LinkLaws, ModelDescription
-from rom.model.effect import Effect
 from rom.model.laws import constant_stiffness
 from rom.model.structure import Structure
 from rom.viewed import Viewed
@@ -106,7 +105,7 @@ def assemble(model: ModelDescription) -> Assembly:
     layout = _Layout()
     layout.add("body", (f"{name}.mass" for name in structure.body_names), structure.masses)
     zero = layout.add("", (), (0.0,))
-    driven = [(_link_index(structure, e.enters), e) for e in model.effects if isinstance(e, Effect)]
+    driven = [(_link_index(structure, e.enters), e) for e in model.effects_of("force")]
     laws = [_law_row(layout, name, link_laws[name]) for name in structure.link_names]
     nothing = constant_stiffness(0.0).address
     loaded = sorted({link for link, _ in driven if link >= len(laws)})  # bodies with effects of their own

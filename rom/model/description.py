@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
-from typing import Self
+from typing import Literal, Self, overload
 
-from rom.model.effect import ModelCorrection
+from rom.model.effect import Effect, Kind, ModelCorrection, Reading, SensorFault
 from rom.model.law_change import LawChange, change_law
 from rom.model.laws import Law, Parameter
 from rom.model.places import check_effects, places_of
@@ -101,7 +101,7 @@ class ModelDescription:
     @cached_property
     def changed_laws(self) -> tuple[Mapping[str, LinkLaws], Mapping[str, str]]:
         """Laws with all changes in them, and where those have the parameters of the changes."""
-        changes = [effect for effect in self.effects if isinstance(effect, LawChange)]
+        changes = self.effects_of("law change")
         if not changes:
             return self.link_laws, {}
         link = self.structure.bolted_links[0]
@@ -170,6 +170,38 @@ class ModelDescription:
     def with_effect(self, effect: ModelCorrection) -> Self:
         """The same model with one more effect of any kind; see ``ModelDescription`` for what is refused."""
         return replace(self, effects=(*self.effects, effect))
+
+    def with_tension_law(self, law: Law, link: str | None = None) -> Self:
+        """The same model with another law of the tension in a bolted link; the first one if not given.
+
+        Raises
+        ------
+        ValueError
+            If the link is not bolted.
+        """
+        bolted = self.structure.bolted_links
+        if link not in (*bolted, None) or not bolted:
+            raise ValueError(f"link must be one of the bolted links {bolted}, got {link!r}")
+        link = link or bolted[0]
+        return replace(
+            self, link_laws={**self.link_laws, link: replace(self.link_laws[link], tension_rate=law)}
+        )
+
+    @overload
+    def effects_of(self, kind: Literal["force"]) -> tuple[Effect, ...]: ...
+    @overload
+    def effects_of(self, kind: Literal["law change"]) -> tuple[LawChange, ...]: ...
+    @overload
+    def effects_of(self, kind: Literal["reading"]) -> tuple[Reading, ...]: ...
+    @overload
+    def effects_of(self, kind: Literal["sensor fault"]) -> tuple[SensorFault, ...]: ...
+    def effects_of(self, kind: Kind) -> tuple[ModelCorrection, ...]:
+        """The effects of one kind, in order."""
+        return tuple(effect for effect in self.effects if effect.kind == kind)
+
+    def without_effects_of(self, *kinds: Kind) -> Self:
+        """The same model without its effects of some kinds."""
+        return replace(self, effects=tuple(effect for effect in self.effects if effect.kind not in kinds))
 
     def without_bolt(self) -> Self:
         """The same structure with every bolted link, and every effect in one, taken out."""

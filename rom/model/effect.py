@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import Protocol, Self, TypeVar
+from typing import ClassVar, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from rom.model.laws import Parameter
 
 FloatArray = npt.NDArray[np.float64]
 Numbers = tuple[float, ...]
+Kind = Literal["force", "law change", "reading", "sensor fault"]
 
 
 class TakesEffects(Protocol):
@@ -46,8 +47,14 @@ class ModelCorrection:
         The equation for people.
     parameters : mapping of str to Parameter
         In the order of the function's parameter array.
+
+    Attributes
+    ----------
+    kind : {"force", "law change", "reading", "sensor fault"}
+        What the effect acts on.
     """
 
+    kind: ClassVar[Kind]
     name: str
     enters: str
     equation: str
@@ -123,6 +130,7 @@ class Effect(ModelCorrection):
         Whether the compiled function may be cached on disk (it lives in a file).
     """
 
+    kind = "force"
     function: Callable[..., float] = field(repr=False)
     states: int = 0
     on_disk: bool = field(default=True, repr=False)
@@ -172,6 +180,7 @@ class Reading(ModelCorrection):
         ``f(motion, p) -> [N]``, with the shape of the motion's time.
     """
 
+    kind = "reading"
     reading: Callable[[Motion, Numbers], FloatArray] = field(repr=False)
 
     def added(self, motion: Motion) -> FloatArray:
@@ -203,6 +212,7 @@ class SensorFault(ModelCorrection):
         Kind of channel that disturbs this one: its quantity, on another body; empty for none.
     """
 
+    kind = "sensor fault"
     fault: Samples = field(repr=False)
     cure: Samples = field(repr=False)
     other: str = ""

@@ -56,6 +56,8 @@ class LawChange(ModelCorrection):
     follows the law that none has changed.
     """
 
+    kind = "law change"
+
     @property
     def adds(self) -> bool:
         """Whether the change is a rate of its own beside the law's, not a factor on it."""

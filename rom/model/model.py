@@ -13,7 +13,6 @@ import numpy.typing as npt
 from rom.model.assembly import TOLERANCE, Assembly, Response, assemble, simulate, tensions_of
 from rom.model.batch import final_tension, mean_tensions
 from rom.model.description import LinkLaws, ModelDescription
-from rom.model.effect import Effect
 from rom.model.link_force import equilibrium, link_force
 from rom.model.writing import write_model
 from rom.viewed import Viewed
@@ -118,7 +117,7 @@ class Model(ModelDescription, Viewed):
 
         Forces that go with time count for nothing; nor is there a place of rest for a body that floats.
         """
-        if not any(isinstance(effect, Effect) for effect in self.effects):
+        if not self.effects_of("force"):
             return None
         return equilibrium(self.assembly, tensions_of(self.structure, initial_tension)) or None
 

@@ -5,19 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from rom.campaign.channels import BOLT_CHANNELS, channel_names
-from rom.model.effect import Effect, ModelCorrection, SensorFault
+from rom.model.effect import ModelCorrection
 from rom.model.structure import Structure
 
 
 def places_of(effect: ModelCorrection, structure: Structure) -> tuple[str, ...]:
     """Every place of a structure where an effect of this kind can enter."""
     bolted = bool(structure.bolted_links)
-    if isinstance(effect, SensorFault):
+    if effect.kind == "sensor fault":
         channels = channel_names(structure.body_names, structure.link_names)
         known = (name for name in channels if name not in BOLT_CHANNELS)
         return (*(f"sensor:{name}" for name in known), *(["sensor:tension"] if bolted else []))
     tension = ("tension",) if bolted else ()
-    if isinstance(effect, Effect):
+    if effect.kind == "force":
         return (*structure.link_names, *(f"body:{name}" for name in structure.body_names), *tension)
     return tension
 

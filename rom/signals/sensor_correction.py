@@ -23,7 +23,7 @@ from rom.signals.processing import IMPACT_TESTS, Measurement, Motion, TensionRec
 
 def faults_of(model: Model) -> tuple[SensorFault, ...]:
     """Return the faults of sensors that a model holds, in order."""
-    return tuple(effect for effect in model.effects if isinstance(effect, SensorFault))
+    return model.effects_of("sensor fault")
 
 
 def moves_levels(fault: SensorFault) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -49,9 +48,7 @@ def frozen(n: float = 4.0, scatter: float = 0.3, noise: float = 1.0, seed: int =
 
 def model_with(law: Candidate) -> Model:
     """The paper's model with another law of the tension."""
-    model = rom.paper_model()
-    joint = replace(model.link_laws["joint"], tension_rate=law.law())
-    return replace(model, link_laws={**model.link_laws, "joint": joint})
+    return rom.paper_model().with_tension_law(law.law())
 
 
 def measured(

@@ -16,7 +16,7 @@ from discovery.loop.result import ErrorsByKind
 from discovery.loop.state import State, cost, refit_fault, refitted, silent, without_effect
 from discovery.residual.output_error import WhitenedResidual, starting
 from rom.campaign.campaign import Campaign
-from rom.effects import Effect, LawChange, ModelCorrection, SensorFault, candidates
+from rom.effects import ModelCorrection, SensorFault, candidates
 from rom.identification.identify import identify_campaign
 from rom.signals.measured_records import with_stored_records
 
@@ -70,8 +70,8 @@ def oracle_errors(campaign: Campaign, twin: Campaign, truths: Sequence[Truth]) -
     for effect in effects:
         model = effect.added_to(model)
     evidence = refitted(refits.gathered(replace(baseline, model=model), declared.floors))
-    true = [] if all(isinstance(e, Effect) for e in effects) else [
-        refits.settled(evidence, learned=any(isinstance(e, LawChange) for e in effects)).errors
+    true = [] if all(e.kind == "force" for e in effects) else [
+        refits.settled(evidence, learned=any(e.kind == "law change" for e in effects)).errors
     ]  # fmt: skip
     faults = [e for e in effects if isinstance(e, SensorFault) and e.channel != "tension"]
     for fault in faults * len(faults):  # one may mislead the other's fit

@@ -10,7 +10,7 @@ import pytest
 from experiments.studies.predict import run
 from rom import Model
 from rom.campaign.campaign import read_campaign, write_campaign
-from rom.effects import CATALOGUE, SensorFault, free_form
+from rom.effects import CATALOGUE, free_form
 from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import evaluate
 from rom.model.laws import Parameter
@@ -40,7 +40,7 @@ def truth() -> Model:
 @pytest.fixture
 def campaign(truth: Model, tmp_path: Path) -> Path:
     """Return two records of it, as its faulty sensors show them."""
-    faults = [effect for effect in truth.effects if isinstance(effect, SensorFault)]
+    faults = truth.effects_of("sensor fault")
     files = {"a.h5": 120.0, "b.h5": 400.0}
     settings = SETTINGS.model_copy(
         update={"record": tuple(SETTINGS.record[0].model_copy(update={"file": file}) for file in files)}

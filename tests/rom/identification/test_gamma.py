@@ -61,8 +61,7 @@ def searched(initial: float, final: float) -> float:
 
 
 def _with_power_law(gamma: float) -> Model:
-    laws = replace(MODEL.link_laws["joint"], tension_rate=power_loosening(gamma))
-    return replace(MODEL, link_laws={**MODEL.link_laws, "joint": laws})
+    return MODEL.with_tension_law(power_loosening(gamma))
 
 
 @pytest.mark.parametrize(
@@ -170,8 +169,7 @@ def law_of(cases: list[LooseningCase]) -> tuple[LawFit, LawFit]:
         starts, FREE, np.array([g.initial for g in gamma]), np.array([g.gamma for g in gamma]),
         np.diag([g.log_error**2 for g in gamma]), [g.file for g in gamma], gamma_curve,
     )  # fmt: skip
-    bare = replace(MODEL.link_laws["joint"], tension_rate=no_loosening())
-    model = replace(MODEL, link_laws={**MODEL.link_laws, "joint": bare})
+    model = MODEL.with_tension_law(no_loosening())
     used = {g.file for g in gamma}
     return per_case, refine_gamma_law(model, [c for c in cases if c.file in used], WINDOW_S, per_case)
 

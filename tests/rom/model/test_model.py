@@ -1,9 +1,11 @@
 import itertools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from rom.effects import CATALOGUE
 from rom.model.laws import Parameter, constant_damping, constant_stiffness, free_form_law, power_loosening
 from rom.model.model import LinkLaws, Model
 from rom.model.structure import Body, Link, Structure
@@ -327,3 +329,30 @@ def test_a_second_hit_anywhere_in_the_ring_down_is_seen(place, monkeypatch):
         abs=1e-4 * (150.0 - exact),
     )
     assert place > 25590 or quiet - found > 1e-3
+
+
+def test_another_tension_law_enters_the_bolted_link_alone():
+    model = paper_model()
+    changed = model.with_tension_law(power_loosening(3e6, 3.5))
+    assert changed.link_laws["joint"] == replace(
+        model.link_laws["joint"], tension_rate=power_loosening(3e6, 3.5)
+    )
+    assert replace(changed, link_laws=model.link_laws) == model
+    with pytest.raises(ValueError, match="link must be one of the bolted links"):
+        model.with_tension_law(power_loosening(3e6), "flexure_lo")
+    with pytest.raises(ValueError, match="link must be one of the bolted links"):
+        model.without_bolt().with_tension_law(power_loosening(3e6))
+
+
+def test_effects_are_had_by_kind_in_their_order():
+    named = (
+        ("hum", "sensor:force_lo"), ("cubic-stiffness", "joint"), ("relaxation-log", "tension"),
+        ("tightening", "tension"), ("coulomb-friction", "flexure_lo"),
+    )  # fmt: skip
+    model = paper_model()
+    for name, enters in named:
+        model = model.with_effect(CATALOGUE[name].at(enters))
+    assert [e.name for e in model.effects_of("force")] == ["cubic-stiffness", "coulomb-friction"]
+    kinds = [model.effects_of(kind) for kind in ("law change", "reading", "sensor fault")]
+    assert [[e.name for e in found] for found in kinds] == [["tightening"], ["relaxation-log"], ["hum"]]
+    assert model.without_effects_of("force", "reading").effects == (model.effects[0], model.effects[3])

@@ -21,7 +21,7 @@ from tests.rom.shown_records import IMPACT_S, RATE_HZ, SETTINGS, record
 
 MODEL = paper_model()
 CHANNELS = ("force_lo", "acceleration_lo", "acceleration_so", "tension")
-FAULTS = [e for _, e in candidates(MODEL, CHANNELS, core=False) if isinstance(e, SensorFault)]
+FAULTS = [e for _, e in candidates(MODEL, CHANNELS, core=False) if e.kind == "sensor fault"]
 WINDOWS = SETTINGS.windows
 # what the filters hide, or the means of the tension
 HIDDEN = (
