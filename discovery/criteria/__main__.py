@@ -14,7 +14,8 @@ is named, accepted or ranked. Each stands with its unit, what it decides, and wh
 unit of 1 is a ratio or a probability; "2 ln L" is twice a log-likelihood. What the numbers are used for:
 [what the model lacks](closed-loop.md), [which law of loosening](discovery.md).
 
-`discovery.discover` and `discovery.close_loop` take others: `criteria=Criteria().changed(GROUP={"NAME": value})`.
+`discovery.discover` and `discovery.close_loop` take other numbers:
+`criteria=Criteria().changed(GROUP={"NAME": value})`.
 """
 _COLUMNS = ["| name | value | unit | decides | from |", "|---|---|---|---|---|"]
 
