@@ -1,4 +1,4 @@
-"""The case study below 25 N tells what the closure that is kept beside it says."""
+"""The case study below 25 N reports the closure that is kept beside it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def with_limits(number: dict[str, float], form: str, scale: float = 1.0, power: 
     return f"{value}, {low} to {high}"
 
 
-def told(label: str) -> str:
+def cells_of(label: str) -> str:
     """A row's number and limits without its unit: "16, 0 to 39"."""
     cell = next(cell for cell in row(label).split("|") if "(" in cell)
     number, _, limits = cell.strip().removesuffix(")").partition(" (")
@@ -38,11 +38,11 @@ def test_verdict_and_effects() -> None:
 
 def test_numbers_and_their_limits() -> None:
     stop, tightening = (one["parameters"] for one in CLOSURE["effects"])
-    assert told("stiffness of the stop") == with_limits(stop["k_g"], ".3f", 1e-6, "e6")
-    assert told("its distance") == with_limits(stop["delta"], ".2f", 1e6)
-    assert told("tightening at 100 N and 50 mm/s") == with_limits(tightening["g_t"], ".0f")
-    assert told("its power of the velocity") == with_limits(tightening["q_t"], ".1f")
-    assert told("its share of gamma's dependence on tension") == with_limits(tightening["h_t"], ".2f")
+    assert cells_of("stiffness of the stop") == with_limits(stop["k_g"], ".3f", 1e-6, "e6")
+    assert cells_of("its distance") == with_limits(stop["delta"], ".2f", 1e6)
+    assert cells_of("tightening at 100 N and 50 mm/s") == with_limits(tightening["g_t"], ".0f")
+    assert cells_of("its power of the velocity") == with_limits(tightening["q_t"], ".1f")
+    assert cells_of("its share of gamma's dependence on tension") == with_limits(tightening["h_t"], ".2f")
 
 
 def test_residuals_and_errors() -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
 import re
 from pathlib import Path
 
 import pytest
 
-from tests.documents.blocks import PAGES, REPOSITORY
+from tests.documents.blocks import PAGES, REPOSITORY, blocks
 
 MAINTAINERS = (REPOSITORY / "CONTRIBUTING.md", REPOSITORY / "CHANGELOG.md")
 _MODULE = re.compile(r"(?<![\w./-])((?:rom|discovery|experiments|benchmarks)(?!\.md\b)(?:\.\w+)+)")
@@ -41,6 +42,21 @@ def test_modules_and_files_that_a_page_names_are_there(page: Path) -> None:
     missing = {name for name in names(text, _MODULE) if not is_there(name)}
     missing |= {name for name in names(text, _FILE) if not (REPOSITORY / name).exists()}
     assert missing == set()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_what_examples_import_is_there(page: Path) -> None:
+    """Without running the page, which may take minutes."""
+    imports = [
+        node
+        for block in blocks(page)
+        if block.kind == "python"
+        for node in ast.walk(ast.parse(block.text))
+        if isinstance(node, ast.ImportFrom)
+        and str(node.module).startswith(("rom", "discovery", "experiments"))
+    ]
+    imported = [f"{node.module}.{alias.name}" for node in imports for alias in node.names]
+    assert [name for name in imported if not is_there(name)] == []
 
 
 def test_a_name_that_is_not_there_is_noticed() -> None:

@@ -54,15 +54,15 @@ def tutorial_commands() -> set[str]:
 def once(name: str, work: Callable[..., Any], shared: Shared) -> Callable[..., Any]:
     """Return a function of a campaign that is carried out once for all pages, whatever the processes."""
 
-    def found(*arguments: Any, **options: Any) -> Any:
+    def computed_once(*arguments: Any, **options: Any) -> Any:
         given = inspect.signature(work).bind(*arguments, **options)
         given.apply_defaults()
-        told = {key: value for key, value in given.arguments.items() if key not in _WITHOUT_EFFECT}
-        campaign = told.pop("campaign")
-        key = f"{name}-{campaign.digest[:16]}-{sorted(told.items())}"
+        deciding = {key: value for key, value in given.arguments.items() if key not in _WITHOUT_EFFECT}
+        campaign = deciding.pop("campaign")
+        key = f"{name}-{campaign.digest[:16]}-{sorted(deciding.items())}"
         return shared.once(key, lambda: work(*arguments, **options))
 
-    return found
+    return computed_once
 
 
 @pytest.fixture(scope="session")
