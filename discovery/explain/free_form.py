@@ -22,6 +22,7 @@ from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Effect, Member, ModelCorrection, free_form
 from rom.model.laws import Parameter
 from rom.model.structure import GROUND
+from rom.model.units import unit_text
 
 Terms = Mapping[str, tuple[float, ...]]
 _TERMS: Terms = {  # expression and the powers of N, m, s in its coefficient's unit
@@ -139,19 +140,12 @@ def _sum(texts: Sequence[str], values: Sequence[float], enters: str, terms: Term
     """The force of a sum of terms."""
     equation = " + ".join(f"g_{j} * ({text})" for j, text in enumerate(texts, 1))
     parameters = {
-        f"g_{j}": Parameter(float(value), _unit(terms[text]))
+        f"g_{j}": Parameter(float(value), unit_text(dict(zip(("N", "m", "s"), terms[text], strict=True))))
         for j, (text, value) in enumerate(zip(texts, values, strict=True), 1)
     }
     effect = free_form(equation, enters, parameters)
     assert isinstance(effect, Effect)
     return effect
-
-
-def _unit(powers: tuple[float, ...]) -> str:
-    parts = [
-        f"{base}^{p:g}" if p != 1 else base for base, p in zip(("N", "m", "s"), powers, strict=True) if p
-    ]
-    return " ".join(parts) or "1"
 
 
 def member_of(effect: ModelCorrection) -> Member:

@@ -7,7 +7,6 @@ with F, X and V the force, displacement and velocity there: all that has no unit
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -17,17 +16,9 @@ from rom.effects import Effect, Member
 from rom.identification.equation_error import Balance
 from rom.identification.force_balance import Balances
 from rom.model.laws import Parameter
+from rom.model.units import parse_unit
 
-_POWERS = {
-    "1": (0, 0, 0),
-    "N": (1, 0, 0),
-    "m": (0, 1, 0),
-    "s": (0, 0, 1),
-    "Hz": (0, 0, -1),
-    "kg": (1, -1, 2),
-}
 _WIDER = 10.0  # than the scaled ranges: peaks of a motion are a rough measure of it
-_TOKEN = re.compile(r"([A-Za-z]+|1)(\d*)")
 
 
 @dataclass(frozen=True)
@@ -40,7 +31,7 @@ class Scale:
 
     def over(self, other: Scale, unit: str) -> float:
         """Factor by which a number of a unit is larger here than there."""
-        n, m, s = powers(unit)
+        n, m, s = parse_unit(unit).powers
         return float(
             (self.force / other.force) ** n
             * (self.displacement / other.displacement) ** (m + s)
@@ -49,24 +40,6 @@ class Scale:
 
 
 OF_JOINT, OF_GROUND = Scale(30.0, 1e-4, 0.05), Scale(10.0, 1e-3, 0.1)
-
-
-def powers(unit: str) -> tuple[int, int, int]:
-    """Return the powers of N, m and s in a unit such as ``"N s2/m2"``.
-
-    Raises
-    ------
-    ValueError
-        If the unit holds anything else.
-    """
-    total = np.zeros(3, dtype=int)
-    for place, part in enumerate(unit.split("/")):
-        for token in part.split():
-            match = _TOKEN.fullmatch(token)
-            if match is None or match[1] not in _POWERS:
-                raise ValueError(f"a unit must be made of {', '.join(_POWERS)}, got {unit!r}")
-            total += (-1 if place else 1) * int(match[2] or 1) * np.array(_POWERS[match[1]])
-    return int(total[0]), int(total[1]), int(total[2])
 
 
 def scale_of(balances: Balances, enters: str) -> Scale | None:

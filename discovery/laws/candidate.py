@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from discovery.laws.factors import Factor, Inner, tension_logistic, tension_power, velocity_power
 from rom.campaign.channels import FloatArray
 from rom.model.laws import Law, Parameter, free_form_law
+from rom.model.units import unit_text
 
 BASELINE = "gamma(T) baseline"
 NO_LOOSENING = "no loosening"
@@ -48,12 +49,7 @@ class Term:
         for factor in (self.motion, self.tension):
             for unit, power in factor.dimension.items():
                 exponents[unit] -= power
-        parts = [
-            unit if power == 1.0 else f"{unit}^{power:.4g}"
-            for unit, power in exponents.items()
-            if abs(power) > 1e-9
-        ]
-        return " ".join(parts) or "1"
+        return unit_text(exponents)
 
 
 @dataclass(frozen=True)

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-_FORCE = {"N": 1.0, "kN": 1e3, "mN": 1e-3, "uN": 1e-6, "lbf": 4.4482216152605}
-_LENGTH = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
-_VELOCITY = {f"{symbol}/s": factor for symbol, factor in _LENGTH.items()}
-_ACCELERATION = {"g": 9.80665} | {f"{symbol}/s2": factor for symbol, factor in _LENGTH.items()}
-UNITS = {
+from rom.model.units import parse_unit
+
+_FORCE = ("N", "kN", "mN", "uN", "lbf")
+_LENGTH = ("m", "mm", "um", "in")
+_UNITS = {  # in SI first
     "force": _FORCE,
     "link_force": _FORCE,
     "normal_force": _FORCE,
     "tension": _FORCE,
     "displacement": _LENGTH,
     "link_displacement": _LENGTH,
-    "velocity": _VELOCITY,
-    "acceleration": _ACCELERATION,
+    "velocity": tuple(f"{symbol}/s" for symbol in _LENGTH),
+    "acceleration": (*(f"{symbol}/s2" for symbol in _LENGTH), "g"),
 }
-_SPELLINGS = (("µ", "u"), ("μ", "u"), ("²", "2"), ("^", ""), ("**", ""), ("·", "*"), ("/s/s", "/s2"))
 
 
 def quantity(channel: str) -> str:
     """Return what a channel of a campaign measures: "force" of "force_lo"."""
-    return next((name for name in UNITS if channel.startswith(f"{name}_")), channel)
+    return next((name for name in _UNITS if channel.startswith(f"{name}_")), channel)
 
 
 def si_factor(channel: str, unit: str) -> float | None:
@@ -31,12 +30,14 @@ def si_factor(channel: str, unit: str) -> float | None:
     """
     if quantity(channel) == "strain":
         return 1.0
-    symbol = unit.strip().strip("[]()").replace(" ", "")
-    for spelling, plain in _SPELLINGS:
-        symbol = symbol.replace(spelling, plain)
-    return UNITS[quantity(channel)].get(symbol)
+    try:
+        found = parse_unit(unit)
+    except ValueError:
+        return None
+    expected = parse_unit(_UNITS[quantity(channel)][0])
+    return found.factor if found.powers == expected.powers else None
 
 
 def known_units(channel: str) -> str:
-    """Return the units of a channel's quantity for a message."""
-    return ", ".join(UNITS[quantity(channel)])
+    """Return units of a channel's quantity for a message."""
+    return ", ".join(_UNITS[quantity(channel)])

@@ -6,22 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discovery.explain.scales import OF_GROUND, OF_JOINT, Scale, at_scale, powers, scale_of
+from discovery.explain.scales import OF_GROUND, OF_JOINT, Scale, at_scale, scale_of
 from rom.effects import CATALOGUE
-
-
-@pytest.mark.parametrize(
-    ("unit", "expected"),
-    [
-        ("1", (0, 0, 0)),
-        ("N s2/m2", (1, -2, 2)),
-        ("N/m3", (1, -3, 0)),
-        ("1/N", (-1, 0, 0)),
-        ("kg", (1, -1, 2)),
-    ],
-)
-def test_powers_of_a_unit(unit: str, expected: tuple[int, int, int]) -> None:
-    assert powers(unit) == expected
 
 
 def test_every_force_of_the_catalogue_has_a_unit_that_scales() -> None:
@@ -29,11 +15,6 @@ def test_every_force_of_the_catalogue_has_a_unit_that_scales() -> None:
         if member.kind == "force":
             for number in member.parameters.values():
                 assert OF_JOINT.over(OF_JOINT, number.unit) == 1.0
-
-
-def test_an_unknown_unit_is_refused() -> None:
-    with pytest.raises(ValueError, match="a unit must be made of"):
-        powers("furlong")
 
 
 def test_a_cubic_spring_goes_with_force_over_displacement_cubed() -> None:
