@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -282,6 +283,7 @@ def report(
 def main() -> None:
     """Run the program; exit code 0: done, 2: bad input, 1: a fault of the program."""
     return_freed_arrays()
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # scratch folders are removed
     sys.exit(run(sys.argv[1:]))
 
 
