@@ -1,8 +1,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 DEMO := demo
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --durations 25
 
-.PHONY: demo test clean
+.PHONY: demo test test-all style compiled clean
 
 demo: .venv/installed  ## a small campaign from the virtual rig, its model, its tension laws, a page of figures
 	rm -rf $(DEMO)
@@ -12,12 +13,23 @@ demo: .venv/installed  ## a small campaign from the virtual rig, its model, its 
 	$(BIN)/boltlaw discover $(DEMO)/campaign --out $(DEMO)/results
 	$(BIN)/boltlaw report $(DEMO)/results
 
+# in twelve minutes on two cores: one thread a process, for two processes on two cores would only wait for more
 test: .venv/installed-test  ## every check: style, walls between packages, types, tests
+	$(MAKE) --jobs 2 --output-sync=target style compiled
+	$(PYTEST)
+
+test-all: .venv/installed-test  ## the same, every law recovered from ten campaigns of the rig
+	$(MAKE) --jobs 2 --output-sync=target style compiled
+	$(PYTEST) --seeds 10
+
+style:
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 	$(BIN)/mypy
-	OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal  # two processes on two cores: threads of theirs would only wait
+
+compiled:
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.compile
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import fcntl
+import hashlib
 import pickle
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Hashable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache, partial, wraps
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import ClassVar, ParamSpec, TypeVar, cast
 
 import pytest
 
 Found = TypeVar("Found")
+Asked = ParamSpec("Asked")
 REPOSITORY = Path(__file__).parents[1]
 
 
@@ -30,6 +34,7 @@ class Shared:
     """Results by name in a folder that every process of the run sees."""
 
     folder: Path
+    here: ClassVar[Shared]  # of the run that goes on
 
     @classmethod
     def of_run(cls, factory: pytest.TempPathFactory, worker: str) -> Shared:
@@ -43,6 +48,10 @@ class Shared:
         """What ``work()`` returns: of the process that comes first; the others wait for it and read."""
         self._worked(name, work, fcntl.LOCK_EX)
         return cast(Found, pickle.loads(self._result(name).read_bytes()))
+
+    def new_folder(self) -> Path:
+        """An empty folder that every process of the run may read from."""
+        return Path(tempfile.mkdtemp(dir=self.folder))
 
     def all(self, works: Mapping[str, Callable[[], Found]]) -> list[Found]:
         """The results of all, in order: first whatever nobody is at, so that processes share the work."""
@@ -62,3 +71,18 @@ class Shared:
                 part = self._result(name).with_suffix(".part")
                 part.write_bytes(pickle.dumps(work()))
                 part.replace(self._result(name))
+
+
+def once_per_run(work: Callable[Asked, Found]) -> Callable[Asked, Found]:
+    """Decorate a function of few arguments: one process of the run computes it, every other one reads.
+
+    Arguments are told apart by their text; nobody may change what is returned.
+    """
+
+    @wraps(work)
+    def known(*arguments: Asked.args, **options: Asked.kwargs) -> Found:
+        asked = f"{work.__module__} {work.__qualname__} {arguments} {sorted(options.items())}"
+        name = f"{work.__name__} {hashlib.sha256(asked.encode()).hexdigest()[:16]}"
+        return Shared.here.once(name, partial(work, *arguments, **options))
+
+    return cast(Callable[Asked, Found], cache(cast(Callable[..., Hashable], known)))

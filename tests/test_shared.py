@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.shared import Shared
+from tests.shared import Shared, once_per_run
 
 
 def test_work_is_done_once(tmp_path: Path) -> None:
@@ -42,3 +42,18 @@ def test_what_another_one_is_at_comes_last(tmp_path: Path) -> None:
     assert Shared(tmp_path).all({"slow": lambda: order.append("slow"), "quick": quick}) == ["slow", "quick"]
     other.join()
     assert order == ["quick"]
+
+
+def test_a_function_runs_once_for_each_of_its_arguments(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Shared, "here", Shared(tmp_path))
+    done: list[int] = []
+
+    def work(number: int) -> int:
+        done.append(number)
+        return number + 1
+
+    processes = [once_per_run(work) for _ in range(2)]
+    assert [known(number) for number in (1, 2) for known in processes] == [2, 2, 3, 3]
+    assert done == [1, 2]

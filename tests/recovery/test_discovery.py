@@ -7,7 +7,8 @@ Forms are fitted with every number free; the form is told by races of a few with
 in them. The search among thousands is measured by ``python -m benchmarks.discovery``: docs/recovery.md.
 
 A law's campaign of a seed is one test, which processes of a run share out among them, and what was found
-under the ten seeds is judged by the tests after it.
+under all seeds is judged by the tests after it. ``--seeds`` says how many there are: three, or the ten that
+the limits were set for. "Nine of ten" asks for every one of three. `test_simulated_courses` always has ten.
 """
 
 from __future__ import annotations
@@ -31,7 +32,6 @@ from tests.shared import Shared
 
 pytestmark = pytest.mark.slow
 
-SEEDS, SINGLE_SEEDS = 10, 5
 NOMINAL = Setting(duration_s=2.5)
 POWERS = {"power-2": 2.0, "power-3": 3.0, "eq13": 4.0, "power-5": 5.0}
 APART = {  # what each hidden law must be told from, beside the four laws that are in every race
@@ -97,12 +97,16 @@ def of_law(shared: Shared, law: str, seed: int) -> Found:
     return measured(specimen(law, seed, NOMINAL, of_paper(shared, seed)[0]), law, seed)
 
 
-def over_seeds(shared: Shared, law: str, seeds: Sequence[int] = range(SEEDS)) -> list[Found]:
+def nine_in_ten(hits: Sequence[bool]) -> bool:
+    """Whether at most one in ten fails: none of fewer than ten."""
+    return len(hits) - sum(hits) <= len(hits) // 10
+
+
+def over_seeds(shared: Shared, law: str, seeds: Sequence[int]) -> list[Found]:
     """What the campaigns of a law gave, each made once in a run."""
     return shared.all({f"{law}, {seed}": partial(of_law, shared, law, seed) for seed in seeds})
 
 
-@pytest.mark.parametrize("seed", range(SEEDS))
 @pytest.mark.parametrize("law", dict.fromkeys([*RACES, *POWERS]))
 def test_the_true_law_foretells_losses_on_every_seed(law: str, seed: int, shared: Shared) -> None:
     """Refitted, it errs by less than the whole loss, which is what a law without loosening errs by.
@@ -117,45 +121,49 @@ def test_the_true_law_foretells_losses_on_every_seed(law: str, seed: int, shared
 
 
 @pytest.mark.parametrize("law", POWERS)
-def test_the_exponent_of_the_velocity_and_no_worse_than_the_truth(law: str, shared: Shared) -> None:
-    """Ten seeds: within 0.3 in nine; held-out loss error at most 1.1 times that of the true law refitted.
+def test_the_exponent_of_the_velocity_and_no_worse_than_the_truth(
+    law: str, seeds: Sequence[int], shared: Shared
+) -> None:
+    """Within 0.3 in nine seeds of ten; held-out loss error at most 1.1 times that of the true law refitted.
 
     The median over seeds of the ratio; and below the error of the paper's law where that is not the truth.
     """
-    found = [one.errors for one in over_seeds(shared, law) if one.errors]
-    assert len(found) == SEEDS
-    assert sum(abs(one.exponent - POWERS[law]) <= 0.3 for one in found) >= 9, found
+    found = [one.errors for one in over_seeds(shared, law, seeds) if one.errors]
+    assert len(found) == len(seeds)
+    assert nine_in_ten([abs(one.exponent - POWERS[law]) <= 0.3 for one in found]), found
     assert np.median([one.own / one.truth for one in found]) <= 1.1, found
     if law != "eq13":
         assert np.median([one.own / one.baseline for one in found]) < 1.0, found
 
 
-def trials_of(shared: Shared, law: str) -> list[Trial]:
-    trials = [one.trial for one in over_seeds(shared, law) if one.trial]
-    assert len(trials) == SEEDS
+def trials_of(shared: Shared, law: str, seeds: Sequence[int]) -> list[Trial]:
+    trials = [one.trial for one in over_seeds(shared, law, seeds) if one.trial]
+    assert len(trials) == len(seeds)
     return trials
 
 
-def test_nothing_is_called_better_than_the_paper_s_law_where_it_is_true(shared: Shared) -> None:
-    """Ten seeds, a race of three forms: p >= 0.01 for every law, and the first one is driven as the truth."""
-    for trial in trials_of(shared, "eq13"):
+def test_nothing_is_called_better_than_the_paper_s_law_where_it_is_true(
+    seeds: Sequence[int], shared: Shared
+) -> None:
+    """Every seed, a race of three forms: p >= 0.01 for all laws; the first one is driven as the truth."""
+    for trial in trials_of(shared, "eq13", seeds):
         assert trial.smallest_p >= SURE, trial
         assert trial.motion, trial
 
 
 @pytest.mark.parametrize("law", APART)
-def test_the_form(law: str, shared: Shared) -> None:
-    """Ten seeds: in nine the true form is the first one, driven as the truth and nearer than the paper's law.
+def test_the_form(law: str, seeds: Sequence[int], shared: Shared) -> None:
+    """In nine seeds of ten the true form is the first, driven as the truth and nearer than the paper's law.
 
     Of hits whose velocities peak at 62, 50 and 37 mm/s a threshold of 30 mm/s is told; one of 20 mm/s is at
     least among those named as not told from the first: a steep power does nearly as well. Slopes over the
     velocity, which a small step of a threshold changes by much, are not judged there.
     Constant gamma with the fourth power is a special case of the paper's law: nothing is called better.
     """
-    trials = trials_of(shared, law)
+    trials = trials_of(shared, law, seeds)
     named = ("true", "listed") if law == "threshold" else ("true",)
-    assert sum(trial.form in named for trial in trials) >= 9, trials
-    assert law.startswith("threshold") or sum(trial.motion for trial in trials) >= 9, trials
+    assert nine_in_ten([trial.form in named for trial in trials]), trials
+    assert law.startswith("threshold") or nine_in_ten([trial.motion for trial in trials]), trials
     assert np.median([trial.winner_error / trial.truth_error for trial in trials]) <= 1.1, trials
     if law == "constant-quartic":
         assert all(trial.smallest_p >= SURE for trial in trials), trials
@@ -163,8 +171,8 @@ def test_the_form(law: str, shared: Shared) -> None:
     assert np.median([trial.winner_error / trial.baseline_error for trial in trials]) < 1.0, trials
 
 
-def test_the_curve_of_gamma(shared: Shared) -> None:
-    """Ten seeds: within 15 % of Eq. 13 from 20 to 3000 N, in nine.
+def test_the_curve_of_gamma(seeds: Sequence[int], shared: Shared) -> None:
+    """Within 15 % of Eq. 13 from 20 to 3000 N, in nine seeds of ten.
 
     Without scatter of gamma: with it, a factor of two from test to test, 60 records tell tens of percent.
     """
@@ -174,8 +182,8 @@ def test_the_curve_of_gamma(shared: Shared) -> None:
         found = specimen("eq13", seed, still, of_paper(shared, seed)[0])
         return curve_error(refine(baseline(), found.training).candidate, found.truth)
 
-    errors = list(shared.all({f"still, {seed}": partial(of_seed, seed) for seed in range(SEEDS)}))
-    assert sum(error <= 15.0 for error in errors) >= 9, errors
+    errors = list(shared.all({f"still, {seed}": partial(of_seed, seed) for seed in seeds}))
+    assert nine_in_ten([error <= 15.0 for error in errors]), errors
 
 
 class Limits(NamedTuple):
@@ -201,7 +209,6 @@ def limits_from_one_strength(shared: Shared, seeds: Sequence[int]) -> list[Limit
     return shared.all({f"one strength, {seed}": partial(of_seed, seed) for seed in seeds})
 
 
-@pytest.mark.parametrize("seed", range(SINGLE_SEEDS))
 def test_hits_of_one_strength_limit_the_exponent(seed: int, shared: Shared) -> None:
     (found,) = limits_from_one_strength(shared, [seed])
     assert found.low < found.best < found.high, found
@@ -209,12 +216,12 @@ def test_hits_of_one_strength_limit_the_exponent(seed: int, shared: Shared) -> N
 
 
 def test_hits_of_one_strength_tell_the_exponent_as_well_as_they_say(
-    shared: Shared, record_property: Callable[[str, object], None]
+    seeds: Sequence[int], shared: Shared, record_property: Callable[[str, object], None]
 ) -> None:
-    """Five seeds, truths 4 and 3 in turn: the 95 % set covers the truth in four at least; widths are kept."""
-    found = limits_from_one_strength(shared, range(SINGLE_SEEDS))
+    """Truths 4 and 3 in turn: the 95 % set covers the truth in four seeds of five; widths are kept."""
+    found = limits_from_one_strength(shared, seeds)
     record_property("widths of the 95 % sets", [round(one.high - one.low, 3) for one in found])
-    assert sum(one.holds for one in found) >= 4, found
+    assert sum(not one.holds for one in found) <= len(found) // 5, found
 
 
 def test_the_plant_of_a_seed_is_found_alike_under_every_law(shared: Shared) -> None:
