@@ -40,3 +40,85 @@ class Tension(Group):
     disturbance: float = number(
         2.0, "1", "gain before the hits over what noise gives, above which a force is fitted", "convention"
     )
+    loosening_tests: float = number(
+        3, "1", "training records that loosen, below which the tension tells of no effect", "convention"
+    )
+    drift_n_per_s: float = number(
+        0.005,
+        "N/s",
+        "standard deviation of a drift that no gauge is free of",
+        "half the smallest plausible one",
+    )
+    quiet_tests: float = number(
+        6, "1", "tests that leave the tension alone from which its noise is estimated, at least", "convention"
+    )
+    agreeing_drifts: float = number(
+        3.0, "1", "standard errors by which drifts before and after hits may differ", "convention"
+    )
+    noise_from_hz: float = number(
+        4.0, "Hz", "lower end of the band in which the gauge's noise is estimated", "convention"
+    )
+    noise_to_hz: float = number(
+        300.0, "Hz", "upper end of the band in which the gauge's noise is estimated", "convention"
+    )
+    misfit_chance: float = number(
+        1e-3,
+        "1",
+        "probability of a larger misfit by noise, below which histories are not explained",
+        "convention",
+    )
+    misfit_floor: float = number(
+        1.5, "1", "mean square that counts as noise: a motion known to a few per cent shifts as much",
+        "virtual rig, clean campaigns",
+    )  # fmt: skip
+    free_directions: float = number(
+        2,
+        "1",
+        "directions of a history that may oscillate with the motion, taken off its numbers",
+        "convention",
+    )
+    resimulated_effects: float = number(
+        5, "1", "best effects along frozen motion that are corrected by full simulation", "virtual rig"
+    )
+    fast_numbers: float = number(8, "1", "numbers that the fast part of a record counts as", "convention")
+    fast_window_s: float = number(
+        1.2, "s", "time after a hit whose fast part tells of the gauge", "convention"
+    )
+    slowest_hz: float = number(
+        6.0,
+        "Hz",
+        "frequency below which a wrong history and an effect in the fast part are alike",
+        "convention",
+    )
+    fast_peak: float = number(
+        0.3, "1", "share of a sample's noise: a reading with such peaks is in every record", "convention"
+    )
+    gauge_fault: float = number(
+        0.3,
+        "1",
+        "share of the smallest plausible strength of a gauge's fault that is in every record",
+        "convention",
+    )
+    free_terms: float = number(3, "1", "terms of a form outside the catalogue, at most", "convention")
+    term_price: float = number(
+        12.0, "2 ln L", "price of a term of such a form, and least gain on held-out records in the tension",
+        "virtual rig",
+    )  # fmt: skip
+    proposed_sums: float = number(
+        5, "1", "sums of terms of a rate that are fitted by their likelihood", "convention"
+    )
+    parallel_terms: float = number(
+        0.98,
+        "1",
+        "cosine of two terms' histories, above which frozen motion cannot tell them apart",
+        "convention",
+    )
+    turning_velocity: float = number(
+        0.1, "1", "share of the largest velocity at which a term with a sign turns", "convention"
+    )
+    wider_range: float = number(
+        10.0,
+        "1",
+        "factor by which ranges scaled to a motion are wider: its peaks are a rough measure",
+        "convention",
+    )

@@ -12,6 +12,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.tension import Tension
 from discovery.decide.explanation import Explanation
 from discovery.explain.effect_outputs import outputs_of
 from discovery.explain.motion import explanation
@@ -50,10 +52,6 @@ _OF_TENSION: Terms = {
     "T * v": (0, -1, 1),
     "T * x ** 2": (0, -2, 0),
 }
-MOST_TERMS = 3
-PRICE = 12.0
-"""In cost, of a term."""
-_TYPICAL = 0.1  # of the largest velocity, where a sign turns
 
 
 def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
@@ -66,7 +64,7 @@ def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, 
     options : Options
         Seed of the ensembles of the sparse fits.
     """
-    model = evidence.baseline.model
+    model, criteria = evidence.baseline.model, options.criteria.tension
     taken = {effect.enters for effect in model.effects if effect.name == "free-form"}
     left, found = evidence.beyond(evidence.residual), []
     for link in model.structure.links:
@@ -74,19 +72,22 @@ def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, 
         if link.name in taken:
             continue
         peaks = np.array([[np.abs(m).max() for m in trace.relative(ends)] for trace in evidence.traces])
-        terms = terms_at(*np.median(peaks, axis=0), tension=link.law == "bolted" and GROUND not in ends)
+        terms = terms_at(
+            *np.median(peaks, axis=0), tension=link.law == "bolted" and GROUND not in ends, criteria=criteria
+        )
         columns = evidence.beyond(outputs_of(single_terms(terms, link.name), evidence))
-        effect = sparse_sum(columns, left, terms, link.name, options.seed)
+        effect = sparse_sum(columns, left, terms, link.name, options.seed, criteria)
         if effect is not None:
             found.append(explanation(effect, member_of(effect), evidence))
     return tuple(found)
 
 
-def terms_at(x: float, v: float, *, tension: bool) -> Terms:
+def terms_at(x: float, v: float, *, tension: bool, criteria: Tension = CRITERIA.tension) -> Terms:
     """Terms with the scales of a motion in them, its largest displacement [m] and velocity [m/s]."""
     x, v = float(f"{x:.2g}"), float(f"{v:.2g}")
     terms = {**_TERMS, **(_OF_TENSION if tension else {})}
-    return {text.format(v=f"{_TYPICAL * v:.3g}", x=f"{0.5 * x:.3g}"): unit for text, unit in terms.items()}
+    turns = f"{criteria.turning_velocity * v:.3g}"
+    return {text.format(v=turns, x=f"{0.5 * x:.3g}"): unit for text, unit in terms.items()}
 
 
 def single_terms(terms: Terms, enters: str) -> list[Effect]:
@@ -94,7 +95,14 @@ def single_terms(terms: Terms, enters: str) -> list[Effect]:
     return [_sum([text], [1.0], enters, terms) for text in terms]
 
 
-def sparse_sum(columns: FloatArray, left: FloatArray, terms: Terms, enters: str, seed: int) -> Effect | None:
+def sparse_sum(
+    columns: FloatArray,
+    left: FloatArray,
+    terms: Terms,
+    enters: str,
+    seed: int,
+    criteria: Tension = CRITERIA.tension,
+) -> Effect | None:
     """The sum of lowest cost with a price for every term; None where no two terms are told apart.
 
     Parameters
@@ -109,6 +117,8 @@ def sparse_sum(columns: FloatArray, left: FloatArray, terms: Terms, enters: str,
         The link.
     seed : int
         Of the ensembles.
+    criteria : Tension
+        Most terms, and the price of each.
     """
     texts = list(terms)
     sound = [k for k in range(len(texts)) if np.isfinite(columns[:, k]).all()]
@@ -121,11 +131,11 @@ def sparse_sum(columns: FloatArray, left: FloatArray, terms: Terms, enters: str,
     spread = max(float(left @ left) / len(left), 1.0)
     best, lowest = None, np.inf
     for support in sparse_supports(triangle, target, np.random.default_rng(seed)):
-        if len(support) > MOST_TERMS:
+        if len(support) > criteria.free_terms:
             continue
         chosen = sorted(support)
         values, residual = _least_squares(triangle[:, chosen], target)
-        cost = residual / spread + PRICE * len(chosen)
+        cost = residual / spread + criteria.term_price * len(chosen)
         if cost < lowest:
             best, lowest = ([texts[place[k]] for k in chosen], values), cost
     return None if best is None else _sum(best[0], list(best[1]), enters, terms)

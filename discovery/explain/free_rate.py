@@ -18,9 +18,9 @@ import numpy as np
 
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.tension_likelihood import bin_edges, law_candidate
+from discovery.criteria.tension import Tension
 from discovery.decide.acceptance import is_accepted, spread_of
 from discovery.decide.explanation import Explanation
-from discovery.explain.free_form import MOST_TERMS, PRICE
 from discovery.explain.tension import compared
 from discovery.explain.tension_gain import Pair
 from discovery.options import Options
@@ -54,9 +54,6 @@ _TENSIONS = {  # and the unit of the coefficient
     "max(T, 0) ** 2 / 100": "1/s",
     "sign(max(T, 0))": "N/s",
 }
-_PROPOSED = 5
-_ALIKE = 0.98  # cosine of two columns
-_TYPICAL = 0.1  # of the largest velocity, where a rate saturates
 
 
 def explain(residual: TensionResidual, options: Options) -> tuple[Explanation, ...]:
@@ -76,20 +73,21 @@ def explain(residual: TensionResidual, options: Options) -> tuple[Explanation, .
         cost with a price for every term. None where the courses are at noise, or the model has a free form
         in its tension already.
     """
+    price = options.criteria.tension.term_price
     taken = any(e.name == FREE_FORM for e in residual.model.effects_of("law change"))
     if residual.data is None or residual.misfit.is_noise or taken:
         return ()
     fitted = compared(residual, free_rates(residual.data, options.seed), (), options).explanations
-    sure = [one for one in fitted if _predicts(one)]
+    sure = [one for one in fitted if _predicts(one, price)]
     spread = min((spread_of(one) for one in sure), default=1.0)
-    sure.sort(key=lambda one: one.cost(hold_out=False) / spread + PRICE * one.free_numbers)
+    sure.sort(key=lambda one: one.cost(hold_out=False) / spread + price * one.free_numbers)
     return tuple(sure[:1])
 
 
-def _predicts(one: Explanation) -> bool:
+def _predicts(one: Explanation, price: float) -> bool:
     """Whether held-out records ask for a sum too: of so many sums one suits training records by chance."""
     unseen = one.gains(hold_out=True)
-    return is_accepted(one) and (not unseen.size or float(unseen.sum()) / spread_of(one) > PRICE)
+    return is_accepted(one) and (not unseen.size or float(unseen.sum()) / spread_of(one) > price)
 
 
 def free_rates(data: TensionData, seed: int = 0) -> tuple[Pair, ...]:
@@ -108,22 +106,22 @@ def free_rates(data: TensionData, seed: int = 0) -> tuple[Pair, ...]:
         As the catalogue's candidates; what promises most first. None where a gauge that follows the size of
         the motion, so much per m or m/s, would explain as much.
     """
-    frozen, texts = data.part(hold_out=False), _texts(data)
+    frozen, texts, price = data.part(hold_out=False), _texts(data), data.criteria.term_price
     law, terms = _rates(data.model, frozen, texts)
     roots = whitener(frozen, frozen.change)
     apart = _Apart(roots, roots @ _courses(frozen, law))
     left = apart.rows(frozen.change[:, :, None])[:, 0]
     shown = _single(apart.rows(_means(frozen, np.abs(frozen.nodes[1:3]).T)), left)
     names = [(factor, text) for factor in _TENSIONS for text in texts]
-    found = _sums(apart.rows(_courses(frozen, terms)), left, seed)
+    found = _sums(apart.rows(_courses(frozen, terms)), left, seed, data.criteria)
     spread = max(min((one.left for one in found), default=0.0) / len(left), 1.0)
-    found.sort(key=lambda one: one.left + PRICE * spread * len(one.support))
-    if not found or shown <= found[0].left + PRICE * spread * (len(found[0].support) - 1):
+    found.sort(key=lambda one: one.left + price * spread * len(one.support))
+    if not found or shown <= found[0].left + price * spread * (len(found[0].support) - 1):
         return ()
     # by straight lines a further term may seem to be worth its price: the best of every length is tried
     first = {len(one.support): one for one in reversed(found)}
     rest = [one for one in found if one is not first[len(one.support)]]
-    best = [*first.values(), *rest[: _PROPOSED - len(first)]]
+    best = [*first.values(), *rest[: int(data.criteria.proposed_sums) - len(first)]]
     return tuple(_pair([names[k] for k in one.support], one.values) for one in best)
 
 
@@ -153,7 +151,7 @@ def _texts(data: TensionData) -> tuple[str, ...]:
     """Factors of the motion with its scale in them."""
     loosening = np.flatnonzero(data.struck[: data.training])
     peaks = [np.abs(data.nodes(int(case))[2]).max() for case in loosening]
-    scale = f"{_TYPICAL * float(np.median(peaks)):.2g}"
+    scale = f"{data.criteria.turning_velocity * float(np.median(peaks)):.2g}"
     return tuple(text.format(v=scale) for text in _MOTIONS)
 
 
@@ -202,7 +200,7 @@ def _single(rows: FloatArray, left: FloatArray) -> float:
     return float(left @ left - along.max())
 
 
-def _sums(rows: FloatArray, left: FloatArray, seed: int) -> list[_Sum]:
+def _sums(rows: FloatArray, left: FloatArray, seed: int, criteria: Tension) -> list[_Sum]:
     """Single columns, and sums of few on the paths of the sparse fits."""
     sound = [k for k in range(rows.shape[1]) if np.isfinite(rows[:, k]).all()]
     kept, _ = usable(rows[:, sound], [str(k) for k in sound])
@@ -213,19 +211,19 @@ def _sums(rows: FloatArray, left: FloatArray, seed: int) -> list[_Sum]:
     supports = {frozenset([k]) for k in range(len(place))}
     supports |= set(sparse_supports(triangle, turn.T @ left, np.random.default_rng(seed), signed=True))
     found = []
-    for support in sorted(sorted(one) for one in supports if len(one) <= MOST_TERMS):
+    for support in sorted(sorted(one) for one in supports if len(one) <= criteria.free_terms):
         columns = rows[:, [place[k] for k in support]]
-        if not _parallel(columns):
+        if not _parallel(columns, criteria.parallel_terms):
             values = np.asarray(np.linalg.lstsq(columns, left, rcond=None)[0])
             rest = float(np.sum((left - columns @ values) ** 2))
             found.append(_Sum(tuple(place[k] for k in support), values, rest))
     return found
 
 
-def _parallel(columns: FloatArray) -> bool:
+def _parallel(columns: FloatArray, cosine: float) -> bool:
     """Whether two columns are so much alike that what frozen motion gets wrong tells them apart."""
     unit = columns / np.linalg.norm(columns, axis=0)
-    return bool(np.any(np.abs(np.triu(unit.T @ unit, 1)) > _ALIKE))
+    return bool(np.any(np.abs(np.triu(unit.T @ unit, 1)) > cosine))
 
 
 def _pair(terms: Sequence[tuple[str, str]], values: FloatArray) -> Pair:

@@ -16,7 +16,6 @@ from rom.effects import CATALOGUE, Member, ModelCorrection, Motion, Reading, Sen
 from rom.signals.per_record_parameters import per_record_names
 
 _LINE_HZ = np.arange(-0.15, 0.151, 0.05)  # about a line's nominal frequency
-_ALLOWED = 0.3  # of the smallest plausible strength of a fault: in every record by chance
 
 
 def explained_by_gauge(data: TensionData, effects: Sequence[Pair]) -> tuple[list[TensionGain], FloatArray]:
@@ -53,7 +52,7 @@ def _rows(data: TensionData, readings: Sequence[Pair]) -> tuple[list[Projected],
     rows = []
     for case, seen in enumerate(data.records):
         motion = _measured_motion(seen)
-        rows.append(following(seen, data.nodes(case), [unit.added(motion) for unit in units]))
+        rows.append(following(seen, data.nodes(case), [unit.added(motion) for unit in units], data.criteria))
     return rows, places
 
 
@@ -86,7 +85,7 @@ def _altered(data: TensionData, member: Member, effect: SensorFault) -> tuple[Te
     sizes = np.geomspace(0.2 * member.strengths[name], high, 60)
     grid = np.concatenate([-sizes[::-1], sizes] if low < 0 else [sizes])
     faults = [effect.with_values(**{name: float(value)}) for value in grid]
-    least = int(np.argmin(np.abs(grid - _ALLOWED * member.strengths[name])))
+    least = int(np.argmin(np.abs(grid - data.criteria.gauge_fault * member.strengths[name])))
     rows = [altered(seen, data.nodes(case), faults, least) for case, seen in enumerate(data.records)]
     gains = np.array(
         [(row.seen @ row.seen) - ((row.seen[:, None] - row.columns) ** 2).sum(axis=0) for row in rows]
@@ -112,7 +111,7 @@ def _line(data: TensionData, member: Member, effect: SensorFault) -> tuple[Tensi
             [none.with_values(**{name: 1.0, inner: float(f)}).apply(zero, seen.rate_hz) for name in own]
             for f in grid
         ]
-        row = disturbed(seen, data.nodes(case), groups)
+        row = disturbed(seen, data.nodes(case), groups, data.criteria)
         assert row.own is not None
         before.append(float(row.seen @ row.seen))
         sizes = row.own.reshape(len(grid), len(own))

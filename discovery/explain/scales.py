@@ -12,13 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.tension import Tension
 from rom.effects import Effect, Member
 from rom.identification.equation_error import Balance
 from rom.identification.force_balance import Balances
 from rom.model.laws import Parameter
 from rom.model.units import parse_unit
 
-_WIDER = 10.0  # than the scaled ranges: peaks of a motion are a rough measure of it
 
 
 @dataclass(frozen=True)
@@ -72,8 +73,25 @@ def sees_normal_force(balances: Balances, enters: str) -> bool:
     return any(np.any(motion[2] > 0) for motion in motions)
 
 
-def at_scale(member: Member, effect: Effect, scale: Scale, *, ground: bool) -> Effect:
-    """The effect with defaults and ranges of the scale of its place."""
+def at_scale(
+    member: Member, effect: Effect, scale: Scale, *, ground: bool, criteria: Tension = CRITERIA.tension
+) -> Effect:
+    """Return the effect with defaults and ranges of the scale of its place.
+
+    Parameters
+    ----------
+    member : Member
+        Of the catalogue.
+    effect : Effect
+        At its place.
+    scale : Scale
+        Force and motion there.
+    ground : bool
+        Whether it acts between a body and the ground.
+    criteria : Tension
+        How much wider than the scaled ranges they may be.
+    """
+    wider = criteria.wider_range
     known = OF_GROUND if ground else OF_JOINT
     numbers: Mapping[str, Parameter] = {**member.parameters, **(member.ground if ground else {})}
     scaled = {}
@@ -81,7 +99,7 @@ def at_scale(member: Member, effect: Effect, scale: Scale, *, ground: bool) -> E
         factor = scale.over(known, number.unit)
         low, high = (bound * factor for bound in number.bounds)
         if number.unit != "1":
-            low, high = low * (_WIDER if low < 0 else 1 / _WIDER), high * _WIDER
+            low, high = low * (wider if low < 0 else 1 / wider), high * wider
         scaled[name] = replace(number, value=number.value * factor, bounds=(low, high))
     made = member.at(effect.enters, scaled)
     assert isinstance(made, Effect)

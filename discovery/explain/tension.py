@@ -25,8 +25,6 @@ from rom.effects import LawChange, Member, ModelCorrection, Reading, SensorFault
 from rom.signals.per_record_parameters import per_record_names
 from rom.signals.sensor_correction import moves_levels
 
-_FAST = 8  # about so many numbers tell a record's fast part
-
 
 @dataclass(frozen=True)
 class TensionFindings:
@@ -134,7 +132,7 @@ def _explanations(
     data: TensionData, gained: Sequence[TensionGain], base: CourseFit, fast: FloatArray
 ) -> tuple[Explanation, ...]:
     files, training, before = data.files, data.training, base.costs + fast
-    samples = data.frozen.change.shape[1] + _FAST
+    samples = data.frozen.change.shape[1] + int(data.criteria.fast_numbers)
     found = [
         Explanation(
             effect=gain.effect,

@@ -19,7 +19,7 @@ from discovery.courses.tension_likelihood import LawCandidate, LawProblem, chang
 from discovery.decide.chance import largest_of_noise, p_value
 from discovery.decide.explanation import limited, limited_number
 from discovery.explain.tension_gain import Pair, TensionGain, at_bounds
-from discovery.residual.course_fit import CourseFit, CourseFits, ended
+from discovery.residual.course_fit import CourseFit, CourseFits
 from discovery.residual.tension_data import TensionData
 from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
@@ -27,7 +27,6 @@ from rom.effects import CATALOGUE, LawChange, Member, ModelCorrection
 from rom.model.laws import Parameter
 from rom.signals.per_record_parameters import per_record_names
 
-_REFINED = 5
 _STRENGTHS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times a default
 _FRESH = np.array([np.log(0.5), 0.0])  # scatter to start from
 
@@ -68,7 +67,10 @@ class LawSearch:
             base = self._without_effect(screened[0][1], base)
         gained = [self._drift(effect, base) for _, effect in effects if per_record_names(effect)]
         fits = [fit for _, fit in screened]
-        final = self._each(self._final, ((fit, rank < _REFINED) for rank, fit in enumerate(fits)))
+        final = self._each(
+            self._final,
+            ((fit, rank < self.data.criteria.resimulated_effects) for rank, fit in enumerate(fits)),
+        )
         gained += [self._gained(effect, fit, base) for (effect, _), fit in zip(screened, final, strict=True)]
         return self._with_chance(gained, fits, base), base
 
@@ -160,7 +162,7 @@ class LawSearch:
         train = self.data.part(hold_out=False, of=drifting)
         problem = LawProblem(base.candidate, train, base.problem.offsets)
         state = problem.fitted(problem.solve(problem.theta0, base.state.scatter, base.state.u, steps=6))
-        fit = self.fits.with_costs(ended(problem, state), drifting)
+        fit = self.fits.with_costs(self.fits.ended(problem, state), drifting)
         (name,) = per_record_names(effect)
         low, high = effect.parameters[name].bounds
         mean = effect.with_values(**{name: float(np.clip(drift.mean, low, high))})

@@ -22,14 +22,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft, interpolate
 
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.localisation import Localising
 from discovery.localisation.lines import ROUND, Lines, Place
 from rom.campaign.channels import FloatArray
 
 _HALF_BINS, _PER_DECADE = 13, 6  # of displacement and of velocity, on either side of the middle one
-_LOUD = 2.0  # times the usual noise: lines that have more are faded
-_NEAR = 0.1  # of the dominant frequency
-_BLOCKS = 16  # of a record: signs are turned and folds are dealt by these
-_FOLDS, _TURNS, _SEED = 5, 999, 0
+_TURNS, _SEED = 999, 0
 _LOOPS, _FINE = 3, 240
 _DISTANCES = 10.0 ** (np.arange(-12, 0) / 12)  # from rest, of a record's largest
 _CLASSES = 2 * (len(_DISTANCES) + 1) ** 2
@@ -125,7 +124,9 @@ class ForceMap:
         }
 
 
-def courses_at(place: Place, parts: Sequence[Lines]) -> tuple[Course, ...]:
+def courses_at(
+    place: Place, parts: Sequence[Lines], criteria: Localising = CRITERIA.localisation
+) -> tuple[Course, ...]:
     """Return the unbalanced force at a place along every record that can show it.
 
     At a link it is told from all lines, as long as all last; on a body from the first part's alone, those
@@ -135,11 +136,11 @@ def courses_at(place: Place, parts: Sequence[Lines]) -> tuple[Course, ...]:
     for one in parts:
         records.setdefault(id(one.trace), []).append(one)
     mine = (ones if place.bolted else ones[:1] for ones in records.values())
-    found = (_course(place, ones) for ones in mine if place.direction(ones[0].trace) is not None)
+    found = (_course(place, ones, criteria) for ones in mine if place.direction(ones[0].trace) is not None)
     return tuple(course for course in found if course.variance.any())
 
 
-def _course(place: Place, ones: Sequence[Lines]) -> Course:
+def _course(place: Place, ones: Sequence[Lines], criteria: Localising) -> Course:
     trace = ones[0].trace
     first = ones[0].part.samples[0]
     count = min(last - first for _, last in (one.part.samples for one in ones)) // trace.stride
@@ -148,7 +149,7 @@ def _course(place: Place, ones: Sequence[Lines]) -> Course:
         1 / (np.maximum(np.sum(np.abs(b) ** 2, axis=1), 1e-300) * one.span_s[1])
         for b, one in zip(shown, ones, strict=True)
     ]
-    usual = _usual(noise, ones)
+    usual = _usual(noise, ones, criteria)
     force, variance = np.zeros(count), np.zeros(count)
     for b, each, one in zip(shown, noise, ones, strict=True):
         faded = 1 / (1 + (each / usual) ** 2)
@@ -163,12 +164,15 @@ def _course(place: Place, ones: Sequence[Lines]) -> Course:
     return Course(time[after], force[after], x[after], v[after], np.maximum(variance[after], 0.0))
 
 
-def _usual(noise: Sequence[FloatArray], ones: Sequence[Lines]) -> float:
+def _usual(noise: Sequence[FloatArray], ones: Sequence[Lines], criteria: Localising) -> float:
     """Power of noise that a line may have and still pass, over all lines of a record."""
     every, frequency = np.concatenate(noise), np.concatenate([one.part.frequency for one in ones])
-    near = np.abs(frequency - (ones[0].trace.measurement.strongest_hz or 0.0)) < _NEAR * frequency
+    near = (
+        np.abs(frequency - (ones[0].trace.measurement.strongest_hz or 0.0))
+        < criteria.dominant_width * frequency
+    )
     middle = [float(np.median(lines)) for lines in (every, every[near]) if lines.size]
-    return _LOUD * max(middle)
+    return criteria.loud_line * max(middle)
 
 
 def _shown(one: Lines, place: Place) -> npt.NDArray[np.complexfloating]:
@@ -216,10 +220,12 @@ def _mirrored(x: FloatArray, v: FloatArray) -> tuple[npt.NDArray[np.intp], npt.N
     return far + count * (fast + count * (x * v > 0)), far > 0
 
 
-def force_map(place: str, courses: Sequence[Course]) -> ForceMap:
+def force_map(
+    place: str, courses: Sequence[Course], criteria: Localising = CRITERIA.localisation
+) -> ForceMap:
     """Return what the unbalanced force at a place is of the motion there, as a map and in numbers."""
     edges = _edges([one.displacement for one in courses]), _edges([one.velocity for one in courses])
-    sums = _Sums(courses, edges)
+    sums = _Sums(courses, edges, criteria)
     level, (positive, negative) = sums.square / sums.noise, by_sign(courses)
     explained = sums.predicted()
     loop, work = _loop(max(courses, key=lambda one: float(np.abs(one.displacement).max())))
@@ -253,12 +259,14 @@ def _edges(motions: Sequence[FloatArray]) -> FloatArray:
 class _Sums:
     """Weighted sums of force and motion over blocks of records, by bins of the map.
 
-    A block is a sixteenth of a record: longer than noise remembers, so that signs of blocks can be turned
+    A block of a record is longer than noise remembers, so that signs of blocks can be turned
     where noise alone is left, and the sums are as likely.
     """
 
-    def __init__(self, courses: Sequence[Course], edges: tuple[FloatArray, FloatArray]) -> None:
-        self._courses = courses
+    def __init__(
+        self, courses: Sequence[Course], edges: tuple[FloatArray, FloatArray], criteria: Localising
+    ) -> None:
+        self._courses, self._criteria, self._blocks = courses, criteria, int(criteria.blocks)
         self.shape = (len(edges[1]) - 1, len(edges[0]) - 1)
         told = [self._told(one, edges) for one in courses]
         self._force = np.concatenate([force for force, _ in told])
@@ -273,9 +281,9 @@ class _Sums:
             for e, motion in zip(edges, (one.displacement, one.velocity), strict=True)
         )
         bins = self.shape[0] * self.shape[1]
-        place = _blocks(one) * bins + rows * self.shape[1] + columns
+        place = self._block_of(one) * bins + rows * self.shape[1] + columns
         force, count = (
-            np.bincount(place, weights=w, minlength=_BLOCKS * bins).reshape(_BLOCKS, bins)
+            np.bincount(place, weights=w, minlength=self._blocks * bins).reshape(self._blocks, bins)
             for w in (one.force, np.ones_like(one.force))
         )
         return np.asarray(force * one.weight), np.asarray(count * one.weight)
@@ -289,6 +297,10 @@ class _Sums:
         mean[there] = self._force.sum(axis=0)[there] / count[there]
         return mean.reshape(self.shape)
 
+    def _block_of(self, one: Course) -> npt.NDArray[np.intp]:
+        """Block of every sample of a record."""
+        return np.arange(len(one.force)) * self._blocks // len(one.force)
+
     def elastic(self) -> float:
         """Share of the map's square that is even in velocity; NaN where no bin has its mirror image."""
         there, count = np.nan_to_num(self.mean), self._count.sum(axis=0).reshape(self.shape)
@@ -298,9 +310,10 @@ class _Sums:
 
     def predicted(self) -> float:
         """Share of the force's square that means of the other blocks predict; 0 where that is none."""
-        fold = np.arange(len(self._force)) % _FOLDS
+        folds = int(self._criteria.folds)
+        fold = np.arange(len(self._force)) % folds
         left = 0.0
-        for number in range(_FOLDS):
+        for number in range(folds):
             mine = fold == number
             force, count = (sums[~mine].sum(axis=0) for sums in (self._force, self._count))
             told = np.divide(force, count, out=np.zeros_like(force), where=count > 0)
@@ -322,16 +335,12 @@ class _Sums:
         product, motion = [], 0.0
         for one in self._courses:
             along = getattr(one, quantity)
-            product.append(np.bincount(_blocks(one), weights=one.force * along) * one.weight)
+            product.append(np.bincount(self._block_of(one), weights=one.force * along) * one.weight)
             motion += float(np.sum(along**2)) * one.weight
         size, every = np.sqrt(self.square * motion), np.concatenate(product)
         if not size:
             return float("nan"), float("nan")
-        return float(every.sum() / size), float(1.96 * np.linalg.norm(every) / size)
-
-
-def _blocks(one: Course) -> npt.NDArray[np.intp]:
-    return np.arange(len(one.force)) * _BLOCKS // len(one.force)
+        return float(every.sum() / size), float(self._criteria.normal_quantile * np.linalg.norm(every) / size)
 
 
 def _loop(one: Course) -> tuple[Mapping[str, FloatArray], float]:
@@ -358,9 +367,11 @@ def _rounded(values: FloatArray) -> list[float | None]:
     return [_plain(float(f"{value:.4g}")) for value in values]
 
 
-def force_maps(where: Sequence[Place], parts: Sequence[Lines]) -> Iterator[ForceMap]:
+def force_maps(
+    where: Sequence[Place], parts: Sequence[Lines], criteria: Localising = CRITERIA.localisation
+) -> Iterator[ForceMap]:
     """Yield the map of every place that has moved."""
     for place in where:
-        courses = courses_at(place, parts)
+        courses = courses_at(place, parts, criteria)
         if any(np.any(one.displacement) for one in courses):
-            yield force_map(place.name, courses)
+            yield force_map(place.name, courses, criteria)

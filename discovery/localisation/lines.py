@@ -19,6 +19,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft, stats
 
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.localisation import Localising
 from rom.campaign.channels import FloatArray
 from rom.identification.spectral_model import ComplexArray, Linearised, SpectralRecord
 
@@ -32,9 +34,6 @@ _HARMONICS = ("1st harmonic", "2nd harmonic", "3rd harmonic")
 _ELSEWHERE = "other lines"
 ROUND = 0.1
 """Of the spectra's length, where what smears to before the hit comes round."""
-_NEAR = 0.2  # of the dominant frequency, which moves with the amplitude
-_PRELOAD, _HIT = 0.1, 0.2  # relative differences of tests that repeat each other
-_CHANCE = 0.05
 _GROUND = "ground"
 
 
@@ -160,7 +159,7 @@ def by_time(parts: Iterable[Lines]) -> Profile:
     return tally.profile()
 
 
-def by_harmonic(parts: Iterable[Lines]) -> Profile:
+def by_harmonic(parts: Iterable[Lines], criteria: Localising = CRITERIA.localisation) -> Profile:
     """Return the mean square of lines at the record's dominant frequency, its harmonics, and elsewhere."""
     tally = _Tally((*_HARMONICS, _ELSEWHERE))
     for one in parts:
@@ -168,7 +167,7 @@ def by_harmonic(parts: Iterable[Lines]) -> Profile:
         if not strongest:
             continue
         order = one.part.frequency / strongest
-        near = np.abs(order - np.rint(order)) < _NEAR
+        near = np.abs(order - np.rint(order)) < criteria.harmonic_width
         number = np.where(near & (np.rint(order) <= len(_HARMONICS)), np.rint(order), 0).astype(np.intp)
         left = 2.0 - one.missing(one.projected)
         for harmonic, label in enumerate((_ELSEWHERE, *_HARMONICS)):
@@ -193,7 +192,7 @@ def by_place(parts: Sequence[Lines], where: Iterable[Place]) -> Profile:
     return tally.profile()
 
 
-def repeatability(parts: Sequence[Lines]) -> Profile:
+def repeatability(parts: Sequence[Lines], criteria: Localising = CRITERIA.localisation) -> Profile:
     """Return how alike the residuals of tests are that repeat each other; nothing where none does.
 
     ``repeatability`` is the correlation of their lines, of all pairs together: 0 for noise, and (m - 1) / m
@@ -209,7 +208,11 @@ def repeatability(parts: Sequence[Lines]) -> Profile:
     hits = {id(one.trace): _hit(one.trace) for one in parts}
     for first, second in itertools.combinations(parts, 2):
         at = hits[id(first.trace)], hits[id(second.trace)]
-        if first.trace is not second.trace and at[0].repeats(at[1]) and _side_by_side(first, second):
+        if (
+            first.trace is not second.trace
+            and at[0].repeats(at[1], criteria)
+            and _side_by_side(first, second)
+        ):
             a, b = _from_hit(first, at[0].body), _from_hit(second, at[1].body)
             product += float(np.sum(np.conj(a) * b).real)
             size += float(np.linalg.norm(a) * np.linalg.norm(b))
@@ -223,14 +226,14 @@ def repeatability(parts: Sequence[Lines]) -> Profile:
     noise, count = np.sum(list(apart.values()), axis=0)
     return (
         ("repeatability", product / size),
-        ("repeatability_chance", 1.96 / float(np.sqrt(count))),
+        ("repeatability_chance", criteria.normal_quantile / float(np.sqrt(count))),
         ("repeatability_noise", float(noise / count)),
         *((f"repeatability_noise_{body}", square / n) for body, (square, n) in apart.items()),
         ("repeatability_pairs", float(len(pairs))),
     )
 
 
-def line_correlation(parts: Sequence[Lines]) -> Profile:
+def line_correlation(parts: Sequence[Lines], criteria: Localising = CRITERIA.localisation) -> Profile:
     """Return how alike lines side by side are, by kind of test: a test of whiteness.
 
     rho^2 = sum |sum_k conj(r_k) r_(k+1)|^2 / sum (sum_k |r_k|^2)^2 over records and channels. White lines
@@ -246,7 +249,7 @@ def line_correlation(parts: Sequence[Lines]) -> Profile:
         count = np.concatenate([np.full(r.shape[1], float(len(r))) for r in white])
         mean, size = 4 * (count - 1), 4 * count**2
         scale = float(np.sum(mean**2) / np.sum(mean))
-        largest = float(stats.gamma.isf(_CHANCE, np.sum(mean) / scale, scale=scale))
+        largest = float(stats.gamma.isf(criteria.chance, np.sum(mean) / scale, scale=scale))
         found += [
             (f"line_correlation_{test}", float(np.sqrt(alike / whole)) if whole > 0 else 0.0),
             (f"line_correlation_{test}_chance", float(np.sqrt(largest / np.sum(size)))),
@@ -263,12 +266,12 @@ class _Hit:
     force: float
     tension: float
 
-    def repeats(self, other: _Hit) -> bool:
+    def repeats(self, other: _Hit, criteria: Localising) -> bool:
         return (
             (self.group, self.body) == (other.group, other.body)
             and self.force > 0
-            and _nearby(self.force, other.force, _HIT)
-            and _nearby(self.tension, other.tension, _PRELOAD)
+            and _nearby(self.force, other.force, criteria.repeat_hit)
+            and _nearby(self.tension, other.tension, criteria.repeat_preload)
         )
 
 

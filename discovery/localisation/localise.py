@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.localisation import Localising
 from discovery.localisation.force_map import ForceMap, force_maps
 from discovery.localisation.lines import (
     Profile,
@@ -106,12 +108,25 @@ def localise(
     evidence: WhitenedResidual,
     numbers: Mapping[str, float] | None = None,
     courses: Mapping[str, Profile] | None = None,
+    criteria: Localising = CRITERIA.localisation,
 ) -> Localisation:
-    """Return where the residual on training records lives; other ``numbers`` and views of it are kept."""
+    """Return where the residual on training records lives.
+
+    Parameters
+    ----------
+    evidence : WhitenedResidual
+        What the model leaves over.
+    numbers : mapping of str to float, optional
+        Other errors, kept as they are.
+    courses : mapping of str to tuple of (str, float), optional
+        Views of the tension's misfit, kept as they are.
+    criteria : Localising
+        The numbers that decide.
+    """
     parts = training_lines(evidence)
     squares = [(one.trace, one.part.frequency, one.rows) for one in parts]
     where = places(evidence)
-    forces = tuple(force_maps(where, parts))
+    forces = tuple(force_maps(where, parts, criteria))
     return Localisation(
         by_channel=_mean_squares(
             (body, m[:, :, k]) for t, _, m in squares for k, body in enumerate(t.bodies)
@@ -123,14 +138,14 @@ def localise(
         by_preload=_mean_squares((_class(t.level, _PRELOADS, "N"), m) for t, _, m in squares),
         by_amplitude=_mean_squares((_class(_peak(t), _AMPLITUDES, "um"), m) for t, _, m in squares),
         by_time=by_time(parts),
-        by_harmonic=by_harmonic(parts),
+        by_harmonic=by_harmonic(parts, criteria),
         by_place=by_place(parts, where),
         by_sign=_by_sign(forces, [place.name for place in where if place.bolted]),
         whiteness_p=_whiteness([(one.part, one.rows) for one in parts]),
         total=float(np.mean(np.concatenate([m.ravel() for _, _, m in squares]) ** 2)),
         numbers=tuple((numbers or {}).items()),
-        repeats=repeatability(parts),
-        white=line_correlation(parts),
+        repeats=repeatability(parts, criteria),
+        white=line_correlation(parts, criteria),
         forces=forces,
         courses=courses or {},
     )

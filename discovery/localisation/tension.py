@@ -8,6 +8,8 @@ import numpy as np
 
 from discovery.courses.marginal_likelihood import tau
 from discovery.courses.tension_likelihood import bin_edges
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.localisation import Localising
 from discovery.localisation.localise import Profile, class_label
 from discovery.residual.course_fit import CourseFit, Misfit
 from rom.campaign.channels import FloatArray
@@ -15,10 +17,9 @@ from rom.campaign.channels import FloatArray
 _PRELOADS = (30.0, 100.0, 300.0, 1000.0)  # [N]
 _SPEEDS = (1.0, 3.0, 10.0, 30.0, 100.0)  # [mm/s]
 _TIMES = (10.0, 30.0, 100.0, 300.0, 1000.0)  # [ms]
-_FEWEST = 5.0  # free numbers: of fewer little can be said
 
 
-def tension_views(misfit: Misfit) -> Mapping[str, Profile]:
+def tension_views(misfit: Misfit, criteria: Localising = CRITERIA.localisation) -> Mapping[str, Profile]:
     """Mean square of what a law leaves over of the training courses, 1 being noise, along three views.
 
     Whitened residuals are those of each bin given the bins before it, so that they belong to what the rate
@@ -29,13 +30,15 @@ def tension_views(misfit: Misfit) -> Mapping[str, Profile]:
     ----------
     misfit : Misfit
         With the law's fit to the training courses; there are no views without it.
+    criteria : Localising
+        Least numbers of a class.
 
     Returns
     -------
     mapping of str to tuple of (str, float)
         ``tension_by_preload``: tension before the hit [N]; ``tension_by_velocity``: largest relative velocity
         in the bin [mm/s]; ``tension_by_time``: middle of the bin from the hit [ms]. A label of the class and
-        the mean square there; classes of less than five free numbers are left out.
+        the mean square there; classes of too few free numbers are left out.
     """
     slow = misfit.fit
     if slow is None:
@@ -50,7 +53,8 @@ def tension_views(misfit: Misfit) -> Mapping[str, Profile]:
         "tension_by_time": (np.broadcast_to(middle, squares.shape), _TIMES, "ms"),
     }
     return {
-        name: _profile(values, edges, unit, squares, numbers) for name, (values, edges, unit) in views.items()
+        name: _profile(values, edges, unit, squares, numbers, criteria.class_numbers)
+        for name, (values, edges, unit) in views.items()
     }
 
 
@@ -79,12 +83,17 @@ def _speeds(slow: CourseFit) -> FloatArray:
 
 
 def _profile(
-    values: FloatArray, edges: Sequence[float], unit: str, squares: FloatArray, numbers: FloatArray
+    values: FloatArray,
+    edges: Sequence[float],
+    unit: str,
+    squares: FloatArray,
+    numbers: FloatArray,
+    fewest: float,
 ) -> Profile:
     place = np.searchsorted(edges, values)
     found = []
     for k in range(len(edges) + 1):
         inside = place == k
-        if (count := float(numbers[inside].sum())) >= _FEWEST:
+        if (count := float(numbers[inside].sum())) >= fewest:
             found.append((class_label(k, edges, unit), float(squares[inside].sum()) / count))
     return tuple(found)

@@ -22,15 +22,14 @@ from discovery.courses.tension_likelihood import (
     law_candidate,
     resimulated,
 )
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.tension import Tension
 from discovery.residual.tension_data import TensionData
 from rom.campaign.channels import FloatArray
 
 _ROUGH_STEPS = (0.5, 8)  # gain of a step and number of steps: enough to screen by
 _ROUNDS = 2  # of correction by re-simulation
-_UNTOLD = 2  # directions of a course that may oscillate with the motion
 _U_STARTS = (0.0, -1.0, 1.0, -3.0)
-_CHANCE = 1e-3
-_NEARLY_NOISE = 1.5  # mean square: a motion that is known to a few percent shifts courses by as much
 
 
 @dataclass(frozen=True)
@@ -43,13 +42,15 @@ class Misfit:
     level: float
     numbers: float
     fit: CourseFit | None = None
+    criteria: Tension = CRITERIA.tension
 
     @property
     def is_noise(self) -> bool:
-        """Whether chance alone would leave as much in one campaign of a thousand, or nearly so."""
+        """Whether chance alone would leave as much, or nearly so."""
         if self.numbers <= 0:
             return True
-        return self.level <= max(_NEARLY_NOISE, float(stats.chi2.isf(_CHANCE, self.numbers)) / self.numbers)
+        by_chance = float(stats.chi2.isf(self.criteria.misfit_chance, self.numbers)) / self.numbers
+        return self.level <= max(self.criteria.misfit_floor, by_chance)
 
     def loss_to(self, after: Misfit) -> float:
         """How much more of the courses another model leaves, as a cost."""
@@ -64,6 +65,7 @@ class CourseFit:
     state: State
     problem: LawProblem
     costs: FloatArray  # all records
+    criteria: Tension = CRITERIA.tension
 
     @property
     def training(self) -> float:
@@ -87,8 +89,9 @@ class CourseFit:
         """
         information = (self.state.slope**2).sum(axis=1)
         told = information / (information + 1 / tau(self.state.scatter, self.problem.frozen.initial) ** 2)
-        rows = self.state.residual.shape[1] - _UNTOLD - told
-        return Misfit(float((self.state.residual**2).sum() / rows.sum()), float(rows.sum()), self)
+        rows = self.state.residual.shape[1] - self.criteria.free_directions - told
+        level = float((self.state.residual**2).sum() / rows.sum())
+        return Misfit(level, float(rows.sum()), self, self.criteria)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +137,13 @@ class CourseFits:
             if start is None
             else problem.solve(problem.theta0, start.state.scatter, start.state.u, steps=6)
         )
-        return ended(problem, problem.fitted(first, *_ROUGH_STEPS) if roughly else problem.fitted(first))
+        return self.ended(problem, problem.fitted(first, *_ROUGH_STEPS) if roughly else problem.fitted(first))
+
+    def ended(self, problem: LawProblem, state: State) -> CourseFit:
+        """The fit where the steps of a problem have ended, without costs."""
+        candidate = problem.at(state.theta)
+        assert isinstance(candidate, LawCandidate)
+        return CourseFit(candidate, state, problem, np.zeros(0), self.data.criteria)
 
     def resimulated(self, fit: CourseFit) -> CourseFit:
         """Correct by full re-simulation, fit again, and add the held-out records' costs."""
@@ -173,13 +182,6 @@ class CourseFits:
         """What another noise than the usual one adds to costs."""
         usual = np.linalg.slogdet(self.data.part(hold_out=hold_out).covariance)[1]
         return np.asarray(problem.log_determinant - usual)
-
-
-def ended(problem: LawProblem, state: State) -> CourseFit:
-    """The fit where the steps of a problem have ended, held-out records left aside."""
-    candidate = problem.at(state.theta)
-    assert isinstance(candidate, LawCandidate)
-    return CourseFit(candidate, state, problem, np.zeros(0))
 
 
 def _predictive(problem: LawProblem, at: State) -> State:

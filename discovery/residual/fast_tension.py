@@ -14,16 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
+from discovery.criteria.tension import Tension
 from discovery.residual.tension_records import TensionObservation
 from rom.campaign.channels import FloatArray
 from rom.effects import SensorFault
 
-_WINDOW_S, _EARLY_S, _LEAD_S = 1.2, 0.06, 0.005
-_SLOWEST_HZ = 6.0  # below it a course that is wrong and slow noise are not told from an effect
+_EARLY_S, _LEAD_S = 0.06, 0.005
 _LOSSES_S = (1e-3, 4e-3, 1.5e-2, 5e-2)
 _SAME = 1e-8
 _RANK = 5
-_ALLOWED = 0.3  # of the noise of a sample: so much of the peaks of any column is no finding
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,19 +49,35 @@ def _window(seen: TensionObservation, start_s: float, end_s: float) -> slice:
     return slice(max(first, 0), min(int((seen.course.impact_s + end_s) * seen.rate_hz), len(seen.tension)))
 
 
-def following(seen: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray]) -> Projected:
-    """Project the fast part on readings of strength one that follow the motion, (samples,) each."""
-    found = _after_hit(seen, nodes, columns)
-    peaks = [np.abs(column[_window(seen, 0.0, _WINDOW_S)]).max() for column in columns]
-    share = _ALLOWED * np.sqrt(seen.white) / np.maximum(peaks, 1e-300)
+def following(
+    seen: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray], criteria: Tension
+) -> Projected:
+    """Project the fast part on readings of strength one that follow the motion.
+
+    Parameters
+    ----------
+    seen : TensionObservation
+        The record.
+    nodes : ndarray, shape (6, nodes)
+        Its frozen motion, (t x v F D T).
+    columns : sequence of ndarray, shape (samples,)
+        The readings [N].
+    criteria : Tension
+        Window, slowest frequency, and the share of the peaks that is no finding.
+    """
+    found = _after_hit(seen, nodes, columns, criteria)
+    peaks = [np.abs(column[_window(seen, 0.0, criteria.fast_window_s)]).max() for column in columns]
+    share = criteria.fast_peak * np.sqrt(seen.white) / np.maximum(peaks, 1e-300)
     return _allowing(found, found.columns * share)
 
 
-def _after_hit(seen: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray]) -> Projected:
-    window = _window(seen, 0.0, _WINDOW_S)
+def _after_hit(
+    seen: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray], criteria: Tension
+) -> Projected:
+    window = _window(seen, 0.0, criteria.fast_window_s)
     time = (np.arange(window.start, window.stop) / seen.rate_hz) - seen.course.impact_s
     length = float(time[-1])
-    order = np.arange(int(2 * _SLOWEST_HZ * length) + 1)
+    order = np.arange(int(2 * criteria.slowest_hz * length) + 1)
     slow = np.cos(np.pi * np.outer(time / length, order))
     losses = np.exp(-np.outer(time, 1 / np.array(_LOSSES_S)))
     course = np.interp(time, nodes[0], nodes[5])[:, None]
@@ -81,7 +96,16 @@ def altered(
 ) -> Projected:
     """Project the part about the hit on what faults would make of the course, a column for every fault.
 
-    One as small as the fault of the number ``least`` is no finding.
+    Parameters
+    ----------
+    seen : TensionObservation
+        The record.
+    nodes : ndarray, shape (6, nodes)
+        Its frozen motion, (t x v F D T).
+    faults : sequence of SensorFault
+        One fault of several sizes.
+    least : int
+        Place of the size that is no finding.
     """
     window = _window(seen, -_LEAD_S, _EARLY_S)
     time = (np.arange(window.start, window.stop) / seen.rate_hz) - seen.course.impact_s
@@ -94,13 +118,27 @@ def altered(
 
 
 def disturbed(
-    seen: TensionObservation, nodes: FloatArray, groups: Sequence[Sequence[FloatArray]]
+    seen: TensionObservation,
+    nodes: FloatArray,
+    groups: Sequence[Sequence[FloatArray]],
+    criteria: Tension,
 ) -> Projected:
     """Project the part after the hit on groups of columns, with coefficients of each group from before it.
 
     Drawn towards zero as far as noise alone could have moved them.
+
+    Parameters
+    ----------
+    seen : TensionObservation
+        The record.
+    nodes : ndarray, shape (6, nodes)
+        Its frozen motion, (t x v F D T).
+    groups : sequence of sequence of ndarray, shape (samples,)
+        Columns of each group [N].
+    criteria : Tension
+        Window and slowest frequency.
     """
-    after = _after_hit(seen, nodes, [unit for group in groups for unit in group])
+    after = _after_hit(seen, nodes, [unit for group in groups for unit in group], criteria)
     window = _window(seen, -10.0, -2e-3)
     target = seen.tension[window] - seen.tension[window].mean()
     own = []

@@ -16,9 +16,6 @@ from rom.identification.identify import Identification
 from rom.model.model import Model
 from rom.signals.per_record_parameters import per_record_names
 
-_FEWEST = 3  # loosening records
-_ALLOWED_DRIFT = 0.005  # [N/s]; half the smallest plausible one
-
 
 @dataclass(frozen=True, eq=False)
 class TensionResidual:
@@ -46,13 +43,14 @@ class TensionResidual:
         """The records; None where the model has not one bolted link, or too few have a tension and a hit."""
         if len(self.model.structure.bolted_links) != 1:
             return None
-        found = read_tensions(self.campaign, self.model, self.options.jobs)
+        criteria = self.options.criteria.tension
+        found = read_tensions(self.campaign, self.model, self.options.jobs, criteria)
         records = tuple(sorted(found, key=lambda one: one.settings.hold_out))
         struck = np.array([one.settings.test == "loosening" for one in records])
         training = sum(not one.settings.hold_out for one in records)
-        if struck[:training].sum() < _FEWEST:
+        if struck[:training].sum() < criteria.loosening_tests:
             return None
-        noise_of = noises(records, _ALLOWED_DRIFT)
+        noise_of = noises(records, criteria)
         if noise_of is None:
             return None
         steady, drifting, drift = noise_of
@@ -62,7 +60,7 @@ class TensionResidual:
         frozen = frozen_of(records, noise, self.model)
         return TensionData(
             self.model, records, frozen, training, struck, tuple(fit.free) if fit is not None else (), drift,
-            drifted(frozen, records, noise, drifting, drift.mean),
+            drifted(frozen, records, noise, drifting, drift.mean), criteria,
         )  # fmt: skip
 
     @cached_property

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from discovery.courses.frozen_motion import FrozenMotion
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.tension import Tension
 from discovery.residual.tension_records import NO_DRIFT, Drift, TensionObservation
 from rom.campaign.channels import FloatArray
 from rom.model.model import Model
@@ -32,6 +34,8 @@ class TensionData:
         Drift of the gauge.
     drifting : FrozenMotion or None
         The same motion with that drift in the noise of the histories; None: without one.
+    criteria : Tension
+        The numbers that decide.
     """
 
     model: Model
@@ -42,6 +46,7 @@ class TensionData:
     free: tuple[str, ...] = ()
     drift: Drift = NO_DRIFT
     drifting: FrozenMotion | None = None
+    criteria: Tension = CRITERIA.tension
 
     def nodes(self, case: int) -> FloatArray:
         """Frozen motion of one record, (t x v F D T, nodes)."""

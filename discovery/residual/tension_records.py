@@ -9,6 +9,8 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from discovery.courses.frozen_motion import FrozenMotion, freeze
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.tension import Tension
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import FloatArray
 from rom.effects import Motion
@@ -27,10 +29,7 @@ from rom.signals.tension_bins import (
 )
 
 _EARLY_S = 0.06
-_NOISE_BAND_HZ = (4.0, 300.0)
 _MEDIAN_OF_EXPONENTIAL = 0.6931
-_FEWEST_QUIET = 6
-_AGREE = 3.0  # standard errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,15 +48,32 @@ class TensionObservation:
     white: float  # variance of a sample [N^2]
 
 
-def read_tensions(campaign: Campaign, model: Model, jobs: int = 1) -> tuple[TensionObservation, ...]:
-    """Return every coupled and loosening record, held out or not, that has a tension and a hit."""
+def read_tensions(
+    campaign: Campaign, model: Model, jobs: int = 1, criteria: Tension = CRITERIA.tension
+) -> tuple[TensionObservation, ...]:
+    """Return every coupled and loosening record, held out or not, that has a tension and a hit.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        As read by `rom.read_campaign`.
+    model : Model
+        Its readings and faults of the gauge are taken out.
+    jobs : int
+        Processes.
+    criteria : Tension
+        The band of the gauge's noise.
+    """
+    band_hz = criteria.noise_from_hz, criteria.noise_to_hz
     records = [r for r in campaign.settings.record if r.test in ("coupled", "loosening")]
     bare = replace(model, identification=None)
-    found = Parallel(n_jobs=jobs)(delayed(_seen)(campaign, record, bare) for record in records)
+    found = Parallel(n_jobs=jobs)(delayed(_observed)(campaign, record, bare, band_hz) for record in records)
     return tuple(seen for seen in found if seen is not None)
 
 
-def _seen(campaign: Campaign, record: RecordSettings, model: Model) -> TensionObservation | None:
+def _observed(
+    campaign: Campaign, record: RecordSettings, model: Model, band_hz: tuple[float, float]
+) -> TensionObservation | None:
     found = measured_record(campaign, record)
     if found.doubts:
         return None
@@ -83,7 +99,8 @@ def _seen(campaign: Campaign, record: RecordSettings, model: Model) -> TensionOb
     )  # fmt: skip
     return TensionObservation(
         record, course, bins, bins_before_hit(measurement), tension.samples, tension.rate_hz,
-        motion.displacement, motion.link_force, motion.body_displacement, _white(measurement, tension),
+        motion.displacement, motion.link_force, motion.body_displacement,
+        _white(measurement, tension, band_hz),
     )  # fmt: skip
 
 
@@ -129,7 +146,7 @@ def _motion(measurement: Measurement, tension: TensionRecord, model: Model) -> M
     return Motion(time, measurement.impact_s or 0.0, x, np.asarray(force), ordered)
 
 
-def _white(measurement: Measurement, tension: TensionRecord) -> float:
+def _white(measurement: Measurement, tension: TensionRecord, band_hz: tuple[float, float]) -> float:
     """Variance of white noise with the density that the tension has before the hit, lines left out."""
     quiet = tension.samples[: int(0.98 * (measurement.impact_s or 0.0) * tension.rate_hz)]
     if len(quiet) < 256:
@@ -137,7 +154,7 @@ def _white(measurement: Measurement, tension: TensionRecord) -> float:
     window = np.hanning(len(quiet))
     power = np.abs(np.fft.rfft((quiet - quiet.mean()) * window)) ** 2 / (window**2).sum()
     lines = np.fft.rfftfreq(len(quiet), 1 / tension.rate_hz)
-    inside = (lines > _NOISE_BAND_HZ[0]) & (lines < _NOISE_BAND_HZ[1])
+    inside = (lines > band_hz[0]) & (lines < band_hz[1])
     return max(float(np.median(power[inside])) / _MEDIAN_OF_EXPONENTIAL, 1e-18)
 
 
@@ -153,7 +170,7 @@ NO_DRIFT = Drift(0.0, 0.0)
 
 
 def noises(
-    seen: Sequence[TensionObservation], allowed: float
+    seen: Sequence[TensionObservation], criteria: Tension = CRITERIA.tension
 ) -> tuple[CourseNoise, CourseNoise, Drift] | None:
     """Return the noise of courses with a drift that no gauge is free of, with the one that it has, and that.
 
@@ -164,13 +181,14 @@ def noises(
     ----------
     seen : sequence of TensionObservation
         All records.
-    allowed : float
-        Drift [N/s] that is no finding, one standard deviation.
+    criteria : Tension
+        Drift that is no finding, and how many tests tell the noise.
     """
+    fewest, allowed = int(criteria.quiet_tests), criteria.drift_n_per_s
     quiet = [s for s in seen if s.settings.test == "coupled" and not s.settings.hold_out]
     before = [s.before for s in seen if s.before is not None and not s.settings.hold_out]
     count = min((len(s.bins.change) for s in quiet), default=0)
-    if len(quiet) >= _FEWEST_QUIET and count:
+    if len(quiet) >= fewest and count:
         shared = np.mean([s.bins.change[:count] for s in quiet], axis=0)
         scale = np.sqrt(len(quiet) / (len(quiet) - 1))
         bins = [_first(s.bins, count, scale * (s.bins.change[:count] - shared)) for s in quiet]
@@ -179,7 +197,7 @@ def noises(
     whole = course_noise(bins, [])
     if whole is None:
         return None
-    mean = _shared_drift(before, [s.bins for s in quiet], _drifting(whole, seen, allowed))
+    mean = _shared_drift(before, [s.bins for s in quiet], _drifting(whole, seen, allowed), criteria)
     if mean and bins is before:
         own = [replace(one, change=one.change - mean * one.lag_s) for one in before]
         whole = course_noise(own, []) or whole
@@ -194,21 +212,25 @@ def _drifting(noise: CourseNoise, seen: Sequence[TensionObservation], drift: flo
     return replace(noise, drift=(drift / slope) ** 2)
 
 
-def _shared_drift(before: Sequence[TensionBins], after: Sequence[TensionBins], noise: CourseNoise) -> float:
+def _shared_drift(
+    before: Sequence[TensionBins], after: Sequence[TensionBins], noise: CourseNoise, criteria: Tension
+) -> float:
     """Drift [N/s] that all records share, drawn towards none as far as chance may have made it.
 
     Seconds after hits that leave the tension alone tell it far better than what precedes them. But what
     begins with the hit is no drift: where the two differ the time before the hits counts.
     """
-    (mean, error), (finer, finer_error) = _mean_slope(before, noise), _mean_slope(after, noise)
-    if finer_error < error and abs(finer - mean) <= _AGREE * np.hypot(error, finer_error):
+    (mean, error), (finer, finer_error) = (
+        _mean_slope(bins, noise, int(criteria.quiet_tests)) for bins in (before, after)
+    )
+    if finer_error < error and abs(finer - mean) <= criteria.agreeing_drifts * np.hypot(error, finer_error):
         mean, error = finer, finer_error
     return mean * max(0.0, 1 - (error / mean) ** 2) if mean else 0.0
 
 
-def _mean_slope(bins: Sequence[TensionBins], noise: CourseNoise) -> tuple[float, float]:
+def _mean_slope(bins: Sequence[TensionBins], noise: CourseNoise, fewest: int) -> tuple[float, float]:
     """Mean change a second [N/s], weighted by its noise, and its standard error as records scatter."""
-    if len(bins) < _FEWEST_QUIET:
+    if len(bins) < fewest:
         return 0.0, np.inf
     along = [np.linalg.solve(noise.covariance(one), one.lag_s) for one in bins]
     weights = np.array([float(of @ one.lag_s) for of, one in zip(along, bins, strict=True)])

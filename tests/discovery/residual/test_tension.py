@@ -17,7 +17,6 @@ from rom.campaign.campaign import read_campaign, write_campaign
 from rom.signals.tension_bins import bins_after_hit, bins_before_hit
 
 RATE_HZ, PRETRIGGER_S, DURATION_S, TESTS = 4800.0, 0.5, 2.5, 16
-ALLOWED = 0.005
 SETTINGS: Any = SimpleNamespace(
     windows=SimpleNamespace(initial_s=(0.0, 0.4), final_s=(2.0, 2.5)),
     sampling=SimpleNamespace(pretrigger_s=PRETRIGGER_S),
@@ -48,7 +47,7 @@ def found(
         settings = SimpleNamespace(test=kind, hold_out=False)
         bins, before = bins_after_hit(one, SETTINGS), bins_before_hit(one)
         seen.append(SimpleNamespace(settings=settings, bins=bins, before=before))
-    told = noises(seen, ALLOWED)
+    told = noises(seen)
     assert told is not None
     return told[2]
 
