@@ -146,15 +146,15 @@ def _of_each(member: Member, effect: SensorFault, still: _Still) -> Explanation:
     def without(at: float) -> FloatArray:
         return level.samples - lines(level, at) @ _columns(effect.with_values(**{inner: at}), units, still)
 
-    def left(at: float) -> float:
+    def remaining(at: float) -> float:
         return float((without(at).var(axis=1) / variance)[still.training].sum())
 
     variance = level.samples.var(axis=1)
     grid = [float(nominal + step) for nominal in member.inner[inner] for step in _ABOUT_HZ]
-    rough = min(grid, key=left)
+    rough = min(grid, key=remaining)
     variance = without(rough).var(axis=1)
     reach = (rough - _STEP_HZ, rough + _STEP_HZ)
-    at = float(optimize.minimize_scalar(left, bounds=reach, method="bounded").x)
+    at = float(optimize.minimize_scalar(remaining, bounds=reach, method="bounded").x)
     bare = replace(level, samples=without(at))
     beside = np.concatenate([lines(bare, at + hz, slice(middle, None)) for hz in _BESIDE_HZ], axis=1)
     noise = np.median(beside**2, axis=1) / _MEDIAN_SQUARE

@@ -151,8 +151,8 @@ def _fitted(columns: FloatArray, shown: _Shown, same: float) -> _Fit:
 
     def deviance(scatter: FloatArray) -> float:
         fit = at(scatter)
-        left = (off - columns @ fit.numbers) / fit.sigma
-        return float(np.sum((2 * np.log(fit.sigma) + left**2)[train]))
+        residual = (off - columns @ fit.numbers) / fit.sigma
+        return float(np.sum((2 * np.log(fit.sigma) + residual**2)[train]))
 
     start = np.log([0.1, 0.01])
     fit = at(optimize.minimize(deviance, start, method="Nelder-Mead").x)

@@ -9,6 +9,7 @@ terms, what the model's numbers can imitate taken off, so that a sparse fit of t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -120,33 +121,71 @@ def sparse_sum(
     criteria : Tension
         Most terms, and the price of each.
     """
-    texts = list(terms)
-    sound = [k for k in range(len(texts)) if np.isfinite(columns[:, k]).all()]
-    kept, _ = usable(columns[:, sound], [texts[k] for k in sound])
-    if len(kept) < 2:
-        return None
-    place = [sound[k] for k in kept]
-    basis, triangle = np.linalg.qr(columns[:, place])
-    target = basis.T @ left
     spread = max(float(left @ left) / len(left), 1.0)
-    best, lowest = None, np.inf
-    for support in sparse_supports(triangle, target, np.random.default_rng(seed)):
-        if len(support) > criteria.free_terms:
-            continue
-        chosen = sorted(support)
-        values, residual = _least_squares(triangle[:, chosen], target)
-        cost = residual / spread + criteria.term_price * len(chosen)
-        if cost < lowest:
-            best, lowest = ([texts[place[k]] for k in chosen], values), cost
-    return None if best is None else _sum(best[0], list(best[1]), enters, terms)
+    sums = sparse_sums(columns, left, seed, criteria)
+    best = min(sums, key=lambda one: one.cost(spread, criteria.term_price), default=None)
+    texts = list(terms)
+    return None if best is None else _sum([texts[k] for k in best.support], best.values, enters, terms)
 
 
-def _least_squares(columns: FloatArray, target: FloatArray) -> tuple[FloatArray, float]:
-    values = np.asarray(np.linalg.lstsq(columns, target, rcond=None)[0], dtype=np.float64)
-    return values, float(np.sum((target - columns @ values) ** 2))
+class SparseSum(NamedTuple):
+    """Places of columns, their coefficients, and the square of what they leave over."""
+
+    support: tuple[int, ...]
+    values: FloatArray
+    square: float
+
+    def cost(self, spread: float, price: float) -> float:
+        """Square in units of a spread, with a price for every term."""
+        return self.square / spread + price * len(self.support)
 
 
-def _sum(texts: Sequence[str], values: Sequence[float], enters: str, terms: Terms) -> Effect:
+def sparse_sums(
+    columns: FloatArray,
+    target: FloatArray,
+    seed: int,
+    criteria: Tension,
+    *,
+    signed: bool = False,
+    singles: bool = False,
+) -> list[SparseSum]:
+    """Fit sums of few columns on the paths of sparse fits by least squares; none of fewer than two.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (rows, columns)
+        Whitened outputs of the terms.
+    target : ndarray, shape (rows,)
+        What they are to explain.
+    seed : int
+        Of the ensembles.
+    criteria : Tension
+        Most terms of a sum.
+    signed : bool
+        As for `discovery.search.sparse_regression.sparse_supports`.
+    singles : bool
+        Whether every column is tried by itself too.
+    """
+    sound = [k for k in range(columns.shape[1]) if np.isfinite(columns[:, k]).all()]
+    kept, _ = usable(columns[:, sound], [str(k) for k in sound])
+    place = [sound[k] for k in kept]
+    if len(place) < 2:
+        return []
+    basis, triangle = np.linalg.qr(columns[:, place])
+    along = basis.T @ target
+    outside = float(target @ target - along @ along)
+    supports = set(sparse_supports(triangle, along, np.random.default_rng(seed), signed=signed))
+    if singles:
+        supports |= {frozenset([k]) for k in range(len(place))}
+    found = []
+    for support in sorted(sorted(one) for one in supports if len(one) <= criteria.free_terms):
+        values = np.asarray(np.linalg.lstsq(triangle[:, support], along, rcond=None)[0], dtype=np.float64)
+        square = float(np.sum((along - triangle[:, support] @ values) ** 2)) + outside
+        found.append(SparseSum(tuple(place[k] for k in support), values, square))
+    return found
+
+
+def _sum(texts: Sequence[str], values: Sequence[float] | FloatArray, enters: str, terms: Terms) -> Effect:
     """The force of a sum of terms."""
     equation = " + ".join(f"g_{j} * ({text})" for j, text in enumerate(texts, 1))
     parameters = {

@@ -18,15 +18,15 @@ import numpy as np
 
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.tension_likelihood import bin_edges, law_candidate
-from discovery.criteria.tension import Tension
 from discovery.decide.acceptance import is_accepted, spread_of
 from discovery.decide.explanation import Explanation
+from discovery.explain.free_form import sparse_sums
 from discovery.explain.tension import compared
 from discovery.explain.tension_gain import Pair
 from discovery.options import Options
 from discovery.residual.tension import TensionResidual
 from discovery.residual.tension_data import TensionData
-from discovery.search.sparse_regression import sparse_supports, usable, whitener
+from discovery.search.sparse_regression import whitener
 from rom.campaign.channels import FloatArray
 from rom.effects import LawChange, Member, free_form
 from rom.effects.free_form import FREE_FORM
@@ -109,31 +109,26 @@ def free_rates(data: TensionData, seed: int = 0) -> tuple[Pair, ...]:
     frozen, texts, price = data.part(hold_out=False), _texts(data), data.criteria.term_price
     law, terms = _rates(data.model, frozen, texts)
     roots = whitener(frozen, frozen.change)
-    apart = _Apart(roots, roots @ _courses(frozen, law))
-    left = apart.rows(frozen.change[:, :, None])[:, 0]
-    shown = _single(apart.rows(_means(frozen, np.abs(frozen.nodes[1:3]).T)), left)
-    names = [(factor, text) for factor in _TENSIONS for text in texts]
-    found = _sums(apart.rows(_courses(frozen, terms)), left, seed, data.criteria)
-    spread = max(min((one.left for one in found), default=0.0) / len(left), 1.0)
-    found.sort(key=lambda one: one.left + price * spread * len(one.support))
-    if not found or shown <= found[0].left + price * spread * (len(found[0].support) - 1):
+    beyond = _BeyondLaw(roots, roots @ _courses(frozen, law))
+    target = beyond.rows(frozen.change[:, :, None])[:, 0]
+    by_gauge = _best_single(beyond.rows(_means(frozen, np.abs(frozen.nodes[1:3]).T)), target)
+    rows = beyond.rows(_courses(frozen, terms))
+    sums = sparse_sums(rows, target, seed, data.criteria, signed=True, singles=True)
+    cosine = data.criteria.parallel_terms
+    found = [one for one in sums if not _parallel(rows[:, list(one.support)], cosine)]
+    spread = max(min((one.square for one in found), default=0.0) / len(target), 1.0)
+    found.sort(key=lambda one: one.cost(spread, price))
+    if not found or by_gauge / spread <= found[0].cost(spread, price) - price:
         return ()
     # by straight lines a further term may seem to be worth its price: the best of every length is tried
     first = {len(one.support): one for one in reversed(found)}
     rest = [one for one in found if one is not first[len(one.support)]]
     best = [*first.values(), *rest[: int(data.criteria.proposed_sums) - len(first)]]
+    names = [(factor, text) for factor in _TENSIONS for text in texts]
     return tuple(_pair([names[k] for k in one.support], one.values) for one in best)
 
 
-class _Sum(NamedTuple):
-    """Columns, their coefficients, and the square of what they leave over."""
-
-    support: tuple[int, ...]
-    values: FloatArray
-    left: float
-
-
-class _Apart(NamedTuple):
+class _BeyondLaw(NamedTuple):
     """Units of noise, and what the law does in them, (cases, bins, 1): of any rate in any case."""
 
     roots: FloatArray
@@ -194,30 +189,10 @@ def _integral(values: FloatArray, time: FloatArray) -> FloatArray:
     return np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)])
 
 
-def _single(rows: FloatArray, left: FloatArray) -> float:
+def _best_single(rows: FloatArray, target: FloatArray) -> float:
     """What the best single column leaves over."""
-    along = (rows.T @ left) ** 2 / np.maximum((rows**2).sum(axis=0), 1e-300)
-    return float(left @ left - along.max())
-
-
-def _sums(rows: FloatArray, left: FloatArray, seed: int, criteria: Tension) -> list[_Sum]:
-    """Single columns, and sums of few on the paths of the sparse fits."""
-    sound = [k for k in range(rows.shape[1]) if np.isfinite(rows[:, k]).all()]
-    kept, _ = usable(rows[:, sound], [str(k) for k in sound])
-    place = [sound[k] for k in kept]
-    if len(place) < 2:
-        return []
-    turn, triangle = np.linalg.qr(rows[:, place])
-    supports = {frozenset([k]) for k in range(len(place))}
-    supports |= set(sparse_supports(triangle, turn.T @ left, np.random.default_rng(seed), signed=True))
-    found = []
-    for support in sorted(sorted(one) for one in supports if len(one) <= criteria.free_terms):
-        columns = rows[:, [place[k] for k in support]]
-        if not _parallel(columns, criteria.parallel_terms):
-            values = np.asarray(np.linalg.lstsq(columns, left, rcond=None)[0])
-            rest = float(np.sum((left - columns @ values) ** 2))
-            found.append(_Sum(tuple(place[k] for k in support), values, rest))
-    return found
+    along = (rows.T @ target) ** 2 / np.maximum((rows**2).sum(axis=0), 1e-300)
+    return float(target @ target - along.max())
 
 
 def _parallel(columns: FloatArray, cosine: float) -> bool:

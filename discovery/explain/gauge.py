@@ -8,7 +8,7 @@ import numpy as np
 
 from discovery.decide.explanation import limited, standard_errors
 from discovery.explain.tension_gain import Pair, TensionGain, at_bounds
-from discovery.residual.fast_tension import Projected, altered, disturbed, following
+from discovery.residual.fast_tension import Projected, project_disturbance, project_fault, project_readings
 from discovery.residual.tension_data import TensionData
 from discovery.residual.tension_records import TensionObservation
 from rom.campaign.channels import FloatArray
@@ -25,13 +25,13 @@ def explained_by_gauge(data: TensionData, effects: Sequence[Pair]) -> tuple[list
     cost = np.zeros(len(data.records))
     if readings:
         rows, places = _rows(data, readings)
-        cost += [float(row.seen @ row.seen) for row in rows]
+        cost += [float(row.target @ row.target) for row in rows]
         gained += [_linear(data, effect, rows, places[effect.path]) for _, effect in readings]
     for member, effect in effects:
         if not isinstance(effect, SensorFault):
             continue
         found, before = (
-            _line(data, member, effect) if per_record_names(effect) else _altered(data, member, effect)
+            _line(data, member, effect) if per_record_names(effect) else _fault(data, member, effect)
         )
         cost += before
         gained.append(found)
@@ -50,9 +50,11 @@ def _rows(data: TensionData, readings: Sequence[Pair]) -> tuple[list[Projected],
             units.append(unit)
         places[effect.path] = slice(first, len(units))
     rows = []
-    for case, seen in enumerate(data.records):
-        motion = _measured_motion(seen)
-        rows.append(following(seen, data.nodes(case), [unit.added(motion) for unit in units], data.criteria))
+    for case, record in enumerate(data.records):
+        motion = _measured_motion(record)
+        rows.append(
+            project_readings(record, data.nodes(case), [unit.added(motion) for unit in units], data.criteria)
+        )
     return rows, places
 
 
@@ -61,13 +63,13 @@ def _linear(
 ) -> TensionGain:
     train = rows[: data.training]
     squares = np.array([row.columns[:, place].T @ row.columns[:, place] for row in train])
-    rights = np.array([row.columns[:, place].T @ row.seen for row in train])
+    rights = np.array([row.columns[:, place].T @ row.target for row in train])
     inverse = np.linalg.pinv(squares.sum(axis=0))
     found = inverse @ rights.sum(axis=0)
     scores = rights - squares @ found
     error = standard_errors(inverse, scores)
-    left = [row.seen - row.columns[:, place] @ found for row in rows]
-    gains = [float(row.seen @ row.seen - rest @ rest) for row, rest in zip(rows, left, strict=True)]
+    rests = [row.target - row.columns[:, place] @ found for row in rows]
+    gains = [float(row.target @ row.target - rest @ rest) for row, rest in zip(rows, rests, strict=True)]
     names = list(effect.parameters)[: len(found)]
     least = CATALOGUE[effect.name].strengths
     values, errors = {}, {}
@@ -75,27 +77,29 @@ def _linear(
         low, high = effect.parameters[name].bounds
         values[name] = float(np.clip(value * least[name], low, high))
         errors[name] = float(spread * least[name])
-    told = limited(effect.with_values(**values), errors)
-    return TensionGain(told, np.array(gains), at_bounds(told))
+    with_limits = limited(effect.with_values(**values), errors)
+    return TensionGain(with_limits, np.array(gains), at_bounds(with_limits))
 
 
-def _altered(data: TensionData, member: Member, effect: SensorFault) -> tuple[TensionGain, FloatArray]:
+def _fault(data: TensionData, member: Member, effect: SensorFault) -> tuple[TensionGain, FloatArray]:
     (name,) = member.strengths
     low, high = effect.parameters[name].bounds
     sizes = np.geomspace(0.2 * member.strengths[name], high, 60)
     grid = np.concatenate([-sizes[::-1], sizes] if low < 0 else [sizes])
     faults = [effect.with_values(**{name: float(value)}) for value in grid]
     least = int(np.argmin(np.abs(grid - data.criteria.gauge_fault * member.strengths[name])))
-    rows = [altered(seen, data.nodes(case), faults, least) for case, seen in enumerate(data.records)]
+    rows = [
+        project_fault(record, data.nodes(case), faults, least) for case, record in enumerate(data.records)
+    ]
     gains = np.array(
-        [(row.seen @ row.seen) - ((row.seen[:, None] - row.columns) ** 2).sum(axis=0) for row in rows]
+        [(row.target @ row.target) - ((row.target[:, None] - row.columns) ** 2).sum(axis=0) for row in rows]
     )
     total = gains[: data.training].sum(axis=0)
     best = int(np.argmax(total))
     bend = -np.gradient(np.gradient(total, grid), grid)[best]
-    told = limited(faults[best], {name: float(np.sqrt(2 / max(bend, 1e-300)))})
-    before = np.array([float(row.seen @ row.seen) for row in rows])
-    return TensionGain(told, gains[:, best], at_bounds(told)), before
+    with_limits = limited(faults[best], {name: float(np.sqrt(2 / max(bend, 1e-300)))})
+    before = np.array([float(row.target @ row.target) for row in rows])
+    return TensionGain(with_limits, gains[:, best], at_bounds(with_limits)), before
 
 
 def _line(data: TensionData, member: Member, effect: SensorFault) -> tuple[TensionGain, FloatArray]:
@@ -105,18 +109,18 @@ def _line(data: TensionData, member: Member, effect: SensorFault) -> tuple[Tensi
     grid = np.array([f + d for f in member.inner[inner] for d in _LINE_HZ])
     none = effect.with_values(**dict.fromkeys(own, 0.0))
     gains, coefficients, before = [], [], []
-    for case, seen in enumerate(data.records):
-        zero = np.zeros(len(seen.tension))
+    for case, record in enumerate(data.records):
+        zero = np.zeros(len(record.tension))
         groups = [
-            [none.with_values(**{name: 1.0, inner: float(f)}).apply(zero, seen.rate_hz) for name in own]
+            [none.with_values(**{name: 1.0, inner: float(f)}).apply(zero, record.rate_hz) for name in own]
             for f in grid
         ]
-        row = disturbed(seen, data.nodes(case), groups, data.criteria)
+        row = project_disturbance(record, data.nodes(case), groups, data.criteria)
         assert row.own is not None
-        before.append(float(row.seen @ row.seen))
+        before.append(float(row.target @ row.target))
         sizes = row.own.reshape(len(grid), len(own))
-        parts = row.columns.reshape(len(row.seen), len(grid), len(own))
-        rest = row.seen[:, None] - np.einsum("rfo,fo->rf", parts, sizes)
+        parts = row.columns.reshape(len(row.target), len(grid), len(own))
+        rest = row.target[:, None] - np.einsum("rfo,fo->rf", parts, sizes)
         gains.append(before[-1] - (rest**2).sum(axis=0))
         coefficients.append(sizes)
     table = np.array(gains)
@@ -127,6 +131,6 @@ def _line(data: TensionData, member: Member, effect: SensorFault) -> tuple[Tensi
     return TensionGain(found, table[:, best]), np.array(before)
 
 
-def _measured_motion(seen: TensionObservation) -> Motion:
-    time = np.arange(len(seen.tension)) / seen.rate_hz
-    return Motion(time, seen.course.impact_s, seen.displacement, seen.link_force, seen.bodies)
+def _measured_motion(record: TensionObservation) -> Motion:
+    time = np.arange(len(record.tension)) / record.rate_hz
+    return Motion(time, record.course.impact_s, record.displacement, record.link_force, record.bodies)

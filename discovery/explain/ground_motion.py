@@ -121,9 +121,9 @@ class _Disturbance:
                 lines[key] = [trace.lines(force, segment) for force in forces]
             columns = [linear.projected(linear.gain[:, :, place] * one[:, None]) for one in lines[key]]
             table = np.stack(columns, axis=1)
-            told = np.clip(np.linalg.lstsq(table, linear.residual, rcond=None)[0], *self.range)
-            own[trace.settings.file] = dict(zip(names, told.tolist(), strict=True))
-            out = table @ told
+            numbers = np.clip(np.linalg.lstsq(table, linear.residual, rcond=None)[0], *self.range)
+            own[trace.settings.file] = dict(zip(names, numbers.tolist(), strict=True))
+            out = table @ numbers
             gain += 0.0 if trace.settings.hold_out else float(out @ (2 * linear.residual - out))
         return own, gain
 

@@ -21,7 +21,6 @@ from rom.model.laws import Parameter
 from rom.model.units import parse_unit
 
 
-
 @dataclass(frozen=True)
 class Scale:
     """Typical force [N], and largest displacement [m] and velocity [m/s] of a place."""

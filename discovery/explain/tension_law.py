@@ -71,7 +71,7 @@ class LawSearch:
             self._final,
             ((fit, rank < self.data.criteria.resimulated_effects) for rank, fit in enumerate(fits)),
         )
-        gained += [self._gained(effect, fit, base) for (effect, _), fit in zip(screened, final, strict=True)]
+        gained += [self._gain(effect, fit, base) for (effect, _), fit in zip(screened, final, strict=True)]
         return self._with_chance(gained, fits, base), base
 
     def _each(
@@ -140,9 +140,9 @@ class LawSearch:
             return (known,)
         return (None, len(changes_of(self.data.model, None)))
 
-    def _gained(self, effect: ModelCorrection, fit: CourseFit, base: CourseFit) -> TensionGain:
+    def _gain(self, effect: ModelCorrection, fit: CourseFit, base: CourseFit) -> TensionGain:
         if fit.training > base.training:  # as the full simulation has it, the law alone does better
-            return TensionGain(_silent(effect), np.zeros_like(base.costs))
+            return TensionGain(_without_strength(effect), np.zeros_like(base.costs))
         names, numbers, errors = names_of(effect), fit.candidate.parameters, _errors(fit)
         fitted = effect.with_values(**{name: numbers[path].value for name, path in names.items()})
         with_limits = limited(fitted, {name: float(errors[path]) for name, path in names.items()})
@@ -212,7 +212,7 @@ def _starts(member: Member, effect: ModelCorrection) -> list[dict[str, float]]:
     return points
 
 
-def _silent(effect: ModelCorrection) -> ModelCorrection:
+def _without_strength(effect: ModelCorrection) -> ModelCorrection:
     """The effect with strengths of zero."""
     member = CATALOGUE.get(effect.name)  # of a free form all numbers are strengths
     return effect.with_values(**dict.fromkeys(effect.parameters if member is None else member.strengths, 0.0))

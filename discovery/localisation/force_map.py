@@ -144,7 +144,7 @@ def _course(place: Place, ones: Sequence[Lines], criteria: Localising) -> Course
     trace = ones[0].trace
     first = ones[0].part.samples[0]
     count = min(last - first for _, last in (one.part.samples for one in ones)) // trace.stride
-    shown = [_shown(one, place) for one in ones]
+    shown = [_response(one, place) for one in ones]
     noise = [
         1 / (np.maximum(np.sum(np.abs(b) ** 2, axis=1), 1e-300) * one.span_s[1])
         for b, one in zip(shown, ones, strict=True)
@@ -156,7 +156,7 @@ def _course(place: Place, ones: Sequence[Lines], criteria: Localising) -> Course
         across = -np.conj(b) * (faded * each * one.span_s[1])[:, None]
         force += _in_time(np.sum(across * one.white, axis=1)[:, None], one)[:count, 0]
         ends = _in_time((across[:, None] @ one.projected)[:, 0], one)[:count]
-        variance += 4 * float(np.sum(np.abs(across) ** 2)) / one.span_s[1] ** 2 - one.missing(ends)
+        variance += 4 * float(np.sum(np.abs(across) ** 2)) / one.span_s[1] ** 2 - one.projected_variance(ends)
     start = first // trace.stride
     x, v = (motion[start : start + count] for motion in trace.relative(place.ends))
     time = ones[0].span_s[0] + np.arange(count) / trace.rate_hz
@@ -175,8 +175,8 @@ def _usual(noise: Sequence[FloatArray], ones: Sequence[Lines], criteria: Localis
     return criteria.loud_line * max(middle)
 
 
-def _shown(one: Lines, place: Place) -> npt.NDArray[np.complexfloating]:
-    shown = one.shown(place)
+def _response(one: Lines, place: Place) -> npt.NDArray[np.complexfloating]:
+    shown = one.response_to(place)
     assert shown is not None  # other parts of the record show it
     return shown
 
@@ -268,13 +268,13 @@ class _Sums:
     ) -> None:
         self._courses, self._criteria, self._blocks = courses, criteria, int(criteria.blocks)
         self.shape = (len(edges[1]) - 1, len(edges[0]) - 1)
-        told = [self._told(one, edges) for one in courses]
-        self._force = np.concatenate([force for force, _ in told])
-        self._count = np.concatenate([count for _, count in told])
+        sums = [self._sums_of(one, edges) for one in courses]
+        self._force = np.concatenate([force for force, _ in sums])
+        self._count = np.concatenate([count for _, count in sums])
         self.square = sum(float(np.sum(one.force**2)) * one.weight for one in courses)
         self.noise = sum(float(np.sum(one.variance)) * one.weight for one in courses)
 
-    def _told(self, one: Course, edges: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    def _sums_of(self, one: Course, edges: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Sums of the force and of ones in every block and bin, (blocks, bins)."""
         columns, rows = (
             np.clip(np.searchsorted(e, motion) - 1, 0, len(e) - 2)
@@ -316,9 +316,9 @@ class _Sums:
         for number in range(folds):
             mine = fold == number
             force, count = (sums[~mine].sum(axis=0) for sums in (self._force, self._count))
-            told = np.divide(force, count, out=np.zeros_like(force), where=count > 0)
+            mean = np.divide(force, count, out=np.zeros_like(force), where=count > 0)
             left += float(
-                np.sum(self._count[mine].sum(axis=0) * told**2 - 2 * self._force[mine].sum(axis=0) * told)
+                np.sum(self._count[mine].sum(axis=0) * mean**2 - 2 * self._force[mine].sum(axis=0) * mean)
             )
         return float(np.clip(-left / self.square, 0.0, 1.0))
 

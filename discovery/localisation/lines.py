@@ -70,7 +70,7 @@ class Lines:
         pair = self.linear.ends[:count].reshape(*self.rows.shape, -1)
         return np.asarray(pair[0] + 1j * pair[1])
 
-    def missing(self, columns: npt.NDArray[np.inexact]) -> FloatArray:
+    def projected_variance(self, columns: npt.NDArray[np.inexact]) -> FloatArray:
         """Variance that the projection took from numbers with these columns (..., columns)."""
         along = columns @ self.linear.inverse
         return np.asarray(np.sum((np.conj(columns) * along).real, axis=-1))
@@ -81,7 +81,7 @@ class Lines:
         (first, last), seen = self.part.samples, self.trace.measurement
         return first / seen.rate_hz - (seen.impact_s or 0.0), (last - first) / seen.rate_hz
 
-    def shown(self, place: Place) -> ComplexArray | None:
+    def response_to(self, place: Place) -> ComplexArray | None:
         """Whitened lines that a unit force at a place would leave, (lines, channels); None: it shows nothing.
 
         b = W G d, with W the whitener, G the transfer and d the direction of the force among the bodies.
@@ -144,24 +144,24 @@ def by_time(parts: Iterable[Lines]) -> Profile:
     at a hit smears to before it, and so to the end of the spectra, which is left out.
     """
     classes = [_seconds(low, high) for low, high in itertools.pairwise(_SECONDS)]
-    tally = _Tally(classes)
+    tally = _MeanSquares(classes)
     for one in parts:
         if one.trace.measurement.impact_s is None:
             continue
         samples = fft.ifft(one.white, axis=0, norm="ortho")
-        left = 2.0 - one.missing(fft.ifft(one.projected, axis=0, norm="ortho"))
+        noise = 2.0 - one.projected_variance(fft.ifft(one.projected, axis=0, norm="ortho"))
         start, length = one.span_s
         along = np.arange(len(samples)) / len(samples)
         place = np.searchsorted(_SECONDS, start + length * along, "right")
         place[along > 1 - ROUND] = 0
         for number, label in enumerate(classes, 1):
-            tally.add(label, samples[place == number], left[place == number])
+            tally.add(label, samples[place == number], noise[place == number])
     return tally.profile()
 
 
 def by_harmonic(parts: Iterable[Lines], criteria: Localising = CRITERIA.localisation) -> Profile:
     """Return the mean square of lines at the record's dominant frequency, its harmonics, and elsewhere."""
-    tally = _Tally((*_HARMONICS, _ELSEWHERE))
+    tally = _MeanSquares((*_HARMONICS, _ELSEWHERE))
     for one in parts:
         strongest = one.trace.measurement.strongest_hz
         if not strongest:
@@ -169,26 +169,26 @@ def by_harmonic(parts: Iterable[Lines], criteria: Localising = CRITERIA.localisa
         order = one.part.frequency / strongest
         near = np.abs(order - np.rint(order)) < criteria.harmonic_width
         number = np.where(near & (np.rint(order) <= len(_HARMONICS)), np.rint(order), 0).astype(np.intp)
-        left = 2.0 - one.missing(one.projected)
+        noise = 2.0 - one.projected_variance(one.projected)
         for harmonic, label in enumerate((_ELSEWHERE, *_HARMONICS)):
-            tally.add(label, one.white[number == harmonic], left[number == harmonic])
+            tally.add(label, one.white[number == harmonic], noise[number == harmonic])
     return tally.profile()
 
 
 def by_place(parts: Sequence[Lines], where: Iterable[Place]) -> Profile:
     """Return the mean square of the equation error of every body, and in the link.
 
-    What a force f at a place would leave is b f (`Lines.shown`). The part b^H r / |b| of the lines r that
-    points there is white, and largest where the force is that is missing.
+    What a force f at a place would leave is b f (`Lines.response_to`). The part b^H r / |b| of the lines r
+    that points there is white, and largest where the force is that is missing.
     """
     where = tuple(where)
-    tally = _Tally([place.name for place in where])
+    tally = _MeanSquares([place.name for place in where])
     for place, one in itertools.product(where, parts):
-        shown = one.shown(place)
+        shown = one.response_to(place)
         if shown is not None:
             along = np.conj(shown) / np.maximum(np.linalg.norm(shown, axis=1, keepdims=True), 1e-300)
-            left = 2.0 - one.missing((along[:, None] @ one.projected)[:, 0])
-            tally.add(place.name, np.sum(along * one.white, axis=1), left)
+            noise = 2.0 - one.projected_variance((along[:, None] @ one.projected)[:, 0])
+            tally.add(place.name, np.sum(along * one.white, axis=1), noise)
     return tally.profile()
 
 
@@ -217,9 +217,9 @@ def repeatability(parts: Sequence[Lines], criteria: Localising = CRITERIA.locali
             product += float(np.sum(np.conj(a) * b).real)
             size += float(np.linalg.norm(a) * np.linalg.norm(b))
             for body, new in zip(first.trace.bodies, 0.5 * np.sum(np.abs(a - b) ** 2, axis=0), strict=True):
-                told = apart.setdefault(body, [0.0, 0.0])
-                told[0] += float(new)
-                told[1] += 2 * len(a)
+                sums = apart.setdefault(body, [0.0, 0.0])
+                sums[0] += float(new)
+                sums[1] += 2 * len(a)
             pairs.add((id(first.trace), id(second.trace)))
     if not size:
         return ()
@@ -304,21 +304,21 @@ def _seconds(low: float, high: float) -> str:
     return f"{low:g} to {high:g} s" if np.isfinite(high) else f"{low:g} s and more"
 
 
-class _Tally:
+class _MeanSquares:
     """Squares and what noise leaves of them, by label, in the order of the labels."""
 
     def __init__(self, labels: Sequence[str]) -> None:
         self._sums = {label: [0.0, 0.0] for label in labels}
 
-    def add(self, label: str, values: npt.NDArray[np.inexact], left: FloatArray) -> None:
+    def add(self, label: str, values: npt.NDArray[np.inexact], noise: FloatArray) -> None:
         one = self._sums[label]
         one[0] += float(np.sum(np.abs(values) ** 2))
-        one[1] += float(np.sum(left))
+        one[1] += float(np.sum(noise))
 
     def profile(self) -> Profile:
         return tuple(self._means())
 
     def _means(self) -> Iterator[tuple[str, float]]:
-        for label, (square, left) in self._sums.items():
-            if left > 1.0:  # fewer numbers than one tell nothing
-                yield label, square / left
+        for label, (square, noise) in self._sums.items():
+            if noise > 1.0:  # fewer numbers than one tell nothing
+                yield label, square / noise

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from discovery.residual.trajectory import MeasuredTrajectory
     from rom.identification.spectral_model import SpectralRecord
 
-__all__ = ["COURSES", "Localisation", "Profile", "localise"]
+__all__ = ["COURSES", "PRELOADS_N", "Localisation", "Profile", "localise"]
 
 _BANDS = (
     ("0 to 30 Hz", 0.0, 30.0),
@@ -39,7 +39,7 @@ _BANDS = (
     ("100 to 300 Hz", 100.0, 300.0),
     ("300 Hz and more", 300.0, np.inf),
 )
-_PRELOADS = (30.0, 100.0, 300.0, 1000.0)  # [N]
+PRELOADS_N = (30.0, 100.0, 300.0, 1000.0)  # [N]
 _AMPLITUDES = (10.0, 50.0, 100.0, 200.0)  # [um]
 COURSES = "tension_courses"
 
@@ -135,7 +135,7 @@ def localise(
         by_frequency=_mean_squares(
             (text, m[:, (f >= low) & (f < high)]) for _, f, m in squares for text, low, high in _BANDS
         ),
-        by_preload=_mean_squares((_class(t.level, _PRELOADS, "N"), m) for t, _, m in squares),
+        by_preload=_mean_squares((_class(t.level, PRELOADS_N, "N"), m) for t, _, m in squares),
         by_amplitude=_mean_squares((_class(_peak(t), _AMPLITUDES, "um"), m) for t, _, m in squares),
         by_time=by_time(parts),
         by_harmonic=by_harmonic(parts, criteria),

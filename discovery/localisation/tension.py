@@ -10,11 +10,10 @@ from discovery.courses.marginal_likelihood import tau
 from discovery.courses.tension_likelihood import bin_edges
 from discovery.criteria.criteria import CRITERIA
 from discovery.criteria.localisation import Localising
-from discovery.localisation.localise import Profile, class_label
+from discovery.localisation.localise import PRELOADS_N, Profile, class_label
 from discovery.residual.course_fit import CourseFit, Misfit
 from rom.campaign.channels import FloatArray
 
-_PRELOADS = (30.0, 100.0, 300.0, 1000.0)  # [N]
 _SPEEDS = (1.0, 3.0, 10.0, 30.0, 100.0)  # [mm/s]
 _TIMES = (10.0, 30.0, 100.0, 300.0, 1000.0)  # [ms]
 
@@ -48,7 +47,7 @@ def tension_views(misfit: Misfit, criteria: Localising = CRITERIA.localisation) 
     bins = bin_edges(frozen)
     middle = 0.5 * (bins[1:] + bins[:-1]) * 1e3
     views = {
-        "tension_by_preload": (np.broadcast_to(frozen.initial[:, None], squares.shape), _PRELOADS, "N"),
+        "tension_by_preload": (np.broadcast_to(frozen.initial[:, None], squares.shape), PRELOADS_N, "N"),
         "tension_by_velocity": (_speeds(slow) * 1e3, _SPEEDS, "mm/s"),
         "tension_by_time": (np.broadcast_to(middle, squares.shape), _TIMES, "ms"),
     }
@@ -64,8 +63,8 @@ def _free_numbers(slow: CourseFit) -> FloatArray:
     noise = np.stack([course.covariance for course in frozen.courses])
     by_noise = np.einsum("cij,cjk,cik->ci", whitener, noise, whitener)
     information = (state.slope**2).sum(axis=1)
-    told = 1 / (information + 1 / tau(state.scatter, frozen.initial) ** 2)
-    return np.asarray(np.maximum(by_noise - told[:, None] * state.slope**2, 0.0))
+    variance = 1 / (information + 1 / tau(state.scatter, frozen.initial) ** 2)
+    return np.asarray(np.maximum(by_noise - variance[:, None] * state.slope**2, 0.0))
 
 
 def _speeds(slow: CourseFit) -> FloatArray:

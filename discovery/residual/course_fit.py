@@ -88,8 +88,10 @@ class CourseFit:
         Every course has two directions that nothing is told of, and a rate of its own.
         """
         information = (self.state.slope**2).sum(axis=1)
-        told = information / (information + 1 / tau(self.state.scatter, self.problem.frozen.initial) ** 2)
-        rows = self.state.residual.shape[1] - self.criteria.free_directions - told
+        determined = information / (
+            information + 1 / tau(self.state.scatter, self.problem.frozen.initial) ** 2
+        )
+        rows = self.state.residual.shape[1] - self.criteria.free_directions - determined
         level = float((self.state.residual**2).sum() / rows.sum())
         return Misfit(level, float(rows.sum()), self, self.criteria)
 

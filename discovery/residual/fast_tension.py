@@ -27,36 +27,38 @@ _RANK = 5
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """Whitened numbers of one record: `seen`, and what an effect adds, a column for every trial.
+    """Whitened numbers of one record: `target`, and what an effect adds, a column for every trial.
 
     `own` are the record's own coefficients of the columns from before the hit, where it has such.
     """
 
-    seen: FloatArray
+    target: FloatArray
     columns: FloatArray
     own: FloatArray | None = None
 
 
-def rest_of(seen: TensionObservation, nodes: FloatArray) -> FloatArray:
+def rest_of(record: TensionObservation, nodes: FloatArray) -> FloatArray:
     """Measured tension less the course simulated with the record's own rate [N], at all samples."""
-    time = np.arange(len(seen.tension)) / seen.rate_hz - seen.course.impact_s
+    time = np.arange(len(record.tension)) / record.rate_hz - record.course.impact_s
     change = np.interp(time, nodes[0], nodes[5]) - nodes[5, 0]
-    return np.asarray(seen.tension - seen.course.initial - change)
+    return np.asarray(record.tension - record.course.initial - change)
 
 
-def _window(seen: TensionObservation, start_s: float, end_s: float) -> slice:
-    first = int((seen.course.impact_s + start_s) * seen.rate_hz)
-    return slice(max(first, 0), min(int((seen.course.impact_s + end_s) * seen.rate_hz), len(seen.tension)))
+def _window(record: TensionObservation, start_s: float, end_s: float) -> slice:
+    first = int((record.course.impact_s + start_s) * record.rate_hz)
+    return slice(
+        max(first, 0), min(int((record.course.impact_s + end_s) * record.rate_hz), len(record.tension))
+    )
 
 
-def following(
-    seen: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray], criteria: Tension
+def project_readings(
+    record: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray], criteria: Tension
 ) -> Projected:
     """Project the fast part on readings of strength one that follow the motion.
 
     Parameters
     ----------
-    seen : TensionObservation
+    record : TensionObservation
         The record.
     nodes : ndarray, shape (6, nodes)
         Its frozen motion, (t x v F D T).
@@ -65,40 +67,40 @@ def following(
     criteria : Tension
         Window, slowest frequency, and the share of the peaks that is no finding.
     """
-    found = _after_hit(seen, nodes, columns, criteria)
-    peaks = [np.abs(column[_window(seen, 0.0, criteria.fast_window_s)]).max() for column in columns]
-    share = criteria.fast_peak * np.sqrt(seen.white) / np.maximum(peaks, 1e-300)
+    found = _after_hit(record, nodes, columns, criteria)
+    peaks = [np.abs(column[_window(record, 0.0, criteria.fast_window_s)]).max() for column in columns]
+    share = criteria.fast_peak * np.sqrt(record.white) / np.maximum(peaks, 1e-300)
     return _allowing(found, found.columns * share)
 
 
 def _after_hit(
-    seen: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray], criteria: Tension
+    record: TensionObservation, nodes: FloatArray, columns: Sequence[FloatArray], criteria: Tension
 ) -> Projected:
-    window = _window(seen, 0.0, criteria.fast_window_s)
-    time = (np.arange(window.start, window.stop) / seen.rate_hz) - seen.course.impact_s
+    window = _window(record, 0.0, criteria.fast_window_s)
+    time = (np.arange(window.start, window.stop) / record.rate_hz) - record.course.impact_s
     length = float(time[-1])
     order = np.arange(int(2 * criteria.slowest_hz * length) + 1)
     slow = np.cos(np.pi * np.outer(time / length, order))
     losses = np.exp(-np.outer(time, 1 / np.array(_LOSSES_S)))
     course = np.interp(time, nodes[0], nodes[5])[:, None]
-    target, rows = rest_of(seen, nodes)[window], np.stack([c[window] for c in columns], axis=1)
-    return _projected(target, rows, np.hstack([slow, losses, course]), seen.white)
+    target, rows = rest_of(record, nodes)[window], np.stack([c[window] for c in columns], axis=1)
+    return _projected(target, rows, np.hstack([slow, losses, course]), record.white)
 
 
 def _allowing(found: Projected, allowed: FloatArray) -> Projected:
     """Whiten for what each record may have, columns of one standard deviation: no gauge is ideal."""
-    root = np.linalg.cholesky(np.eye(len(found.seen)) + allowed @ allowed.T)
-    return Projected(np.linalg.solve(root, found.seen), np.linalg.solve(root, found.columns))
+    root = np.linalg.cholesky(np.eye(len(found.target)) + allowed @ allowed.T)
+    return Projected(np.linalg.solve(root, found.target), np.linalg.solve(root, found.columns))
 
 
-def altered(
-    seen: TensionObservation, nodes: FloatArray, faults: Sequence[SensorFault], least: int
+def project_fault(
+    record: TensionObservation, nodes: FloatArray, faults: Sequence[SensorFault], least: int
 ) -> Projected:
     """Project the part about the hit on what faults would make of the course, a column for every fault.
 
     Parameters
     ----------
-    seen : TensionObservation
+    record : TensionObservation
         The record.
     nodes : ndarray, shape (6, nodes)
         Its frozen motion, (t x v F D T).
@@ -107,18 +109,18 @@ def altered(
     least : int
         Place of the size that is no finding.
     """
-    window = _window(seen, -_LEAD_S, _EARLY_S)
-    time = (np.arange(window.start, window.stop) / seen.rate_hz) - seen.course.impact_s
+    window = _window(record, -_LEAD_S, _EARLY_S)
+    time = (np.arange(window.start, window.stop) / record.rate_hz) - record.course.impact_s
     course = np.interp(time, nodes[0], nodes[5])
-    columns = np.stack([fault.apply(course, seen.rate_hz) - course for fault in faults], axis=1)
-    x = seen.displacement[window]
+    columns = np.stack([fault.apply(course, record.rate_hz) - course for fault in faults], axis=1)
+    x = record.displacement[window]
     nuisance = np.stack([np.ones_like(time), course, x, x**2], axis=1)
-    found = _projected(rest_of(seen, nodes)[window], columns, nuisance, seen.white, _RANK)
+    found = _projected(rest_of(record, nodes)[window], columns, nuisance, record.white, _RANK)
     return _allowing(found, found.columns[:, [least]])
 
 
-def disturbed(
-    seen: TensionObservation,
+def project_disturbance(
+    record: TensionObservation,
     nodes: FloatArray,
     groups: Sequence[Sequence[FloatArray]],
     criteria: Tension,
@@ -129,7 +131,7 @@ def disturbed(
 
     Parameters
     ----------
-    seen : TensionObservation
+    record : TensionObservation
         The record.
     nodes : ndarray, shape (6, nodes)
         Its frozen motion, (t x v F D T).
@@ -138,15 +140,15 @@ def disturbed(
     criteria : Tension
         Window and slowest frequency.
     """
-    after = _after_hit(seen, nodes, [unit for group in groups for unit in group], criteria)
-    window = _window(seen, -10.0, -2e-3)
-    target = seen.tension[window] - seen.tension[window].mean()
+    after = _after_hit(record, nodes, [unit for group in groups for unit in group], criteria)
+    window = _window(record, -10.0, -2e-3)
+    target = record.tension[window] - record.tension[window].mean()
     own = []
     for group in groups:
         rows = np.stack([unit[window] for unit in group], axis=1)
         rows = rows - rows.mean(axis=0)
         found = np.linalg.lstsq(rows, target, rcond=None)[0]
-        chi_square = float(((rows @ found) ** 2).sum()) / seen.white
+        chi_square = float(((rows @ found) ** 2).sum()) / record.white
         own.append(found * max(0.0, 1 - len(group) / max(chi_square, 1e-300)))
     return replace(after, own=np.concatenate(own))
 

@@ -68,7 +68,7 @@ def read_tensions(
     records = [r for r in campaign.settings.record if r.test in ("coupled", "loosening")]
     bare = replace(model, identification=None)
     found = Parallel(n_jobs=jobs)(delayed(_observed)(campaign, record, bare, band_hz) for record in records)
-    return tuple(seen for seen in found if seen is not None)
+    return tuple(one for one in found if one is not None)
 
 
 def _observed(
@@ -170,7 +170,7 @@ NO_DRIFT = Drift(0.0, 0.0)
 
 
 def noises(
-    seen: Sequence[TensionObservation], criteria: Tension = CRITERIA.tension
+    records: Sequence[TensionObservation], criteria: Tension = CRITERIA.tension
 ) -> tuple[CourseNoise, CourseNoise, Drift] | None:
     """Return the noise of courses with a drift that no gauge is free of, with the one that it has, and that.
 
@@ -179,36 +179,36 @@ def noises(
 
     Parameters
     ----------
-    seen : sequence of TensionObservation
+    records : sequence of TensionObservation
         All records.
     criteria : Tension
         Drift that is no finding, and how many tests tell the noise.
     """
     fewest, allowed = int(criteria.quiet_tests), criteria.drift_n_per_s
-    quiet = [s for s in seen if s.settings.test == "coupled" and not s.settings.hold_out]
-    before = [s.before for s in seen if s.before is not None and not s.settings.hold_out]
+    quiet = [s for s in records if s.settings.test == "coupled" and not s.settings.hold_out]
+    before = [s.before for s in records if s.before is not None and not s.settings.hold_out]
     count = min((len(s.bins.change) for s in quiet), default=0)
     if len(quiet) >= fewest and count:
         shared = np.mean([s.bins.change[:count] for s in quiet], axis=0)
         scale = np.sqrt(len(quiet) / (len(quiet) - 1))
-        bins = [_first(s.bins, count, scale * (s.bins.change[:count] - shared)) for s in quiet]
+        bins = [_truncated(s.bins, count, scale * (s.bins.change[:count] - shared)) for s in quiet]
     else:
         bins = before
     whole = course_noise(bins, [])
     if whole is None:
         return None
-    mean = _shared_drift(before, [s.bins for s in quiet], _drifting(whole, seen, allowed), criteria)
+    mean = _shared_drift(before, [s.bins for s in quiet], _drifting(whole, records, allowed), criteria)
     if mean and bins is before:
         own = [replace(one, change=one.change - mean * one.lag_s) for one in before]
         whole = course_noise(own, []) or whole
-    steady = _drifting(whole, seen, allowed)
+    steady = _drifting(whole, records, allowed)
     drifting = replace(whole, drift=max(whole.drift, steady.drift))
     return steady, drifting, Drift(mean, allowed * float(np.sqrt(drifting.drift / steady.drift)))
 
 
-def _drifting(noise: CourseNoise, seen: Sequence[TensionObservation], drift: float) -> CourseNoise:
+def _drifting(noise: CourseNoise, records: Sequence[TensionObservation], drift: float) -> CourseNoise:
     """The same noise with another drift [N/s]."""
-    slope = 1.0 if noise.of_tension else float(np.median([s.bins.slope for s in seen]))
+    slope = 1.0 if noise.of_tension else float(np.median([s.bins.slope for s in records]))
     return replace(noise, drift=(drift / slope) ** 2)
 
 
@@ -241,17 +241,17 @@ def _mean_slope(bins: Sequence[TensionBins], noise: CourseNoise, fewest: int) ->
     return mean, float(np.sqrt(max(scatter, 1 / weights.sum())))
 
 
-def _first(bins: TensionBins, count: int, change: FloatArray) -> TensionBins:
+def _truncated(bins: TensionBins, count: int, change: FloatArray) -> TensionBins:
     edges = bins.edges_s[: count + 1]
     return replace(bins, edges_s=edges, change=change, counts=bins.counts[:count], lag_s=bins.lag_s[:count])
 
 
-def frozen_of(seen: Sequence[TensionObservation], noise: CourseNoise, model: Model) -> FrozenMotion:
+def frozen_of(records: Sequence[TensionObservation], noise: CourseNoise, model: Model) -> FrozenMotion:
     """Motion of all records, frozen, thinned to what a law's course needs."""
-    courses = [replace(s.course, covariance=noise.covariance(s.bins)) for s in seen]
+    courses = [replace(s.course, covariance=noise.covariance(s.bins)) for s in records]
     moving = model.without_effects_of("law change", "reading", "sensor fault")
     frozen = freeze(replace(moving, identification=None), courses)
-    return thinned(frozen, [s.settings.test == "coupled" for s in seen])
+    return thinned(frozen, [s.settings.test == "coupled" for s in records])
 
 
 def thinned(frozen: FrozenMotion, small: Sequence[bool]) -> FrozenMotion:
@@ -271,10 +271,14 @@ def _thinned(nodes: FloatArray, end_s: float, small: bool) -> FloatArray:
 
 
 def drifted(
-    frozen: FrozenMotion, seen: Sequence[TensionObservation], old: CourseNoise, new: CourseNoise, drift: float
+    frozen: FrozenMotion,
+    records: Sequence[TensionObservation],
+    old: CourseNoise,
+    new: CourseNoise,
+    drift: float,
 ) -> FrozenMotion:
     """The same motion with another noise of the courses, less a drift [N/s] that all have."""
     bins = frozen.change.shape[1]
-    more = [(new.covariance(s.bins) - old.covariance(s.bins))[:bins, :bins] for s in seen]
-    change = frozen.change - drift * np.stack([s.bins.lag_s[:bins] for s in seen])
+    more = [(new.covariance(s.bins) - old.covariance(s.bins))[:bins, :bins] for s in records]
+    change = frozen.change - drift * np.stack([s.bins.lag_s[:bins] for s in records])
     return replace(frozen, change=change, covariance=frozen.covariance + np.stack(more))

@@ -20,7 +20,7 @@ from discovery.decide.explanation import Explanation
 from discovery.explain import free_rate
 from discovery.explain.free_rate import free_rates
 from discovery.explain.tension import TensionFindings
-from discovery.explain.tension_law import LawSearch, _silent
+from discovery.explain.tension_law import LawSearch, _without_strength
 from discovery.localisation.tension import tension_views
 from discovery.loop import close_loop as refinement
 from discovery.loop.close_loop import _Loop
@@ -121,8 +121,8 @@ def test_what_noise_gives_as_well_has_a_chance_that_says_so() -> None:
     assert found.p_value > FALSE_ALARMS
 
 
-def test_a_free_form_that_explains_nothing_is_silent() -> None:
-    assert list(_silent(rate(_ROOT, _G)).values) == [0.0]
+def test_a_free_form_that_explains_nothing_is_without_strength() -> None:
+    assert list(_without_strength(rate(_ROOT, _G)).values) == [0.0]
 
 
 def residual_of(monkeypatch: pytest.MonkeyPatch, of: TensionData) -> TensionResidual:

@@ -35,7 +35,7 @@ def test_noise_is_one_in_every_class_even_where_end_states_take_much_of_it() -> 
         assert len(profile) >= 3
         for label, square in profile:
             assert square == pytest.approx(1.0, abs=0.12), label
-    taken = [one.missing(np.fft.ifft(one.projected, axis=0, norm="ortho")) for one in parts]
+    taken = [one.projected_variance(np.fft.ifft(one.projected, axis=0, norm="ortho")) for one in parts]
     assert np.max(taken) > 0.5  # of 2, just where a record ends: one would read far less there
 
 
