@@ -6,8 +6,7 @@ import numpy as np
 
 from discovery.decide.chance import FALSE_ALARMS
 from discovery.decide.explanation import Explanation
-from discovery.loop.result import ErrorsByKind, Kind
-from rom.evaluation.error_measures import Errors
+from rom.evaluation.error_measures import Errors, ErrorsByKind, Kind
 
 # Least gains in cost on training and on held-out records. On clean campaigns of usual size chance and a plant
 # that is not quite the model's make less (`benchmarks.false_alarms`); of training records in the motion not

@@ -28,11 +28,11 @@ from discovery.explain.motion import Probe, worth_fitting
 from discovery.localisation.force import localise_forces, numbers_of
 from discovery.localisation.localise import Localisation
 from discovery.loop.history import FAR_LESS
-from discovery.loop.result import Closure, ErrorsByKind, FoundEffect, LookAlike, Screened, Step, Verdict
+from discovery.loop.result import Closure, FoundEffect, LookAlike, Screened, Step, Verdict
 from discovery.loop.state import Stages
 from rom.campaign.campaign import Campaign
 from rom.effects import CATALOGUE, candidates
-from rom.evaluation.error_measures import summarise
+from rom.evaluation.error_measures import ErrorsByKind, summarise
 from rom.evaluation.evaluate import Evaluation, evaluate
 from rom.identification.force_balance import SOUND, Balances, balances_of, model_of, noise_share
 from rom.model.model import Model

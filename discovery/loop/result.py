@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from rom.evaluation.error_measures import ErrorsByKind
 from rom.viewed import Viewed
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
-
     from discovery.localisation.localise import Localisation
     from rom.effects import ModelCorrection
-    from rom.evaluation.error_measures import Errors
     from rom.model.model import Model
 
 Verdict = Literal["closed", "no-effect", "unexplained"]
-Kind = Literal["training", "hold_out"]
-ErrorsByKind = Mapping[Kind, "Errors"]
 
 
 @dataclass(frozen=True)
@@ -151,26 +145,3 @@ class Closure(Viewed):
     def after(self) -> ErrorsByKind:
         """Errors of the refined model."""
         return self.steps[-1].errors
-
-    def summary(self) -> str:
-        """Return the result in plain words."""
-        from discovery.views.closure import paragraph
-
-        return paragraph(self)
-
-    def to_frame(self) -> DataFrame:
-        """Return errors before and after every step, a row each."""
-        import pandas as pd
-
-        rows = [
-            {"model": step.added or "declared", "set": kind, **errors}
-            for step in self.steps
-            for kind, errors in step.errors.items()
-        ]
-        return pd.DataFrame(rows)
-
-    def plot(self) -> Figure:
-        """Draw where the residual lived before and after."""
-        from discovery.views.closure import figure
-
-        return figure(self)

@@ -9,12 +9,11 @@ import numpy as np
 
 from discovery.explain.effect_outputs import output_of, slopes_of
 from discovery.explain.motion import Probe, explain, free_numbers
-from discovery.loop.result import ErrorsByKind
 from discovery.residual.free_parameters import FreeParameters, effect_number, size_of
 from discovery.residual.output_error import WhitenedResidual, noise_of, whiten
 from rom.campaign.campaign import Campaign
 from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
-from rom.evaluation.error_measures import summarise
+from rom.evaluation.error_measures import ErrorsByKind, summarise
 from rom.evaluation.evaluate import evaluate
 from rom.identification.identify import Identification, relearned
 from rom.identification.reduce import Progress

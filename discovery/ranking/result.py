@@ -5,12 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import Any
 
 from discovery.courses.fit import Fit
-from discovery.laws.candidate import BASELINE, NO_LOOSENING, Candidate, Term
+from discovery.laws.candidate import NO_LOOSENING, Candidate, Term
 from discovery.laws.factors import Factor, tension_logistic
 from rom.campaign.channels import FloatArray
 from rom.evaluation.error_measures import Errors
@@ -19,13 +17,8 @@ from rom.model.model import Model
 from rom.signals.tension_bins import TensionCourse
 from rom.viewed import Viewed
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from pandas import DataFrame
-
 SURE = 0.01  # chance below which a law is called better
 _DIGITS = 3
-_DRAWN = 15
 OFTEN = 0.05  # of resamples: a law that comes first in so many is named
 _LOGISTIC = tension_logistic().text
 
@@ -162,67 +155,6 @@ class Ranking(Viewed):
                 kept.append(law)
         return tuple(kept)
 
-    def summary(self) -> str:
-        """Return in plain words what won, how surely, and what it beats."""
-        first = self.laws[0]
-        lines = [f"First of {self.considered} candidate laws: {first.name}", f"  dT/dt = {first.equation}"]
-        lines += [f"  {name} = {_with_limits(p)}" for name, p in first.parameters.items()]
-        lines.append(_verdict(first))
-        for name in (BASELINE, NO_LOOSENING):
-            lines += [_against(first, law) for law in self.laws[1:] if law.name == name]
-        named = [(law.name, law.chosen) for law in self.laws if law.chosen >= OFTEN]
-        rest = 1.0 - sum(share for _, share in named)
-        shares = [*named, *([("others", rest)] if rest >= OFTEN else [])]
-        share = "; ".join(f"{name} {100 * share:.0f} %" for name, share in shares)
-        lines.append(f"Comes first when preloads are drawn again: {share}.")
-        if self.indistinguishable:
-            lines.append(f"These records cannot tell it from: {'; '.join(self.indistinguishable)}.")
-        elif self.laws[1:]:
-            lines.append(f"Next: {'; '.join(law.name for law in self.laws[1:4])}.")
-        return "\n".join(lines)
-
-    def to_frame(self) -> DataFrame:
-        """Return the leader board, a row for each law."""
-        from pandas import DataFrame
-
-        rows = [
-            {
-                "rank": law.rank,
-                "name": law.name,
-                "loss_error_percent": law.cross_validated_loss_error_percent_median,
-                "hold_out_loss_error_percent": _error(law, "hold_out", "tension_loss_error_percent_median"),
-                "final_tension_error_percent": _error(law, "training", "final_tension_error_percent_mean"),
-                "score": law.cross_validated_score,
-                "delta_bic": law.delta_bic,
-                "wins": law.wins_against_baseline[0],
-                "cases": law.wins_against_baseline[1],
-                "p_value": law.p_value_against_baseline,
-                "chosen": law.chosen,
-                "free_numbers": law.free_numbers,
-                "source": law.source,
-            }
-            for law in self.laws
-        ]
-        return DataFrame(rows).set_index("rank")
-
-    def plot(self) -> Figure:
-        """Draw score against the baseline's, in units of log likelihood, over the first laws."""
-        from matplotlib.figure import Figure
-
-        laws = self.laws[:_DRAWN]
-        reference = self[BASELINE].cross_validated_score
-        gains = [law.cross_validated_score - reference for law in laws]
-        figure = Figure(figsize=(8, 0.6 + 0.36 * len(laws)), layout="constrained")
-        axes = figure.subplots()
-        places = np.arange(len(laws))
-        axes.axvline(0.0, color="0.6", linewidth=1)
-        axes.scatter(gains, places, c=["C3" if law.name == BASELINE else "C0" for law in laws])
-        axes.set_yticks(places, [f"{law.rank}  {law.name}" for law in laws])
-        axes.invert_yaxis()
-        axes.set_xscale("symlog", linthresh=10.0)
-        axes.set_xlabel("cross-validated log likelihood, above that of the gamma(T) baseline")
-        return figure
-
 
 def with_law(model: Model, law: RankedLaw) -> Model:
     """Return the model with this tension law in its bolted link."""
@@ -274,32 +206,3 @@ def _spelt(factor: Factor, digits: int | None) -> str:
     text = text.replace("max(T, 0)", "T")
     text = re.sub(r"abs\(([^()]*)\)", lambda found: f"|{found[1]}|", text)
     return text.replace(" ** ", "^").replace(" * ", " ").replace(" / ", "/")
-
-
-def _with_limits(parameter: Parameter) -> str:
-    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-    if parameter.low is None or parameter.high is None:
-        return f"{parameter.value:.4g}{unit}"
-    return f"{parameter.value:.4g}{unit} (95 %: {parameter.low:.4g} to {parameter.high:.4g})"
-
-
-def _verdict(first: RankedLaw) -> str:
-    p = first.p_value_against_baseline
-    if p is None:
-        return "The paper's law itself: no other law describes these records better for its numbers."
-    sure = "beyond chance" if p < SURE else "which may be chance"
-    won, cases = first.wins_against_baseline
-    return f"Nearer than the gamma(T) baseline on {won} of {cases} records, {sure} (p = {p:.2g})."
-
-
-def _against(first: RankedLaw, law: RankedLaw) -> str:
-    own, other = (x.cross_validated_loss_error_percent_median for x in (first, law))
-    return (
-        f"Loss of tension at preloads left out: off by {own:.3g} % (median); {law.name}: {other:.3g} %; "
-        f"its BIC is {abs(law.delta_bic):.4g} {'higher' if law.delta_bic >= 0 else 'lower'}."
-    )
-
-
-def _error(law: RankedLaw, records: str, key: str) -> float | None:
-    found: Mapping[str, Any] = law.errors.get(records) or {}
-    return found.get(key)

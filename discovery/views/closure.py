@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from discovery.localisation.localise import COURSES
+from discovery.loop.result import Closure, FoundEffect
 from discovery.views.force import (
     FORCE,
     Data,
@@ -17,13 +18,15 @@ from discovery.views.force import (
     told,
     units_of,
 )
+from rom import viewed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
+    from pandas import DataFrame
 
     from discovery.localisation.localise import Localisation
-    from discovery.loop.result import Closure, FoundEffect, Kind
+    from rom.evaluation.error_measures import Kind
     from rom.model.laws import Parameter
 
 _VIEWS = {  # others are said as they are named
@@ -64,6 +67,7 @@ _SAME = 0.02
 _TELLS = 0.1  # of the force's variance: a map that explains less is not worth words
 
 
+@viewed.summary.register(Closure)
 def paragraph(closure: Closure) -> str:
     """Return the result for people: what was missing, how one knows, what changed, what remains."""
     return "\n".join(sections(closure).values())
@@ -292,6 +296,20 @@ def _chance(p: float) -> str:
     return f"= {_number(p, 2)}" if p >= 1e-4 else "below 0.0001"
 
 
+@viewed.frame.register(Closure)
+def frame(closure: Closure) -> DataFrame:
+    """Return errors before and after every step, a row each."""
+    from pandas import DataFrame
+
+    rows = [
+        {"model": step.added or "declared", "set": kind, **errors}
+        for step in closure.steps
+        for kind, errors in step.errors.items()
+    ]
+    return DataFrame(rows)
+
+
+@viewed.figure.register(Closure)
 def figure(closure: Closure) -> Figure:
     """Draw the mean square of the residual along every view, before and after, over that of noise.
 

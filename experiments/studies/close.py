@@ -16,7 +16,8 @@ from rom.campaign.campaign import read_campaign
 from rom.signals.measured_records import stored
 
 if TYPE_CHECKING:
-    from discovery.loop.result import Closure, FoundEffect, Kind
+    from discovery.loop.result import Closure, FoundEffect
+    from rom.evaluation.error_measures import Kind
     from rom.model.laws import Parameter
 
 _KINDS: tuple[Kind, ...] = ("training", "hold_out")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypedDict
+from typing import Literal, TypedDict
 
 import numpy as np
 
@@ -29,6 +29,8 @@ from rom.signals.processing import Measurement
 __all__ = [
     "Comparison",
     "Errors",
+    "ErrorsByKind",
+    "Kind",
     "compare",
     "compare_all",
     "simulate_measurement",
@@ -53,6 +55,10 @@ class Errors(TypedDict):
     tension_rmse_n: float | None
     records: int
     failed: int
+
+
+Kind = Literal["training", "hold_out"]
+ErrorsByKind = Mapping[Kind, Errors]
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ from discovery.explain import at_rest
 from discovery.explain.motion import motion_channels
 from discovery.explain.tension import explain_one
 from discovery.loop.refits import Refits
-from discovery.loop.result import ErrorsByKind
 from discovery.loop.state import State, cost, refit_fault, refitted, silent, without_effect
 from discovery.residual.output_error import WhitenedResidual, starting
 from rom.campaign.campaign import Campaign
 from rom.effects import ModelCorrection, SensorFault, candidates
+from rom.evaluation.error_measures import ErrorsByKind
 from rom.identification.identify import identify_campaign
 from rom.signals.measured_records import with_stored_records
 

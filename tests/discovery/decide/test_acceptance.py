@@ -18,8 +18,8 @@ from discovery.decide.acceptance import (
     is_significant,
 )
 from discovery.decide.explanation import Explanation
-from discovery.loop.result import ErrorsByKind
 from rom.effects import CATALOGUE
+from rom.evaluation.error_measures import ErrorsByKind
 
 
 def explained(

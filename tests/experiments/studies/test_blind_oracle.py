@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from discovery.loop.result import ErrorsByKind
 from experiments.studies import rig
 from experiments.studies.blind import oracle as blind_oracle
 from experiments.studies.blind.oracle import declared_errors, oracle_errors
 from rom.campaign.campaign import Campaign, read_campaign
+from rom.evaluation.error_measures import ErrorsByKind
 from rom.identification.identify import Identification, identify_campaign
 
 pytestmark = pytest.mark.slow

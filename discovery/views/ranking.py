@@ -1,0 +1,115 @@
+"""A ranking of tension laws in plain words, as a leader board and as a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discovery.laws.candidate import BASELINE, NO_LOOSENING
+from discovery.ranking.result import OFTEN, SURE, RankedLaw, Ranking
+from rom import viewed
+from rom.model.laws import Parameter
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+_DRAWN = 15
+
+
+@viewed.summary.register(Ranking)
+def summary(ranking: Ranking) -> str:
+    """Return in plain words what won, how surely, and what it beats."""
+    first = ranking.laws[0]
+    lines = [f"First of {ranking.considered} candidate laws: {first.name}", f"  dT/dt = {first.equation}"]
+    lines += [f"  {name} = {_with_limits(p)}" for name, p in first.parameters.items()]
+    lines.append(_verdict(first))
+    for name in (BASELINE, NO_LOOSENING):
+        lines += [_against(first, law) for law in ranking.laws[1:] if law.name == name]
+    named = [(law.name, law.chosen) for law in ranking.laws if law.chosen >= OFTEN]
+    rest = 1.0 - sum(share for _, share in named)
+    shares = [*named, *([("others", rest)] if rest >= OFTEN else [])]
+    share = "; ".join(f"{name} {100 * share:.0f} %" for name, share in shares)
+    lines.append(f"Comes first when preloads are drawn again: {share}.")
+    if ranking.indistinguishable:
+        lines.append(f"These records cannot tell it from: {'; '.join(ranking.indistinguishable)}.")
+    elif ranking.laws[1:]:
+        lines.append(f"Next: {'; '.join(law.name for law in ranking.laws[1:4])}.")
+    return "\n".join(lines)
+
+
+@viewed.frame.register(Ranking)
+def frame(ranking: Ranking) -> DataFrame:
+    """Return the leader board, a row for each law."""
+    from pandas import DataFrame
+
+    rows = [
+        {
+            "rank": law.rank,
+            "name": law.name,
+            "loss_error_percent": law.cross_validated_loss_error_percent_median,
+            "hold_out_loss_error_percent": _error(law, "hold_out", "tension_loss_error_percent_median"),
+            "final_tension_error_percent": _error(law, "training", "final_tension_error_percent_mean"),
+            "score": law.cross_validated_score,
+            "delta_bic": law.delta_bic,
+            "wins": law.wins_against_baseline[0],
+            "cases": law.wins_against_baseline[1],
+            "p_value": law.p_value_against_baseline,
+            "chosen": law.chosen,
+            "free_numbers": law.free_numbers,
+            "source": law.source,
+        }
+        for law in ranking.laws
+    ]
+    return DataFrame(rows).set_index("rank")
+
+
+@viewed.figure.register(Ranking)
+def figure(ranking: Ranking) -> Figure:
+    """Draw score against the baseline's, in units of log likelihood, over the first laws."""
+    from matplotlib.figure import Figure
+
+    laws = ranking.laws[:_DRAWN]
+    reference = ranking[BASELINE].cross_validated_score
+    gains = [law.cross_validated_score - reference for law in laws]
+    made = Figure(figsize=(8, 0.6 + 0.36 * len(laws)), layout="constrained")
+    axes = made.subplots()
+    places = np.arange(len(laws))
+    axes.axvline(0.0, color="0.6", linewidth=1)
+    axes.scatter(gains, places, c=["C3" if law.name == BASELINE else "C0" for law in laws])
+    axes.set_yticks(places, [f"{law.rank}  {law.name}" for law in laws])
+    axes.invert_yaxis()
+    axes.set_xscale("symlog", linthresh=10.0)
+    axes.set_xlabel("cross-validated log likelihood, above that of the gamma(T) baseline")
+    return made
+
+
+def _with_limits(parameter: Parameter) -> str:
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    if parameter.low is None or parameter.high is None:
+        return f"{parameter.value:.4g}{unit}"
+    return f"{parameter.value:.4g}{unit} (95 %: {parameter.low:.4g} to {parameter.high:.4g})"
+
+
+def _verdict(first: RankedLaw) -> str:
+    p = first.p_value_against_baseline
+    if p is None:
+        return "The paper's law itself: no other law describes these records better for its numbers."
+    sure = "beyond chance" if p < SURE else "which may be chance"
+    won, cases = first.wins_against_baseline
+    return f"Nearer than the gamma(T) baseline on {won} of {cases} records, {sure} (p = {p:.2g})."
+
+
+def _against(first: RankedLaw, law: RankedLaw) -> str:
+    own, other = (x.cross_validated_loss_error_percent_median for x in (first, law))
+    return (
+        f"Loss of tension at preloads left out: off by {own:.3g} % (median); {law.name}: {other:.3g} %; "
+        f"its BIC is {abs(law.delta_bic):.4g} {'higher' if law.delta_bic >= 0 else 'lower'}."
+    )
+
+
+def _error(law: RankedLaw, records: str, key: str) -> float | None:
+    found: Mapping[str, Any] = law.errors.get(records) or {}
+    return found.get(key)
