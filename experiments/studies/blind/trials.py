@@ -1,17 +1,14 @@
 """How often the closed loop finds what a campaign of the virtual rig does not tell, and how well.
 
-``python -m experiments.studies.blind.trials --out DIR`` measures campaigns with none, one or two undeclared
-effects of random strength, closes each on its folder alone, and scores the closure against the truth file
-beside it, read only then. Every campaign leaves one file in DIR when it is done; a run that was stopped goes
-on where it was. The tables are those of all files in DIR.
+Campaigns with none, one or two undeclared effects of random strength are measured and closed on their folders
+alone; a closure is scored against the truth file beside it, read only then. Every campaign leaves one file
+when it is done; a run that was stopped goes on where it was.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import resource
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -28,7 +25,6 @@ import numpy as np
 from discovery.localisation.localise import COURSES
 from experiments.results import plain, writable, write_result
 from experiments.studies import rig
-from experiments.studies.blind.tables import tables
 from rom.campaign.campaign import read_campaign
 
 Group = Literal["clean", "one", "outside", "two"]
@@ -263,12 +259,6 @@ def _line(trial: Trial, content: dict[str, Any]) -> str:
     return f"{trial.label}, seed {trial.seed}: {closure['verdict']}, {found}, {cpu_s:.0f} CPU-s"
 
 
-def read_results(out: Path) -> list[dict[str, Any]]:
-    """Return all results in a folder, by name of the file."""
-    found = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(out.glob("*.json"))]
-    return [one for one in found if one.get("format") == "boltlaw-blind-trial/1"]
-
-
 def missing(trials: Iterable[Trial], out: Path) -> list[Trial]:
     """Return the trials that have no result yet, or only a fault."""
     return [trial for trial in trials if not _is_done(out / trial.file)]
@@ -306,40 +296,3 @@ def run(
         except BaseException:  # stopped, or a process died: what has not begun is left to the next run
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-
-
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run what is missing, then print the tables and keep them in ``tables.md``."""
-    options = _parser().parse_args(arguments)
-    try:
-        trials = planned(
-            options.clean, options.each, options.outside, options.two, options.effects, options.noise,
-            options.first,
-        )  # fmt: skip
-    except ValueError as fault:
-        sys.exit(str(fault))
-    if not options.table_only:
-        run(trials, options.out, options.jobs, lambda line: print(line, file=sys.stderr, flush=True))
-    text = tables(read_results(options.out))
-    (options.out / "tables.md").write_text(text + "\n", encoding="utf-8")
-    print(text)
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser("python -m experiments.studies.blind.trials", description=__doc__)
-    parser.add_argument("--clean", type=int, default=20, metavar="N", help="campaigns without effect")
-    parser.add_argument("--each", type=int, default=5, metavar="N", help="seeds per core effect")
-    parser.add_argument("--outside", type=int, default=2, metavar="N", help="seeds per effect outside")
-    parser.add_argument("--two", type=int, default=20, metavar="N", help="campaigns with a random pair")
-    parser.add_argument("--effects", nargs="+", default=(), metavar="NAME[@PLACE]", help="only these")
-    parser.add_argument("--noise", type=float, nargs="+", default=[1.0], metavar="X",
-                        help="factors on noise, one drawn for every campaign")  # fmt: skip
-    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="the first seed")
-    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="campaigns at the same time")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for results")
-    parser.add_argument("--table-only", action="store_true", help="run nothing, print the tables of DIR")
-    return parser
-
-
-if __name__ == "__main__":
-    main()

@@ -11,6 +11,8 @@ import pytest
 
 from experiments.studies import rig
 from experiments.studies.blind import trials as blind_test
+from experiments.studies.blind.__main__ import main
+from experiments.studies.blind.results import TABLE, read_results, table_row, write_table
 from experiments.studies.blind.scores import (
     answer,
     has_needless,
@@ -23,7 +25,7 @@ from experiments.studies.blind.scores import (
     score,
 )
 from experiments.studies.blind.tables import tables
-from experiments.studies.blind.trials import Trial, missing, planned, read_results
+from experiments.studies.blind.trials import Trial, missing, planned
 from rom.effects import CATALOGUE
 
 Row = dict[str, Any]
@@ -338,7 +340,7 @@ def test_a_fault_is_a_result_and_a_finished_campaign_is_skipped(
 def test_the_tables_alone_need_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     row = result("one", [CUBIC], [found("cubic-stiffness", "joint")])
     (tmp_path / "one.json").write_text(json.dumps(row))
-    blind_test.main(["--out", str(tmp_path), "--table-only"])
+    main(["--out", str(tmp_path), "--table-only"])
     shown = capsys.readouterr().out
     assert "100 % (1 of 1)" in line(shown, "one effect: itself first |")
     assert (tmp_path / "tables.md").read_text() == shown
@@ -366,3 +368,36 @@ def test_the_truth_stays_sealed_until_the_loop_is_closed(
 def test_the_stored_tables_are_those_of_the_stored_results() -> None:
     stored = Path(__file__).parents[3] / "docs" / "blind"
     assert (stored / "tables.md").read_text(encoding="utf-8") == tables(read_results(stored)) + "\n"
+
+
+def test_gathered_results_give_the_same_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [
+        result("one", [CUBIC], [found("cubic-stiffness", "joint")]),
+        result("clean", [], [], "no-effect"),
+        {
+            "format": "boltlaw-blind-trial/1",
+            "group": "clean",
+            "label": "clean",
+            "noise": 1.0,
+            "program": "x",
+            "fault": "ValueError: no",
+        },
+    ]
+    for place, row in enumerate(rows):
+        (tmp_path / f"{place}.json").write_text(json.dumps(row | {"seed": place}))
+    table = tmp_path / "gathered" / TABLE
+    table.parent.mkdir()
+    main(["--out", str(tmp_path), "--table-only", "--gather", str(table)])
+    shown = capsys.readouterr().out
+    assert "ValueError: no" in shown
+    main(["--out", str(table.parent), "--table-only"])
+    assert capsys.readouterr().out == shown
+
+
+def test_a_file_that_the_table_holds_counts_once(tmp_path: Path) -> None:
+    row = result("clean", [], [], "no-effect") | {"seed": 3}
+    (tmp_path / "clean.json").write_text(json.dumps(row))
+    write_table([row], tmp_path / TABLE)
+    assert read_results(tmp_path) == [table_row(row)]
+    (tmp_path / "other.json").write_text(json.dumps(row | {"seed": 4}))
+    assert [one["seed"] for one in read_results(tmp_path)] == [3, 4]
