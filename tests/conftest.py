@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.shared import Shared
+
+if TYPE_CHECKING:
+    from rom.identification.identify import Identification
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,15 @@ def rig_campaign(shared: Shared) -> Path:
         return rig.run(shared.new_folder() / "campaign", cases=8, seed=1, jobs=1, duration_s=3.0, scatter=0.0)
 
     return shared.once("rig campaign", work)
+
+
+@pytest.fixture(scope="session")
+def rig_identified(rig_campaign: Path, shared: Shared) -> Identification:
+    """What is identified from it."""
+    from rom.campaign.campaign import read_campaign
+    from rom.identification.identify import identify_campaign
+
+    return shared.once("rig identified", lambda: identify_campaign(read_campaign(rig_campaign), jobs=1))
 
 
 @pytest.fixture(scope="session")

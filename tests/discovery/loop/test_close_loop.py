@@ -5,9 +5,6 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -24,38 +21,27 @@ from discovery.loop.state import level, reestimate_noise, refitted, silent, with
 from discovery.residual.output_error import WhitenedResidual, starting, whiten, whitened_residual_of
 from discovery.residual.trajectory import read_measurements
 from discovery.separating_tests.effects import separating_tests
-from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 from rom.effects import CATALOGUE, register
 from rom.effects.link_friction import Array
 from rom.effects.member import Member, parameter
-from rom.identification.identify import identify_campaign
+from tests.discovery.rig_campaigns import identified
+from tests.shared import once_per_run
 
 GAIN = Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1})
 CUBIC = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
 
 
-def measured(folder: Path, undeclared: tuple[Undeclared, ...] = (), seed: int = 1) -> rom.Campaign:
-    """A campaign of six preloads, one in three held out."""
-    rig.run(folder, 6, 1.0, seed, 1, duration_s=2.5, hold_out_every=3, undeclared=undeclared)
-    return rom.read_campaign(folder)
-
-
-@cache
+@once_per_run
 def evidence(*undeclared: Undeclared) -> WhitenedResidual:
     """What the declared model leaves over."""
-    with TemporaryDirectory() as scratch:
-        campaign = measured(Path(scratch) / "campaign", undeclared)
-        found = identify_campaign(campaign)
-        return refitted(
-            whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign))
-        )
+    campaign, found = identified(*undeclared)
+    return refitted(whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign)))
 
 
-@cache
+@once_per_run
 def closed(*undeclared: Undeclared) -> Closure:
-    with TemporaryDirectory() as scratch:
-        return close_loop(measured(Path(scratch) / "campaign", undeclared))
+    return close_loop(identified(*undeclared)[0])
 
 
 def test_nothing_but_noise_is_left_where_nothing_is_missing() -> None:
@@ -230,61 +216,53 @@ def test_the_loop_closes_on_a_wrong_gain_and_tells_it_exactly() -> None:
 @pytest.mark.slow
 def test_a_start_without_stiffness_is_left_for_the_uncoupled_tests() -> None:
     flexures = {f"flexure_{body}.stiffness.k": 1e-5 for body in ("lo", "so")}
-    with TemporaryDirectory() as scratch:
-        campaign = measured(Path(scratch) / "campaign", (GAIN,))
-        found = identify_campaign(campaign)
-        astray = replace(found, model=found.model.with_values(flexures))
-        far = refitted(
-            whitened_residual_of(campaign, starting(astray, astray.model), read_measurements(campaign))
-        )
-        start = Refits(campaign, astray, 1, silent).start()
+    campaign, found = identified(GAIN)
+    astray = replace(found, model=found.model.with_values(flexures))
+    far = refitted(
+        whitened_residual_of(campaign, starting(astray, astray.model), read_measurements(campaign))
+    )
+    start = Refits(campaign, astray, 1, silent).start()
     assert start.level < 0.7 * level(far)
     assert start.model.parameter("flexure_so.stiffness.k").value == pytest.approx(91800, rel=0.2)
     assert screen(start.evidence)[0][0].effect.name == "acceleration-gain"
 
 
 def test_a_fit_that_was_stuck_goes_on_from_where_one_with_a_further_effect_ended() -> None:
-    with TemporaryDirectory() as scratch:
-        campaign = measured(Path(scratch) / "campaign", (CUBIC,))
-        loop = _Loop(Refits(campaign, identify_campaign(campaign), 1, silent))
-        first, cubic = loop.refits.start(), CATALOGUE["cubic-stiffness"].at("flexure_lo", ground=True)
-        drag = CATALOGUE["quadratic-damping"].at("joint").with_values(c2=1e-3)
+    loop = _Loop(Refits(*identified(CUBIC), 1, silent))
+    first, cubic = loop.refits.start(), CATALOGUE["cubic-stiffness"].at("flexure_lo", ground=True)
+    drag = CATALOGUE["quadratic-damping"].at("joint").with_values(c2=1e-3)
 
-        def weighed(model: rom.Model) -> WhitenedResidual:
-            return whiten(
-                first.evidence.traces, replace(first.evidence.baseline, model=model), first.evidence.floors
-            )
-
-        right = refitted(weighed(cubic.with_values(k3=1e9).added_to(first.model))).baseline.model
-        off = {"flexure_lo.stiffness.k": 0.99 * right.parameter("flexure_lo.stiffness.k").value}
-        stuck, beside = weighed(right.with_values(off)), weighed(drag.added_to(right))
-        far = replace(first, model=stuck.baseline.model, evidence=stuck)
-        path = LoopHistory((first,)).longer(
-            Selection(explanation(cubic, CATALOGUE["cubic-stiffness"], first.evidence), ()), far
+    def weighed(model: rom.Model) -> WhitenedResidual:
+        return whiten(
+            first.evidence.traces, replace(first.evidence.baseline, model=model), first.evidence.floors
         )
-        further = Selection(explanation(drag, CATALOGUE["quadratic-damping"], stuck), ())
-        freed, told = loop._freed(path, further, beside)
-        assert far.level > 1.2 > freed.last.level
-        assert [effect.name for effect in freed.last.model.effects] == ["cubic-stiffness"]
-        assert len(freed.states) == len(path.states)
-        assert told.best.share() < 0.01  # the credit is not its own
-        assert loop._freed(freed, further, beside) == (freed, further)  # no better than it is
-        assert (
-            loop._freed(LoopHistory((far,)), further, beside)[0].last is far
-        )  # only beside effects found before
+
+    right = refitted(weighed(cubic.with_values(k3=1e9).added_to(first.model))).baseline.model
+    off = {"flexure_lo.stiffness.k": 0.99 * right.parameter("flexure_lo.stiffness.k").value}
+    stuck, beside = weighed(right.with_values(off)), weighed(drag.added_to(right))
+    far = replace(first, model=stuck.baseline.model, evidence=stuck)
+    path = LoopHistory((first,)).longer(
+        Selection(explanation(cubic, CATALOGUE["cubic-stiffness"], first.evidence), ()), far
+    )
+    further = Selection(explanation(drag, CATALOGUE["quadratic-damping"], stuck), ())
+    freed, told = loop._freed(path, further, beside)
+    assert far.level > 1.2 > freed.last.level
+    assert [effect.name for effect in freed.last.model.effects] == ["cubic-stiffness"]
+    assert len(freed.states) == len(path.states)
+    assert told.best.share() < 0.01  # the credit is not its own
+    assert loop._freed(freed, further, beside) == (freed, further)  # no better than it is
+    assert (
+        loop._freed(LoopHistory((far,)), further, beside)[0].last is far
+    )  # only beside effects found before
 
 
 def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_it() -> None:
     numbers = {"F_c": 0.2, "mu": 0.0, "v_s": 1e-3}
-    with TemporaryDirectory() as scratch:
-        campaign = measured(
-            Path(scratch) / "campaign", (Undeclared("coulomb-friction", "flexure_so", numbers),)
-        )
-        first = Refits(campaign, identify_campaign(campaign), 1, silent).start()
-        friction = CATALOGUE["coulomb-friction"].at("flexure_so", ground=True).with_values(**numbers)
-        told = replace(first.evidence.baseline, model=friction.added_to(first.model))
-        beside = refitted(whiten(first.evidence.traces, told, first.evidence.floors))
-        sharp = reestimate_noise(beside)
+    first = Refits(*identified(Undeclared("coulomb-friction", "flexure_so", numbers)), 1, silent).start()
+    friction = CATALOGUE["coulomb-friction"].at("flexure_so", ground=True).with_values(**numbers)
+    told = replace(first.evidence.baseline, model=friction.added_to(first.model))
+    beside = refitted(whiten(first.evidence.traces, told, first.evidence.floors))
+    sharp = reestimate_noise(beside)
     alone = ("uncoupled", ("so",))
     assert sharp.floors[alone].sensor.max() < 0.1 * first.evidence.floors[alone].sensor.max()
     assert level(sharp) < 1.2
@@ -294,21 +272,15 @@ def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_
 
 def test_hits_that_come_too_soon_to_tell_noise_by_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("discovery.residual.output_error.quiet_seconds", lambda _: 0.0)
-    with TemporaryDirectory() as scratch:
-        campaign = measured(Path(scratch) / "campaign")
-        found = identify_campaign(campaign)
-        with pytest.raises(ValueError, match=r"at least 0\.22 s before the hit .* longer pre-trigger"):
-            whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign))
+    campaign, found = identified()
+    with pytest.raises(ValueError, match=r"at least 0\.22 s before the hit .* longer pre-trigger"):
+        whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign))
 
 
 def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
-    with TemporaryDirectory() as scratch:
-        wrong_zero = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 0.0, "c_2": 0.0})
-        campaign = measured(Path(scratch) / "campaign", (wrong_zero,))
-        found = identify_campaign(campaign)
-        left = refitted(
-            whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign))
-        )
+    wrong_zero = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 0.0, "c_2": 0.0})
+    campaign, found = identified(wrong_zero)
+    left = refitted(whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign)))
     (lowest,) = [r.file for r in campaign.select("loosening") if r.preload_n == 6.0]
     assert [line for line in found.warnings if line.startswith(f"{lowest}: the gauge shows -")]
     assert lowest not in [course.file for course in found.courses]

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import rom
 from discovery.decide.explanation import Explanation
 from discovery.explain import at_rest
 from discovery.explain.force_balance import ForceBalanceResidual
@@ -27,24 +26,21 @@ from discovery.loop.state import State, silent, with_effects
 from discovery.options import Options
 from discovery.residual.course_fit import Misfit
 from discovery.residual.output_error import whiten
-from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Effect, ModelCorrection
 from rom.identification.force_balance import balances_of
-from rom.identification.identify import identify_campaign
 from tests.discovery import driven_twins as twins
+from tests.discovery.rig_campaigns import identified
 
 CUBIC = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
 GAIN = Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1})
 BIAS = Undeclared("acceleration-bias", "sensor:acceleration_lo", {"b": 0.5})
 
 
-def refits(folder: Path, *undeclared: Undeclared) -> Refits:
+def refits(*undeclared: Undeclared) -> Refits:
     """Of a campaign of six preloads, one in three held out."""
-    rig.run(folder, 6, 1.0, 1, 1, duration_s=2.5, hold_out_every=3, undeclared=undeclared)
-    campaign = rom.read_campaign(folder)
-    return Refits(campaign, identify_campaign(campaign), 1, silent)
+    return Refits(*identified(*undeclared), 1, silent)
 
 
 def of_catalogue(hidden: Undeclared, strength: float) -> ModelCorrection:
@@ -64,8 +60,8 @@ def with_effect(state: State, effect: ModelCorrection, mine: Refits) -> State:
 
 
 @pytest.mark.parametrize("there", [False, True])
-def test_a_force_is_dropped_where_the_model_does_as_well_without(tmp_path: Path, there: bool) -> None:
-    mine = refits(tmp_path / "campaign", *([CUBIC] if there else []))
+def test_a_force_is_dropped_where_the_model_does_as_well_without(there: bool) -> None:
+    mine = refits(*([CUBIC] if there else []))
     first, effect = mine.start(), of_catalogue(CUBIC, 1.0 if there else 0.0)
     one = Selection(explanation(effect, CATALOGUE["cubic-stiffness"], first.evidence), ())
     path = without_needless(LoopHistory((first,)).longer(one, with_effect(first, effect, mine)), mine)
@@ -73,8 +69,8 @@ def test_a_force_is_dropped_where_the_model_does_as_well_without(tmp_path: Path,
 
 
 @pytest.mark.parametrize("there", [False, True])
-def test_a_fault_is_dropped_where_a_later_effect_has_made_it_needless(tmp_path: Path, there: bool) -> None:
-    mine = refits(tmp_path / "campaign", CUBIC, *([GAIN] if there else []))
+def test_a_fault_is_dropped_where_a_later_effect_has_made_it_needless(there: bool) -> None:
+    mine = refits(CUBIC, *([GAIN] if there else []))
     first = mine.start()
     gain, cubic = of_catalogue(GAIN, 1.0 if there else 1e-3), of_catalogue(CUBIC, 1.0)
     second = mine.adopt(first, explanation(gain, CATALOGUE["acceleration-gain"], first.evidence))
@@ -91,8 +87,8 @@ def test_a_fault_is_dropped_where_a_later_effect_has_made_it_needless(tmp_path: 
     assert len(path.states) == len(path.chosen) + 1
 
 
-def test_what_shows_before_the_hits_stays_whatever_the_motion_says(tmp_path: Path) -> None:
-    mine = refits(tmp_path / "campaign", CUBIC, BIAS)
+def test_what_shows_before_the_hits_stays_whatever_the_motion_says() -> None:
+    mine = refits(CUBIC, BIAS)
     first = mine.start()
     (told,) = (e for e in at_rest.explain(first.evidence, Options()) if e.effect.name == "acceleration-bias")
     second = mine.adopt(first, told, floors_too=True)

@@ -31,7 +31,7 @@ from discovery.ranking.race import RankedLaw, _at_bound, _listed, _merged, race
 from discovery.ranking.result import Ranking, equation_name, names_of
 from rom import paper_model
 from rom.campaign.campaign import read_campaign
-from rom.identification.identify import identify_campaign
+from rom.identification.identify import Identification
 from rom.identification.reduce import reduce_records, tension_courses
 from tests.discovery.synthetic import measured, with_power
 
@@ -193,9 +193,10 @@ def test_names_are_equations_and_each_its_own() -> None:
 
 
 @pytest.mark.slow
-def test_listed_laws_are_judged_on_training_and_held_out_records(rig_campaign: Path) -> None:
-    campaign = read_campaign(rig_campaign)
-    found = identify_campaign(campaign, jobs=1)
+def test_listed_laws_are_judged_on_training_and_held_out_records(
+    rig_campaign: Path, rig_identified: Identification
+) -> None:
+    campaign, found = read_campaign(rig_campaign), rig_identified
     model = replace(found.model, identification=None)
     frozen = freeze(model, found.courses)
     records = list(reduce_records(campaign, campaign.select("loosening", hold_out=True), 1))

@@ -22,6 +22,7 @@ from rom.model.laws import Parameter
 from rom.model_file import load_model
 from rom.parameters.he_2025 import nominal_impact, paper_model
 from rom.signals.tension_bins import TensionCourse
+from tests.conftest import Ran
 from tests.experiments.sound_ranking import errors
 from tests.rom.sound_campaign import write_sound_campaign
 
@@ -257,14 +258,14 @@ def test_a_parameter_without_limits_has_none() -> None:
 
 @pytest.mark.slow
 def test_a_small_campaign_is_ranked_from_end_to_end(
-    rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
+    discovered: tuple[Path, Ran], rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
 ) -> None:
-    ran = boltlaw("discover", rig_campaign, "--out", tmp_path, "--jobs", 2)
+    folder, ran = discovered
     assert ran.code == 0, ran.err
     assert "rank" in ran.out
-    data = load(tmp_path)
+    data = load(folder)
     assert data["considered"] >= 2000
     assert {"gamma(T) baseline", "no loosening", "constant gamma, quadratic"} <= {
         law["name"] for law in data["laws"]
     }
-    assert boltlaw("predict", tmp_path / "model.json", rig_campaign, "--out", tmp_path, "--quiet").code == 0
+    assert boltlaw("predict", folder / "model.json", rig_campaign, "--out", tmp_path, "--quiet").code == 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,10 @@ import pytest
 from experiments.studies import rig
 from rom.campaign.campaign import read_campaign
 from rom.parameters.he_2025 import paper_model
+from tests.conftest import Boltlaw, Ran
 from tests.rom.sound_campaign import write_sound_campaign
 
-Boltlaw = Callable[..., Any]
-MAIN = {"identify": "model.json", "discover": "ranking.json", "close": "closure.json"}
+MAIN = {"identify": "model.json", "close": "closure.json"}
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +39,15 @@ def told(folder: Path) -> dict[str, Any]:
     return found
 
 
+def same(one: Path, other: Path, main: str) -> None:
+    """Hold two folders of results together, file by file."""
+    first, second = told(one), told(other)
+    assert main in first
+    assert first.keys() == second.keys()
+    for name in first:
+        assert first[name] == second[name], name
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("command", MAIN)
 def test_results_do_not_depend_on_jobs(
@@ -50,11 +58,16 @@ def test_results_do_not_depend_on_jobs(
             command, campaign, "--out", tmp_path / str(jobs), "--jobs", jobs, "--seed", 7, "--quiet"
         )
         assert (ran.code, ran.out, ran.err) == (0, "", "")
-    one, two = told(tmp_path / "1"), told(tmp_path / "2")
-    assert MAIN[command] in one
-    assert one.keys() == two.keys()
-    for name in one:
-        assert one[name] == two[name], name
+    same(tmp_path / "1", tmp_path / "2", MAIN[command])
+
+
+@pytest.mark.slow
+def test_a_ranking_does_not_depend_on_jobs(
+    discovered: tuple[Path, Ran], rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    ran = boltlaw("discover", rig_campaign, "--out", tmp_path / "1", "--jobs", 1, "--seed", 7, "--quiet")
+    assert (ran.code, ran.out, ran.err) == (0, "", "")
+    same(tmp_path / "1", discovered[0], "ranking.json")
 
 
 def test_a_result_tells_what_is_needed_to_repeat_it(

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rom.campaign.campaign import read_campaign
 from rom.effects import CATALOGUE, SensorFault, candidates
 from rom.evaluation.error_measures import Comparison, compare, compare_all
 from rom.identification.curve_fits import gamma_curve
-from rom.identification.identify import Identification, identify_campaign, relearned
+from rom.identification.identify import Identification, relearned
 from rom.model.model import Model
 from rom.parameters.he_2025 import paper_model
 from rom.signals.processing import Measurement
@@ -122,8 +120,10 @@ def test_what_a_record_does_not_show_is_left_alone() -> None:
     assert shown.impact_s == pytest.approx(IMPACT_S, abs=1e-3)
 
 
-def test_gamma_is_learned_again_on_hits_without_the_fault_of_their_hammer(rig_campaign: Path) -> None:
-    found = identify_campaign(read_campaign(rig_campaign))
+def test_gamma_is_learned_again_on_hits_without_the_fault_of_their_hammer(
+    rig_identified: Identification,
+) -> None:
+    found = rig_identified
     shown = replace(found, courses=tuple(replace(c, force=1.1 * c.force) for c in found.courses))
 
     def gamma(of: Identification, model: Model) -> float:
