@@ -84,7 +84,17 @@ def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, 
 
 
 def terms_at(x: float, v: float, *, tension: bool, criteria: Tension = CRITERIA.tension) -> Terms:
-    """Terms with the scales of a motion in them, its largest displacement [m] and velocity [m/s]."""
+    """Return the terms with the scales of a motion in them.
+
+    Parameters
+    ----------
+    x, v : float
+        Largest displacement [m] and velocity [m/s].
+    tension : bool
+        Whether terms with the tension are among them.
+    criteria : Tension
+        Share of the velocity at which a sign turns.
+    """
     x, v = float(f"{x:.2g}"), float(f"{v:.2g}")
     terms = {**_TERMS, **(_OF_TENSION if tension else {})}
     turns = f"{criteria.turning_velocity * v:.3g}"

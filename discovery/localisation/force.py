@@ -9,7 +9,8 @@ import numpy as np
 from scipy import stats
 
 from discovery.explain.force_balance import ForceBalanceResidual
-from discovery.localisation.force_map import Course, ForceMap, force_map
+from discovery.localisation.force_history import Course
+from discovery.localisation.force_map import ForceMap, force_map
 from discovery.localisation.localise import Localisation, Profile, sides_of
 from rom.campaign.channels import FloatArray
 from rom.evaluation.evaluate import Evaluation

@@ -24,41 +24,14 @@ from scipy import fft, interpolate
 
 from discovery.criteria.criteria import CRITERIA
 from discovery.criteria.localisation import Localising
+from discovery.localisation.force_history import Course, by_sign
 from discovery.localisation.lines import ROUND, Lines, Place
 from rom.campaign.channels import FloatArray
 
 _HALF_BINS, _PER_DECADE = 13, 6  # of displacement and of velocity, on either side of the middle one
 _TURNS, _SEED = 999, 0
 _LOOPS, _FINE = 3, 240
-_DISTANCES = 10.0 ** (np.arange(-12, 0) / 12)  # from rest, of a record's largest
-_CLASSES = 2 * (len(_DISTANCES) + 1) ** 2
 _LEAST = 1e-9  # of a bin's weight to the largest
-
-
-@dataclass(frozen=True, eq=False)
-class Course:
-    """Force left unbalanced at a place along a record's motion, at even times.
-
-    Attributes
-    ----------
-    time : ndarray, shape (samples,)
-        Since the impact [s].
-    force, displacement, velocity : ndarray, shape (samples,)
-        [N], relative motion of the place's ends [m], [m/s].
-    variance : ndarray, shape (samples,)
-        Of the force, were noise alone left [N^2].
-    """
-
-    time: FloatArray
-    force: FloatArray
-    displacement: FloatArray
-    velocity: FloatArray
-    variance: FloatArray
-
-    @property
-    def weight(self) -> float:
-        """Of a sample's square: 1 / N^2 of noise far from the ends, where nothing is projected out."""
-        return 1.0 / float(self.variance.max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +104,15 @@ def courses_at(
 
     At a link it is told from all lines, as long as all last; on a body from the first part's alone, those
     below four times the dominant frequency, which hold what a flexure does.
+
+    Parameters
+    ----------
+    place : Place
+        A bolted link or a body.
+    parts : sequence of Lines
+        Whitened lines of all records.
+    criteria : Localising
+        Which lines are faded.
     """
     records: dict[int, list[Lines]] = {}
     for one in parts:
@@ -192,38 +174,20 @@ def _in_time(lines: npt.NDArray[np.complexfloating], one: Lines) -> FloatArray:
     return np.asarray(fft.irfft(spectrum, count, axis=0) * trace.rate_hz)
 
 
-def by_sign(courses: Sequence[Course]) -> tuple[float, float]:
-    """Return the force's mean square over noise where the displacement is positive, and where negative.
-
-    Like with like: a decay begins with its largest swing, to one side. So in every record as many samples of
-    either side count in each class of motion and its mirror image, by even ratios of the largest.
-    """
-    square, left = np.zeros(2), np.zeros(2)
-    for one in courses:
-        order, moves = _mirrored(one.displacement, one.velocity)
-        sides = [(sign * one.displacement > 0) & moves for sign in (1, -1)]
-        counts = [np.bincount(order[side], minlength=_CLASSES) for side in sides]
-        for place, (side, count) in enumerate(zip(sides, counts, strict=True)):
-            share = (np.minimum(*counts) / np.maximum(count, 1) * one.weight)[order[side]]
-            square[place] += float(np.sum(share * one.force[side] ** 2))
-            left[place] += float(np.sum(share * one.variance[side]))
-    positive, negative = np.divide(square, left, out=np.full(2, np.nan), where=left > 0)
-    return float(positive), float(negative)
-
-
-def _mirrored(x: FloatArray, v: FloatArray) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
-    """Class of every sample, the same at (x, v) and (-x, -v), and whether it is away from rest."""
-    far, fast = (
-        np.searchsorted(_DISTANCES, np.abs(one) / max(float(np.abs(one).max()), 1e-300)) for one in (x, v)
-    )
-    count = len(_DISTANCES) + 1
-    return far + count * (fast + count * (x * v > 0)), far > 0
-
-
 def force_map(
     place: str, courses: Sequence[Course], criteria: Localising = CRITERIA.localisation
 ) -> ForceMap:
-    """Return what the unbalanced force at a place is of the motion there, as a map and in numbers."""
+    """Return what the unbalanced force at a place is of the motion there, as a map and in numbers.
+
+    Parameters
+    ----------
+    place : str
+        Name of the place.
+    courses : sequence of Course
+        Force and motion there, one for each record.
+    criteria : Localising
+        Blocks, folds and the quantile of the chance level.
+    """
     edges = _edges([one.displacement for one in courses]), _edges([one.velocity for one in courses])
     sums = _Sums(courses, edges, criteria)
     level, (positive, negative) = sums.square / sums.noise, by_sign(courses)
@@ -370,7 +334,17 @@ def _rounded(values: FloatArray) -> list[float | None]:
 def force_maps(
     where: Sequence[Place], parts: Sequence[Lines], criteria: Localising = CRITERIA.localisation
 ) -> Iterator[ForceMap]:
-    """Yield the map of every place that has moved."""
+    """Yield the map of every place that has moved.
+
+    Parameters
+    ----------
+    where : sequence of Place
+        Bolted links and bodies.
+    parts : sequence of Lines
+        Whitened lines of all records.
+    criteria : Localising
+        As for `courses_at` and `force_map`.
+    """
     for place in where:
         courses = courses_at(place, parts, criteria)
         if any(np.any(one.displacement) for one in courses):

@@ -183,7 +183,17 @@ def _class(value: float, edges: Sequence[float], unit: str) -> str:
 
 
 def class_label(place: int, edges: Sequence[float], unit: str) -> str:
-    """Words for what lies below the edge at a place, and above the one before it."""
+    """Return words for a class of values.
+
+    Parameters
+    ----------
+    place : int
+        Of the class: it ends at the edge of this place.
+    edges : sequence of float
+        Edges between the classes.
+    unit : str
+        Of the edges.
+    """
     if place == 0:
         return f"0 to {edges[0]:g} {unit}"
     if place == len(edges):

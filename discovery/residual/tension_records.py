@@ -247,7 +247,17 @@ def _truncated(bins: TensionBins, count: int, change: FloatArray) -> TensionBins
 
 
 def frozen_of(records: Sequence[TensionObservation], noise: CourseNoise, model: Model) -> FrozenMotion:
-    """Motion of all records, frozen, thinned to what a law's course needs."""
+    """Return the motion of all records, frozen, thinned to what a law's course needs.
+
+    Parameters
+    ----------
+    records : sequence of TensionObservation
+        All records.
+    noise : CourseNoise
+        Noise of their courses.
+    model : Model
+        Its forces act; changes of the law, readings and faults of the gauge are left out.
+    """
     courses = [replace(s.course, covariance=noise.covariance(s.bins)) for s in records]
     moving = model.without_effects_of("law change", "reading", "sensor fault")
     frozen = freeze(replace(moving, identification=None), courses)
@@ -277,7 +287,19 @@ def drifted(
     new: CourseNoise,
     drift: float,
 ) -> FrozenMotion:
-    """The same motion with another noise of the courses, less a drift [N/s] that all have."""
+    """Return the same motion with another noise of the courses, less a drift that all have.
+
+    Parameters
+    ----------
+    frozen : FrozenMotion
+        Motion of all records, with the old noise.
+    records : sequence of TensionObservation
+        The same records.
+    old, new : CourseNoise
+        Noise of the courses.
+    drift : float
+        Of the gauge [N/s].
+    """
     bins = frozen.change.shape[1]
     more = [(new.covariance(s.bins) - old.covariance(s.bins))[:bins, :bins] for s in records]
     change = frozen.change - drift * np.stack([s.bins.lag_s[:bins] for s in records])
