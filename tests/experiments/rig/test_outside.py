@@ -40,8 +40,8 @@ def signals(plant: Plant) -> list[np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def plain() -> list[np.ndarray]:
-    return signals(NOMINAL)
+def plain(shared: Shared) -> list[np.ndarray]:
+    return shared.once("signals of the declared plant", partial(signals, NOMINAL))
 
 
 def signature(plant: Plant, plain: list[np.ndarray]) -> np.ndarray:
@@ -51,8 +51,13 @@ def signature(plant: Plant, plain: list[np.ndarray]) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def absorbed(plain: list[np.ndarray]) -> np.ndarray:
+def absorbed(plain: list[np.ndarray], shared: Shared) -> np.ndarray:
     """What a refit of the paper's model takes up."""
+    return shared.once("what a refit takes up", partial(refitted, plain))
+
+
+def refitted(plain: list[np.ndarray]) -> np.ndarray:
+    """Orthonormal changes of all signals by the numbers of the paper's model."""
     law = NOMINAL.loosening[0]
     plants = [replace(NOMINAL, **{name: 1.003 * getattr(NOMINAL, name)}) for name in BASELINE]
     for name in ("gamma_d", "gamma_i", "rho"):
