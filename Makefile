@@ -15,11 +15,11 @@ demo: .venv/installed  ## a small campaign from the virtual rig, its model, its 
 
 # in twelve minutes on two cores: one thread a process, for two processes on two cores would only wait for more
 test: .venv/installed-test  ## every check: style, walls between packages, types, tests
-	$(MAKE) --jobs 2 --output-sync=target style compiled
+	$(MAKE) --no-print-directory --jobs 2 --output-sync=target style compiled
 	$(PYTEST)
 
 test-all: .venv/installed-test  ## the same, every law recovered from ten campaigns of the rig
-	$(MAKE) --jobs 2 --output-sync=target style compiled
+	$(MAKE) --no-print-directory --jobs 2 --output-sync=target style compiled
 	$(PYTEST) --seeds 10
 
 style:
