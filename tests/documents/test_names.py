@@ -12,6 +12,7 @@ import pytest
 from tests.documents.blocks import PAGES, REPOSITORY, blocks
 
 MAINTAINERS = (REPOSITORY / "CONTRIBUTING.md", REPOSITORY / "CHANGELOG.md")
+PACKAGES = ("rom", "discovery", "experiments")
 _MODULE = re.compile(r"(?<![\w./-])((?:rom|discovery|experiments|benchmarks)(?!\.md\b)(?:\.\w+)+)")
 _FILE = re.compile(r"(?<![\w./<-])((?:rom|discovery|experiments|benchmarks|tests|docs)/[\w./-]*\w/?)")
 
@@ -53,7 +54,7 @@ def test_what_examples_import_is_there(page: Path) -> None:
         if block.kind == "python"
         for node in ast.walk(ast.parse(block.text))
         if isinstance(node, ast.ImportFrom)
-        and str(node.module).startswith(("rom", "discovery", "experiments"))
+        and str(node.module).startswith(PACKAGES)
     ]
     imported = [f"{node.module}.{alias.name}" for node in imports for alias in node.names]
     assert [name for name in imported if not is_there(name)] == []
