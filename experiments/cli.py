@@ -40,8 +40,15 @@ Out = Annotated[
     Path | None, typer.Option(help="Folder for results; default: CAMPAIGN-results beside the campaign.")
 ]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
+Unseeded = Annotated[int, typer.Option(min=0, help="Accepted by every command; nothing here is random.")]
 Jobs = Annotated[
     int, typer.Option(min=1, help="Processes; results do not depend on it.", show_default="all cores")
+]
+OneProcess = Annotated[
+    int,
+    typer.Option(
+        min=1, help="Accepted by every command; nothing here runs in parallel.", show_default="all cores"
+    ),
 ]
 Cluster = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, tcp://host:port.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no summary.")]
@@ -149,7 +156,7 @@ def import_(
     out: Annotated[
         Path | None, typer.Option(help="Folder in which NEW_DIR is created; default: here.")
     ] = None,
-    seed: Seed = 0,  # noqa: ARG001 - every command takes the same options
+    seed: Unseeded = 0,  # noqa: ARG001 - every command takes the same options
     jobs: Jobs = _CORES,
     quiet: Quiet = False,
 ) -> None:
@@ -168,7 +175,7 @@ def import_(
 def identify(
     campaign: CampaignPath,
     out: Out = None,
-    seed: Seed = 0,
+    seed: Unseeded = 0,
     jobs: Jobs = _CORES,
     cluster: Cluster = None,
     quiet: Quiet = False,
@@ -249,7 +256,7 @@ def predict(
     model: Annotated[Path, typer.Argument(help="A model.json.", callback=a_model)],
     campaign: CampaignPath,
     out: Out = None,
-    seed: Seed = 0,
+    seed: Unseeded = 0,
     jobs: Jobs = _CORES,
     cluster: Cluster = None,
     quiet: Quiet = False,
@@ -270,8 +277,8 @@ def report(
         Path, typer.Argument(metavar="DIR", help="Folder with result files.", callback=existing)
     ],
     out: Annotated[Path | None, typer.Option(help="Folder for report.html; default: DIR.")] = None,
-    seed: Seed = 0,  # noqa: ARG001 - every command takes the same options
-    jobs: Jobs = _CORES,  # noqa: ARG001
+    seed: Unseeded = 0,  # noqa: ARG001 - every command takes the same options
+    jobs: OneProcess = _CORES,  # noqa: ARG001
     quiet: Quiet = False,
 ) -> None:
     """Make one self-contained page of the result files in a folder."""

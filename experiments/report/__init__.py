@@ -1,1 +1,4 @@
-"""Figures and pages made from result files."""
+"""The page of a folder of result files: what there is (results), tables across files, the document.
+
+May import `experiments.figures` and `experiments.text`.
+"""

@@ -13,11 +13,11 @@ import jinja2
 from markupsafe import Markup
 
 from experiments.figures.captions import caption, order
+from experiments.report.comparisons import comparison_tables, identification_of
 from experiments.report.results import Result, Results, read_results
 from experiments.text import closures, equations, rankings, verdicts
-from experiments.text.scores import comparison_tables, identification_of, mappings
 from experiments.text.tables import Table, parameters_table, tables_of
-from experiments.text.wording import label, number
+from experiments.text.wording import label, mappings, number
 
 Data = Mapping[str, Any]
 

@@ -14,7 +14,7 @@ from discovery.views.force import pair
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
 from experiments.text.tables import MEASURES, Table, error_rows, parameter_rows
-from experiments.text.wording import NONE, label, number, trimmed
+from experiments.text.wording import NONE, label, mappings, number, trimmed
 
 Data = Mapping[str, Any]
 
@@ -99,7 +99,7 @@ def answer(data: Data) -> Answer:
 
 def effects_of(data: Data) -> list[Data]:
     """Return the effects that a closure names, in the order in which they were found."""
-    return _mappings(data.get("effects"))
+    return mappings(data.get("effects"))
 
 
 def _left(data: Data) -> str:
@@ -214,7 +214,7 @@ def _error_tables(data: Data) -> Iterator[Table]:
             "filter chain. No fit has seen a hold-out record."
         )
         yield Table("", ("", *heads), rows, note=note)
-    steps = _mappings(data.get("steps"))
+    steps = mappings(data.get("steps"))
     if len(steps) > 2:  # of one effect the table above says it all
         yield _steps(steps)
 
@@ -255,7 +255,7 @@ def forces(data: Data) -> tuple[Data, Data] | None:
     """Return what is told of the unbalanced force, before and after, at the place of most."""
     residual = _mapping(data.get("residual"))
     before, after = (_mapping(residual.get(when)).get("forces") for when in ("before", "after"))
-    return pair(_mappings(before), _mappings(after))
+    return pair(mappings(before), mappings(after))
 
 
 def force_table(data: Data) -> Table:
@@ -325,7 +325,7 @@ def _look_alikes(effect: Data) -> Table:
             trimmed(number(like.get("hold_out_cost"), 3)),
             str(like.get("test") or NONE),
         )
-        for like in _mappings(effect.get("look_alikes"))
+        for like in mappings(effect.get("look_alikes"))
     )
     note = "Cost on held-out records over that of the effect named: 1 is as good."
     heads = ("Look-alike", "Where", "Held-out cost", "What would separate them")
@@ -370,7 +370,7 @@ def _screened(data: Data) -> Table:
             _share(row.get("share")),
             trimmed(number(row.get("strength"), 3)),
         )
-        for row in _mappings(data.get("screened"))
+        for row in mappings(data.get("screened"))
     )
     note = "What each effect alone could explain of the first residual beyond the declared model."
     heads = ("Effect", "Where", "Share of the residual", "Strength")
@@ -391,7 +391,3 @@ def _scaled(value: object, factor: float) -> str:
 
 def _mapping(value: object) -> Data:
     return value if isinstance(value, Mapping) else {}
-
-
-def _mappings(items: object) -> list[Data]:
-    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []

@@ -10,9 +10,8 @@ from markupsafe import Markup
 
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
-from experiments.text.scores import mappings
 from experiments.text.tables import Table, parameter_rows
-from experiments.text.wording import NONE, law_name, number, set_words, trimmed
+from experiments.text.wording import NONE, law_name, mappings, number, set_words, trimmed
 
 Data = Mapping[str, Any]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from typing import Any
 
 _UNITS = {
     "s3_per_m4": "s³/m⁴",
@@ -105,3 +106,8 @@ def law_name(name: str, most: int = 70) -> str:
     for pattern, words in _LAW_PATTERNS:
         shown = re.sub(pattern, words, shown)
     return shown if len(shown) <= most else shown[: most - 1].rstrip() + "…"
+
+
+def mappings(items: object) -> list[Mapping[str, Any]]:
+    """Return the objects of a list; nothing for anything else."""
+    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []

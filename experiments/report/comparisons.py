@@ -7,7 +7,7 @@ from typing import Any
 
 from experiments.report.results import Result
 from experiments.text.tables import Table, errors_table
-from experiments.text.wording import label, number, plain, trimmed
+from experiments.text.wording import label, mappings, number, plain, trimmed
 
 Data = Mapping[str, Any]
 
@@ -35,11 +35,6 @@ def identification_of(data: Data) -> Data:
     """Return the section of model.json that an identification writes; empty where there is none."""
     found = data.get("identification")
     return found if isinstance(found, Mapping) else {}
-
-
-def mappings(items: object) -> list[Data]:
-    """Return the objects of a list; nothing for anything else."""
-    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []
 
 
 def _reproduction(data: Data) -> Table | None:
