@@ -22,12 +22,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from discovery.criteria.criteria import CRITERIA
 from discovery.decide.acceptance import is_accepted, spread_of
-from discovery.decide.chance import FALSE_ALARMS
 from discovery.decide.explanation import Explanation
-from discovery.explain.motion import by_chance, explain, screen
+from discovery.explain.motion import by_chance, screen
+from discovery.explain.motion_fit import refit
 from discovery.explain.tension import explain as explain_tension
-from discovery.loop.state import refitted, set_aside
 from discovery.options import Options
 from discovery.residual.output_error import starting, whitened_residual_of
 from discovery.residual.tension import TensionResidual
@@ -65,7 +65,8 @@ def null_of(explanations: Sequence[Explanation]) -> Null:
     first = explanations[best]
     return Null(
         len(gains), first.effect.path, *gains[best], first.share(),
-        first.p_value is not None and first.p_value <= FALSE_ALARMS, sum(is_accepted(e) for e in
+        first.p_value is not None and first.p_value <= CRITERIA.chance.false_alarms,
+        sum(is_accepted(e) for e in
         explanations),
     )  # fmt: skip
 
@@ -77,10 +78,10 @@ def nulls(noise: float, seed: int, folder: Path) -> tuple[Null, Null]:
     )
     campaign = read_campaign(folder)
     found = identify_campaign(campaign)
-    sound = read_measurements(campaign, set_aside(found))
-    evidence = refitted(whitened_residual_of(campaign, starting(found, found.model), sound))
-    screened = screen(evidence)
-    in_motion = [explain(probes, evidence, by_chance(screened)) for probes in screened[:FITTED]]
+    sound = read_measurements(campaign, frozenset(doubt.file for doubt in found.set_aside))
+    evidence = refit(whitened_residual_of(campaign, starting(found, found.model), sound))
+    screened = screen(evidence, Options())
+    in_motion = [explain_effect(probes, evidence, by_chance(screened)) for probes in screened[:FITTED]]
     in_tension = explain_tension(TensionResidual(campaign, found, evidence.baseline.model), Options())
     return null_of(in_motion), null_of(in_tension)
 

@@ -4,9 +4,68 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from discovery.criteria.number import Group
+from discovery.criteria.number import Group, number
+
+_FALSE_ALARMS = "python -m benchmarks.false_alarms, clean campaigns of usual size: largest gain below it"
 
 
 @dataclass(frozen=True)
 class Acceptance(Group):
     """Whether an effect explains more than chance, matters, and can be told from others."""
+
+    training_gain_motion: float = number(
+        150.0, "2 ln L", "least gain on training records of an effect in the motion", _FALSE_ALARMS
+    )
+    hold_out_gain_motion: float = number(
+        20.0, "2 ln L", "least gain on hold-out records of an effect in the motion", _FALSE_ALARMS
+    )
+    training_gain_tension: float = number(
+        20.0, "2 ln L", "least gain on training records of an effect in the tension", _FALSE_ALARMS
+    )
+    hold_out_gain_tension: float = number(
+        0.0, "2 ln L", "least gain on hold-out records of an effect in the tension",
+        "few tests are held out; on clean campaigns half of all effects lose there",
+    )  # fmt: skip
+    material_share: float = number(
+        0.01, "1", "least share of the cost that an effect takes away", _FALSE_ALARMS
+    )
+    noise_level: float = number(
+        1.2, "1", "mean square of a whitened residual that still counts as noise",
+        "clean rig campaigns at half, once and twice the noise: at most 1.1",
+    )  # fmt: skip
+    explained_remainder: float = number(
+        0.03, "1", "share of what was beyond noise that still counts as explained",
+        "forces that are a per cent wrong leave as much: blind test, gaps and friction",
+    )  # fmt: skip
+    indistinguishable_cost: float = number(
+        12.0, "2 ln L", "difference in cost below which two effects are indistinguishable",
+        "blind test: pairs of one class",
+    )  # fmt: skip
+    indistinguishable_share: float = number(
+        0.05, "1", "share of the gain that a slightly wrong form of the right effect may lose",
+        "blind test: forms with another knee",
+    )  # fmt: skip
+    material_error: float = number(
+        0.02, "1", "least share by which an effect in the motion lowers an error on hold-out records",
+        "clean campaigns: errors change by less from refits alone",
+    )  # fmt: skip
+    material_error_explained: float = number(
+        0.1, "1", "the same where next to nothing is left of the residual of impact tests",
+        "effects that only mend another one's form lower errors by less",
+    )  # fmt: skip
+    error_rise_closing: float = number(
+        0.2, "1", "share by which one error may rise where the effect closes the residual",
+        "errors of few records near their noise change by as much from seed to seed",
+    )  # fmt: skip
+    harm: float = number(
+        1.5, "1", "factor by which a mean error may rise with an effect in the tension",
+        "losses vary from test to test by about a factor of two",
+    )  # fmt: skip
+    exact_motion: float = number(
+        0.005, "1", "motion error below which a record is simulated as exactly as its hit is known",
+        "a hit is known by a dozen samples: simulations of the true model differ by as much",
+    )  # fmt: skip
+    exact_relative_motion: float = number(
+        0.02, "1", "the same of the relative motion",
+        "a hit is known by a dozen samples: simulations of the true model differ by as much",
+    )  # fmt: skip

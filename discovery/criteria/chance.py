@@ -4,9 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from discovery.criteria.number import Group
+from discovery.criteria.number import Group, number
 
 
 @dataclass(frozen=True)
 class Chance(Group):
     """The null distribution that is drawn from a campaign's own residuals."""
+
+    false_alarms: float = number(
+        0.05, "1", "share of campaigns without an effect in which chance passes this condition",
+        "convention",
+    )  # fmt: skip
+    fewest_pieces: int = number(
+        8, "1", "fewest records, or blocks of driven records, whose signs are drawn",
+        "the signs of fewer fall all alike too often: 2 / 2^8 is below 1 %",
+    )  # fmt: skip
+    draws: int = number(999, "1", "draws of the signs", "the smallest p-value is then 0.001")
+    blocks: int = number(
+        16, "1", "blocks of a driven or cycled record whose signs are drawn apart",
+        "a block is longer than the residual's memory in EMPS, Silverbox and the tribometer",
+    )  # fmt: skip
+    same_direction: float = number(
+        0.1, "1", "tangent of half the angle between directions of an effect's numbers that count once",
+        "numerical: nearly equal slopes",
+    )  # fmt: skip

@@ -17,15 +17,10 @@ import numpy as np
 import numpy.typing as npt
 from scipy import linalg
 
+from discovery.criteria.criteria import CRITERIA, Criteria
 from rom.campaign.channels import FloatArray
 
-FALSE_ALARMS = 0.05
-"""Share of campaigns that lack nothing in which chance may pass here; other conditions follow."""
-FEWEST_RECORDS = 8
-"""Of fewer the signs fall all alike too often."""
-_DRAWS = 999
 _TINY = 1e-300
-_APART = 0.1  # tangent of half the angle between directions that count twice
 _SEED = 0  # numbers of a closure are the same on every run
 
 
@@ -37,19 +32,24 @@ def by_record(
     return np.asarray(np.bincount(owner, weights=product, minlength=records) / np.linalg.norm(output))
 
 
-def largest_by_chance(scores: FloatArray) -> FloatArray:
+def largest_by_chance(scores: FloatArray, criteria: Criteria = CRITERIA) -> FloatArray:
     """Return the largest gain of any effect under every draw of signs, (draws,), from its a_i.
 
     Parameters
     ----------
     scores : ndarray, shape (effects, records)
         From `by_record`.
+    criteria : Criteria
+        For the number of draws.
     """
-    signs = np.random.default_rng(_SEED).choice((-1.0, 1.0), size=(scores.shape[1], _DRAWS))
+    draws = criteria.chance.draws
+    signs = np.random.default_rng(_SEED).choice((-1.0, 1.0), size=(scores.shape[1], draws))
     return np.asarray(np.max((scores @ signs) ** 2, axis=0, initial=0.0))
 
 
-def largest_of_noise(effects: Sequence[FloatArray], spread: float) -> FloatArray:
+def largest_of_noise(
+    effects: Sequence[FloatArray], spread: float, criteria: Criteria = CRITERIA
+) -> FloatArray:
     """Return the largest gain of any effect in normal numbers, (draws,).
 
     Parameters
@@ -58,12 +58,15 @@ def largest_of_noise(effects: Sequence[FloatArray], spread: float) -> FloatArray
         Directions in which each effect's numbers can move whitened residuals; nearly equal ones count once.
     spread : float
         Mean square of the numbers: what is left over may be more than noise.
+    criteria : Criteria
+        For the number of draws.
     """
-    drawn = np.random.default_rng(_SEED).standard_normal((effects[0].shape[1], _DRAWS))
-    largest = np.zeros(_DRAWS)
+    rules = criteria.chance
+    drawn = np.random.default_rng(_SEED).standard_normal((effects[0].shape[1], rules.draws))
+    largest = np.zeros(rules.draws)
     for directions in effects:
         sizes = np.linalg.norm(directions, axis=1, keepdims=True)
-        apart = linalg.orth((directions / np.maximum(sizes, _TINY)).T, rcond=_APART)
+        apart = linalg.orth((directions / np.maximum(sizes, _TINY)).T, rcond=rules.same_direction)
         largest = np.maximum(largest, np.sum((apart.T @ drawn) ** 2, axis=0) * bool(sizes.any()))
     return spread * largest
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from discovery.residual.base import Residual
 from discovery.residual.course_fit import CourseFit
 from rom.campaign.channels import FloatArray
 from rom.effects import ModelCorrection
@@ -46,6 +47,8 @@ class Explanation:
         Of an effect in the courses of the tension: the fit to them.
     basis : str
         What costs are of, in words.
+    residual : Residual or None
+        With the effect and everything refitted beside it, where the fit made it.
     """
 
     effect: ModelCorrection
@@ -60,6 +63,7 @@ class Explanation:
     p_value: float | None = None
     slow: CourseFit | None = None
     basis: str = "the residual"
+    residual: Residual | None = None
 
     def gains(self, *, hold_out: bool) -> FloatArray:
         """Cost taken away from each record of a kind, (records,)."""

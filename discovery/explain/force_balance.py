@@ -1,5 +1,4 @@
-"""Which missing effect explains the forces that a declared model leaves unbalanced
-(``rom.identification.equation_error``).
+"""Which missing effect explains the forces that a model leaves unbalanced.
 
 An effect's force along the measured motion is a column beside those of the model's numbers, which are taken
 off it and off the residual first (variable projection). Where an effect takes a share of a link's stiffness,
@@ -9,95 +8,82 @@ that is fitted beside the effect's own numbers.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy import optimize
 
+from discovery.decide.chance import by_record, p_value
 from discovery.decide.explanation import Explanation
 from discovery.explain.free_form import member_of
-from discovery.explain.motion import Probe, free_numbers
+from discovery.explain.motion import Probe, by_chance, free_numbers, worth_fitting
 from discovery.explain.scales import at_scale, scale_of, sees_normal_force
+from discovery.options import Options
+from discovery.residual.base import cost
+from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.channels import FloatArray
-from rom.effects import Effect, Member, ModelCorrection, candidates
-from rom.identification.force_balance import Balances
-from rom.model.laws import Parameter
-from rom.model.model import Model
+from rom.effects import Effect, Member, ModelCorrection, SensorFault, candidates
+from rom.identification.force_balance import Balances, declared_model
+from rom.model.laws import Z95, Parameter
 from rom.model.structure import GROUND
 
-_Z95 = 1.96
 _EVALUATIONS = 15
 _STEP = 1e-3
 _STARTS, _NEARLY = 6, 0.5  # starting points; of the best one's gain
 _OWN_STIFFNESS = re.compile(r"\bk\b")
 _WORST = 1e6  # of a row where an effect is no number
+_IMITATED = 1e-12  # share of an output that is left beyond the model's numbers: rounding
 
 
-@dataclass(frozen=True, eq=False)
-class ForceBalanceResidual:
-    """Balances of forces, the effects of the model so far, and its numbers by path."""
+def explain(residual: ForceBalanceResidual, options: Options) -> list[Explanation]:
+    """Return what the effects that a screen promises explain of the forces left unbalanced.
 
-    balances: Balances
-    effects: tuple[Effect, ...]
-    values: Mapping[str, float]
-
-    def constants(self, enters: str) -> tuple[float, float]:
-        """Stiffness and damping of a link; zero of a body."""
-        return self.values.get(f"{enters}.stiffness.k", 0.0), self.values.get(f"{enters}.damping.c", 0.0)
-
-    def of(self, effect: Effect, *, training: bool = False) -> FloatArray:
-        """Rows of an effect's force [N]."""
-        return self.balances.of(effect, *self.constants(effect.enters), training=training)
-
-    @cached_property
-    def force(self) -> FloatArray:
-        """Measured forces less those of the effects [N]."""
-        return np.asarray(
-            self.balances.force - sum((self.of(effect) for effect in self.effects), np.zeros(1))
-        )
-
-    @cached_property
-    def residual(self) -> FloatArray:
-        """What is left unbalanced, over the noise."""
-        names = self.balances.names
-        numbers = np.array([self.values[name] for name in names])
-        return np.asarray((self.force - self.balances.columns @ numbers) / self.balances.noise)
-
-    def with_numbers(self) -> ForceBalanceResidual:
-        """The same with the numbers that suit the training rows best."""
-        names, found = self.balances.names, self.balances.fitted(self.force)[0]
-        return replace(self, values={**self.values, **dict(zip(names, found.tolist(), strict=True))})
-
-    def costs(self) -> dict[str, float]:
-        """Squares of the residual by record."""
-        records, owner = self.balances.records, self.balances.owner
-        sums = np.bincount(owner, weights=self.residual**2, minlength=len(records))
-        return {r.settings.file: float(s) for r, s in zip(records, sums, strict=True)}
+    Parameters
+    ----------
+    residual : ForceBalanceResidual
+        Of the model so far.
+    options : Options
+        Progress and criteria.
+    """
+    return explain_screened(screen(residual, options), residual, options)
 
 
-def screen_forces(state: ForceBalanceResidual, model: Model) -> tuple[tuple[Probe, ...], ...]:
+def screen(residual: ForceBalanceResidual, options: Options) -> tuple[tuple[Probe, ...], ...]:
     """Try every force of the catalogue at every place over a grid of its inner numbers; the best first.
 
-    Members of a class beside its core too: here they cost little, and loops of slip tell them apart.
+    Members of a class beside its core too: here they cost little, and loops of slip tell them apart. Faults
+    of force sensors as well, which show where masses are given.
     """
-    rows = state.balances.training
-    noise = state.balances.noise[rows]
-    basis = np.linalg.qr(state.balances.columns[rows] / noise[:, None])[0]
-    left = _beyond(basis, state.force[rows] / noise)
-    known, found = {(effect.name, effect.enters) for effect in state.effects}, []
-    for member, added in candidates(model, core=False):
-        if member.kind != "force" or member.by_record or (added.name, added.enters) in known:
-            continue
-        effect = _at_place(member, added, state.balances)
-        if effect is None:
-            continue
-        probed = [_probed(member, one, state, basis, left) for one in member.probes(effect)]
-        probes = sorted((one for one in probed if one is not None), key=lambda one: -one.gain)
-        if probes:
-            found.append(tuple(probes))
+    left = residual.beyond(residual.whitened(residual.force))
+    known, found = {effect.path for effect in residual.effects}, []
+    pairs = list(_candidates(residual))
+    tell = options.stage("screening effects")
+    for done, (member, effect) in enumerate(pairs, 1):
+        if effect.path not in known:
+            probed = [_probed(member, one, residual, left) for one in member.probes(effect)]
+            probes = sorted((one for one in probed if one is not None), key=lambda one: -one.gain)
+            found += [tuple(probes)] if probes else []
+        if tell is not None:
+            tell(done, len(pairs))
     return tuple(sorted(found, key=lambda probes: -probes[0].gain))
+
+
+def _candidates(residual: ForceBalanceResidual) -> Iterator[tuple[Member, ModelCorrection]]:
+    """Effects at the scales of their places, and faults of the force sensors."""
+    balances = residual.balances
+    channels = dict.fromkeys(b.channel for r in balances.records for b in r.balances)
+    model = declared_model(balances)[0]
+    for member, added in candidates(model, channels, core=False):
+        if member.by_record:
+            continue
+        if isinstance(added, SensorFault):
+            if not added.other and member.core:
+                yield member, added
+        elif member.kind == "force":
+            effect = _at_place(member, added, balances)
+            if effect is not None:
+                yield member, effect
 
 
 def _at_place(member: Member, added: ModelCorrection, balances: Balances) -> Effect | None:
@@ -111,24 +97,21 @@ def _at_place(member: Member, added: ModelCorrection, balances: Balances) -> Eff
     return at_scale(member, added, scale, ground=ground)
 
 
-def _beyond(basis: FloatArray, rows: FloatArray) -> FloatArray:
-    return np.asarray(rows - basis @ (basis.T @ rows))
-
-
 def _probed(
-    member: Member, probe: ModelCorrection, state: ForceBalanceResidual, basis: FloatArray, left: FloatArray
+    member: Member, probe: ModelCorrection, residual: ForceBalanceResidual, left: FloatArray
 ) -> Probe | None:
-    assert isinstance(probe, Effect)
-    rows = state.balances.training
-    output = state.of(probe, training=True)[rows] / state.balances.noise[rows]
+    force = residual.whitened(residual.force_of(probe, training=True))
+    output = force[residual.training]
     if not np.isfinite(output).all() or not np.any(output):
         return None
-    beyond = _beyond(basis, output)
+    beyond = residual.beyond(force)
     size, whole, along = float(beyond @ beyond), float(output @ output), float(beyond @ left)
-    if size <= 1e-12 * whole:
+    if size <= _IMITATED * whole:
         return None
     amplitude = float(np.clip(along / size, *_reach(member, probe)))
-    return Probe(member, probe, amplitude * (2 * along - amplitude * size), amplitude, np.sqrt(size / whole))
+    scores = by_record(beyond, left, residual.pieces, int(residual.pieces.max(initial=0)) + 1)
+    gain = amplitude * (2 * along - amplitude * size)
+    return Probe(member, probe, gain, amplitude, np.sqrt(size / whole), scores)
 
 
 def _reach(member: Member, probe: ModelCorrection) -> tuple[float, float]:
@@ -137,7 +120,7 @@ def _reach(member: Member, probe: ModelCorrection) -> tuple[float, float]:
     return max(low for low, _ in ends), min(high for _, high in ends)
 
 
-def starts_of(probes: Sequence[Probe]) -> list[Effect]:
+def starts_of(probes: Sequence[Probe]) -> list[ModelCorrection]:
     """The best probes, each at the strength that suits it."""
     found = []
     for probe in [one for one in probes[:_STARTS] if one.gain >= _NEARLY * probes[0].gain]:
@@ -146,39 +129,64 @@ def starts_of(probes: Sequence[Probe]) -> list[Effect]:
             for name in probe.member.strengths
             if (number := probe.effect.parameters[name]).value
         }
-        made = probe.effect.with_values(**values)
-        assert isinstance(made, Effect)
-        found.append(made)
+        found.append(probe.effect.with_values(**values))
     return found
 
 
-def explain_forces(
-    probes: Sequence[Probe], state: ForceBalanceResidual
-) -> tuple[Explanation, ForceBalanceResidual]:
-    """Fit an effect beside the model's numbers from its best probes: what it explains, the state with it."""
-    fits = [fitted(state, (one,)) for one in starts_of(probes)]
-    best, effects = min(fits, key=lambda fit: _cost(fit[0]))
-    after, before = best, replace(state, values=dict(state.values)).with_numbers()
-    return explained(effects[-1], probes[0].member, before, after), after
+def explain_screened(
+    probes: Sequence[Sequence[Probe]], residual: ForceBalanceResidual, options: Options
+) -> list[Explanation]:
+    """Fit what a screen promises beside the model's numbers, each from its best probes.
+
+    Parameters
+    ----------
+    probes : sequence of sequences of Probe
+        From `screen`.
+    residual : ForceBalanceResidual
+        Of the model so far.
+    options : Options
+        Progress and criteria.
+
+    Returns
+    -------
+    list of Explanation
+        Each with the residual beside it.
+    """
+    promising, largest = worth_fitting(probes, cost(residual)), by_chance(probes)
+    tell, found = options.stage("fitting effects"), []
+    before = residual.with_numbers()
+    for ones in promising:
+        fits = [fitted(residual, (start,)) for start in starts_of(ones)]
+        after, effects = min(fits, key=lambda fit: cost(fit[0]))
+        explained = explanation(effects[-1], ones[0].member, before, after)
+        p_value_ = None if largest is None else p_value(ones[0].gain, largest)
+        found.append(replace(explained, p_value=p_value_, residual=after))
+        if tell is not None:
+            tell(len(found), len(promising))
+    return found
 
 
-def _cost(state: ForceBalanceResidual) -> float:
-    return float(np.sum(state.residual[state.balances.training] ** 2))
-
-
-def explained(
-    effect: Effect, member: Member, before: ForceBalanceResidual, after: ForceBalanceResidual
+def explanation(
+    effect: ModelCorrection, member: Member, before: ForceBalanceResidual, after: ForceBalanceResidual
 ) -> Explanation:
-    """Costs of all records with an effect and without."""
-    records = after.balances.records
-    counts = np.bincount(after.balances.owner, minlength=len(records))
+    """Costs of all records with an effect and without.
+
+    Parameters
+    ----------
+    effect : ModelCorrection
+        With its fitted numbers.
+    member : Member
+        What the catalogue says of it.
+    before, after : ForceBalanceResidual
+        Without it and with it, all other numbers fitted.
+    """
     free = free_numbers(effect, member)
     return Explanation(
         effect=effect,
         before=before.costs(),
         after=after.costs(),
-        samples={r.settings.file: int(n) for r, n in zip(records, counts, strict=True)},
-        hold_out=frozenset(r.settings.file for r in records if r.settings.hold_out),
+        samples=after.samples,
+        hold_out=after.hold_out,
         free_numbers=len(free),
         at_bound=tuple(n for n in free if effect.parameters[n].value in effect.parameters[n].bounds),
     )
@@ -197,8 +205,8 @@ class _Number:
 
 
 def fitted(
-    state: ForceBalanceResidual, new: Sequence[Effect]
-) -> tuple[ForceBalanceResidual, tuple[Effect, ...]]:
+    state: ForceBalanceResidual, new: Sequence[ModelCorrection]
+) -> tuple[ForceBalanceResidual, tuple[ModelCorrection, ...]]:
     """Fit new effects beside all numbers of the model, effects that are there already held.
 
     By trust-region steps within the parameters' ranges. Returns the state with the effects at the end, and
@@ -211,15 +219,16 @@ def fitted(
     noise = balances.noise[rows]
     basis = np.linalg.qr(balances.columns[rows][:, kept] / noise[:, None])[0]
 
-    def left(at: FloatArray) -> FloatArray:
-        values, effects = _moved(state, new, numbers, at)
+    def remainder(at: FloatArray) -> FloatArray:
+        values, effects = _at(state, new, numbers, at)
         trial = replace(state, values=values)
         force = state.force[rows].copy()
         for name in own:
             force -= values[name] * balances.columns[rows, balances.names.index(name)]
         for effect in effects:
-            force -= trial.of(effect, training=True)[rows]
-        found = _beyond(basis, force / noise)
+            force -= trial.force_of(effect, training=True)[rows]
+        white = force / noise
+        found = white - basis @ (basis.T @ white)
         return found if np.isfinite(found).all() else np.full(len(found), _WORST)
 
     at = np.array([n.start / n.size for n in numbers])
@@ -228,10 +237,10 @@ def fitted(
     margin = 1e-9 * np.minimum(high - low, 1.0)
     inside = np.clip(at, low + margin, high - margin)
     steps = np.full(len(at), _STEP)
-    found = optimize.least_squares(left, inside, bounds=(low, high), x_scale="jac", diff_step=steps,
+    found = optimize.least_squares(remainder, inside, bounds=(low, high), x_scale="jac", diff_step=steps,
                                    max_nfev=_EVALUATIONS, ftol=1e-5)  # fmt: skip
     at = np.where(np.abs(found.x - high) < 1e-6 * np.abs(high), high, found.x)
-    values, effects = _moved(state, new, numbers, at)
+    values, effects = _at(state, new, numbers, at)
     spread = max(2 * found.cost / rows.sum(), 1.0)
     jacobian = np.asarray(found.jac, dtype=np.float64)
     covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True) * spread
@@ -256,7 +265,7 @@ def _settled(state: ForceBalanceResidual, own: Sequence[str]) -> ForceBalanceRes
     return replace(state, values={**state.values, **dict(zip(others.names, found.tolist(), strict=True))})
 
 
-def _numbers(state: ForceBalanceResidual, new: Sequence[Effect]) -> list[_Number]:
+def _numbers(state: ForceBalanceResidual, new: Sequence[ModelCorrection]) -> list[_Number]:
     numbers, links = [], dict.fromkeys(e.enters for e in new if _OWN_STIFFNESS.search(e.equation))
     for link in links:
         name = f"{link}.stiffness.k"
@@ -276,12 +285,14 @@ def _numbers(state: ForceBalanceResidual, new: Sequence[Effect]) -> list[_Number
     return numbers
 
 
-def _shows(state: ForceBalanceResidual, effect: Effect, name: str, size: float) -> bool:
+def _shows(state: ForceBalanceResidual, effect: ModelCorrection, name: str, size: float) -> bool:
     """Whether a number changes the force; a factor of the normal force does not where that is unknown."""
     old = effect.parameters[name]
     step = _STEP * size if old.value + _STEP * size <= old.bounds[1] else -_STEP * size
     moved = effect.with_values(**{name: old.value + step})
-    return not np.array_equal(state.of(moved, training=True), state.of(effect, training=True), equal_nan=True)
+    return not np.array_equal(
+        state.force_of(moved, training=True), state.force_of(effect, training=True), equal_nan=True
+    )
 
 
 def _shared(state: ForceBalanceResidual, link: str) -> bool:
@@ -289,9 +300,9 @@ def _shared(state: ForceBalanceResidual, link: str) -> bool:
     return any(e.enters == link and _OWN_STIFFNESS.search(e.equation) for e in state.effects)
 
 
-def _moved(
-    state: ForceBalanceResidual, new: Sequence[Effect], numbers: Sequence[_Number], at: FloatArray
-) -> tuple[dict[str, float], list[Effect]]:
+def _at(
+    state: ForceBalanceResidual, new: Sequence[ModelCorrection], numbers: Sequence[_Number], at: FloatArray
+) -> tuple[dict[str, float], list[ModelCorrection]]:
     values, effects = dict(state.values), list(new)
     for number, share in zip(numbers, at, strict=True):
         value = float(np.clip(share * number.size, number.low, number.high))
@@ -302,11 +313,13 @@ def _moved(
     return values, effects
 
 
-def _limited(effect: Effect, place: int, numbers: Sequence[_Number], errors: FloatArray) -> Effect:
+def _limited(
+    effect: ModelCorrection, place: int, numbers: Sequence[_Number], errors: FloatArray
+) -> ModelCorrection:
     parameters: dict[str, Parameter] = dict(effect.parameters)
     for number, error in zip(numbers, errors, strict=True):
         if number.effect == place:
             old = parameters[number.name]
-            reach = _Z95 * float(error)
+            reach = Z95 * float(error)
             parameters[number.name] = replace(old, low=old.value - reach, high=old.value + reach)
     return replace(effect, parameters=parameters)

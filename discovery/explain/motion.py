@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
-from discovery.decide.acceptance import MATERIAL
-from discovery.decide.chance import FEWEST_RECORDS, by_record, largest_by_chance, p_value
+from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.decide.chance import by_record, largest_by_chance, p_value
 from discovery.decide.explanation import Explanation, limited, standard_errors
 from discovery.explain.effect_outputs import cut_to_bounds, output_of, outputs_of, slopes_of
+from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import Progress
 from rom.campaign.channels import FloatArray
@@ -59,9 +60,20 @@ def motion_channels(evidence: WhitenedResidual) -> tuple[str, ...]:
     return tuple(names)
 
 
-def screen(
-    evidence: WhitenedResidual, jobs: int = 1, progress: Progress | None = None
-) -> tuple[tuple[Probe, ...], ...]:
+def explain(residual: WhitenedResidual, options: Options) -> list[Explanation]:
+    """Return what the effects that a screen promises explain of the motion.
+
+    Parameters
+    ----------
+    residual : WhitenedResidual
+        Of the model so far.
+    options : Options
+        Threads, progress and criteria.
+    """
+    return explain_screened(screen(residual, options), residual, options)
+
+
+def screen(evidence: WhitenedResidual, options: Options) -> tuple[tuple[Probe, ...], ...]:
     """Try every effect of the catalogue at every place at small strengths; each effect's probes, best first.
 
     On some training records first, then the best of them on all. Effects are ordered by what their best probe
@@ -78,7 +90,8 @@ def screen(
         and not per_record_names(effect)  # those show before the hits
         and (effect.name, effect.enters) not in known
     ]
-    rough = _probed_all(there, evidence.of(_telling(evidence)), jobs, progress)
+    jobs, tell = options.jobs, options.stage("screening effects")
+    rough = _probed_all(there, evidence.of(_telling(evidence)), jobs, tell)
     best = rough[0][0].gain if rough else 0.0
     worth = [
         (probes[0].member, [probe.effect for probe in probes[:_PROBES]])
@@ -141,24 +154,26 @@ def _reach(member: Member, probe: ModelCorrection) -> tuple[float, float]:
     return max(low for low, _ in ends), min(high for _, high in ends)
 
 
-def by_chance(probes: Sequence[Sequence[Probe]]) -> FloatArray | None:
+def by_chance(probes: Sequence[Sequence[Probe]], criteria: Criteria = CRITERIA) -> FloatArray | None:
     """The largest gain of any effect of a screen under draws of the records' signs, (draws,).
 
     Over effects that a rough screen left out too it was the same on three campaigns. None where there are too
     few records for their signs to tell anything.
     """
     scores = [one.scores for ones in probes for one in ones if one.scores is not None]
-    if not scores or len(scores[0]) < FEWEST_RECORDS:
+    if not scores or len(scores[0]) < criteria.chance.fewest_pieces:
         return None
-    return largest_by_chance(np.stack(scores))
+    return largest_by_chance(np.stack(scores), criteria)
 
 
-def worth_fitting(probes: Sequence[Sequence[Probe]], left: float) -> list[Sequence[Probe]]:
+def worth_fitting(
+    probes: Sequence[Sequence[Probe]], left: float, criteria: Criteria = CRITERIA
+) -> list[Sequence[Probe]]:
     """The first effects of a screen, and what shares a class and place with the very first.
 
     Not those that explain next to nothing of what is ``left``, or far less than the first.
     """
-    least = _PROMISING * MATERIAL * left
+    least = _PROMISING * criteria.acceptance.material_share * left
     first = probes[0][0] if probes else None
     if first is None or first.gain < least:
         return []
@@ -171,12 +186,45 @@ def worth_fitting(probes: Sequence[Sequence[Probe]], left: float) -> list[Sequen
     return [*near[:_TRIED], *(one for one in near[_TRIED:] if in_class(one))]
 
 
-def explain(
+def explain_screened(
+    probes: Sequence[Sequence[Probe]], evidence: WhitenedResidual, options: Options
+) -> list[Explanation]:
+    """Fit the effects that a screen promises.
+
+    Parameters
+    ----------
+    probes : sequence of sequences of Probe
+        From `screen`.
+    evidence : WhitenedResidual
+        Of the model so far, on all records.
+    options : Options
+        Threads, progress and criteria.
+    """
+    remainder, criteria = evidence.beyond(evidence.residual), options.criteria
+    promising = worth_fitting(probes, float(remainder @ remainder), criteria)
+    largest, tell = by_chance(probes, criteria), options.stage("fitting effects")
+    tasks = (delayed(explain_effect)(probed, evidence, largest) for probed in promising)
+    explanations: list[Explanation] = []
+    for found in Parallel(n_jobs=options.jobs, prefer="threads", return_as="generator")(tasks):
+        explanations.append(found)
+        if tell is not None:
+            tell(len(explanations), len(promising))
+    return explanations
+
+
+def explain_effect(
     probes: Sequence[Probe], evidence: WhitenedResidual, largest: FloatArray | None = None
 ) -> Explanation:
     """Fit an effect and the model's numbers together, from its best probes.
 
-    Its chance is that of its best probe among the ``largest`` gains that the screen makes by chance.
+    Parameters
+    ----------
+    probes : sequence of Probe
+        Of one effect, best first.
+    evidence : WhitenedResidual
+        Of the model so far.
+    largest : ndarray, shape (draws,), or None
+        Largest gains that the screen makes by chance; the p-value is that of the best probe among them.
     """
     training = evidence.of_training()
     fits = [_fitted(start, training) for start in _starts(probes)]

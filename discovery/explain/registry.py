@@ -15,7 +15,7 @@ from typing import Any, Literal
 from discovery.decide.explanation import Explanation
 from discovery.options import Options
 
-Takes = Literal["output-error", "tension", "force-balance"]
+Takes = Literal["output error", "tension", "force balance"]
 
 
 @dataclass(frozen=True)
@@ -26,27 +26,32 @@ class Explainer:
     ----------
     module : str
         With a function ``explain``.
-    takes : {"output-error", "tension", "force-balance"}
+    takes : {"output error", "tension", "force balance"}
         The residual: `discovery.residual.output_error.WhitenedResidual`,
         `discovery.residual.tension.TensionResidual` or
-        `discovery.explain.force_balance.ForceBalanceResidual`.
+        `discovery.residual.force_balance.ForceBalanceResidual`.
     """
 
     module: str
     takes: Takes
 
     def __call__(self, residual: Any, options: Options) -> Sequence[Explanation]:
-        """Return what every effect explains, see `discovery.decide.explanation.Explanation`."""
+        """Return what every effect explains; nothing of a residual of another kind."""
+        if residual.kind != self.takes:
+            return ()
         found: Sequence[Explanation] = import_module(self.module).explain(residual, options)
         return found
 
 
 EXPLAINERS: Mapping[str, Explainer] = MappingProxyType(
     {
-        "calibration": Explainer("discovery.explain.calibration", "output-error"),
-        "at rest": Explainer("discovery.explain.at_rest", "output-error"),
-        "ground motion": Explainer("discovery.explain.ground_motion", "output-error"),
-        "free form": Explainer("discovery.explain.free_form", "output-error"),
+        "calibration": Explainer("discovery.explain.calibration", "output error"),
+        "at rest": Explainer("discovery.explain.at_rest", "output error"),
+        "ground motion": Explainer("discovery.explain.ground_motion", "output error"),
+        "free form": Explainer("discovery.explain.free_form", "output error"),
+        "motion": Explainer("discovery.explain.motion", "output error"),
+        "force balance": Explainer("discovery.explain.force_balance", "force balance"),
+        "free force": Explainer("discovery.explain.free_force", "force balance"),
         "tension": Explainer("discovery.explain.tension", "tension"),
         "free rate": Explainer("discovery.explain.free_rate", "tension"),
     }

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.acceptance import (
-    QUIET,
     at_noise_floor,
     is_accepted,
-    is_alike,
     is_exact,
+    is_indistinguishable,
     is_material,
     penalised_gain,
 )
@@ -21,14 +21,6 @@ from discovery.localisation.tension import tension_views
 from discovery.loop.result import Screened, Verdict
 from discovery.loop.state import State
 from discovery.residual.course_fit import Misfit
-from rom.identification.uncoupled_priors import unlikely
-
-FAR_LESS = 0.7
-"""Of a level: one that is no matter of chance."""
-CLOSES = 0.2
-"""Of what was beyond noise: an effect that leaves no more closes the residual."""
-MODERATE = 5.0
-"""Mean square of a residual that the samples of a hit may leave where sensors are quiet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +28,7 @@ class Selection:
     """The effect that explains most, and the others that do nearly as well."""
 
     best: Explanation
-    rivals: tuple[Explanation, ...]
+    rivals: tuple[Explanation, ...] = ()
 
     @property
     def training_gain(self) -> float:
@@ -46,12 +38,27 @@ class Selection:
 
 @dataclass(frozen=True, eq=False)
 class LoopHistory:
-    """Models one after the other, the declared one first, and the effects that lead from each to the next."""
+    """Models one after the other, the declared one first, and the effects that lead from each to the next.
+
+    Attributes
+    ----------
+    states : tuple of State
+        One more than there are selections.
+    selections : tuple of Selection
+        In the order in which they were found.
+    screened : tuple of Screened
+        The first screen of the catalogue.
+    tension : tuple of Misfit
+        Of the tension's histories, the first and the last.
+    criteria : Criteria
+        The numbers that decide.
+    """
 
     states: tuple[State, ...]
-    chosen: tuple[Selection, ...] = ()
+    selections: tuple[Selection, ...] = ()
     screened: tuple[Screened, ...] = ()
-    tension: tuple[Misfit, ...] = ()  # of the courses, first and last
+    tension: tuple[Misfit, ...] = ()
+    criteria: Criteria = CRITERIA
 
     @property
     def last(self) -> State:
@@ -61,56 +68,58 @@ class LoopHistory:
     @property
     def names(self) -> frozenset[str]:
         """Names and places of its effects."""
-        return frozenset(one.best.effect.path for one in self.chosen)
+        return frozenset(selection.best.effect.path for selection in self.selections)
 
-    def longer(self, one: Selection, state: State) -> LoopHistory:
-        """The trail with one more effect."""
-        return replace(self, states=(*self.states, state), chosen=(*self.chosen, one))
+    def extended(self, selection: Selection, state: State) -> LoopHistory:
+        """The history with one more effect."""
+        return replace(self, states=(*self.states, state), selections=(*self.selections, selection))
 
     def ending(self, state: State) -> LoopHistory:
-        """The trail with another last model of the same effects."""
+        """The history with another last model of the same effects."""
         return replace(self, states=(*self.states[:-1], state))
 
     def without(self, place: int, state: State) -> LoopHistory:
-        """The trail without one of its effects and the model that it led to; ``state`` is then the last."""
-        kept = min(place + 1, len(self.chosen) - 1)
+        """The history without one effect and the model that it led to; ``state`` is then the last."""
+        kept = min(place + 1, len(self.selections) - 1)
         return replace(
             self,
             states=(*self.states[:kept], *self.states[kept + 1 : -1], state),
-            chosen=(*self.chosen[:place], *self.chosen[place + 1 :]),
+            selections=(*self.selections[:place], *self.selections[place + 1 :]),
         )
 
     @property
     def at_noise_floor(self) -> bool:
         """Whether noise alone is left, or next to nothing of what was beyond it."""
-        return at_noise_floor(self.last.level, self.states[0].level)
+        return at_noise_floor(self.last.level, self.states[0].level, self.criteria)
 
     @property
     def is_explained(self) -> bool:
         """Whether no more is left of the motion than noise, or than hits are known by."""
-        return self.at_noise_floor or (self.last.level < MODERATE and is_exact(self.last.errors))
+        limit = self.criteria.closing.hit_limited_level
+        return self.at_noise_floor or (self.last.level < limit and is_exact(self.last.errors, self.criteria))
 
     @property
     def tension_at_noise_floor(self) -> bool:
-        """Whether courses of the tension differ from the law's by noise, or next to nothing more."""
+        """Whether tension histories differ from the law's by noise, or next to nothing more."""
         if not self.tension or self.tension[-1].is_noise:
             return True
-        return at_noise_floor(self.tension[-1].level, self.tension[0].level)
+        return at_noise_floor(self.tension[-1].level, self.tension[0].level, self.criteria)
 
     def improves(self, after: State) -> bool:
         """Whether a state is better than the last one by what matters, or leaves little beyond noise.
 
         None is with which a record cannot be simulated any more.
         """
-        if len(after.evidence.traces) < len(self.last.evidence.traces):
+        if after.residual.record_count < self.last.residual.record_count:
             return False
         before = self.last.level
-        loud = before > QUIET
+        loud = before > self.criteria.acceptance.noise_level
         return is_material(
-            self.last.errors,
-            after.errors,
-            settled=loud and self.at_noise_floor,
-            closes=loud and after.level - 1 <= CLOSES * (before - 1),
+            self.last.material,
+            after.material,
+            least=self.last.least_improvement if loud and self.at_noise_floor else None,
+            closes=loud and after.level - 1 <= self.criteria.closing.closing_share * (before - 1),
+            criteria=self.criteria,
         )
 
     def or_better(self, other: LoopHistory) -> LoopHistory:
@@ -119,18 +128,15 @@ class LoopHistory:
         Next to nothing of much is still more than noise: a form that is a little wrong leaves as much as the
         right one with another knee. What leaves far less of that too is nearer the truth.
         """
+        rules, noise = self.criteria.closing, self.criteria.acceptance.noise_level
         if self.at_noise_floor:
             more = self.last.level - 1
-            is_better = more > QUIET - 1 and other.last.level - 1 <= CLOSES * more
+            is_better = more > noise - 1 and other.last.level - 1 <= rules.closing_share * more
         else:
-            is_better = other.at_noise_floor or other.last.level < FAR_LESS * self.last.level
+            is_better = other.at_noise_floor or other.last.level < rules.far_less * self.last.level
         return replace(other, screened=self.screened) if is_better else self
 
-    def doubts(self) -> tuple[str, ...]:
-        """Reasons to doubt that the last model is near its plant: numbers that uncoupled tests deny."""
-        return unlikely(self.last.model, self.last.evidence.baseline.believed)
-
-    def excuses(self) -> tuple[str, ...]:
+    def remarks(self) -> tuple[str, ...]:
         """What is said where more than noise is left of a motion that counts as explained."""
         if self.at_noise_floor or not self.is_explained:
             return ()
@@ -140,34 +146,54 @@ class LoopHistory:
             "no more than the samples of a hit leave open",
         )
 
-    def verdict(self) -> Verdict:
-        """What is to be said of the declared model."""
-        if not self.is_explained or not self.tension_at_noise_floor or (self.chosen and self.doubts()):
+    def verdict(self, doubts: Sequence[str] = ()) -> Verdict:
+        """What is to be said of the declared model; ``doubts`` are reasons to mistrust the last one."""
+        if not self.is_explained or not self.tension_at_noise_floor or (self.selections and doubts):
             return "unexplained"
-        return "closed" if self.chosen else "no-effect"
+        return "closed" if self.selections else "no-effect"
 
 
-def chosen(explanations: Sequence[Explanation]) -> Selection | None:
+def best_explanation(explanations: Sequence[Explanation], criteria: Criteria = CRITERIA) -> Selection | None:
     """The effect that explains most beyond chance, and what is like it; None where there is none."""
-    sure = [one for one in explanations if is_accepted(one)]
-    if not sure:
+    accepted = [explanation for explanation in explanations if is_accepted(explanation, criteria)]
+    if not accepted:
         return None
-    best = max(sure, key=penalised_gain)
-    return Selection(best, alike(explanations, best))
+    best = max(accepted, key=penalised_gain)
+    return Selection(best, indistinguishable(explanations, best, criteria=criteria))
 
 
-def alike(
-    explanations: Sequence[Explanation], best: Explanation, *, hold_out: bool = True
+def indistinguishable(
+    explanations: Sequence[Explanation],
+    best: Explanation,
+    *,
+    hold_out: bool = True,
+    criteria: Criteria = CRITERIA,
 ) -> tuple[Explanation, ...]:
-    """The others that do nearly as well as one of them, best first; or by what training records say alone."""
+    """The others that do nearly as well as one of them, best first.
 
-    def seen(one: Explanation) -> Explanation:
-        return one if hold_out else one.of_training()
+    Parameters
+    ----------
+    explanations : sequence of Explanation
+        Of one residual.
+    best : Explanation
+        One of them.
+    hold_out : bool
+        Whether hold-out records count, or what training records say alone.
+    criteria : Criteria
+        The numbers that decide.
+    """
 
-    rivals = [one for one in explanations if one is not best and is_alike(seen(one), seen(best))]
-    return tuple(sorted(rivals, key=lambda one: -penalised_gain(seen(one))))
+    def of_kind(explanation: Explanation) -> Explanation:
+        return explanation if hold_out else explanation.of_training()
+
+    rivals = [
+        other
+        for other in explanations
+        if other is not best and is_indistinguishable(of_kind(other), of_kind(best), criteria)
+    ]
+    return tuple(sorted(rivals, key=lambda other: -penalised_gain(of_kind(other))))
 
 
-def courses(misfit: Sequence[Misfit]) -> tuple[Mapping[str, float], Mapping[str, Profile]]:
-    """The last misfit of the tension's courses by its name in result files, and where it is."""
+def misfit_views(misfit: Sequence[Misfit]) -> tuple[Mapping[str, float], Mapping[str, Profile]]:
+    """The last misfit of the tension's histories by its name in result files, and where it is."""
     return ({COURSES: misfit[-1].level}, tension_views(misfit[-1])) if misfit else ({}, {})

@@ -1,114 +1,72 @@
-"""Effects that others have made needless: beside these they explain no more than chance, and are dropped."""
+"""Effects that others have made redundant: beside these they explain no more than chance, and are dropped."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
-from discovery.decide.acceptance import harms, in_tension, is_accepted
+from discovery.decide.acceptance import harms, is_accepted
 from discovery.decide.explanation import Explanation
-from discovery.explain import at_rest
-from discovery.explain.motion import explanation
-from discovery.explain.tension import TensionFindings
-from discovery.loop.history import LoopHistory, Selection, alike
+from discovery.explain import tension
+from discovery.loop.history import LoopHistory, Selection, indistinguishable
 from discovery.loop.refits import Refits
-from discovery.loop.state import State, refitted, residual_without, with_effects, without_effect
-from discovery.residual.output_error import WhitenedResidual
-from rom.effects import CATALOGUE, Effect, LawChange, SensorFault
-
-Findings = Callable[[State, str], TensionFindings]
+from discovery.residual.tension import TensionResidual
 
 
-def without_needless(path: LoopHistory, refits: Refits) -> LoopHistory:
-    """Return the trail without the forces and faults in the motion that explain nothing beside the others.
-
-    Of forces of the catalogue the last one is judged too: the fit that it came with may be better by the
-    model's own numbers alone.
-    """
-    learned = any(isinstance(e, LawChange) for e in path.last.model.effects)
-    for place in range(len(path.chosen)):
-        rest = _left_without(path, place, refits)
+def without_redundant(refits: Refits, history: LoopHistory) -> LoopHistory:
+    """Return the history without forces and faults in the motion that explain nothing beside the others."""
+    law_is_fitted = bool(history.last.model.effects_of("law change"))
+    for place in range(len(history.selections)):
+        rest = refits.without(history, place)
         if rest is not None:
-            return without_needless(path.without(place, refits.settled(rest, learned=learned)), refits)
-    return path
+            state = refits.evaluated(rest, law_is_fitted=law_is_fitted)
+            return without_redundant(refits, history.without(place, state))
+    return history
 
 
-def _left_without(path: LoopHistory, place: int, refits: Refits) -> WhitenedResidual | None:
-    """What the others leave over, refitted, where an effect is needless; None where it is not."""
-    one, last = path.chosen[place].best, path.last.evidence
-    effect = one.effect
-    if isinstance(effect, Effect) and effect.name in CATALOGUE:
-        rest = residual_without(last, effect)
-        own = next(e for e in last.baseline.model.effects if e.path == effect.path)
-        needed = is_accepted(explanation(own, CATALOGUE[effect.name], with_effects(rest)))
-        return None if needed else refitted(rest)
-    judged = isinstance(effect, Effect | SensorFault) and not in_tension(one)
-    if not judged or place + 1 == len(path.chosen):
-        return None
-    if isinstance(effect, Effect):
-        rest = refitted(residual_without(last, effect))
-    else:  # what it corrects is another motion
-        traced = refits.gathered(without_effect(last.baseline, effect), last.floors)
-        if any(
-            is_accepted(e) and e.effect.path == effect.path for e in at_rest.explain(traced, refits.options())
-        ):
-            return None
-        rest = refitted(traced)
-    return None if _needs(one, rest, last) else rest
-
-
-def _needs(one: Explanation, rest: WhitenedResidual, last: WhitenedResidual) -> bool:
-    """Whether fits of everything without an effect and with it differ by more than chance."""
-    before, after = rest.costs(rest.residual), last.costs(last.residual)
-    if before.keys() != after.keys():  # some cannot be simulated without it
-        return True
-    unseen = frozenset(t.settings.file for t in last.traces if t.settings.hold_out)
-    told = replace(
-        one, before=before, after=after, samples=last.samples, hold_out=unseen, left=None, p_value=None
-    )
-    return is_accepted(told)
-
-
-def without_needless_in_tension(
-    path: LoopHistory, first: int, explain: Findings, adopt: Callable[[State, Explanation], State]
-) -> LoopHistory:
-    """Return the trail without effects in the tension that the last one has made needless.
+def without_redundant_in_tension(refits: Refits, history: LoopHistory, first: int) -> LoopHistory:
+    """Return the history without effects in the tension that the last one has made redundant.
 
     Parameters
     ----------
-    path : LoopHistory
+    refits : Refits
+        Of the campaign.
+    history : LoopHistory
         Its effects from the ``first`` on are in the tension or its gauge.
     first : int
         Place of the first of these.
-    explain : callable
-        What effects explain beside a state's model, all or one by its path
-        (`discovery.explain.tension.findings`).
-    adopt : callable
-        The state with an effect in its model.
     """
-    for place in range(first, len(path.chosen) - 1):
-        shorter = _over_again(path, place, explain, adopt)
-        if shorter is not None and not harms(path.last.errors, shorter.last.errors):
-            return without_needless_in_tension(shorter, first, explain, adopt)
-    return path
+    for place in range(first, len(history.selections) - 1):
+        shorter = _over_again(refits, history, place)
+        if shorter is not None and not harms(history.last.errors, shorter.last.errors, history.criteria):
+            return without_redundant_in_tension(refits, shorter, first)
+    return history
 
 
-def _over_again(
-    path: LoopHistory, place: int, explain: Findings, adopt: Callable[[State, Explanation], State]
-) -> LoopHistory | None:
-    """The trail as it is without one of its effects, if that explains nothing at its end; None otherwise."""
-    dropped, *later = path.chosen[place:]
-    shorter = replace(path, states=path.states[: place + 1], chosen=path.chosen[:place])
-    for one in later:
-        told = explain(shorter.last, "")
-        best = _of(told, one)
-        if best is None or not is_accepted(best):
+def _over_again(refits: Refits, history: LoopHistory, place: int) -> LoopHistory | None:
+    """The history without one of its effects, if that explains nothing at its end; None otherwise."""
+    options, criteria = refits.options, history.criteria
+    dropped, *later = history.selections[place:]
+    shorter = replace(history, states=history.states[: place + 1], selections=history.selections[:place])
+    for selection in later:
+        findings = tension.findings(_tension(refits, shorter), options)
+        explanations = findings.explanations
+        best = _same(explanations, selection)
+        if best is None or not is_accepted(best, criteria):
             return None
-        shorter = replace(shorter, tension=(*path.tension[:1], told.misfit))
-        shorter = shorter.longer(Selection(best, alike(told.explanations, best)), adopt(shorter.last, best))
-    again = _of(explain(shorter.last, dropped.best.effect.path), dropped)
-    return shorter if again is not None and not is_accepted(again) else None
+        shorter = replace(shorter, tension=(*history.tension[:1], findings.misfit))
+        rivals = indistinguishable(explanations, best, criteria=criteria)
+        state = refits.evaluated(refits.refit_with(shorter.last, best), law_is_fitted=bool(best.beside))
+        shorter = shorter.extended(Selection(best, rivals), state)
+    path = dropped.best.effect.path
+    again = tension.explain_one(_tension(refits, shorter), options, path)
+    return shorter if again is not None and not is_accepted(again, criteria) else None
 
 
-def _of(told: TensionFindings, one: Selection) -> Explanation | None:
-    return next((e for e in told.explanations if e.effect.path == one.best.effect.path), None)
+def _tension(refits: Refits, history: LoopHistory) -> TensionResidual:
+    residual = refits.tension(history.last)
+    assert residual is not None
+    return residual
+
+
+def _same(explanations: tuple[Explanation, ...], selection: Selection) -> Explanation | None:
+    return next((e for e in explanations if e.effect.path == selection.best.effect.path), None)

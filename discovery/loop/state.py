@@ -1,38 +1,49 @@
-"""A model on a campaign: what it leaves over, its errors, and the fit of all its numbers together."""
+"""A model on a campaign: what it leaves over, its errors, and the identification with its tension law."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
-import numpy as np
-
-from discovery.explain.effect_outputs import output_of, slopes_of
-from discovery.explain.motion import Probe, explain, free_numbers
-from discovery.residual.free_parameters import FreeParameters, effect_number, size_of
-from discovery.residual.output_error import WhitenedResidual, noise_of, whiten
-from rom.campaign.campaign import Campaign
-from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
+from discovery.decide.acceptance import MaterialErrors
+from discovery.residual.base import Residual, level
 from rom.evaluation.error_measures import ErrorsByKind, summarise
-from rom.evaluation.evaluate import evaluate
-from rom.identification.identify import Identification, relearned
-from rom.identification.reduce import Progress
-from rom.model.laws import Parameter
+from rom.evaluation.evaluate import Evaluation
+from rom.identification.identify import Identification
 from rom.model.model import Model
-
-Stages = Callable[[str], Progress | None]
-_LOUDER = 2.0  # in power: noise that it is worth to whiten by again
-_REFITS, _DAMPINGS, _SETTLED = 5, (0.0, 1e-4, 1e-2, 1.0), 1e-4
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A model, what it leaves over, its errors, and the identification with its tension law."""
+    """A model, what it leaves over, and its errors.
+
+    Attributes
+    ----------
+    residual : Residual
+        On all sound records.
+    errors : mapping
+        By kind of record, from free simulations.
+    material : mapping of str to float or None
+        The errors that an effect in the motion must lower: of the motion where hits are simulated, of the
+        forces where bodies or links are driven.
+    least_improvement : float
+        Share by which one more effect must lower them where next to nothing is left of the residual.
+    identification : Identification or None
+        With the model's tension law; None without a bolt.
+    evaluations : tuple of Evaluation
+        Errors of single records.
+    warnings : tuple of str
+        What to know of the model's numbers.
+    """
 
     model: Model
-    evidence: WhitenedResidual
+    residual: Residual
     errors: ErrorsByKind
-    found: Identification
+    material: MaterialErrors = field(default_factory=dict)
+    least_improvement: float = 0.0
+    identification: Identification | None = None
+    evaluations: tuple[Evaluation, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def level(self) -> float:
@@ -40,161 +51,14 @@ class State:
 
         At the numbers that it has: those that would suit better are no excuse.
         """
-        return level(self.evidence)
+        return level(self.residual)
 
 
-def silent(_stage: str) -> None:
-    """Tell nobody of a stage."""
-
-
-def set_aside(found: Identification) -> frozenset[str]:
-    """Files of doubtful quality."""
-    return frozenset(doubt.file for doubt in found.set_aside)
-
-
-def settled(
-    campaign: Campaign,
-    found: Identification,
-    evidence: WhitenedResidual,
-    jobs: int = 1,
-    stage: Stages = silent,
-    *,
-    learned: bool = False,
-) -> State:
-    """Learn the tension law anew beside a model's other numbers, and tell the errors.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        Its records that were not set aside are simulated, held-out ones too.
-    found : Identification
-        For the courses of the tension.
-    evidence : WhitenedResidual
-        The model, and its residual.
-    jobs : int
-        Processes.
-    stage : callable
-        As for `discovery.close_loop`.
-    learned : bool
-        Whether the model's tension law is one already that belongs to its other numbers.
-    """
-    model = evidence.baseline.model
-    anew = replace(found, model=model) if learned else relearned(found, model)
-    model = replace(anew.model, identification=None)
-    aside = set_aside(found)
-    records = [r for r in campaign.settings.record if r.file not in aside]
-    judged = evaluate([model], campaign, records, jobs, stage("errors"))
+def errors_of(evaluations: Iterable[Evaluation]) -> ErrorsByKind:
+    """Errors of one model over training and over hold-out records."""
+    evaluations = tuple(evaluations)
     training, hold_out = (
-        summarise(c for one in judged for c in one.comparisons if one.settings.hold_out is held)
+        summarise(c for one in evaluations for c in one.comparisons if one.settings.hold_out is held)
         for held in (False, True)
     )
-    evidence = replace(evidence, baseline=replace(evidence.baseline, model=model))
-    return State(model, evidence, {"training": training, "hold_out": hold_out}, anew)
-
-
-def refitted(evidence: WhitenedResidual) -> WhitenedResidual:
-    """Gauss-Newton steps in all numbers of a model, those of its effects among them, on training records.
-
-    Damped ones where a free one does not lower the cost, none where that does not help either.
-    """
-    for _ in range(_REFITS):
-        beside = with_effects(evidence)
-        trials = (
-            whiten(
-                evidence.traces, evidence.baseline.moved(beside.steps(beside.residual, d)), evidence.floors
-            )
-            for d in _DAMPINGS
-        )
-        better = next((one for one in trials if cost(one) < cost(evidence)), None)
-        if better is None:
-            return beside
-        done = cost(evidence) - cost(better) < _SETTLED * cost(better)
-        evidence = better
-        if done:
-            break
-    return with_effects(evidence)
-
-
-def linearised_start(evidence: WhitenedResidual, effect: Effect) -> WhitenedResidual:
-    """Return the evidence with an effect in its model, whose numbers suit training records as slopes tell."""
-    rows = evidence.residual - output_of(effect, evidence)
-    here = float(np.sum(rows[evidence.training] ** 2))
-    for damping in _DAMPINGS:
-        moved = evidence.baseline.moved(evidence.steps(rows, damping))
-        beside = whiten(evidence.traces, replace(moved, model=effect.added_to(moved.model)), evidence.floors)
-        if cost(beside) < here:
-            return beside
-    same = replace(evidence.baseline, model=effect.added_to(evidence.baseline.model))
-    return whiten(evidence.traces, same, evidence.floors)
-
-
-def refit_fault(evidence: WhitenedResidual, fault: SensorFault) -> FreeParameters:
-    """Return the baseline with a fault of its model moved to where the records that it corrects want it.
-
-    What is left of a fault that is small adds to it; from afar, slopes by all numbers are off.
-    """
-    member, baseline = CATALOGUE[fault.name], evidence.baseline
-    none = fault.with_values(**dict.fromkeys(member.strengths, 0.0))
-    more = explain([Probe(member, none, 0.0, 1.0, 1.0)], evidence).effect
-    values = {
-        name: float(np.clip(p.value + more.parameters[name].value, *p.bounds))
-        for name, p in fault.parameters.items()
-        if name in member.strengths
-    }
-    moved = fault.with_values(**values)
-    effects = tuple(moved if e.path == fault.path else e for e in baseline.model.effects)
-    return replace(baseline, model=replace(baseline.model, effects=effects))
-
-
-def with_law(model: Model, numbers: Mapping[str, Parameter]) -> Model:
-    """Return the model with other numbers in its tension law."""
-    if not numbers:
-        return model
-    link = model.structure.bolted_links[0]
-    law = model.link_laws[link].tension_rate
-    assert law is not None
-    laws = replace(model.link_laws[link], tension_rate=replace(law, parameters={**law.parameters, **numbers}))
-    return replace(model, link_laws={**model.link_laws, link: laws})
-
-
-def reestimate_noise(evidence: WhitenedResidual) -> WhitenedResidual:
-    """Refit beside the noise of bodies struck alone as it is now, where an effect had passed for it."""
-    floors = noise_of(evidence.baseline, evidence.traces)
-    both = evidence.floors.keys() & floors.keys()  # none of a group's records may be simulable any more
-    if all(evidence.floors[one].sensor.max() < _LOUDER * floors[one].sensor.max() for one in both):
-        return evidence
-    return refitted(whiten(evidence.traces, evidence.baseline, floors))
-
-
-def residual_without(evidence: WhitenedResidual, effect: Effect) -> WhitenedResidual:
-    """What a model leaves over without one of its effects, all other numbers as they are."""
-    return whiten(evidence.traces, without_effect(evidence.baseline, effect), evidence.floors)
-
-
-def without_effect(baseline: FreeParameters, effect: ModelCorrection) -> FreeParameters:
-    """Return the baseline without one of its model's effects."""
-    kept = tuple(e for e in baseline.model.effects if e.path != effect.path)
-    return replace(baseline, model=replace(baseline.model, effects=kept))
-
-
-def cost(evidence: WhitenedResidual) -> float:
-    """Squares of the residual on training records."""
-    return float(np.sum(evidence.residual[evidence.training] ** 2))
-
-
-def with_effects(evidence: WhitenedResidual) -> WhitenedResidual:
-    """The same with slopes by the numbers of the model's own forces."""
-    columns, names = [evidence.jacobian], list(evidence.names)
-    for effect in evidence.baseline.model.effects:
-        if isinstance(effect, Effect):
-            member = CATALOGUE.get(effect.name)
-            free = tuple(effect.parameters) if member is None else free_numbers(effect, member)
-            sizes = np.array([size_of(effect.parameters[name].value) for name in free])
-            columns.append(slopes_of(effect, free, sizes, evidence))
-            names += [effect_number(effect, name) for name in free]
-    return replace(evidence, jacobian=np.concatenate(columns, axis=1), names=tuple(names))
-
-
-def level(evidence: WhitenedResidual) -> float:
-    """Mean square of the residual on training records."""
-    return cost(evidence) / float(evidence.training.sum())
+    return {"training": training, "hold_out": hold_out}

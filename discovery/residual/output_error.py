@@ -21,11 +21,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from discovery.decide.acceptance import QUIET
+from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.residual.base import Kind
 from discovery.residual.effect_forces import lasting_force, lines_beyond_linear
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.trajectory import MeasuredTrajectory, Measurements, Progress, trace_records
@@ -67,6 +69,7 @@ class WhitenedResidual:
         Whether `slopes` are those along the measured motion, right for changes of any size, or `jacobian`.
     """
 
+    kind: ClassVar[Kind] = "output error"
     traces: tuple[MeasuredTrajectory, ...]
     baseline: FreeParameters
     floors: Mapping[Group, NoiseFloor]
@@ -76,6 +79,7 @@ class WhitenedResidual:
     names: tuple[str, ...]
     owner: npt.NDArray[np.int64]
     from_afar: bool = False
+    criteria: Criteria = CRITERIA
 
     @cached_property
     def slopes(self) -> FloatArray:
@@ -93,6 +97,16 @@ class WhitenedResidual:
     def training(self) -> npt.NDArray[np.bool_]:
         """Rows of records that are not held out."""
         return ~np.array([trace.settings.hold_out for trace in self.traces])[self.owner]
+
+    @property
+    def record_count(self) -> int:
+        """Records that can be simulated with the model."""
+        return len(self.traces)
+
+    @cached_property
+    def hold_out(self) -> frozenset[str]:
+        """Files that no number is fitted to."""
+        return frozenset(t.settings.file for t in self.traces if t.settings.hold_out)
 
     def with_own(self, path: str, own: Mapping[str, Mapping[str, float]]) -> WhitenedResidual:
         """The same with numbers of an effect that are each record's own, by file and name."""
@@ -155,7 +169,8 @@ class WhitenedResidual:
             slopes = self.slopes[self.training]
             slopes /= np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
             told = np.linalg.lstsq(slopes, mine, rcond=_SAME)[0]
-            beyond = float(np.sum((mine - slopes @ told) ** 2)) - QUIET * len(mine)
+            noise = self.criteria.acceptance.noise_level * len(mine)
+            beyond = float(np.sum((mine - slopes @ told) ** 2)) - noise
         if not ties or beyond <= 0:
             return np.zeros((0, len(self.names))), np.zeros(0)
         rows = np.array([[tie.factors.get(name, 0.0) / tie.error for name in self.names] for tie in ties])

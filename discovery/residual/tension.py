@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from discovery.options import Options
+from discovery.residual.base import Kind
 from discovery.residual.course_fit import CourseFit, CourseFits, Misfit
 from discovery.residual.tension_data import TensionData
 from discovery.residual.tension_records import drifted, frozen_of, noises, read_tensions
@@ -33,6 +35,7 @@ class TensionResidual:
         Processes that read the records, threads of the fits, criteria.
     """
 
+    kind: ClassVar[Kind] = "tension"
     campaign: Campaign
     identification: Identification
     model: Model

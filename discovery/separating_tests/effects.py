@@ -17,10 +17,11 @@ import numpy as np
 
 from discovery.explain.effect_outputs import output_of, slopes_of
 from discovery.explain.motion import free_numbers
-from discovery.loop.state import with_effects
+from discovery.explain.motion_fit import with_effects
 from discovery.residual.free_parameters import effect_number, size_of
 from discovery.residual.output_error import WhitenedResidual, whiten
 from discovery.residual.trajectory import MeasuredTrajectory
+from discovery.separating_tests.normal_sums import NormalSums
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, ModelCorrection
 from rom.evaluation.replay import replay
@@ -29,30 +30,6 @@ from rom.identification.spectral_model import ComplexArray, SpectralRecord
 _FACTORS = (1.0, -1.0, 2.0, -2.0, 4.0, -4.0)  # of the force of a record; below 0: from the other side
 _REPEATS = (1, 3, 10)
 _PRELOADS = 3  # of those in the records
-_RCOND = 1e-12
-
-
-@dataclass(frozen=True, eq=False)
-class _Normal:
-    """Sums over rows: squares of slopes, slopes times difference, difference squared."""
-
-    squares: FloatArray
-    right: FloatArray
-    cost: float
-
-    def left(self) -> float:
-        """What is left of the difference where the slopes are fitted to it."""
-        size = np.sqrt(np.maximum(np.diag(self.squares), 1e-300))
-        inverse = np.linalg.pinv(self.squares / np.outer(size, size), rcond=_RCOND, hermitian=True)
-        right = self.right / size
-        return self.cost - float(right @ inverse @ right)
-
-    def __add__(self, other: _Normal) -> _Normal:
-        return _Normal(self.squares + other.squares, self.right + other.right, self.cost + other.cost)
-
-    def repeated(self, times: int) -> _Normal:
-        """Of a record that is measured so many times."""
-        return _Normal(times * self.squares, times * self.right, times * self.cost)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,12 +166,12 @@ def _gains(
     names = [name for name in evidence.names if name not in gone]
     here = _normals(best, rival, evidence, names)
     now = sum(here[1:], here[0])
-    left = now.left()
+    left = now.remainder()
     every = _normals(best, rival, tests, names)
     most = [np.inf if rival is None else one.cost for one in every]
     return np.array(
         [
-            [min((now + one.repeated(n)).left() - left, n * own) for n in _REPEATS]
+            [min((now + one.repeated(n)).remainder() - left, n * own) for n in _REPEATS]
             for one, own in zip(every, most, strict=True)
         ]
     )
@@ -202,7 +179,7 @@ def _gains(
 
 def _normals(
     best: ModelCorrection, rival: ModelCorrection | None, evidence: WhitenedResidual, names: Sequence[str]
-) -> list[_Normal]:
+) -> list[NormalSums]:
     """The sums of every record."""
     place = {name: k for k, name in enumerate(evidence.names)}
     none = np.zeros(len(evidence.residual))
@@ -219,7 +196,7 @@ def _normals(
     for record in range(len(evidence.traces)):
         rows = evidence.owner == record
         mine, d = columns[rows], difference[rows]
-        found.append(_Normal(mine.T @ mine, mine.T @ d, float(d @ d)))
+        found.append(NormalSums(mine.T @ mine, mine.T @ d, float(d @ d)))
     return found
 
 

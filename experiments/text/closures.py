@@ -9,7 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from discovery.decide.acceptance import QUIET
+from discovery.criteria.criteria import CRITERIA
 from discovery.views.force import pair
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
@@ -106,7 +106,10 @@ def _left(data: Data) -> str:
     """Return what a closed loop leaves, in words: noise alone, or a share of the residual's mean square."""
     residual = _mapping(data.get("residual"))
     before, after = (_mapping(residual.get(when)).get("total") for when in ("before", "after"))
-    if not (isinstance(before, float) and isinstance(after, float)) or after <= QUIET:
+    if (
+        not (isinstance(before, float) and isinstance(after, float))
+        or after <= CRITERIA.acceptance.noise_level
+    ):
         return "no more is left than noise explains"
     share = number(100 * after / before, 2)
     return f"{share} % of the residual's mean square is left, {number(after, 3)} times noise"

@@ -10,7 +10,7 @@ with F_0 the constant force that an amplifier's offset, a tilted guide or the ze
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -79,6 +79,38 @@ class Balances:
                 still = np.zeros(len(balance.terms["force"]))
                 found.append(still if rows is None or sign == 0.0 else sign * rows)
         return np.concatenate(found)
+
+    def balanced(self, values: Mapping[str, float]) -> FloatArray:
+        """Forces as a model of these numbers has them, those of given masses included [N], (rows,)."""
+        masses = {f"body:{body.name}": body.mass_kg or 0.0 for body in self.settings.body}
+        given = [
+            masses.get(balance.place, 0.0)
+            * balance.terms.get("acceleration", np.zeros(len(balance.terms["force"])))
+            for record in self.records
+            for balance in record.balances
+        ]
+        numbers = np.array([values[name] for name in self.names])
+        return np.asarray(np.concatenate(given) + self.columns @ numbers)
+
+    def by_channel(self, rows: FloatArray) -> Iterator[tuple[FloatArray, str, float]]:
+        """Yield the rows of every balance, its force channel and the rate of its rows [Hz]."""
+        first = 0
+        for record in self.records:
+            for balance in record.balances:
+                count = len(balance.terms["force"])
+                yield rows[first : first + count], balance.channel, record.smoothing.rate_hz(record.rate_hz)
+                first += count
+
+    def scaled(self, place: int, factor: float) -> Balances:
+        """One record, by its place, as it would be with its motion multiplied; forces stay as measured."""
+        rows, record = self.owner == place, self.records[place]
+        along = np.array([factor, factor, 1.0])[:, None]
+        moved = replace(record, motion={name: motion * along for name, motion in record.motion.items()})
+        factors = [1.0 if name.endswith(f"{OFFSET}.F_0") else factor for name in self.names]
+        return replace(
+            self, records=(moved,), force=self.force[rows], columns=self.columns[rows] * factors,
+            noise=self.noise[rows], owner=np.zeros(int(rows.sum()), dtype=np.int64),
+        )  # fmt: skip
 
     def fitted(self, force: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Numbers that suit the training rows of a force best, and their standard errors.
@@ -271,3 +303,63 @@ def _limited(law: Law, found: tuple[float, float] | None) -> Law:
 
 def _limits(value: float, error: float) -> tuple[float, float]:
     return float(value - _Z95 * error), float(value + _Z95 * error)
+
+
+def standard_errors(balances: Balances, force: FloatArray, values: Sequence[float]) -> FloatArray:
+    """Standard errors of the numbers of a model, (numbers,), from what it leaves over on training rows.
+
+        sqrt(diag((C' C)^-1) s^2),   s^2 = mean((F - C theta)^2)
+
+    Parameters
+    ----------
+    balances : Balances
+        For the columns C, over the noise.
+    force : ndarray, shape (rows,)
+        Measured forces less those of effects, F [N].
+    values : sequence of float
+        The numbers theta [SI], ordered as ``balances.names``.
+    """
+    rows = balances.training
+    noise = balances.noise[rows]
+    remainder = (force[rows] - balances.columns[rows] @ list(values)) / noise
+    scale = float(np.sqrt(np.mean(remainder**2)))
+    matrix = balances.columns[rows] / noise[:, None]
+    size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+    gram = (matrix / size).T @ (matrix / size)
+    return np.asarray(scale * np.sqrt(np.maximum(np.diag(np.linalg.pinv(gram, hermitian=True)), 0.0)) / size)
+
+
+def noise_warnings(balances: Balances) -> tuple[str, ...]:
+    """A line where noise behind the filter makes numbers too small."""
+    share = noise_share(balances)
+    if share <= SOUND:
+        return ()
+    return (
+        f"noise makes {100 * share:.2g} % of the square of a term behind the filter: its number comes out "
+        "too small by as much, and what is left over may pass for an effect",
+    )
+
+
+def sign_warnings(balances: Balances) -> tuple[str, ...]:
+    """Links whose damping is below zero beyond chance: their force was measured with the other sign."""
+    lines = []
+    for link in balances.settings.link:
+        rows = [
+            (balance.terms["force"], balance.terms[f"{link.name}.x"], balance.terms[f"{link.name}.v"])
+            for record in balances.records
+            if record.settings.test == "cycled" and not record.settings.hold_out
+            for balance in record.balances
+            if balance.place == link.name
+        ]
+        if rows:
+            force, x, v = (np.concatenate(column) for column in zip(*rows, strict=True))
+            table = np.stack([v, x, np.ones_like(x)], axis=1)
+            found = np.linalg.lstsq(table, force, rcond=None)[0]
+            spread = float(np.mean((force - table @ found) ** 2))
+            error = np.sqrt(spread * np.linalg.pinv(table.T @ table, hermitian=True)[0, 0])
+            if found[0] < -_TOLD * error:
+                lines.append(
+                    f"link_force_{link.name}: gives out energy along the motion; expected the force that "
+                    "pulls the first body back, turn its sign round"
+                )
+    return tuple(lines)

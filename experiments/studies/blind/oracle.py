@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from discovery.explain import at_rest
+from discovery.explain import at_rest, tension
 from discovery.explain.motion import motion_channels
-from discovery.explain.tension import explain_one
-from discovery.loop.refits import Refits
-from discovery.loop.state import State, cost, refit_fault, refitted, silent, without_effect
+from discovery.explain.motion_fit import refit, refit_fault, without_effect
+from discovery.loop.impact_refits import ImpactRefits
+from discovery.loop.state import State
+from discovery.loop.tension_stage import adopted
+from discovery.options import Options
+from discovery.residual.base import cost
 from discovery.residual.output_error import WhitenedResidual, starting
 from rom.campaign.campaign import Campaign
 from rom.effects import ModelCorrection, SensorFault, candidates
@@ -31,7 +34,7 @@ Truth = Mapping[str, Any]
 @with_stored_records
 def declared_errors(campaign: Campaign) -> ErrorsByKind:
     """Return the errors of the declared model, its numbers refitted to training records."""
-    return Refits(campaign, identify_campaign(campaign), 1, silent).start().errors
+    return ImpactRefits.of(campaign, Options()).start().errors
 
 
 @with_stored_records
@@ -62,53 +65,54 @@ def oracle_errors(campaign: Campaign, twin: Campaign, truths: Sequence[Truth]) -
     """
     own, sound = identify_campaign(campaign), identify_campaign(twin)
     plant = replace(sound.model, filter_cutoff_hz=own.model.filter_cutoff_hz)  # errors as a closure has them
-    refits = Refits(campaign, replace(own, model=plant, linear=sound.linear), 1, silent)
-    baseline = starting(refits.found, plant)
-    declared = refits.gathered(baseline)
+    refits = ImpactRefits(campaign, replace(own, model=plant, linear=sound.linear), Options())
+    baseline = starting(refits.identification, plant)
+    declared = refits.followed(baseline)
     effects = [_true(truth, declared) for truth in truths]
     model = baseline.model
     for effect in effects:
         model = effect.added_to(model)
-    evidence = refitted(refits.gathered(replace(baseline, model=model), declared.floors))
+    evidence = refit(refits.followed(replace(baseline, model=model), declared.floors))
     true = [] if all(e.kind == "force" for e in effects) else [
-        refits.settled(evidence, learned=any(e.kind == "law change" for e in effects)).errors
+        refits.evaluated(evidence, law_is_fitted=any(e.kind == "law change" for e in effects)).errors
     ]  # fmt: skip
     faults = [e for e in effects if isinstance(e, SensorFault) and e.channel != "tension"]
     for fault in faults * len(faults):  # one may mislead the other's fit
-        evidence = _fault_refitted(fault, evidence, refits)
+        evidence = _fault_refit(fault, evidence, refits)
     in_tension = [effect for effect in effects if effect.enters in ("tension", "sensor:tension")]
     for effect in in_tension:  # the motion is traced along them
         evidence = replace(evidence, baseline=without_effect(evidence.baseline, effect))
-    state = refits.settled(evidence)
+    state = refits.evaluated(evidence)
     for effect in in_tension:
         state = _with_tension(effect, state, refits)
     return [state.errors, *true]
 
 
-def _fault_refitted(fault: SensorFault, evidence: WhitenedResidual, refits: Refits) -> WhitenedResidual:
-    """A fault's numbers as the records before the hits tell them, or else what is left of it after these."""
-    bare = refits.gathered(without_effect(evidence.baseline, fault), evidence.floors)
+def _fault_refit(fault: SensorFault, evidence: WhitenedResidual, refits: ImpactRefits) -> WhitenedResidual:
+    """A fault's numbers by the records before the hits, or else by what is left of it after these."""
+    bare = refits.followed(without_effect(evidence.baseline, fault), evidence.floors)
     told = next(
-        (e.effect for e in at_rest.explain(bare, refits.options()) if e.effect.path == fault.path), None
+        (e.effect for e in at_rest.explain(bare, refits.options) if e.effect.path == fault.path), None
     )
     if told is not None:
         near = replace(bare.baseline, model=told.added_to(bare.baseline.model))
-        return refitted(refits.gathered(near, evidence.floors))
+        return refit(refits.followed(near, evidence.floors))
     while True:
         (own,) = (e for e in evidence.baseline.model.effects if e.path == fault.path)
         assert isinstance(own, SensorFault)
-        again = refitted(refits.gathered(refit_fault(evidence, own), evidence.floors))
+        again = refit(refits.followed(refit_fault(evidence, own), evidence.floors))
         if not cost(again) < (1 - _SETTLED) * cost(evidence):
             return min(evidence, again, key=cost)
         evidence = again
 
 
-def _with_tension(effect: ModelCorrection, state: State, refits: Refits) -> State:
+def _with_tension(effect: ModelCorrection, state: State, refits: ImpactRefits) -> State:
     """The state with an effect in the tension fitted beside the law; as it is where that asks for none."""
-    one = explain_one(refits.tension_of(state), refits.options(), effect.path)
+    residual = refits.tension(state)
+    one = None if residual is None else tension.explain_one(residual, refits.options, effect.path)
     if one is None:
         raise ValueError(f"oracle: the tension tells nothing of {effect.name}")
-    return refits.adopt(state, one) if any(one.gains(hold_out=False)) else state
+    return adopted(refits, state, one) if any(one.gains(hold_out=False)) else state
 
 
 def _true(truth: Truth, evidence: WhitenedResidual) -> ModelCorrection:

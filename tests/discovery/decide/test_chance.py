@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from discovery.criteria.criteria import CRITERIA
 from discovery.decide.acceptance import is_accepted
 from discovery.decide.chance import (
-    FALSE_ALARMS,
-    FEWEST_RECORDS,
     by_record,
     largest_by_chance,
     largest_of_noise,
@@ -49,7 +48,7 @@ def test_false_alarms_of_the_whole_catalogue_are_as_many_as_are_asked(alike):
     for seed in range(100):
         scores = _scores(np.random.default_rng(seed), alike=alike)
         best = float(np.max(scores.sum(axis=1) ** 2))
-        alarms += p_value(best, largest_by_chance(scores)) <= FALSE_ALARMS
+        alarms += p_value(best, largest_by_chance(scores)) <= CRITERIA.chance.false_alarms
     assert alarms <= 11  # binomial: more come with a chance below 1 %
 
 
@@ -87,9 +86,9 @@ def _probe(scores: np.ndarray) -> Probe:
 
 
 def test_the_signs_of_few_records_tell_nothing():
-    few = np.ones(FEWEST_RECORDS - 1)
+    few = np.ones(CRITERIA.chance.fewest_pieces - 1)
     assert by_chance([[_probe(few)]]) is None
-    assert by_chance([[_probe(np.ones(FEWEST_RECORDS))]]) is not None
+    assert by_chance([[_probe(np.ones(CRITERIA.chance.fewest_pieces))]]) is not None
     assert by_chance([]) is None
 
 

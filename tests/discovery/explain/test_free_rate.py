@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from discovery.loop.free_tension import with_free_form
 
 import rom
 from discovery.courses.frozen_motion import freeze
 from discovery.courses.tension_likelihood import law_candidate
-from discovery.decide.chance import FALSE_ALARMS
+from discovery.criteria.criteria import CRITERIA
 from discovery.decide.explanation import Explanation
 from discovery.explain import free_rate
 from discovery.explain.free_rate import free_rates
@@ -24,7 +25,6 @@ from discovery.explain.tension_law import LawSearch, _without_strength
 from discovery.localisation.tension import tension_views
 from discovery.loop import close_loop as refinement
 from discovery.loop.close_loop import _Loop
-from discovery.loop.free_tension import with_free_form
 from discovery.loop.history import LoopHistory, Selection
 from discovery.loop.refits import Refits
 from discovery.loop.state import silent
@@ -118,7 +118,7 @@ def test_what_noise_gives_as_well_has_a_chance_that_says_so() -> None:
     member = CATALOGUE["loosening-ratchet"]
     (found,), _ = search.explained([(member, member.at("tension"))], search.fits.law_alone(), lambda: None)
     assert found.p_value is not None
-    assert found.p_value > FALSE_ALARMS
+    assert found.p_value > CRITERIA.chance.false_alarms
 
 
 def test_a_free_form_that_explains_nothing_is_without_strength() -> None:

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from discovery.loop.force_loop import _together
+from discovery.loop.force_loop import _without_needless as without_needless_forces
 
 from discovery.decide.explanation import Explanation
 from discovery.explain import at_rest
@@ -17,8 +19,6 @@ from discovery.explain.motion import explanation
 from discovery.explain.tension import TensionFindings
 from discovery.loop import close_loop as refinement
 from discovery.loop.close_loop import _Loop
-from discovery.loop.force_loop import _together
-from discovery.loop.force_loop import _without_needless as without_needless_forces
 from discovery.loop.history import LoopHistory, Selection
 from discovery.loop.redundant import without_needless, without_needless_in_tension
 from discovery.loop.refits import Refits

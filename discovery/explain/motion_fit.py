@@ -1,0 +1,106 @@
+"""Fits of a whitened residual of impact tests: all numbers of a model, its effects' among them, together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from discovery.explain.effect_outputs import output_of, slopes_of
+from discovery.explain.motion import Probe, explain_effect, free_numbers
+from discovery.residual.base import cost
+from discovery.residual.free_parameters import FreeParameters, effect_number, size_of
+from discovery.residual.output_error import WhitenedResidual, noise_of, whiten
+from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
+
+_REFITS, _DAMPINGS, _SETTLED = 5, (0.0, 1e-4, 1e-2, 1.0), 1e-4
+
+
+def refit(evidence: WhitenedResidual) -> WhitenedResidual:
+    """Gauss-Newton steps in all numbers of a model, those of its effects among them, on training records.
+
+    Damped ones where a free one does not lower the cost, none where that does not help either.
+    """
+    for _ in range(_REFITS):
+        beside = with_effects(evidence)
+        trials = (
+            whiten(
+                evidence.traces, evidence.baseline.moved(beside.steps(beside.residual, d)), evidence.floors
+            )
+            for d in _DAMPINGS
+        )
+        better = next((one for one in trials if cost(one) < cost(evidence)), None)
+        if better is None:
+            return beside
+        done = cost(evidence) - cost(better) < _SETTLED * cost(better)
+        evidence = better
+        if done:
+            break
+    return with_effects(evidence)
+
+
+def linearised_start(evidence: WhitenedResidual, effect: Effect) -> WhitenedResidual:
+    """Return the evidence with an effect in its model, whose numbers suit training records as slopes tell."""
+    rows = evidence.residual - output_of(effect, evidence)
+    here = float(np.sum(rows[evidence.training] ** 2))
+    for damping in _DAMPINGS:
+        moved = evidence.baseline.moved(evidence.steps(rows, damping))
+        beside = whiten(evidence.traces, replace(moved, model=effect.added_to(moved.model)), evidence.floors)
+        if cost(beside) < here:
+            return beside
+    same = replace(evidence.baseline, model=effect.added_to(evidence.baseline.model))
+    return whiten(evidence.traces, same, evidence.floors)
+
+
+def refit_fault(evidence: WhitenedResidual, fault: SensorFault) -> FreeParameters:
+    """Return the baseline with a fault of its model moved to where the records that it corrects want it.
+
+    What is left of a fault that is small adds to it; from afar, slopes by all numbers are off.
+    """
+    member, baseline = CATALOGUE[fault.name], evidence.baseline
+    none = fault.with_values(**dict.fromkeys(member.strengths, 0.0))
+    more = explain_effect([Probe(member, none, 0.0, 1.0, 1.0)], evidence).effect
+    values = {
+        name: float(np.clip(p.value + more.parameters[name].value, *p.bounds))
+        for name, p in fault.parameters.items()
+        if name in member.strengths
+    }
+    moved = fault.with_values(**values)
+    effects = tuple(moved if e.path == fault.path else e for e in baseline.model.effects)
+    return replace(baseline, model=replace(baseline.model, effects=effects))
+
+
+def reestimate_noise(evidence: WhitenedResidual) -> WhitenedResidual:
+    """Refit beside the noise of bodies struck alone as it is now, where an effect had passed for it."""
+    floors = noise_of(evidence.baseline, evidence.traces)
+    both = evidence.floors.keys() & floors.keys()  # none of a group's records may be simulable any more
+    if all(
+        evidence.floors[one].sensor.max() < evidence.criteria.closing.noise_ratio * floors[one].sensor.max()
+        for one in both
+    ):
+        return evidence
+    return refit(whiten(evidence.traces, evidence.baseline, floors))
+
+
+def residual_without(evidence: WhitenedResidual, effect: Effect) -> WhitenedResidual:
+    """What a model leaves over without one of its effects, all other numbers as they are."""
+    return whiten(evidence.traces, without_effect(evidence.baseline, effect), evidence.floors)
+
+
+def without_effect(baseline: FreeParameters, effect: ModelCorrection) -> FreeParameters:
+    """Return the baseline without one of its model's effects."""
+    kept = tuple(e for e in baseline.model.effects if e.path != effect.path)
+    return replace(baseline, model=replace(baseline.model, effects=kept))
+
+
+def with_effects(evidence: WhitenedResidual) -> WhitenedResidual:
+    """The same with slopes by the numbers of the model's own forces."""
+    columns, names = [evidence.jacobian], list(evidence.names)
+    for effect in evidence.baseline.model.effects:
+        if isinstance(effect, Effect):
+            member = CATALOGUE.get(effect.name)
+            free = tuple(effect.parameters) if member is None else free_numbers(effect, member)
+            sizes = np.array([size_of(effect.parameters[name].value) for name in free])
+            columns.append(slopes_of(effect, free, sizes, evidence))
+            names += [effect_number(effect, name) for name in free]
+    return replace(evidence, jacobian=np.concatenate(columns, axis=1), names=tuple(names))

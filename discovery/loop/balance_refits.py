@@ -1,0 +1,174 @@
+"""Models of a campaign that drives its bodies or links, refitted to its balances of forces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from discovery.decide.acceptance import is_accepted
+from discovery.decide.explanation import Explanation
+from discovery.explain import free_force
+from discovery.explain.force_balance import explain_screened, explanation, fitted, screen
+from discovery.localisation.force import localise_forces, numbers_of
+from discovery.localisation.localise import Localisation
+from discovery.loop.found_effects import describe
+from discovery.loop.history import LoopHistory, Selection
+from discovery.loop.refits import Probes
+from discovery.loop.result import FoundEffect
+from discovery.loop.state import State, errors_of
+from discovery.options import Options
+from discovery.residual.base import Residual
+from discovery.residual.course_fit import Misfit
+from discovery.residual.force_balance import ForceBalanceResidual
+from discovery.residual.tension import TensionResidual
+from discovery.separating_tests.balances import separating_runs
+from rom.campaign.campaign import Campaign
+from rom.effects import CATALOGUE, ModelCorrection, SensorFault
+from rom.evaluation.evaluate import evaluate
+from rom.identification.force_balance import (
+    Balances,
+    balances_of,
+    model_of,
+    noise_warnings,
+    sign_warnings,
+    standard_errors,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class BalanceRefits:
+    """Fits of a campaign's models by the forces that they leave unbalanced; see `discovery.loop.refits`."""
+
+    campaign: Campaign
+    balances: Balances
+    set_aside: tuple[str, ...]
+    doubtful: frozenset[str]
+    options: Options
+
+    @classmethod
+    def of(cls, campaign: Campaign, options: Options) -> BalanceRefits:
+        """Read and balance all records.
+
+        Raises
+        ------
+        ValueError
+            If nothing can be identified from the campaign.
+        """
+        options.stage("identifying")
+        balances, doubts = balances_of(campaign)
+        lines = tuple(f"{doubt.file}: {doubt.message}" for doubt in doubts)
+        return cls(campaign, balances, lines, frozenset(doubt.file for doubt in doubts), options)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Forces of the wrong sign, and noise that makes numbers too small."""
+        return (*sign_warnings(self.balances), *noise_warnings(self.balances))
+
+    def start(self) -> State:
+        """The declared model."""
+        zero = dict.fromkeys(self.balances.names, 0.0)
+        residual = ForceBalanceResidual(self.balances, (), zero, self.options.criteria)
+        return self.evaluated(residual.with_numbers())
+
+    def corrected(self, fault: SensorFault) -> BalanceRefits:
+        """The same: without a bolt there is no gauge."""
+        raise ValueError(f"a campaign without a bolt has no gauge, got {fault.path}")
+
+    def evaluated(self, residual: Residual, *, law_is_fitted: bool = False) -> State:  # noqa: ARG002
+        """Make the model of a residual, and simulate all sound records."""
+        balance, balances = _balance(residual), self.balances
+        values = [balance.values[name] for name in balances.names]
+        model, lines = model_of(balances, values, standard_errors(balances, balance.force, values))
+        for effect in balance.effects:
+            model = model.with_effect(effect)
+        records = [r for r in self.campaign.settings.record if r.file not in self.doubtful]
+        options = self.options
+        evaluations = evaluate([model], self.campaign, records, options.jobs, options.stage("errors"))
+        material = {"force_error": balance.force_error()}
+        least = options.criteria.acceptance.material_error
+        return State(model, balance, errors_of(evaluations), material, least, None, evaluations, lines)
+
+    def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:  # noqa: ARG002
+        """All effects fitted together."""
+        residual = _balance(state.residual)
+        if explanation.residual is None:
+            return fitted(residual, (explanation.effect,))[0]
+        after = _balance(explanation.residual)
+        return _together(after) if len(after.effects) > 1 else after
+
+    def refit_from(self, residual: Residual, effect: ModelCorrection) -> Residual | None:  # noqa: ARG002
+        """None: the model's own numbers are linear, and no fit of them is stuck."""
+        return None
+
+    def with_present_noise(self, residual: Residual) -> Residual:
+        """The same: noise comes from the channels alone."""
+        return residual
+
+    def along_law(self, state: State) -> State:
+        """The same: there is no bolt whose tension falls."""
+        return state
+
+    def without(self, history: LoopHistory, place: int) -> Residual | None:
+        """What the others leave over, refitted, where an effect is redundant; None where it is not."""
+        last = _balance(history.last.residual)
+        path = history.selections[place].best.effect.path
+        effect = next(e for e in last.effects if e.path == path)
+        if effect.name not in CATALOGUE or place + 1 == len(history.selections):
+            return None
+        others = tuple(e for e in last.effects if e.path != path)
+        rest = _together(replace(last, effects=others))
+        explained = explanation(effect, CATALOGUE[effect.name], rest, last)
+        return None if is_accepted(explained, self.options.criteria) else rest
+
+    def views(self, history: LoopHistory) -> Iterable[State]:
+        """The last state: forces along the measured motion hold from any distance."""
+        yield history.last
+
+    def screen(self, residual: Residual) -> Probes:
+        """Probes of every effect of the catalogue at the scale of its place."""
+        return screen(_balance(residual), self.options)
+
+    def explain(self, probes: Probes, residual: Residual) -> list[Explanation]:
+        """Fits of the effects that a screen promises."""
+        return explain_screened(probes, _balance(residual), self.options)
+
+    def free_forms(self, state: State) -> Sequence[Explanation]:
+        """The best sparse sum of terms in one link."""
+        return free_force.explain(_balance(state.residual), self.options)
+
+    def tension(self, state: State) -> TensionResidual | None:  # noqa: ARG002
+        """None: there is no bolt."""
+        return None
+
+    def doubts(self, state: State) -> tuple[str, ...]:  # noqa: ARG002
+        """None is known."""
+        return ()
+
+    def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:  # noqa: ARG002
+        """Where the forces left unbalanced live."""
+        residual = _balance(state.residual)
+        return localise_forces(residual, numbers_of(residual, state.evaluations))
+
+    def described(self, selection: Selection, state: State) -> FoundEffect:
+        """An effect with the limits of the last fit, and what is indistinguishable from it."""
+        residual = _balance(state.residual)
+
+        def limited(effect: ModelCorrection, _: ModelCorrection) -> ModelCorrection:
+            return effect
+
+        def separating(effect: ModelCorrection, rivals: Sequence[ModelCorrection]) -> list[str]:
+            return separating_runs(effect, rivals, residual)
+
+        return describe(selection, state, (), limited, separating)
+
+
+def _balance(residual: Residual) -> ForceBalanceResidual:
+    assert isinstance(residual, ForceBalanceResidual)
+    return residual
+
+
+def _together(residual: ForceBalanceResidual) -> ForceBalanceResidual:
+    """All effects fitted again beside each other."""
+    if not residual.effects:
+        return residual.with_numbers()
+    return fitted(replace(residual, effects=()), residual.effects)[0]

@@ -1,0 +1,69 @@
+"""A term without the catalogue in place of names, where it leaves far less."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from discovery.decide.acceptance import is_accepted, is_significant, penalised_gain, spread_of
+from discovery.loop.history import LoopHistory, Selection
+from discovery.loop.motion_stage import between, by_itself, with_later_disturbances
+from discovery.loop.refits import Refits
+from discovery.loop.state import State
+
+
+def or_free_form(refits: Refits, history: LoopHistory, start: LoopHistory) -> LoopHistory:
+    """The history, or from its start one with a term without the catalogue, where that leaves far less.
+
+    Where names leave next to nothing of much the term must do better by itself: no others follow it.
+
+    Parameters
+    ----------
+    refits : Refits
+        Of the campaign.
+    history : LoopHistory
+        With what the catalogue named in the motion.
+    start : LoopHistory
+        The same before the first of these effects.
+    """
+    criteria = refits.options.criteria
+    if history.last.level <= criteria.acceptance.noise_level:
+        return _or_nearer(refits, history, start)
+    formed = _free_form(refits, start.last)
+    if formed is None:
+        return history
+    if not history.at_noise_floor:
+        return history.or_better(with_later_disturbances(refits, start, formed))
+    if spread_of(formed.best) >= history.last.level:
+        return history
+    return history.or_better(start.extended(formed, by_itself(refits, start.last, formed)))
+
+
+def _or_nearer(refits: Refits, history: LoopHistory, start: LoopHistory) -> LoopHistory:
+    """The history, or from its start a term by itself where one beside the names shows their form wrong.
+
+    A drag with |v|^1.5 leaves next to noise where one with v^2 is put in its place. The right form with
+    another knee leaves as much, but no term by itself does better than that.
+    """
+    criteria = refits.options.criteria
+    new = history.selections[len(start.selections) :]
+    if not any(selection.best.effect.kind == "force" for selection in new):
+        return history
+    beside = refits.free_forms(history.last)
+    if not any(is_significant(explanation, criteria) for explanation in beside):
+        return history
+    formed = _free_form(refits, start.last)
+    if formed is None:
+        return history
+    named, after = history.last.residual, by_itself(refits, start.last, formed)
+    if after.residual.record_count < named.record_count:
+        return history
+    if not is_significant(between(formed.best, named, after.residual), criteria):
+        return history
+    return replace(start.extended(formed, after), screened=history.screened)
+
+
+def _free_form(refits: Refits, state: State) -> Selection | None:
+    """The best term without the catalogue; None where even that does not predict hold-out records."""
+    criteria = refits.options.criteria
+    accepted = [one for one in refits.free_forms(state) if is_accepted(one, criteria)]
+    return Selection(max(accepted, key=penalised_gain)) if accepted else None

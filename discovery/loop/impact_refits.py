@@ -1,0 +1,329 @@
+"""Models of a campaign of impact tests, refitted to all its training records."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from discovery.decide.acceptance import in_tension, is_accepted, motion_errors
+from discovery.decide.explanation import Explanation
+from discovery.explain import at_rest, free_form
+from discovery.explain.calibration import DISAGREE
+from discovery.explain.motion import explain_screened, explanation, motion_channels, screen
+from discovery.explain.motion_fit import (
+    linearised_start,
+    reestimate_noise,
+    refit,
+    refit_fault,
+    residual_without,
+    with_effects,
+    without_effect,
+)
+from discovery.localisation.localise import Localisation, localise
+from discovery.loop.found_effects import as_first_fitted, describe
+from discovery.loop.history import LoopHistory, Selection, misfit_views
+from discovery.loop.refits import Probes
+from discovery.loop.result import FoundEffect
+from discovery.loop.state import State, errors_of
+from discovery.options import Options
+from discovery.residual.base import Residual, cost, level
+from discovery.residual.course_fit import Misfit
+from discovery.residual.free_parameters import FreeParameters
+from discovery.residual.output_error import WhitenedResidual, starting, whiten, whitened_residual_of
+from discovery.residual.tension import TensionResidual
+from discovery.residual.trajectory import Measurements, read_measurements
+from discovery.separating_tests.effects import separating_tests
+from rom.campaign.campaign import Campaign
+from rom.effects import CATALOGUE, Effect, LawChange, ModelCorrection, Reading, SensorFault, with_stiffness
+from rom.evaluation.evaluate import evaluate
+from rom.identification.identify import Identification, identify_campaign, reidentified, relearned
+from rom.identification.noise_spectrum import Group, NoiseFloor
+from rom.identification.spectral_model import SpectralRecord
+from rom.identification.uncoupled_priors import as_uncoupled, unlikely
+from rom.model.laws import Parameter
+from rom.model.model import Model
+from rom.signals.per_record_parameters import per_record_names
+
+
+@dataclass(frozen=True, eq=False)
+class ImpactRefits:
+    """Fits of a campaign's models by records that are followed along them; see `discovery.loop.refits`."""
+
+    campaign: Campaign
+    identification: Identification
+    options: Options
+
+    @classmethod
+    def of(
+        cls,
+        campaign: Campaign,
+        options: Options,
+        faults: tuple[SensorFault, ...] = (),
+        warnings: tuple[str, ...] = (),
+    ) -> ImpactRefits:
+        """Identify a campaign.
+
+        Parameters
+        ----------
+        campaign : Campaign
+            As read by `rom.read_campaign`.
+        options : Options
+            How the loop is run.
+        faults : tuple of SensorFault
+            Of the gauge, known before.
+        warnings : tuple of str
+            What is already known of the campaign.
+
+        Raises
+        ------
+        ValueError
+            If nothing can be identified from the campaign.
+        """
+        identification = identify_campaign(campaign, options.jobs, options.stage("identifying"), faults)
+        told = (*identification.warnings, *warnings)
+        return cls(campaign, replace(identification, warnings=told), options)
+
+    @property
+    def set_aside(self) -> tuple[str, ...]:
+        """Records of doubtful quality, a line each."""
+        return tuple(f"{doubt.file}: {doubt.message}" for doubt in self.identification.set_aside)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the identification warns of."""
+        return self.identification.warnings
+
+    def corrected(self, fault: SensorFault) -> ImpactRefits:
+        """The campaign identified anew beside a fault of its gauge: all that follows rests on the tension."""
+        return self.of(self.campaign, self.options, (fault,), (DISAGREE,))
+
+    @cached_property
+    def measurements(self) -> Measurements:
+        """All sound records as they were measured."""
+        return read_measurements(self.campaign, self._doubtful)
+
+    @property
+    def _doubtful(self) -> frozenset[str]:
+        return frozenset(doubt.file for doubt in self.identification.set_aside)
+
+    def start(self) -> State:
+        """The declared model, its numbers refitted to all training records.
+
+        An effect may pass for damping in the identification, which is free to scale what it weighs.
+        """
+        residual = refit(self.followed(starting(self.identification, self.identification.model)))
+        return self.evaluated(self._nearer(residual))
+
+    def _nearer(self, residual: WhitenedResidual) -> WhitenedResidual:
+        """Start from the uncoupled tests instead, where that leaves far less.
+
+        An identification takes what it leaves over for noise: misfit, alike in all coupled records, may lead
+        its links anywhere, too far for steps to lead back.
+        """
+        rules, linear = self.options.criteria, self.identification.linear
+        priors = linear.ties if linear is not None else ()
+        if level(residual) <= rules.acceptance.noise_level or not priors:
+            return residual
+        parameters = starting(self.identification, as_uncoupled(self.identification.model, priors))
+        other = refit(self.followed(parameters, residual.floors))
+        if level(other) >= rules.closing.far_less * level(residual):
+            return residual
+        return refit(self.followed(other.baseline))
+
+    def followed(
+        self, parameters: FreeParameters, floors: Mapping[Group, NoiseFloor] | None = None
+    ) -> WhitenedResidual:
+        """All sound records followed along a model, and what it leaves over."""
+        stage = self.options.stage("tracing")
+        residual = whitened_residual_of(self.campaign, parameters, self.measurements, floors, stage)
+        return replace(residual, criteria=self.options.criteria)
+
+    def evaluated(self, residual: Residual, *, law_is_fitted: bool = False) -> State:
+        """Learn the tension law anew beside a model's other numbers, and simulate all records."""
+        assert isinstance(residual, WhitenedResidual)
+        model = residual.baseline.model
+        found = (
+            replace(self.identification, model=model)
+            if law_is_fitted
+            else relearned(self.identification, model)
+        )
+        model = replace(found.model, identification=None)
+        records = [r for r in self.campaign.settings.record if r.file not in self._doubtful]
+        options = self.options
+        evaluations = evaluate([model], self.campaign, records, options.jobs, options.stage("errors"))
+        errors = errors_of(evaluations)
+        residual = replace(residual, baseline=replace(residual.baseline, model=model))
+        least = options.criteria.acceptance.material_error_explained
+        return State(model, residual, errors, motion_errors(errors), least, found, evaluations)
+
+    def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:
+        """Add an effect, follow all records anew and refit everything together.
+
+        ``renew_noise``: what was in the noise before the hits is not any more.
+        """
+        residual = _impact(state.residual)
+        effect, near = explanation.effect, residual.baseline
+        if isinstance(effect, LawChange | Reading):  # the motion does not see it
+            model = effect.added_to(_with_law_numbers(state.model, explanation.beside))
+            return replace(residual, baseline=replace(near, model=model))
+        model, floors = effect.added_to(near.model), None if renew_noise else residual.floors
+        if isinstance(effect, Effect) and not renew_noise:  # first along the old model's motion
+            near = self._fitted(linearised_start(residual, effect)).baseline
+            model = near.model
+        after = self._fitted(self.followed(replace(near, model=model), floors))
+        if isinstance(effect, SensorFault) and not (renew_noise or per_record_names(effect)):
+            again = refit(self.followed(refit_fault(after, effect), after.floors))
+            after = min(after, again, key=cost)  # slopes were those from afar so far
+        return after
+
+    def _fitted(self, residual: WhitenedResidual) -> WhitenedResidual:
+        """Fit all numbers together; where more than noise is left, also from a start that forgets them.
+
+        A model that lacked the effect may have been far from its structure, where steps do not lead back, and
+        one whose numbers uncoupled tests deny still is.
+        """
+        rules, after = self.options.criteria.acceptance, refit(residual)
+        if level(after) <= rules.noise_level and not _denied(after):
+            return after
+        records: dict[str, list[SpectralRecord]] = {}
+        for trace, part, _ in after.parts:
+            if not trace.settings.hold_out:
+                records.setdefault(trace.settings.file, []).append(part)
+        near, parts = after.baseline.model, [tuple(parts) for parts in records.values()]
+        places = {effect.enters for effect in near.effects}
+        try:
+            anew = reidentified(self.identification, parts, self.campaign.settings, places)
+        except np.linalg.LinAlgError:  # forces along a motion that is nowhere near the measured one
+            return after
+        effects = tuple(with_stiffness(effect, anew) for effect in near.effects)
+        model = replace(anew, effects=effects, identification=None)
+        other = refit(whiten(after.traces, replace(after.baseline, model=model), after.floors))
+        return min(after, other, key=lambda e: cost(e) * (1 + rules.material_share * bool(_denied(e))))
+
+    def refit_from(self, residual: Residual, effect: ModelCorrection) -> Residual | None:
+        """The last model refitted from where a fit beside a force ended: a fit that was stuck is freed so."""
+        if not isinstance(effect, Effect):
+            return None
+        return refit(residual_without(_impact(residual), effect))
+
+    def with_present_noise(self, residual: Residual) -> Residual:
+        """Refitted beside the noise of bodies struck alone as it is now."""
+        return reestimate_noise(_impact(residual))
+
+    def along_law(self, state: State) -> State:
+        """The state with all records followed along a tension that falls by its present law."""
+        near = _impact(state.residual)
+        return self.evaluated(refit(self.followed(near.baseline, near.floors)), law_is_fitted=True)
+
+    def without(self, history: LoopHistory, place: int) -> Residual | None:
+        """What the others leave over, refitted, where an effect is redundant; None where it is not.
+
+        Of forces of the catalogue the last one is examined too: the fit that it came with may be better by
+        the model's own numbers alone.
+        """
+        best, last = history.selections[place].best, _impact(history.last.residual)
+        effect, criteria = best.effect, self.options.criteria
+        if isinstance(effect, Effect) and effect.name in CATALOGUE:
+            rest = residual_without(last, effect)
+            own = next(e for e in last.baseline.model.effects if e.path == effect.path)
+            needed = is_accepted(explanation(own, CATALOGUE[effect.name], with_effects(rest)), criteria)
+            return None if needed else refit(rest)
+        examined = isinstance(effect, Effect | SensorFault) and not in_tension(best)
+        if not examined or place + 1 == len(history.selections):
+            return None
+        if isinstance(effect, Effect):
+            rest = refit(residual_without(last, effect))
+        else:  # what it corrects is another motion
+            followed = self.followed(without_effect(last.baseline, effect), last.floors)
+            shown = at_rest.explain(followed, self.options)
+            if any(is_accepted(e, criteria) and e.effect.path == effect.path for e in shown):
+                return None
+            rest = refit(followed)
+        return None if self._needs(best, rest, last) else rest
+
+    def _needs(self, best: Explanation, rest: WhitenedResidual, last: WhitenedResidual) -> bool:
+        """Whether fits of everything without an effect and with it differ by more than chance."""
+        before, after = rest.costs(rest.residual), last.costs(last.residual)
+        if before.keys() != after.keys():  # some cannot be simulated without it
+            return True
+        compared = replace(
+            best, before=before, after=after, samples=last.samples, hold_out=last.hold_out, left=None,
+            p_value=None,
+        )  # fmt: skip
+        return is_accepted(compared, self.options.criteria)
+
+    def views(self, history: LoopHistory) -> Iterable[State]:
+        """Far from the structure slopes that hold from afar first, then those nearby.
+
+        A law of the tension is far from linear in its numbers, so where the former leave more than next to
+        nothing both are asked.
+        """
+        state, residual = history.last, _impact(history.last.residual)
+        limit = self.options.criteria.closing.far_from_structure
+        afar = state.level > limit and not history.at_noise_floor
+        for from_afar in (True, False) if afar else (False,):
+            yield replace(state, residual=replace(residual, from_afar=from_afar))
+
+    def screen(self, residual: Residual) -> Probes:
+        """Probes of every effect of the catalogue in the motion."""
+        return screen(_impact(residual), self.options)
+
+    def explain(self, probes: Probes, residual: Residual) -> list[Explanation]:
+        """Fits of the effects that a screen promises."""
+        return explain_screened(probes, _impact(residual), self.options)
+
+    def free_forms(self, state: State) -> Sequence[Explanation]:
+        """The best sparse sum of terms in every link."""
+        return free_form.explain(_impact(state.residual), self.options)
+
+    def tension(self, state: State) -> TensionResidual | None:
+        """What the model's law leaves over of the tension's histories."""
+        assert state.identification is not None
+        return TensionResidual(self.campaign, state.identification, state.model, self.options)
+
+    def doubts(self, state: State) -> tuple[str, ...]:
+        """Numbers of the model that uncoupled tests deny."""
+        return unlikely(state.model, _impact(state.residual).baseline.believed)
+
+    def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:
+        """Where the residual of the motion lives, and that of the tension's histories."""
+        return localise(_impact(state.residual), *misfit_views(misfit))
+
+    def described(self, selection: Selection, state: State) -> FoundEffect:
+        """An effect with limits about the last model, and what is indistinguishable from it."""
+        residual, rules = _impact(state.residual), self.options.criteria.acceptance
+
+        def limited(effect: ModelCorrection, fitted: ModelCorrection) -> ModelCorrection:
+            if not (isinstance(effect, Effect) and effect.name in CATALOGUE):
+                return as_first_fitted(effect, fitted)
+            rest = with_effects(residual_without(residual, effect))
+            return explanation(effect, CATALOGUE[effect.name], rest).effect
+
+        def separating(effect: ModelCorrection, rivals: Sequence[ModelCorrection]) -> list[str]:
+            enough, near = rules.indistinguishable_cost, rules.indistinguishable_share
+            return separating_tests(effect, rivals, residual, enough, near)
+
+        channels = (*motion_channels(residual), "tension")
+        return describe(selection, state, channels, limited, separating)
+
+
+def _impact(residual: Residual) -> WhitenedResidual:
+    assert isinstance(residual, WhitenedResidual)
+    return residual
+
+
+def _with_law_numbers(model: Model, numbers: Mapping[str, Parameter]) -> Model:
+    """The model with other numbers in its tension law."""
+    if not numbers:
+        return model
+    law = model.link_laws[model.structure.bolted_links[0]].tension_rate
+    assert law is not None
+    return model.with_tension_law(replace(law, parameters={**law.parameters, **numbers}))
+
+
+def _denied(residual: WhitenedResidual) -> tuple[str, ...]:
+    """Numbers of a model that uncoupled tests deny."""
+    return unlikely(residual.baseline.model, residual.baseline.believed)

@@ -1,0 +1,130 @@
+"""Effects in the motion, one after the other, until none of the catalogue helps beyond chance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from discovery.decide.acceptance import at_noise_floor, is_accepted
+from discovery.decide.explanation import Explanation
+from discovery.loop.found_effects import screened
+from discovery.loop.history import LoopHistory, Selection, best_explanation, indistinguishable
+from discovery.loop.redundant import without_redundant
+from discovery.loop.refits import Refits
+from discovery.loop.rest_stage import before_hits
+from discovery.loop.result import Screened
+from discovery.loop.state import State
+from discovery.residual.base import Residual, cost, level
+
+Candidate = tuple[Selection, Residual]
+"""An effect, and what is left over with it."""
+
+
+def with_later_disturbances(
+    refits: Refits, history: LoopHistory, given: Selection | None = None
+) -> LoopHistory:
+    """Add effects in the motion; then what shows before the hits once more, examined after them."""
+    after = in_motion(refits, history, given)
+    if after.names == history.names:
+        return after
+    rested = before_hits(refits, after)
+    return after if rested is after else in_motion(refits, without_redundant(refits, rested))
+
+
+def in_motion(refits: Refits, history: LoopHistory, given: Selection | None = None) -> LoopHistory:
+    """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
+    criteria = refits.options.criteria
+    if given is not None:
+        after = by_itself(refits, history.last, given)
+        if not history.improves(after):
+            return history
+        history = history.extended(given, after)
+    lowest = {history.names: cost(history.last.residual)}
+    while True:
+        candidate, first = _most_helpful(refits, history)
+        history = replace(history, screened=history.screened or first)
+        if candidate is None:
+            return history
+        selection, residual = candidate
+        restarted, selection = _restarted(refits, history, selection, residual)
+        accepted = is_accepted(selection.best, criteria)
+        state = refits.evaluated(refits.with_present_noise(residual)) if accepted else restarted.last
+        if restarted.improves(state):
+            history = without_redundant(refits, restarted.extended(selection, state))
+            remaining = cost(history.last.residual)
+            material = 1 - criteria.acceptance.material_share
+            if remaining > material * lowest.get(history.names, np.inf):
+                return history  # of two effects each takes the other's place
+            lowest[history.names] = remaining
+        elif restarted is history:
+            return history
+        else:
+            history = restarted  # with another residual, to be screened anew
+
+
+def by_itself(refits: Refits, state: State, selection: Selection) -> State:
+    """The state with one more effect, everything refitted, beside the noise as it is then."""
+    return refits.evaluated(refits.with_present_noise(refits.refit_with(state, selection.best)))
+
+
+def _most_helpful(refits: Refits, history: LoopHistory) -> tuple[Candidate | None, tuple[Screened, ...]]:
+    """The effect that leaves least, what it leaves, and the first screen."""
+    found: Candidate | None = None
+    first: tuple[Screened, ...] = ()
+    for view in refits.views(history):
+        probes = refits.screen(view.residual)
+        first = first or screened(probes, view.residual)
+        other = _best_refitted(refits, view, refits.explain(probes, view.residual))
+        found = min((one for one in (found, other) if one), key=_remaining, default=None)
+        if found and at_noise_floor(level(found[1]), history.last.level, refits.options.criteria):
+            break
+    return found, first
+
+
+def _restarted(
+    refits: Refits, history: LoopHistory, selection: Selection, residual: Residual
+) -> tuple[LoopHistory, Selection]:
+    """Refit the last model from where a fit beside one more effect ended, if that leaves less.
+
+    A fit that was stuck may be freed by any further effect, which would get the credit for it.
+    """
+    anew = refits.refit_from(residual, selection.best.effect) if history.selections else None
+    material = 1 - refits.options.criteria.acceptance.material_share
+    if anew is None or cost(anew) > material * cost(history.last.residual):
+        return history, selection
+    best = between(selection.best, anew, residual)
+    return history.ending(refits.evaluated(anew)), replace(selection, best=best)
+
+
+def _best_refitted(refits: Refits, state: State, explanations: Sequence[Explanation]) -> Candidate | None:
+    """The effect that leaves least where everything is refitted beside it, and what it leaves.
+
+    That is the one that explains most. Far from the structure, where more than noise is left, hold-out costs,
+    told by straight lines in the model's numbers, may be wrong: what suits the training records better than
+    all others is then tried too, and examined where its fit ends.
+    """
+    criteria = refits.options.criteria
+    selection = best_explanation(explanations, criteria)
+    found = [] if selection is None else [(selection, refits.refit_with(state, selection.best))]
+    first = max(explanations, key=lambda e: float(e.gains(hold_out=False).sum()), default=None)
+    loud = state.level > criteria.acceptance.noise_level
+    other = first is not None and (selection is None or first is not selection.best)
+    if loud and other and first is not None and is_accepted(first.of_training(), criteria):
+        after = refits.refit_with(state, first)
+        fitted = between(first, state.residual, after)
+        rivals = indistinguishable(explanations, first, hold_out=False, criteria=criteria)
+        found += [(Selection(fitted, rivals), after)] if is_accepted(fitted, criteria) else []
+    return min(found, key=_remaining, default=None)
+
+
+def _remaining(candidate: Candidate) -> tuple[int, float]:
+    """Records that can be simulated with an effect, most first, then the cost of what it leaves of all."""
+    residual = candidate[1]
+    return -residual.record_count, float(np.sum(residual.residual**2))
+
+
+def between(explanation: Explanation, before: Residual, after: Residual) -> Explanation:
+    """What an effect explains by fits of everything without it and with it."""
+    return replace(explanation, before=before.costs(before.residual), after=after.costs(after.residual))

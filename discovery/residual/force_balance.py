@@ -1,0 +1,153 @@
+"""The forces that a model leaves unbalanced along a measured motion, whitened by the sensors' noise.
+
+    r = (F - sum_k C_k theta_k - sum_e f_e(x, v, T)) / sigma
+
+Rows are those of the equation error (`rom.identification.equation_error`): F measured forces, C what the
+free numbers theta of the model multiply, f the forces of its effects, sigma what white sensor noise makes of
+a row.
+Driven bodies, free decays beside them, and links that are cycled on their own have this residual.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.residual.base import Kind
+from rom.campaign.channels import FloatArray
+from rom.effects import Effect, ModelCorrection, SensorFault
+from rom.identification.force_balance import Balances
+
+
+@dataclass(frozen=True, eq=False)
+class ForceBalanceResidual:
+    """Balances of forces, the effects of the model so far, and its numbers by path.
+
+    Attributes
+    ----------
+    balances : Balances
+        Measured forces and what balances them, as rows.
+    effects : tuple of ModelCorrection
+        Forces, and faults of force sensors.
+    values : mapping of str to float
+        The model's numbers [SI] by the names of `balances`.
+    """
+
+    kind: ClassVar[Kind] = "force balance"
+    balances: Balances
+    effects: tuple[ModelCorrection, ...]
+    values: Mapping[str, float]
+    criteria: Criteria = CRITERIA
+
+    def constants(self, enters: str) -> tuple[float, float]:
+        """Stiffness [N/m] and damping [N s/m] of a link; zero of a body."""
+        return self.values.get(f"{enters}.stiffness.k", 0.0), self.values.get(f"{enters}.damping.c", 0.0)
+
+    def force_of(self, effect: ModelCorrection, *, training: bool = False) -> FloatArray:
+        """Rows of an effect's force [N], (rows,); of a sensor's fault what it adds to the measured force."""
+        if isinstance(effect, SensorFault):
+            return self._of_fault(effect)
+        assert isinstance(effect, Effect)
+        return self.balances.of(effect, *self.constants(effect.enters), training=training)
+
+    def _of_fault(self, fault: SensorFault) -> FloatArray:
+        """What a fault adds to the force that the model has; along the measured one a gain would mend all."""
+        forces = [self.force_of(effect) for effect in self.effects if isinstance(effect, Effect)]
+        modelled = self.balances.balanced(self.values) + sum(forces, np.zeros(1))
+        shown = [
+            fault.apply(rows, rate) - rows if channel == fault.channel else np.zeros(len(rows))
+            for rows, channel, rate in self.balances.by_channel(modelled)
+        ]
+        return np.concatenate(shown)
+
+    @cached_property
+    def force(self) -> FloatArray:
+        """Measured forces less those of the effects [N], (rows,)."""
+        total = sum((self.force_of(effect) for effect in self.effects), np.zeros(1))
+        return np.asarray(self.balances.force - total)
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """What is left unbalanced, over the noise, (rows,)."""
+        names = self.balances.names
+        numbers = np.array([self.values[name] for name in names])
+        return np.asarray((self.force - self.balances.columns @ numbers) / self.balances.noise)
+
+    @property
+    def training(self) -> npt.NDArray[np.bool_]:
+        """Whether a row may be fitted to, (rows,)."""
+        return self.balances.training
+
+    @property
+    def owner(self) -> npt.NDArray[np.int64]:
+        """Place of each row's record, (rows,)."""
+        return self.balances.owner
+
+    @property
+    def record_count(self) -> int:
+        """Records with a balance."""
+        return len(self.balances.records)
+
+    @cached_property
+    def samples(self) -> dict[str, int]:
+        """Rows of each record, by file."""
+        counts = np.bincount(self.owner, minlength=self.record_count)
+        return {r.settings.file: int(n) for r, n in zip(self.balances.records, counts, strict=True)}
+
+    @cached_property
+    def hold_out(self) -> frozenset[str]:
+        """Files that no number is fitted to."""
+        return frozenset(r.settings.file for r in self.balances.records if r.settings.hold_out)
+
+    @cached_property
+    def pieces(self) -> npt.NDArray[np.int64]:
+        """Block of each training row, (training rows,): what errs to either side by itself under the null.
+
+        Driven campaigns have few records, each long: a record is cut into blocks.
+        """
+        rows = self.owner[self.training]
+        found, done = np.zeros(len(rows), dtype=np.int64), 0
+        for place in np.unique(rows):
+            mine = np.flatnonzero(rows == place)
+            count = min(int(self.criteria.chance.blocks), len(mine))
+            found[mine] = done + np.arange(len(mine)) * count // len(mine)
+            done += count
+        return found
+
+    @cached_property
+    def basis(self) -> FloatArray:
+        """Orthonormal basis of the whitened columns of the model's numbers, (training rows, numbers)."""
+        rows = self.training
+        scaled = self.balances.columns[rows] / self.balances.noise[rows, None]
+        return np.asarray(np.linalg.qr(scaled)[0])
+
+    def beyond(self, rows: FloatArray) -> FloatArray:
+        """What of whitened rows, (rows,), the model's numbers cannot balance; training rows."""
+        mine = rows[self.training]
+        return np.asarray(mine - self.basis @ (self.basis.T @ mine))
+
+    def whitened(self, force: FloatArray) -> FloatArray:
+        """Rows of a force [N] over the noise, (rows,)."""
+        return np.asarray(force / self.balances.noise)
+
+    def with_numbers(self) -> ForceBalanceResidual:
+        """The same with the numbers that suit the training rows best."""
+        names, found = self.balances.names, self.balances.fitted(self.force)[0]
+        return replace(self, values={**self.values, **dict(zip(names, found.tolist(), strict=True))})
+
+    def costs(self, rows: FloatArray | None = None) -> dict[str, float]:
+        """Squares of whitened rows summed by record; of the residual where none are given."""
+        rows = self.residual if rows is None else rows
+        sums = np.bincount(self.owner, weights=rows**2, minlength=self.record_count)
+        return {r.settings.file: float(s) for r, s in zip(self.balances.records, sums, strict=True)}
+
+    def force_error(self) -> float:
+        """Norm of the unbalanced force [N] on hold-out records, or on all where none is held out."""
+        rows = ~self.training if not self.training.all() else self.training
+        return float(np.linalg.norm((self.residual * self.balances.noise)[rows]))
