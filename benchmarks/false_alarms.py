@@ -25,7 +25,7 @@ from rich.table import Table
 from discovery.criteria.criteria import CRITERIA
 from discovery.decide.acceptance import is_accepted, spread_of
 from discovery.decide.explanation import Explanation
-from discovery.explain.motion import by_chance, screen
+from discovery.explain.motion import by_chance, explain_effect, screen
 from discovery.explain.motion_fit import refit
 from discovery.explain.tension import explain as explain_tension
 from discovery.options import Options
