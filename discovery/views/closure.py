@@ -13,9 +13,9 @@ from discovery.views.force import (
     Data,
     draw_loop,
     draw_map,
+    explained_level,
     pair,
     scale_of,
-    told,
     units_of,
 )
 from rom import viewed
@@ -237,7 +237,7 @@ def _left(after: Localisation) -> Iterator[str]:
 
 def _as_force(after: Localisation) -> Iterator[str]:
     """Say how much of the force that is left is a function of the motion, where it is most."""
-    one = max(after.forces, key=lambda force: told(force.as_dict()), default=None)
+    one = max(after.forces, key=lambda force: explained_level(force.as_dict()), default=None)
     if one is None or one.explained_p > _SURE or one.explained < _TELLS:
         return
     kind = "even" if one.elastic >= 0.5 else "odd"

@@ -31,10 +31,10 @@ def pair(before: Sequence[Data], after: Sequence[Data]) -> tuple[Data, Data] | N
     """
     left = {one["place"]: one for one in after}
     both = [(one, left[one["place"]]) for one in before if one["place"] in left]
-    return max(both, key=lambda one: told(one[0]), default=None)
+    return max(both, key=lambda one: explained_level(one[0]), default=None)
 
 
-def told(one: Data) -> tuple[float, float]:
+def explained_level(one: Data) -> tuple[float, float]:
     """Mean square over noise of what the map at a place explains, and of all of the force there."""
     level, share = (float(one.get(key) or 0.0) for key in ("level", "explained"))
     return level * share, level

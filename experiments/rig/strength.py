@@ -68,10 +68,10 @@ def trial(plant: Plant, preload: float, strength: float) -> Trial:
     struck = np.searchsorted(motion.time, IMPACT)
     still = slice(np.searchsorted(motion.time, 0.0), struck)
 
-    def moved(displacement: FloatArray) -> FloatArray:
+    def displacement_of(displacement: FloatArray) -> FloatArray:
         return displacement[struck:] - np.mean(displacement[still])
 
-    lo, so = moved(motion.displacement_lo), moved(motion.displacement_so)
+    lo, so = displacement_of(motion.displacement_lo), displacement_of(motion.displacement_so)
     strain = channels.pop("strain").samples
     first, second, third = CALIBRATION
     tension = strain * (first + strain * (second + strain * third))
@@ -130,11 +130,14 @@ def influence(effect: Undeclared, plant: Plant | None = None) -> Influence:
             change = np.sqrt(np.mean((after.tension - before.tension) ** 2))
             lower = (after.level - before.level) / before.level
             loss.append([(after.loss - before.loss) / before.loss, change / before.loss, lower])
-    moved, seen = float(np.max(np.mean(motion, axis=0))), float(np.max(np.mean(reading, axis=0)))
+    motion_share, reading_share = (
+        float(np.max(np.mean(motion, axis=0))),
+        float(np.max(np.mean(reading, axis=0))),
+    )
     lost, shown, shifted = (float(share) for share in np.mean(np.abs(loss), axis=0))
     seen = max(seen, shown, shifted)
-    felt = seen if effect.kind.acts in ("reading", "fault") else moved
-    return Influence(100.0 * moved, 100.0 * lost, 100.0 * seen, 100.0 * max(felt, lost))
+    largest = reading_share if effect.kind.acts in ("reading", "fault") else motion_share
+    return Influence(100.0 * motion_share, 100.0 * lost, 100.0 * reading_share, 100.0 * max(largest, lost))
 
 
 def draw(

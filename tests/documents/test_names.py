@@ -53,8 +53,7 @@ def test_what_examples_import_is_there(page: Path) -> None:
         for block in blocks(page)
         if block.kind == "python"
         for node in ast.walk(ast.parse(block.text))
-        if isinstance(node, ast.ImportFrom)
-        and str(node.module).startswith(PACKAGES)
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith(PACKAGES)
     ]
     imported = [f"{node.module}.{alias.name}" for node in imports for alias in node.names]
     assert [name for name in imported if not is_there(name)] == []

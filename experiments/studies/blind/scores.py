@@ -158,11 +158,11 @@ def at_stake(result: Result) -> tuple[str, ...]:
     return tuple(dict.fromkeys(measures))
 
 
-def moved(result: Result) -> float:
+def motion_influence(result: Result) -> float:
     """Return by how much the first hidden effect changes the motion [%]."""
     return float(result["truth"][0]["influence_percent"]["motion"])
 
 
-def felt(result: Result) -> float:
+def influence(result: Result) -> float:
     """Return the influence of the first hidden effect on what it acts on, motion, loss or reading [%]."""
     return float(result["truth"][0]["influence_percent"]["percent"])

@@ -14,12 +14,12 @@ from experiments.studies.blind.scores import (
     answer,
     at_stake,
     error,
-    felt,
     has_needless,
     how_many_found,
+    influence,
     is_confident,
     is_nearest,
-    moved,
+    motion_influence,
     ratio,
     score,
 )
@@ -85,7 +85,7 @@ def _reached(groups: Mapping[str, Sequence[Result]]) -> list[tuple[str, str, str
     """What, what is asked of it, and what is reached."""
     clean, one, outside, two = (groups[name] for name in _GROUPS)
     scores = [score(result) for result in one]
-    strong = [result for result in one if moved(result) > _STRONG]
+    strong = [result for result in one if motion_influence(result) > _STRONG]
     formed = [r for r in outside if any(e["source"] == "free-form" for e in r["closure"]["effects"])]
     alone = [result for result in outside if not result["truth"][0]["nearest"]]
     honest, every = ("unexplained", "closed, free-form"), [*clean, *one, *outside, *two]
@@ -159,7 +159,7 @@ def _grouped(results: Iterable[Result], key: Callable[[Result], str]) -> dict[st
 
 
 def _percent(results: Iterable[Result]) -> str:
-    return median((felt(r) for r in results), ".0f")
+    return median((influence(r) for r in results), ".0f")
 
 
 def clean_table(results: Sequence[Result]) -> str:
