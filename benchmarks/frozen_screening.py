@@ -8,10 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
+from rom.kernels.calling import invoke, pointer
 from rom.model.laws import Law
 from rom.model.model import Model
 
@@ -122,8 +125,6 @@ def screen(motion: FrozenMotion, laws: Sequence[Law], jobs: int = 1) -> FloatArr
     ValueError
         If a law does not enter as a tension rate.
     """
-    from rom.kernels.frozen import follow_all
-
     wrong = sorted({law.name for law in laws if law.enters != "tension rate"})
     if wrong:
         raise ValueError(f"laws must enter as tension rate, got {', '.join(wrong)}")
@@ -136,7 +137,7 @@ def screen(motion: FrozenMotion, laws: Sequence[Law], jobs: int = 1) -> FloatArr
 
     def work(part: npt.NDArray[np.int64]) -> None:
         span = slice(part[0], part[-1] + 1) if part.size else slice(0, 0)
-        follow_all(
+        _follow_all(
             addresses[span],
             parameters[span],
             motion.nodes,
@@ -148,3 +149,32 @@ def screen(motion: FrozenMotion, laws: Sequence[Law], jobs: int = 1) -> FloatArr
     with ThreadPoolExecutor(max(jobs, 1)) as pool:
         list(pool.map(work, parts))
     return result
+
+
+@njit(nogil=True, error_model="numpy")
+def _follow(address: int, p: Any, nodes: Any, steps: Any, start: float) -> float:
+    """Final tension along ``nodes``, shape (x v F D, 2 steps + 1), with ``steps`` of two intervals each [s].
+
+    Simpson's rule in time with predicted tensions; the rate at the end of a step starts the next one.
+    """
+    T = start
+    rate = invoke(address, (T, nodes[0, 0], nodes[1, 0], nodes[2, 0], nodes[3, 0], pointer(p, 0)))
+    for step in range(steps.size):
+        h, i = 0.5 * steps[step], 2 * step + 1
+        trial = max(T + h * rate, 0.0)
+        half = invoke(address, (trial, nodes[0, i], nodes[1, i], nodes[2, i], nodes[3, i], pointer(p, 0)))
+        i += 1
+        trial = max(T + 2.0 * h * half, 0.0)
+        end = invoke(address, (trial, nodes[0, i], nodes[1, i], nodes[2, i], nodes[3, i], pointer(p, 0)))
+        T = max(T + h / 3.0 * (rate + 4.0 * half + end), 0.0)
+        rate = end
+    return T
+
+
+@njit(nogil=True, error_model="numpy")
+def _follow_all(addresses: Any, parameters: Any, nodes: Any, steps: Any, starts: Any, result: Any) -> None:
+    """Final tensions of laws (rows of ``parameters``) over cases; NaN where a tension is not finite."""
+    for law in range(addresses.size):
+        for case in range(starts.size):
+            T = _follow(addresses[law], parameters[law], nodes[case], steps, starts[case])
+            result[law, case] = T if np.isfinite(T) else np.nan
