@@ -65,7 +65,22 @@ def motion_channels(body: str) -> tuple[str, ...]:
 
 
 def default_rate(channel: str, motion_rate_hz: float, tension_rate_hz: float) -> float:
-    """Sampling rate [Hz] of a channel whose file does not state one."""
+    """Sampling rate [Hz] of a channel whose file does not state one.
+
+    Parameters
+    ----------
+    channel : str
+        Name of the channel.
+    motion_rate_hz : float
+        Rate of motions and forces [Hz].
+    tension_rate_hz : float
+        Rate of the bolt's channel [Hz].
+
+    Returns
+    -------
+    float
+        Rate [Hz].
+    """
     return tension_rate_hz if channel in BOLT_CHANNELS else motion_rate_hz
 
 

@@ -30,7 +30,22 @@ class Check:
 def moving_bodies(
     record: RecordSettings, settings: CampaignSettings, channels: Collection[str]
 ) -> tuple[str, ...]:
-    """Return the bodies that move: those named, or all; uncoupled, those whose motion is measured."""
+    """Return the bodies that move: those named, or all; uncoupled, those whose motion is measured.
+
+    Parameters
+    ----------
+    record : RecordSettings
+        Settings of the record.
+    settings : CampaignSettings
+        Settings of the campaign.
+    channels : collection of str
+        Names of its channels.
+
+    Returns
+    -------
+    tuple
+        Names of bodies.
+    """
     if record.test in RESTING_TESTS:
         return ()
     if record.bodies is not None:
@@ -43,7 +58,22 @@ def moving_bodies(
 
 
 def check_record(folder: Path, settings: CampaignSettings, index: int) -> Check:
-    """Read a record once: its digest, its faults."""
+    """Read a record once: its digest, its faults.
+
+    Parameters
+    ----------
+    folder : Path
+        The campaign folder.
+    settings : CampaignSettings
+        Settings of the campaign.
+    index : int
+        Place of the record among the settings' records.
+
+    Returns
+    -------
+    Check
+        Digest and faults.
+    """
     record = settings.record[index]
     if file_fault(record.file):  # told with the settings
         return Check(record.file)

@@ -83,6 +83,22 @@ def inspect_channels(
     """Read what can be read of a record.
 
     A channel whose name is not among `known` is a fault and is not read; with None every name will do.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    motion_rate_hz : float
+        Rate of motions and forces [Hz].
+    tension_rate_hz : float
+        Rate of the bolt's channel [Hz].
+    known : collection of str
+        Names of channels that may be there; None for any.
+
+    Returns
+    -------
+    Inspection
+        Channels and faults.
     """
     channels: dict[str, Channel] = {}
     faults: list[str] = []
@@ -196,6 +212,15 @@ def write_channels(
     path: Path | str, channels: Mapping[str, Channel], precision: Precision = "float64"
 ) -> None:
     """Write channels to an `.h5`, `.mat` (v5) or `.csv` file; it appears whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    channels : mapping of str to Channel
+        Channels by name.
+    precision : {"float64", "float32"}
+        Precision of the samples in binary files.
 
     Raises
     ------

@@ -66,6 +66,22 @@ for _module in sorted(info.name for info in iter_modules(__path__) if not info.n
 def make(name: str, enters: str, parameters: Mapping[str, Parameter], equation: str = "") -> ModelCorrection:
     """The effect of a model from what its file says: of the catalogue, or free-form from its equation.
 
+    Parameters
+    ----------
+    name : str
+        Name of the effect.
+    enters : str
+        Where it enters: a link, ``"body:<name>"``, ``"tension"`` or ``"sensor:<channel>"``.
+    parameters : mapping of str to Parameter
+        Parameters by name.
+    equation : str
+        The equation.
+
+    Returns
+    -------
+    ModelCorrection
+        The effect.
+
     Raises
     ------
     ValueError

@@ -98,6 +98,20 @@ class Member:
     ) -> ModelCorrection:
         """The effect at a place, with the physical defaults or with given parameters.
 
+        Parameters
+        ----------
+        enters : str
+            Where it enters: a link, ``"body:<name>"``, ``"tension"`` or ``"sensor:<channel>"``.
+        parameters : mapping of str to Parameter
+            Parameters by name; defaults if not given.
+        ground : bool
+            Whether the place is a link to ground, which has defaults of its own.
+
+        Returns
+        -------
+        ModelCorrection
+            The effect.
+
         Raises
         ------
         ValueError
@@ -167,5 +181,22 @@ class Member:
 
 
 def parameter(value: float, unit: str, low: float, high: float) -> Parameter:
-    """A parameter of the catalogue: physical default, unit, bounds."""
+    """A parameter of the catalogue: physical default, unit, bounds.
+
+    Parameters
+    ----------
+    value : float
+        Value.
+    unit : str
+        Unit.
+    low : float
+        Lower bound.
+    high : float
+        Upper bound.
+
+    Returns
+    -------
+    Parameter
+        The parameter.
+    """
     return Parameter(value, unit, bounds=(low, high))

@@ -19,6 +19,20 @@ def motion_of(model: Model, response: Response, impact_s: float = 0.0) -> Motion
 
     The link's force is ``k(T) x + c(T) v`` and that of its effects.
 
+    Parameters
+    ----------
+    model : Model
+        The model.
+    response : Response
+        Its simulated response.
+    impact_s : float
+        Time of the impact [s] from the first sample.
+
+    Returns
+    -------
+    Motion
+        At the samples of the response.
+
     Raises
     ------
     ValueError
@@ -45,6 +59,20 @@ def motion_of(model: Model, response: Response, impact_s: float = 0.0) -> Motion
 
 def tension_reading(model: Model, response: Response, impact_s: float = 0.0) -> FloatArray:
     """What the bolt's gauge shows of a response: its tension and all readings of the model [N].
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    response : Response
+        Its simulated response.
+    impact_s : float
+        Time of the impact [s] from the first sample.
+
+    Returns
+    -------
+    ndarray
+        Reading [N], shape (samples,).
 
     Raises
     ------

@@ -95,7 +95,22 @@ class Comparison:
 
 
 def compare(model: Model, measurement: Measurement, windows: WindowSettings) -> Comparison:
-    """Compare a model with one record."""
+    """Compare a model with one record.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    measurement : Measurement
+        The record as processed.
+    windows : WindowSettings
+        Windows of the initial and the final tension [s].
+
+    Returns
+    -------
+    Comparison
+        Errors of the model.
+    """
     return compare_all([model], measurement, windows)[0]
 
 
@@ -106,6 +121,20 @@ def compare_all(
 
     Faults of sensors that a model holds are taken out of the record for it, and numbers that are each
     record's own are estimated from before the impact (``rom.evaluation.replay``).
+
+    Parameters
+    ----------
+    models : sequence of Model
+        The models.
+    measurement : Measurement
+        The record as processed.
+    windows : WindowSettings
+        Windows of the initial and the final tension [s].
+
+    Returns
+    -------
+    tuple
+        A comparison for each model.
     """
     nothing = Comparison(measurement.file, measurement.test, True, {})
     if measurement.test == "cycled":
@@ -174,7 +203,22 @@ def summarise(comparisons: Iterable[Comparison]) -> Errors:
 
 
 def window_mean(samples: FloatArray, rate_hz: float, window_s: tuple[float, float]) -> float:
-    """Return the mean over a time window, cut at the record's end."""
+    """Return the mean over a time window, cut at the record's end.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (..., samples)
+        Samples.
+    rate_hz : float
+        Sampling rate [Hz].
+    window_s : tuple of float
+        Window [s], from and to.
+
+    Returns
+    -------
+    float
+        In the unit of the samples.
+    """
     inside = samples[int(window_s[0] * rate_hz) : int(window_s[1] * rate_hz)]
     return float(inside.mean()) if len(inside) else float(samples[-1])
 

@@ -34,6 +34,24 @@ def evaluate(
 ) -> tuple[Evaluation, ...]:
     """Compare models with records (None: all) of a campaign, over `jobs` processes; numbers do not depend on
     `jobs`.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        The models.
+    campaign : Campaign
+        The campaign.
+    records : sequence of RecordSettings
+        Settings of the records; None for all.
+    jobs : int
+        Number of processes; numbers do not depend on it.
+    progress : callable
+        Called with the number of records done and their total.
+
+    Returns
+    -------
+    tuple
+        One for each record, in order.
     """
     chosen = campaign.settings.record if records is None else tuple(records)
     bare = [replace(model, identification=None) for model in models]

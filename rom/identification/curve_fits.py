@@ -66,6 +66,28 @@ def fit_law(
 ) -> LawFit:
     """Fit a law's `free` parameters to positive `values` (n,) at `tension` (n,) [N] from several starts.
 
+    Parameters
+    ----------
+    starts : sequence of Law
+        Laws to start from.
+    free : sequence of str
+        Names of the parameters that are fitted.
+    tension : ndarray, shape (n,)
+        Tensions [N].
+    values : ndarray, shape (n,)
+        Positive values.
+    log_covariance : ndarray, shape (n, n)
+        Covariance of the logarithms of the values.
+    records : sequence of str
+        Files that the values come from.
+    curve : callable
+        ``f(law, tension)``: the values that a law gives.
+
+    Returns
+    -------
+    LawFit
+        The law with its limits.
+
     Raises
     ------
     ValueError
@@ -111,7 +133,24 @@ def covariance_of(jacobian: FloatArray) -> FloatArray:
 
 
 def with_limits(law: Law, free: Sequence[str], covariance: FloatArray, degrees_of_freedom: int) -> Law:
-    """Return the law with 95 % limits (Student's t) on its free parameters."""
+    """Return the law with 95 % limits (Student's t) on its free parameters.
+
+    Parameters
+    ----------
+    law : Law
+        The law.
+    free : sequence of str
+        Names of the parameters that are fitted.
+    covariance : ndarray, shape (free, free)
+        Covariance of the free parameters.
+    degrees_of_freedom : int
+        Values less free parameters.
+
+    Returns
+    -------
+    Law
+        The law.
+    """
     width = float(stats.t.ppf(0.975, max(degrees_of_freedom, 1)))
     parameters: dict[str, Parameter] = dict(law.parameters)
     for name, variance in zip(free, np.diag(covariance), strict=True):
@@ -166,7 +205,22 @@ def _least_squares(
 
 
 def excess_scatter(residual: FloatArray, log_covariance: FloatArray, parameters: int) -> float:
-    """Return tau such that r^T (S + tau^2 I)^-1 r equals the degrees of freedom; 0 where S alone suffices."""
+    """Return tau such that r^T (S + tau^2 I)^-1 r equals the degrees of freedom; 0 where S alone suffices.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+        Residual of the logarithms.
+    log_covariance : ndarray, shape (n, n)
+        Covariance of the logarithms of the values.
+    parameters : int
+        Number of fitted parameters.
+
+    Returns
+    -------
+    float
+        tau, of the logarithm.
+    """
     freedom = len(residual) - parameters
     if freedom < 1:
         return 0.0

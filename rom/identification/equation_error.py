@@ -41,7 +41,22 @@ class Smoothing:
     width_s: float
 
     def rows(self, samples: FloatArray, rate_hz: float, derivative: int = 0) -> FloatArray:
-        """Filtered samples, or their derivative [1/s^n], some widths apart."""
+        """Filtered samples, or their derivative [1/s^n], some widths apart.
+
+        Parameters
+        ----------
+        samples : ndarray, shape (..., samples)
+            Samples.
+        rate_hz : float
+            Sampling rate [Hz].
+        derivative : int
+            Order of the derivative; 0 for none.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,).
+        """
         width = self.width_s * rate_hz
         found = ndimage.gaussian_filter1d(samples, width, order=derivative, truncate=_REACH)
         margin, stride = math.ceil(_REACH * width), max(1, round(_STRIDE * width))
@@ -104,6 +119,20 @@ class ForceRecord:
 
         In a cycled record the states start as the same motion backwards leaves them, as in
         ``Model.link_force``; in others at zero.
+
+        Parameters
+        ----------
+        effect : Effect
+            The effect.
+        stiffness : float
+            Stiffness of the link [N/m].
+        damping : float
+            Damping of the link [N s/m].
+
+        Returns
+        -------
+        FloatArray or None
+            Shape (rows,) [N].
         """
         motion = self.motion.get(effect.enters)
         if motion is None:

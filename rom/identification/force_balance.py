@@ -69,7 +69,24 @@ class Balances:
         return np.asarray(~held[self.owner])
 
     def of(self, effect: Effect, stiffness: float, damping: float, *, training: bool = False) -> FloatArray:
-        """Rows of an effect's force [N]; zero in held-out records where only training ones are asked for."""
+        """Rows of an effect's force [N]; zero in held-out records where only training ones are asked for.
+
+        Parameters
+        ----------
+        effect : Effect
+            The effect.
+        stiffness : float
+            Stiffness of the link [N/m].
+        damping : float
+            Damping of the link [N s/m].
+        training : bool
+            Whether held-out records count as zero.
+
+        Returns
+        -------
+        ndarray
+            Shape (rows,) [N].
+        """
         found = []
         for record in self.records:
             wanted = not (training and record.settings.hold_out)
@@ -250,7 +267,22 @@ def declared_model(balances: Balances) -> tuple[Model, tuple[str, ...]]:
 def model_of(
     balances: Balances, values: Sequence[float] | FloatArray, errors: Sequence[float] | FloatArray
 ) -> tuple[Model, tuple[str, ...]]:
-    """Return the model with given numbers, ordered as ``balances.names``; offsets where they are told."""
+    """Return the model with given numbers, ordered as ``balances.names``; offsets where they are told.
+
+    Parameters
+    ----------
+    balances : Balances
+        Balances of force of the campaign.
+    values : sequence of float
+        Values, ordered as ``balances.names``.
+    errors : sequence of float
+        Standard errors of the values.
+
+    Returns
+    -------
+    tuple
+        The model, and what to know of it.
+    """
     settings, lines = balances.settings, []
     found = dict(zip(balances.names, zip(values, errors, strict=True), strict=True))
     bodies = []

@@ -172,6 +172,22 @@ def fit_modes(
     Under an exponential window the noise of neighbouring lines is correlated and the variances are raised by
     samples / sum(window^2).
 
+    Parameters
+    ----------
+    response : FrequencyResponse
+        The measured frequency response.
+    n_modes : int
+        Number of modes in the band.
+    band : tuple of float
+        From and to [Hz].
+    residual_order : int
+        Degree of the polynomial.
+
+    Returns
+    -------
+    tuple
+        One for each mode.
+
     Raises
     ------
     ValueError

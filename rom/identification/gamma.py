@@ -72,6 +72,24 @@ def final_tensions(
     """Return simulated final tensions [N], (cases,): means over the final window; nan where it diverged.
 
     ``gamma``, one a case, stands for the law's own, or for another number of the model at ``path``.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    cases : sequence of LooseningCase
+        Impacts with the tensions before and after.
+    window_s : tuple of float
+        Window [s], from and to.
+    gamma : ndarray, shape (cases,)
+        A value for each case; None for the law's own.
+    path : str
+        Parameter that ``gamma`` stands for; None for the law's own gamma.
+
+    Returns
+    -------
+    ndarray
+        Shape (cases,) [N].
     """
     out = np.empty(len(cases))
     path = path or f"{model.structure.bolted_links[0]}.tension_rate.gamma"
@@ -92,7 +110,24 @@ def final_tensions(
 def identify_gamma(
     model: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float], exponent: float = 4.0
 ) -> tuple[GammaEstimate, ...]:
-    """Return gamma per case such that simulated and measured final tension agree; bounds +-1e10."""
+    """Return gamma per case such that simulated and measured final tension agree; bounds +-1e10.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    cases : sequence of LooseningCase
+        Impacts with the tensions before and after.
+    window_s : tuple of float
+        Window [s], from and to.
+    exponent : float
+        Power of the velocity in the law.
+
+    Returns
+    -------
+    tuple
+        One for each case.
+    """
     if not cases:
         return ()
     trial = _with_power(model, exponent)
@@ -116,7 +151,26 @@ def matching_gammas(
     exponent: float = 4.0,
     tolerance: float = 1e-10,
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Return gammas [s^3/m^4] to a tolerance of asinh(gamma), (cases,), and which of them are at a bound."""
+    """Return gammas [s^3/m^4] to a tolerance of asinh(gamma), (cases,), and which of them are at a bound.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    cases : sequence of LooseningCase
+        Impacts with the tensions before and after.
+    window_s : tuple of float
+        Window [s], from and to.
+    exponent : float
+        Power of the velocity in the law.
+    tolerance : float
+        Tolerance of the root.
+
+    Returns
+    -------
+    tuple
+        Gammas, shape (cases,), and whether each is at a bound.
+    """
     trial = _with_power(model, exponent)
     return _matching(trial, None, cases, window_s, _small_loss_gamma(trial, cases, window_s), tolerance)
 
@@ -129,7 +183,24 @@ def own_rate(factor: float) -> LawChange:
 def matching_factors(
     model: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float], tolerance: float = 1e-10
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Return factors on a model's own rate of loosening, (cases,), and which of them are at a bound."""
+    """Return factors on a model's own rate of loosening, (cases,), and which of them are at a bound.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    cases : sequence of LooseningCase
+        Impacts with the tensions before and after.
+    window_s : tuple of float
+        Window [s], from and to.
+    tolerance : float
+        Tolerance of the root.
+
+    Returns
+    -------
+    tuple
+        Factors, shape (cases,), and whether each is at a bound.
+    """
     own = own_rate(1.0)
     path = f"{own.path}.factor"
     return _matching(model.with_effect(own), path, cases, window_s, np.ones(len(cases)), tolerance)
@@ -196,6 +267,22 @@ def refine_gamma_law(
     r_i = [asinh(tau m_i / s_i) - asinh(tau l_i / s_i)] / tau: measured loss m, simulated loss l, standard
     error s of the loss, scatter tau of ln gamma. It is (m - l) / s where a loss is small and ln(m / l) / tau
     where it is large, with unit variance in between, so that small losses neither bias the law nor drop out.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    cases : sequence of LooseningCase
+        Impacts with the tensions before and after.
+    window_s : tuple of float
+        Window [s], from and to.
+    fit : LawFit
+        The law as fitted to gamma of each case.
+
+    Returns
+    -------
+    LawFit
+        The law refitted.
     """
     initial = np.array([case.initial for case in cases])
     measured = initial - np.array([case.final for case in cases])

@@ -129,7 +129,12 @@ def identify_campaign(
 ) -> Identification:
     """Return the identification with every estimate behind the model; see `identify`.
 
-    Faults of sensors that are known are taken out of impact tests, and are in the model.
+    Parameters
+    ----------
+    campaign, jobs, progress
+        As for `identify`.
+    faults : sequence of SensorFault
+        Faults of sensors that are known: taken out of impact tests, and in the model.
     """
     if is_driven(campaign) and (driven := _of_driven(campaign)) is not None:
         return driven
@@ -312,9 +317,21 @@ def reidentified(
 ) -> Model:
     """Return the model with its linear links and joint curves fitted anew, started from the records alone.
 
-    Ties, tensions and the rest are those of `found`. `records` hold the parts of every record; their forces
-    may be more than was measured, such as an effect's beside. What effects act in or on, ``acted_in``, is not
-    tied to its own mode.
+    Parameters
+    ----------
+    found : Identification
+        The identification: ties, tensions and the rest are its own.
+    records : sequence of tuple of SpectralRecord
+        Parts of every record; their forces may be more than measured, such as an effect's beside.
+    settings : CampaignSettings
+        Settings of the campaign.
+    acted_in : collection of str
+        Links and bodies in or on which effects act: not tied to their own modes.
+
+    Returns
+    -------
+    Model
+        The model fitted anew.
     """
     assert found.linear is not None
     parts = with_starts(records, settings)

@@ -53,6 +53,20 @@ def joint_estimates(
     """Return the joint of every record whose tension is known, from the loosest to the tightest.
 
     Where none is known, all count as one level, at no tension: the joint then is a constant.
+
+    Parameters
+    ----------
+    records : sequence of ReducedRecord
+        The records.
+    linear : OutputErrorFit
+        The fit of the shared terms.
+    settings : CampaignSettings
+        Settings of the campaign.
+
+    Returns
+    -------
+    tuple
+        The loosest first.
     """
     if settings.bolt is None or linear is None:
         return ()
@@ -131,7 +145,22 @@ def _flexure(settings: CampaignSettings, body: str) -> str:
 
 
 def shared_value(linear: OutputErrorFit, settings: CampaignSettings, name: str) -> float:
-    """Return a shared value of the fit, or a mass as given."""
+    """Return a shared value of the fit, or a mass as given.
+
+    Parameters
+    ----------
+    linear : OutputErrorFit
+        The fit of the shared terms.
+    settings : CampaignSettings
+        Settings of the campaign.
+    name : str
+        Name of the term.
+
+    Returns
+    -------
+    float
+        In SI.
+    """
     if name in linear.names:
         return linear.value(name)
     return next((body.mass_kg or 1.0 for body in settings.body if LinearNames.mass(body.name) == name), 0.0)
@@ -164,7 +193,22 @@ def _heaviest_damping_ratio(
 def joint_curves(
     joint: Sequence[JointEstimate], linear: OutputErrorFit | None, settings: CampaignSettings
 ) -> tuple[LawFit | None, LawFit | None]:
-    """Fit Eqs. 5 and 11 to the estimates; constants where there are too few tensions for a curve."""
+    """Fit Eqs. 5 and 11 to the estimates; constants where there are too few tensions for a curve.
+
+    Parameters
+    ----------
+    joint : sequence of JointEstimate
+        Stiffness and damping of the joint, by record.
+    linear : OutputErrorFit
+        The fit of the shared terms.
+    settings : CampaignSettings
+        Settings of the campaign.
+
+    Returns
+    -------
+    tuple
+        Laws of stiffness and damping; None where nothing is known.
+    """
     if not joint or linear is None or settings.bolt is None:
         return None, None
     link = settings.bolt.link
@@ -216,6 +260,22 @@ def given_curves(
 
     A spring beside a bolt is told from it by the curve alone: each record knows but their sum. The limits
     stay as wide as the records leave them.
+
+    Parameters
+    ----------
+    parts : sequence of SpectralRecord
+        Spectra of the records.
+    linear : OutputErrorFit
+        The fit of the shared terms.
+    joint : sequence of JointEstimate
+        Stiffness and damping of the joint, by record.
+    curves : tuple of LawFit
+        Laws of stiffness and damping over tension.
+
+    Returns
+    -------
+    OutputErrorFit
+        The fit with the joints on their curves.
     """
     shared = [name for name in linear.names if "@" not in name and not name.startswith(CORNER)]
     tension = {estimate.file: estimate.tension for estimate in joint}

@@ -20,7 +20,22 @@ UNDETERMINED = 1.0  # standard error of a logarithm
 def bolted_laws(
     link: LinkSettings, joint: tuple[LawFit | None, LawFit | None], cycled: Sequence[tuple[str, float, float]]
 ) -> LinkLaws | None:
-    """Return the curves; constants of cycled records or given values without; None where none tells."""
+    """Return the curves; constants of cycled records or given values without; None where none tells.
+
+    Parameters
+    ----------
+    link : LinkSettings
+        Settings of the link.
+    joint : tuple of LawFit or None
+        Curves of stiffness and damping.
+    cycled : sequence of (str, float, float)
+        File, stiffness [N/m] and damping [N s/m] of each cycled record.
+
+    Returns
+    -------
+    LinkLaws or None
+        Laws of the link.
+    """
     stiffness, damping = joint
     if stiffness is None or damping is None:
         own = [(k, c) for name, k, c in cycled if name == link.name]
@@ -57,7 +72,24 @@ def linear_laws(
     *,
     bolted_in: bool,
 ) -> LinkLaws | None:
-    """Return constant laws, None where no record tells them; the dynamic fit goes before cycled records."""
+    """Return constant laws, None where no record tells them; the dynamic fit goes before cycled records.
+
+    Parameters
+    ----------
+    settings : LinkSettings
+        Settings of the link.
+    linear : OutputErrorFit
+        The fit of the shared terms.
+    cycled : sequence of (str, float, float)
+        File, stiffness [N/m] and damping [N s/m] of each cycled record.
+    bolted_in : bool
+        Whether the bolt is in: flexures stiffen with it.
+
+    Returns
+    -------
+    LinkLaws or None
+        Laws of the link.
+    """
     link, dashpot = settings.name, settings.law == "dashpot"
     stiffness, damping = LinearNames.stiffness(link, bolted_in=bolted_in), LinearNames.damping(link)
     told = (

@@ -49,6 +49,24 @@ def average_period_frequency(
     In a chain of periods the timing errors of all peaks but the first and the last cancel; the standard
     error rests on these two, with the scatter of all peak times about a straight line.
 
+    Parameters
+    ----------
+    displacement : ndarray, shape (samples,)
+        Free vibration [m].
+    rate_hz : float
+        Sampling rate [Hz].
+    duration_s : float
+        How much of the record is used [s].
+    max_hz : float
+        Highest frequency that a period may have [Hz].
+    start_s : float
+        Where to start [s].
+
+    Returns
+    -------
+    Estimate
+        Frequency [Hz].
+
     Raises
     ------
     ValueError
@@ -94,6 +112,26 @@ def logarithmic_decrement(
     heights, measured by the scatter of ln(x) about a straight line, through the sum as it stands.
 
     The high-pass filter reaches about 0.2 s past the impact and bends the first peaks.
+
+    Parameters
+    ----------
+    displacement : ndarray, shape (samples,)
+        Free vibration [m].
+    rate_hz : float
+        Sampling rate [Hz].
+    duration_s : float
+        How much of the record is used [s].
+    max_hz : float
+        Highest frequency that a period may have [Hz].
+    start_s : float
+        Where to start [s].
+    first_peak : int
+        Which peak of a sign is x_p.
+
+    Returns
+    -------
+    Estimate
+        Damping ratio.
 
     Raises
     ------
@@ -151,7 +189,22 @@ def _decrement(heights: FloatArray) -> tuple[float, float]:
 
 
 def oscillator_constants(mass: float, natural_frequency: float, damping_ratio: float) -> Pair:
-    """k = m (2 pi f)^2 [N/m] and c = 2 zeta m 2 pi f [N s/m] of a single oscillator (Section 3.1)."""
+    """k = m (2 pi f)^2 [N/m] and c = 2 zeta m 2 pi f [N s/m] of a single oscillator (Section 3.1).
+
+    Parameters
+    ----------
+    mass : float
+        Mass [kg].
+    natural_frequency : float
+        Natural frequency [Hz].
+    damping_ratio : float
+        Damping ratio.
+
+    Returns
+    -------
+    Pair
+        k [N/m] and c [N s/m].
+    """
     omega = 2 * np.pi * natural_frequency
     return float(mass * omega**2), float(2 * damping_ratio * mass * omega)
 
@@ -173,6 +226,20 @@ def modal_damping_ratio(natural_frequency: FloatArray, shapes: FloatArray, dampi
     Exact for proportional damping only: it ignores what C couples between modes. With the paper's joint the
     second mode's ratio is 0.07 to 0.65, yet its shape couples so little to the first that zeta_1 is 0.6 to
     1.5 % and off by one part in a hundred at worst.
+
+    Parameters
+    ----------
+    natural_frequency : ndarray, shape (modes,)
+        Natural frequencies [Hz].
+    shapes : ndarray, shape (bodies, modes)
+        Mode shapes, mass-normalised.
+    damping : ndarray, shape (bodies, bodies)
+        Damping matrix [N s/m].
+
+    Returns
+    -------
+    ndarray
+        Shape (modes,).
 
     Notes
     -----

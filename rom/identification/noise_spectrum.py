@@ -45,7 +45,22 @@ class NoiseFloor:
         return replace(self, sensor=self.sensor * factor, ambient=self.ambient * factor)
 
     def whitener(self, record: SpectralRecord, values: Mapping[str, float], seconds: float) -> ComplexArray:
-        """Return S^-1/2 at the lines of a record's spectra over so many seconds."""
+        """Return S^-1/2 at the lines of a record's spectra over so many seconds.
+
+        Parameters
+        ----------
+        record : SpectralRecord
+            The record.
+        values : mapping of str to float
+            Values by name.
+        seconds : float
+            Length of the record [s].
+
+        Returns
+        -------
+        ndarray
+            Shape (lines, channels, channels).
+        """
         nearest = np.clip(np.searchsorted(self.frequency, record.frequency), 0, len(self.frequency) - 1)
         gain = transfer(record, values)
         return whitener(gain, self.ambient[nearest] * seconds / 2, self.sensor * seconds / 2)
@@ -80,6 +95,24 @@ def segment_before_hit(
 
     The force acts all the time, such as that of a ground that moves; no hammer has struck yet.
 
+    Parameters
+    ----------
+    measurement : Measurement
+        The record as processed.
+    bodies : sequence of str
+        Bodies whose motion is used.
+    like : SpectralRecord
+        The record's spectra after the hit, whose terms are taken.
+    force : ndarray, shape (samples, bodies)
+        Force [N].
+    highest_hz : float
+        Highest frequency [Hz].
+
+    Returns
+    -------
+    SpectralRecord
+        Spectra of the first samples.
+
     Raises
     ------
     ValueError
@@ -112,6 +145,24 @@ def before_hit(
     """Return the motion of a record's first samples less what a force makes of it, end states projected out.
 
     See `segment_before_hit`.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        The record as processed.
+    bodies : sequence of str
+        Bodies whose motion is used.
+    like : SpectralRecord
+        The record's spectra after the hit, whose terms are taken.
+    values : mapping of str to float
+        Values by name.
+    force : ndarray, shape (samples, bodies)
+        Force [N].
+
+    Returns
+    -------
+    Quiet
+        What is left over, at the lines of its spectra.
     """
     segment = segment_before_hit(measurement, bodies, like, force)
     quiet = linearise(segment, values, _plain(segment.motion))

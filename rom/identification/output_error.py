@@ -91,6 +91,20 @@ def whitener(gain: ComplexArray, ambient: ComplexArray, sensor: FloatArray) -> C
     """Return S^-1/2 at every line with S = G Q G^H + R, (lines, channels, channels).
 
     By the root of Q: where G is nearly singular, rounding would leave S less than no power.
+
+    Parameters
+    ----------
+    gain : ndarray, shape (lines, channels, forces)
+        Transfer from ambient forces to channels.
+    ambient : ndarray, shape (lines, forces, forces)
+        Cross-spectrum of the ambient forces.
+    sensor : ndarray, shape (channels,)
+        Power of each sensor's noise.
+
+    Returns
+    -------
+    ndarray
+        Shape (lines, channels, channels).
     """
     level, direction = np.linalg.eigh(ambient)
     answer = gain @ (direction * np.sqrt(np.maximum(level, 0.0))[:, None, :])
@@ -109,6 +123,20 @@ def ambient_forces(frequency: FloatArray, parts: Sequence[Linearised], sensor: F
     their noise.
 
     The running mean weights lines by the inverse variance that sensor noise has there, so resonances speak.
+
+    Parameters
+    ----------
+    frequency : ndarray, shape (lines,)
+        Frequencies [Hz].
+    parts : sequence of Linearised
+        Residuals and gains of the records.
+    sensor : ndarray, shape (channels,)
+        Power of each sensor's noise.
+
+    Returns
+    -------
+    ndarray
+        Shape (lines, forces, forces).
     """
     total = np.zeros((len(frequency), len(sensor), len(sensor)), dtype=np.complex128)
     weights = np.zeros(len(frequency))
@@ -238,6 +266,22 @@ def fit_output_error(
     stiffnesses of which only the sum is well told can trade along a straight line. The weights start equal
     over the lines and are re-estimated from the residual after every minimisation until both settle. `ties`
     count as much as the misfit asks for (`rom.identification.priors`).
+
+    Parameters
+    ----------
+    records : sequence of SpectralRecord
+        Spectra of the records.
+    ties : sequence of PriorConstraint
+        Prior constraints on the terms.
+    tolerance : float
+        Tolerance of the root.
+    progress : callable
+        Called with the number of records done and their total.
+
+    Returns
+    -------
+    OutputErrorFit
+        Estimates with covariance.
 
     Raises
     ------

@@ -75,7 +75,22 @@ def misfits(records: Sequence[SpectralRecord], parts: Sequence[Linearised]) -> t
 def pull(
     ties: Sequence[PriorConstraint], records: Sequence[SpectralRecord], found: Sequence[Misfit]
 ) -> tuple[float, ...]:
-    """Return every tie's weight: a share of the systematic cost of the records that its `leaning` are in."""
+    """Return every tie's weight: a share of the systematic cost of the records that its `leaning` are in.
+
+    Parameters
+    ----------
+    ties : sequence of PriorConstraint
+        Prior constraints on the terms.
+    records : sequence of SpectralRecord
+        Spectra of the records.
+    found : sequence of Misfit
+        Misfit of each record.
+
+    Returns
+    -------
+    tuple
+        A weight for each constraint.
+    """
     cost = {one.group: one.systematic for one in found}
     terms: dict[str, set[str]] = {}
     for record in records:

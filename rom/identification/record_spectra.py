@@ -73,6 +73,20 @@ def spectral_records(
     An impact record is cut after 8 s. Its part above four times the strongest frequency is taken from the
     first second alone, where fast modes ring: the end states make any cut exact, and later samples would add
     noise and work. `start_s` leaves out what comes before that time [s], the hit with it.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        The record as processed.
+    settings : CampaignSettings
+        Settings of the campaign.
+    start_s : float
+        Where to start [s].
+
+    Returns
+    -------
+    tuple
+        The parts of the record.
     """
     bodies = tuple(body for body in settings.body_names if body in measurement.motion)
     rate, start, stop = measurement.rate_hz, 0, measurement.samples

@@ -106,6 +106,24 @@ def reduce_records(
     """Reduce records one by one, in order, over `jobs` processes; the numbers do not depend on `jobs`.
 
     Faults of sensors that are known are taken out.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The campaign.
+    records : sequence of RecordSettings
+        Settings of the records.
+    jobs : int
+        Number of processes; numbers do not depend on it.
+    progress : callable
+        Called with the number of records done and their total.
+    faults : sequence of SensorFault
+        Faults of sensors that are known and taken out.
+
+    Returns
+    -------
+    Iterator
+        In the order of the records.
     """
     tasks = (delayed(reduce_record)(campaign, record, faults) for record in records)
     results = Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs")(tasks)
@@ -118,7 +136,22 @@ def reduce_records(
 def reduce_record(
     campaign: Campaign, record_settings: RecordSettings, faults: Sequence[SensorFault] = ()
 ) -> ReducedRecord:
-    """Read one record and keep what an identification needs."""
+    """Read one record and keep what an identification needs.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The campaign.
+    record_settings : RecordSettings
+        The record's settings.
+    faults : sequence of SensorFault
+        Faults of sensors that are known and taken out.
+
+    Returns
+    -------
+    ReducedRecord
+        The reduced record.
+    """
     found = measured_record(campaign, record_settings)
     if found.doubts:
         return ReducedRecord(record_settings, found.doubts)
@@ -128,7 +161,17 @@ def reduce_record(
 def reduce_sound(
     found: MeasuredRecord, campaign: Campaign, faults: Sequence[SensorFault] = ()
 ) -> ReducedRecord:
-    """Keep what an identification needs of one record without a doubt."""
+    """Keep what an identification needs of one record without a doubt.
+
+    Parameters
+    ----------
+    found : MeasuredRecord
+        The record, processed and assessed.
+    campaign : Campaign
+        The campaign.
+    faults : sequence of SensorFault
+        Faults of sensors that are known and taken out.
+    """
     settings = campaign.settings
     measurement = without_faults(found.measurement, faults)
     tension = measurement.tension
@@ -195,6 +238,20 @@ def tension_courses(
     """Return the course of the tension of every loosening record that holds one, with its covariance.
 
     Not of a bolt that its gauge shows slack before the hit: that has nothing to lose.
+
+    Parameters
+    ----------
+    records : sequence of ReducedRecord
+        The records.
+    noise : CourseNoise
+        Noise of the tension; None where it is not known.
+    settings : CampaignSettings
+        Settings of the campaign.
+
+    Returns
+    -------
+    tuple
+        One for each loosening record.
     """
     found = []
     for record in records:

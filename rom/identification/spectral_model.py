@@ -125,7 +125,22 @@ class Linearised:
 def spectrum(
     samples: FloatArray, rate_hz: float, band_hz: tuple[float, float]
 ) -> tuple[FloatArray, ComplexArray]:
-    """Return frequencies [Hz] and Fourier integral of `samples` (n,) or (n, channels) within a band."""
+    """Return frequencies [Hz] and Fourier integral of `samples` (n,) or (n, channels) within a band.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n,) or (n, channels)
+        Samples.
+    rate_hz : float
+        Sampling rate [Hz].
+    band_hz : tuple of float
+        From and to [Hz].
+
+    Returns
+    -------
+    tuple
+        Frequencies [Hz], shape (lines,), and the integral, shape (lines,) or (lines, channels).
+    """
     frequency = np.fft.rfftfreq(len(samples), 1 / rate_hz)
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
     return np.asarray(frequency[inside], dtype=np.float64), np.fft.rfft(samples, axis=0)[inside] / rate_hz
@@ -146,7 +161,22 @@ def step_unit(name: str, value: float) -> float:
 
 @np.errstate(over="ignore", invalid="ignore")  # a step of a fit too far has no number for a cost
 def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: ComplexArray) -> Linearised:
-    """Return the projected residual and the derivative of the output by each free term in its `step_unit`."""
+    """Return the projected residual and the derivative of the output by each free term in its `step_unit`.
+
+    Parameters
+    ----------
+    record : SpectralRecord
+        Spectra and terms of a record.
+    values : mapping of str to float
+        Values by name.
+    whitener : ndarray, shape (lines, channels, channels)
+        S^-1/2 of the noise at every line.
+
+    Returns
+    -------
+    Linearised
+        Residual and derivatives.
+    """
     system = _system(record, values)
     forced = (system.gain @ record.force[:, :, None])[:, :, 0]
     ends, errors = _nuisance(record, system, forced)

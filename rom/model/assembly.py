@@ -180,7 +180,24 @@ def _tension_seen(
 
 
 def number(name: str, value: object, low: float = -np.inf, *, strict: bool = False) -> float:
-    """A finite number not below (strictly: above) ``low``."""
+    """A finite number not below (strictly: above) ``low``.
+
+    Parameters
+    ----------
+    name : str
+        Name for the message.
+    value : object
+        What was given.
+    low : float
+        Least value allowed.
+    strict : bool
+        Whether ``low`` itself is refused.
+
+    Returns
+    -------
+    float
+        The number.
+    """
     try:
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):

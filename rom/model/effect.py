@@ -225,6 +225,20 @@ class SensorFault(ModelCorrection):
     def apply(self, samples: npt.ArrayLike, rate_hz: float, other: npt.ArrayLike | None = None) -> FloatArray:
         """What the channel shows of true ``samples``, shape (samples,); ``other`` are those that disturb it.
 
+        Parameters
+        ----------
+        samples : ndarray, shape (..., samples)
+            Samples.
+        rate_hz : float
+            Sampling rate [Hz].
+        other : array, shape (samples,)
+            Samples of the channel that disturbs this one, where there is one.
+
+        Returns
+        -------
+        ndarray
+            Shape (samples,).
+
         Raises
         ------
         ValueError
@@ -235,7 +249,22 @@ class SensorFault(ModelCorrection):
     def remove(
         self, samples: npt.ArrayLike, rate_hz: float, other: npt.ArrayLike | None = None
     ) -> FloatArray:
-        """The true signal behind shown ``samples``; inverse of ``apply`` but for what the fault destroys."""
+        """The true signal behind shown ``samples``; inverse of ``apply`` but for what the fault destroys.
+
+        Parameters
+        ----------
+        samples : ndarray, shape (..., samples)
+            Samples.
+        rate_hz : float
+            Sampling rate [Hz].
+        other : array, shape (samples,)
+            Samples of the channel that disturbs this one, where there is one.
+
+        Returns
+        -------
+        ndarray
+            Shape (samples,).
+        """
         return self._run(self.cure, samples, rate_hz, other)
 
     def _run(

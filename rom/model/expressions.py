@@ -70,6 +70,20 @@ def compile_expression(
 ) -> Callable[..., float]:
     """A function ``f(*arguments, p)`` from an arithmetic expression; equal texts give the same function.
 
+    Parameters
+    ----------
+    expression : str
+        Arithmetic in arguments and parameters.
+    arguments : tuple of str
+        Names of the arguments, in order.
+    parameters : tuple of str
+        Names of the parameters, in order.
+
+    Returns
+    -------
+    Callable
+        The function.
+
     Raises
     ------
     ValueError

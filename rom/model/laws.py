@@ -140,7 +140,26 @@ class Law:
         force: npt.ArrayLike = 0.0,
         damping_force: npt.ArrayLike = 0.0,
     ) -> FloatArray:
-        """Evaluate a tension law [N/s]; arguments broadcast against each other."""
+        """Evaluate a tension law [N/s]; arguments broadcast against each other.
+
+        Parameters
+        ----------
+        tension : array
+            Tension [N].
+        displacement : array
+            Relative displacement [m].
+        velocity : array
+            Relative velocity [m/s].
+        force : array
+            Force of the link [N].
+        damping_force : array
+            Damping part of the link's force [N].
+
+        Returns
+        -------
+        ndarray
+            Rate [N/s], in the broadcast shape.
+        """
         if self.enters != "tension rate":
             raise ValueError(f"law {self.name!r} enters as {self.enters}: call it with the tension alone")
         return self._evaluate(tension, displacement, velocity, force, damping_force)
@@ -289,7 +308,24 @@ _FUNCTIONS: Mapping[str, Callable[..., float]] = {
 
 
 def law_from_text(name: str, equation: str, enters: Place, parameters: Mapping[str, Parameter]) -> Law:
-    """A law from what its file says: by name where the name is known, from the equation where not."""
+    """A law from what its file says: by name where the name is known, from the equation where not.
+
+    Parameters
+    ----------
+    name : str
+        Name of the law.
+    equation : str
+        The equation.
+    enters : {"stiffness", "damping", "tension rate"}
+        Where it enters.
+    parameters : mapping of str to Parameter
+        Parameters by name.
+
+    Returns
+    -------
+    Law
+        The law.
+    """
     if name in _FUNCTIONS:
         return Law(name, equation, enters, parameters, _FUNCTIONS[name])
     return free_form_law(name, equation, enters, parameters)

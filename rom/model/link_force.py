@@ -44,6 +44,24 @@ def force_of_effects(
 
     Steps are 0.25 ms at most, and half a sample: errors of 1e-6 for the catalogue's ranges. They are halved
     where that is unstable.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        The model's tables and coefficients.
+    link : str
+        The link.
+    motion : ndarray, shape (5, samples)
+        Rows x [m], v [m/s], T [N], k [N/m], c [N s/m].
+    step_s : float
+        Time between samples [s].
+    settled : bool
+        Whether states start as the same motion backwards leaves them, not at zero.
+
+    Returns
+    -------
+    ndarray
+        Force [N], shape (samples,).
     """
     row = assembly.structure.link_names.index(link)
     program, start = assembly.program, assembly.program.effect_start

@@ -19,7 +19,17 @@ FORMAT = "boltlaw-model/1"
 
 
 def write_model(model: ModelDescription, path: Path, header: Mapping[str, object]) -> None:
-    """Write a model; the file appears whole or not at all."""
+    """Write a model; the file appears whole or not at all.
+
+    Parameters
+    ----------
+    model : ModelDescription
+        The model.
+    path : Path
+        The file.
+    header : mapping of str to object
+        Entries of the head.
+    """
     head = {
         "format": FORMAT,
         "campaign": None,

@@ -113,6 +113,22 @@ def nominal_impact(
 
     The paper prints no pulse shape. This one, with the paper's own equations, gives losses of the size
     that it prints for low and high impacts.
+
+    Parameters
+    ----------
+    peak : float
+        Peak of the force [N].
+    rate_hz : float
+        Sampling rate [Hz].
+    duration_s : float
+        Length of the record [s].
+    start_s : float
+        Start of the pulse [s].
+
+    Returns
+    -------
+    ndarray
+        Force [N], shape (samples,).
     """
     contact = 1.05e-3 * (peak / 28.0) ** -0.118
     phase = (np.arange(round(duration_s * rate_hz)) / rate_hz - start_s) / contact

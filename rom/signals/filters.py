@@ -63,6 +63,20 @@ class FilterChain:
 
         One call serves any motion channel: acceleration to displacement is 2, velocity to displacement 1,
         displacement to displacement 0. Many rows go side by side, to the same numbers in less time.
+
+        Parameters
+        ----------
+        samples : ndarray, shape (..., samples)
+            Samples.
+        rate_hz : float
+            Sampling rate [Hz].
+        times : int
+            Number of integrations.
+
+        Returns
+        -------
+        ndarray
+            Shape (..., samples).
         """
         if np.ndim(samples) == 2 and len(samples) >= _MANY_ROWS:
             return self._integrated_rows(_finite(samples), rate_hz, times)
@@ -89,6 +103,20 @@ class FilterChain:
         """Zero-phase high-pass of samples (..., samples), ``passes`` times over.
 
         Equation errors need every term, the force included, to have passed as often as the displacement: 3.
+
+        Parameters
+        ----------
+        samples : ndarray, shape (..., samples)
+            Samples.
+        rate_hz : float
+            Sampling rate [Hz].
+        passes : int
+            Number of passes.
+
+        Returns
+        -------
+        ndarray
+            Shape (..., samples).
         """
         result = _finite(samples)
         sections = _highpass_sections(self.order, self.cutoff_hz, rate_hz)
@@ -133,6 +161,20 @@ def decimate(samples: FloatArray, rate_hz: float, target_hz: float) -> FloatArra
     A linear-phase FIR low-pass, flat to 0.8 of the new Nyquist frequency and below -60 dB from there on, is
     applied with its delay removed; sample i of the result belongs to time i / target_hz. Ratios of whole
     numbers go through an intermediate rate (polyphase).
+
+    Parameters
+    ----------
+    samples : ndarray, shape (..., samples)
+        Samples.
+    rate_hz : float
+        Sampling rate [Hz].
+    target_hz : float
+        The lower rate [Hz].
+
+    Returns
+    -------
+    ndarray
+        Samples at the lower rate.
 
     Raises
     ------
@@ -196,6 +238,24 @@ def split_tension(
 
     Both parts are linear in the tension: a simulated tension goes through the same call before a difference.
     The bias left on known steps is printed by ``python -m benchmarks.tension_split``.
+
+    Parameters
+    ----------
+    tension : ndarray, shape (samples,)
+        Tension [N].
+    rate_hz : float
+        Sampling rate [Hz].
+    window_s : float
+        Length of the moving mean [s].
+    impact_s : float
+        Time of the impact [s] from the first sample.
+    periods : int
+        Whole periods of the first mode that the window holds.
+
+    Returns
+    -------
+    tuple
+        Non-oscillatory and oscillatory part [N], shape (samples,) each.
 
     Raises
     ------
@@ -261,6 +321,21 @@ def for_straight_lines(samples: FloatArray) -> FloatArray:
 
 
 def ac_coupled(samples: FloatArray, rate_hz: float, corner: float) -> FloatArray:
-    """Return what a sensor with AC coupling ``s / (s + corner)`` shows of samples; ``corner`` in rad/s."""
+    """Return what a sensor with AC coupling ``s / (s + corner)`` shows of samples; ``corner`` in rad/s.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (..., samples)
+        Samples.
+    rate_hz : float
+        Sampling rate [Hz].
+    corner : float
+        Corner [rad/s].
+
+    Returns
+    -------
+    ndarray
+        Shape of the samples.
+    """
     numerator, denominator = signal.bilinear([1.0, 0.0], [1.0, corner], rate_hz)
     return np.asarray(signal.lfilter(numerator, denominator, samples), dtype=np.float64)

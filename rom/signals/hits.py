@@ -78,7 +78,22 @@ def _correlation(first: FloatArray, second: FloatArray) -> float:
 
 
 def signs(record: Record, links: tuple[LinkSettings, ...], hit: Hit) -> dict[str, int]:
-    """Follow the sign from the force to the struck body and across the bolted links: -1 is against it."""
+    """Follow the sign from the force to the struck body and across the bolted links: -1 is against it.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    links : tuple of LinkSettings
+        Links of the structure.
+    hit : Hit
+        The hit.
+
+    Returns
+    -------
+    dict
+        Sign by channel.
+    """
     found = {hit.body: _struck_sign(record, hit) or 1}
     for _ in record.bodies:
         for link in links:

@@ -163,7 +163,22 @@ def _of_force(
 
 
 def at_rest(count: int, rate_hz: float, measurement: Measurement) -> Motion:
-    """Return the motion of bodies at rest, at the first samples of a tension."""
+    """Return the motion of bodies at rest, at the first samples of a tension.
+
+    Parameters
+    ----------
+    count : int
+        Number of samples of the tension.
+    rate_hz : float
+        Sampling rate [Hz].
+    measurement : Measurement
+        The record as processed.
+
+    Returns
+    -------
+    Motion
+        The motion.
+    """
     time, still = np.arange(count) / rate_hz, np.zeros(count)
     bodies = dict.fromkeys(measurement.motion, still) or {"": still}
     return Motion(time, measurement.impact_s or 0.0, still, still, bodies)

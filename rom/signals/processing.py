@@ -215,6 +215,18 @@ def gated_force(force: FloatArray, rate_hz: float, pretrigger_s: float) -> tuple
 
     The usual force window of impact testing, for any number of contacts: a contact is where the force exceeds
     six times its noise, widened by half a millisecond so that the flanks stay whole.
+
+    Parameters
+    ----------
+    force : ndarray, shape (samples,)
+        Force [N].
+    rate_hz, pretrigger_s : float
+        Sampling rate [Hz]; time before the hit [s] that holds noise alone.
+
+    Returns
+    -------
+    tuple
+        Force [N], shape (samples,), and its noise [N].
     """
     quiet = force[: max(int(0.8 * pretrigger_s * rate_hz), 1)] if pretrigger_s > 0 else force
     offset = float(np.median(quiet))
@@ -232,6 +244,18 @@ def dominant_frequency(motion: Mapping[str, Motion], rate_hz: float, impact_s: f
     """Return the frequency [Hz] of the strongest line of all velocity spectra after the impact.
 
     Velocity lies between acceleration, where fast modes speak, and displacement, where slow noise would.
+
+    Parameters
+    ----------
+    motion : mapping of str to Motion
+        Motion by body.
+    rate_hz, impact_s : float
+        Sampling rate [Hz]; time of the impact [s], None where there is none.
+
+    Returns
+    -------
+    float or None
+        Frequency [Hz]; None where nothing moves.
     """
     start = int((impact_s or 0.0) * rate_hz)
     stop = start + int((_STRONGEST_S if impact_s is not None else _LONGEST_S) * rate_hz)
@@ -307,6 +331,24 @@ def tension_record(
 ) -> TensionRecord:
     """Return a bolt's tension [N] with its non-oscillatory part, where there is a first mode to take out, and
     its means over the windows.
+
+    Parameters
+    ----------
+    tension : ndarray, shape (samples,)
+        Tension [N].
+    windows : WindowSettings
+        Windows of the initial and the final tension [s].
+    rate_hz, impact_s, first_mode_hz : float
+        Sampling rate [Hz], time of the impact [s] and frequency of the first mode [Hz]; None where there is none.
+    slope : float
+        Slope of the calibration [N per unit of the channel].
+    warnings : tuple of str
+        Warnings to be kept with it.
+
+    Returns
+    -------
+    TensionRecord
+        Tension, parts and means.
     """
     before = windows.initial_s
     if impact_s is not None and before[0] < impact_s - _FEWEST_BEFORE_HIT / rate_hz:
@@ -332,6 +374,16 @@ def non_oscillatory(
 ) -> FloatArray:
     """Return a tension [N] without what oscillates with the first mode after the impact; itself without
     either.
+
+    Parameters
+    ----------
+    tension, rate_hz, impact_s, first_mode_hz
+        As for `tension_record`.
+
+    Returns
+    -------
+    ndarray
+        Tension [N], shape (samples,).
     """
     if impact_s is None or not first_mode_hz:
         return tension

@@ -54,7 +54,22 @@ def without_faults(measurement: Measurement, faults: Sequence[SensorFault]) -> M
 
 
 def true_hit(force: FloatArray, rate_hz: float, faults: Sequence[SensorFault]) -> FloatArray:
-    """Return a hammer's force [N], zero outside its contacts, without faults of its channel."""
+    """Return a hammer's force [N], zero outside its contacts, without faults of its channel.
+
+    Parameters
+    ----------
+    force : ndarray, shape (samples,)
+        Force [N].
+    rate_hz : float
+        Sampling rate [Hz].
+    faults : sequence of SensorFault
+        Faults of sensors that are known and taken out.
+
+    Returns
+    -------
+    ndarray
+        Force [N], shape (samples,).
+    """
     for fault in reversed(faults):
         force = np.where(force != 0.0, fault.remove(force, rate_hz), 0.0)
     return force
