@@ -339,7 +339,7 @@ def tension_record(
     windows : WindowSettings
         Windows of the initial and the final tension [s].
     rate_hz, impact_s, first_mode_hz : float
-        Sampling rate [Hz], time of the impact [s] and frequency of the first mode [Hz]; None where there is none.
+        Sampling rate [Hz], time of the impact [s], frequency of the first mode [Hz]; None where none is.
     slope : float
         Slope of the calibration [N per unit of the channel].
     warnings : tuple of str
