@@ -135,7 +135,7 @@ def influence(effect: Undeclared, plant: Plant | None = None) -> Influence:
         float(np.max(np.mean(reading, axis=0))),
     )
     lost, shown, shifted = (float(share) for share in np.mean(np.abs(loss), axis=0))
-    seen = max(seen, shown, shifted)
+    reading_share = max(reading_share, shown, shifted)
     largest = reading_share if effect.kind.acts in ("reading", "fault") else motion_share
     return Influence(100.0 * motion_share, 100.0 * lost, 100.0 * reading_share, 100.0 * max(largest, lost))
 
