@@ -7,74 +7,28 @@ rate, a random effect, and no law earns credit for following it. Courses are sol
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
 
 import numpy as np
 
-from discovery.courses.marginal_likelihood import Problem, step, tau
+from discovery.courses.fitted import Fit
+from discovery.courses.frozen_motion import FrozenMotion
+from discovery.courses.marginal_likelihood import Problem, step
 from discovery.courses.prediction import predict, resimulate
+from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
 
-if TYPE_CHECKING:
-    from discovery.courses.frozen_motion import FrozenMotion
-
 __all__ = ["Fit", "fit", "fit_losses", "log_predictive", "predict", "refine", "resimulate"]
 
-_ITERATIONS = 30
-_SETTLED = 0.01  # of the deviance
-_ROUNDS = 3  # of correction by re-simulation
-_SAME_NOISE, _SAME_CHANGE = 0.05, 1e-4  # of corrections: far below what can be told
+_ITERATIONS: Numerical[int] = 30
+_SETTLED: Numerical[float] = 0.01  # of the deviance
+ROUNDS: Numerical[int] = 3  # of correction by re-simulation
+_SAME_NOISE: Numerical[float] = 0.05
+_SAME_CHANGE: Numerical[float] = 1e-4  # of corrections: far below what can be told
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """A fitted candidate.
-
-    Attributes
-    ----------
-    candidate : Candidate
-        With its refined numbers.
-    free : tuple of str
-        What was fitted; `covariance` is that of ln coefficients (of coefficients that may have either sign:
-        as they are) and of inner parameters.
-    deviance : float
-        -2 log marginal likelihood of the cases fitted.
-    scatter : tuple of float
-        a and b of ln tau.
-    offsets : ndarray, shape (cases, bins)
-        Full re-simulation minus frozen course [N].
-    deviations : ndarray, shape (cases,)
-        u at its mode.
-    of_losses : bool
-        Whether it was fitted to the losses alone, the courses left aside.
-    """
-
-    candidate: Candidate
-    free: tuple[str, ...]
-    covariance: FloatArray
-    deviance: float
-    scatter: tuple[float, float]
-    offsets: FloatArray
-    deviations: FloatArray
-    converged: bool
-    of_losses: bool = False
-
-    def tau(self, initial: FloatArray) -> FloatArray:
-        """Scatter of the log rate at tensions [N]."""
-        return tau(np.array(self.scatter), initial)
-
-    def limits(self, name: str) -> tuple[float, float]:
-        """95 % limits of a fitted number."""
-        error = float(np.sqrt(max(self.covariance[self.free.index(name)][self.free.index(name)], 0.0)))
-        value = self.candidate.parameters[name].value
-        if name in self.candidate.coefficient_names and value > 0:
-            return value * float(np.exp(-1.96 * error)), value * float(np.exp(1.96 * error))
-        return value - 1.96 * error, value + 1.96 * error
-
-
-def refine(candidate: Candidate, frozen: FrozenMotion, rounds: int = _ROUNDS) -> Fit:
+def refine(candidate: Candidate, frozen: FrozenMotion, rounds: int = ROUNDS) -> Fit:
     """Fit, re-simulate in full, correct the frozen courses by the difference, and fit again.
 
     Until the corrections stay the same, to a small part of the noise.
@@ -143,6 +97,7 @@ def fit(
         problem.offsets,
         state.u,
         converged,
+        rules=problem.rules,
     )
 
 

@@ -15,6 +15,8 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.criteria.number import Numerical
 from discovery.laws.factors import Factor
 from rom.campaign.channels import FloatArray
 from rom.identification.gamma import LooseningCase, identify_gamma
@@ -22,13 +24,15 @@ from rom.model.laws import power_loosening
 from rom.model.model import Model
 from rom.signals.tension_bins import TensionCourse
 
-_LEAD_S = 0.004  # a hit begins before its impact is noticed
-_BURST_S, _EARLY_S, _SETTLED_S = 0.06, 0.12, 0.5
-_PER_PERIOD = 16
-_WIDE = 1.0e3  # variance of a nuisance direction, in largest variance of a bin
-_NOTHING = 1e-16  # of the largest exposure
-_RECENT = 32  # interpolated exposures that are kept: a fit asks for the same ones again and again
-_LEAST_FINAL = 0.01  # of the initial tension
+_LEAD_S: Numerical[float] = 0.004  # a hit begins before its impact is noticed
+_BURST_S: Numerical[float] = 0.06
+_EARLY_S: Numerical[float] = 0.12
+_SETTLED_S: Numerical[float] = 0.5
+_PER_PERIOD: Numerical[int] = 16
+_WIDE: Numerical[float] = 1.0e3  # variance of a nuisance direction, in largest variance of a bin
+_NOTHING: Numerical[float] = 1e-16  # of the largest exposure
+_RECENT: Numerical[int] = 32  # interpolated exposures that are kept
+NUISANCE_DIRECTIONS: Numerical[int] = 2  # of every case: a x and b x^2
 
 
 Corners = list[tuple[float, float]]  # values of a grid about a number, and their weights
@@ -57,6 +61,8 @@ class FrozenMotion:
         Their covariance with two wide directions for an oscillating part ``a x + b x^2`` [N^2].
     signed : bool
         Whether tests may tighten: a case's deviation u makes its rate 1 + u times the law's, not exp(u).
+    criteria : Criteria
+        The numbers that decide, for all that is fitted along the motion.
     """
 
     courses: tuple[TensionCourse, ...]
@@ -68,6 +74,7 @@ class FrozenMotion:
     change: FloatArray
     covariance: FloatArray
     signed: bool = False
+    criteria: Criteria = CRITERIA
     _exposures: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
     _recent: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
     _whole: FrozenMotion | None = field(default=None, repr=False)  # of a subset: where its exposures are kept
@@ -183,7 +190,13 @@ class FrozenMotion:
         return replace(self, _exposures={}, _recent={})
 
 
-def freeze(model: Model, courses: Sequence[TensionCourse], *, signed: bool = False) -> FrozenMotion:
+def freeze(
+    model: Model,
+    courses: Sequence[TensionCourse],
+    *,
+    signed: bool = False,
+    criteria: Criteria = CRITERIA,
+) -> FrozenMotion:
     """Simulate every test with its own gamma and keep the motion of the bolted link.
 
     Parameters
@@ -194,6 +207,8 @@ def freeze(model: Model, courses: Sequence[TensionCourse], *, signed: bool = Fal
         What was measured.
     signed : bool
         Whether tests may tighten.
+    criteria : Criteria
+        The numbers that decide.
 
     Raises
     ------
@@ -208,7 +223,7 @@ def freeze(model: Model, courses: Sequence[TensionCourse], *, signed: bool = Fal
     bins = min(len(course.change) for course in courses)
     offsets = np.median([c.edges_s[: bins + 1] - c.impact_s for c in courses], axis=0)
     knots = _knots(offsets)
-    nodes = _simulated(model, courses, float(offsets[-1]))
+    nodes = _simulated(model, courses, float(offsets[-1]), criteria.courses.least_final)
     averages = _averages(knots, offsets)
     kept = tuple(_cut(course, bins) for course in courses)
     covariance = [
@@ -224,6 +239,7 @@ def freeze(model: Model, courses: Sequence[TensionCourse], *, signed: bool = Fal
         change=np.stack([course.change for course in kept]),
         covariance=np.stack(covariance),
         signed=signed,
+        criteria=criteria,
     )
 
 
@@ -236,12 +252,14 @@ def _cut(course: TensionCourse, bins: int) -> TensionCourse:
     )
 
 
-def _simulated(model: Model, courses: Sequence[TensionCourse], end_s: float) -> list[FloatArray]:
+def _simulated(
+    model: Model, courses: Sequence[TensionCourse], end_s: float, least_final: float
+) -> list[FloatArray]:
     link = next(link for link in model.structure.links if link.law == "bolted")
     window = courses[0].final_window
     cases = [
         LooseningCase(c.file, c.body, c.force, c.rate_hz, c.initial,
-                      max(c.final, _LEAST_FINAL * c.initial), c.final_error)
+                      max(c.final, least_final * c.initial), c.final_error)
         for c in courses
     ]  # fmt: skip
     gammas = identify_gamma(model, cases, window)

@@ -11,28 +11,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import optimize
 
+from discovery.courses.fitted import Fit
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.prediction import predict
+from discovery.courses.variability import log_limits, log_tension, of_logs, tau
+from discovery.criteria.courses import Courses
+from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
 
-if TYPE_CHECKING:
-    from discovery.courses.fit import Fit
-    from discovery.courses.frozen_motion import FrozenMotion
-
-_TALLEST_STEP = 1.0
-_STEP_U, _STEP = 1e-4, 1e-4
-_LEAST_SCATTER, _LARGEST_SCATTER = 0.01, 5.0
-_LOWEST_LOG, _HIGHEST_LOG = float(np.log(_LEAST_SCATTER)), float(np.log(_LARGEST_SCATTER))
-_SLOPE_PRIOR = 1.0
-_SAME_SCATTER = 0.01  # of a and b: changes the deviance in second order
-_NO_GAIN = 1e-3  # of the deviance, foreseen: not worth a trial
-_WORTH_LENGTHENING = 1e-3  # of the deviance: for less no number is to run far
-_TINY = 1e-300
+_TALLEST_STEP: Numerical[float] = 1.0
+_STEP_U: Numerical[float] = 1e-4
+_STEP: Numerical[float] = 1e-4
+_SAME_SCATTER: Numerical[float] = 0.01  # of a and b: changes the deviance in second order
+_NO_GAIN: Numerical[float] = 1e-3  # of the deviance, foreseen: not worth a trial
+_LENGTHENED_GAIN: Numerical[float] = 1e-3  # of the deviance: for less no number is to run far
+_TINY: Numerical[float] = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +68,11 @@ class Problem:
         self.whitener = np.linalg.inv(roots)
         self.log_determinant = 2 * np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
         self.theta0 = self._vector(self.candidate)
+
+    @property
+    def rules(self) -> Courses:
+        """The criteria of fits to tension histories."""
+        return self.frozen.criteria.courses
 
     def _vector(self, candidate: Candidate) -> FloatArray:
         """Free numbers: of a coefficient the log of the typical relative loss it makes; inner as they are."""
@@ -150,7 +153,7 @@ class Problem:
         theta = self.theta0.copy()
         for place, name in enumerate(self.candidate.free):
             theta[place] += shift if self._is_coefficient(name) else 0.0
-        spread = float(np.clip(np.std(u), 0.1, _LARGEST_SCATTER))
+        spread = float(np.clip(np.std(u), 0.1, self.rules.largest_variability))
         return self.solve(theta, np.array([np.log(spread), 0.0]), u, steps=12)
 
     def _own_rates(self) -> tuple[FloatArray, FloatArray]:
@@ -179,7 +182,7 @@ class Problem:
     def solve(self, theta: FloatArray, scatter: FloatArray, u: FloatArray, steps: int = 4) -> State:
         """Modes of u by Newton steps, all cases at once, and the likelihood there."""
         candidate = self.at(theta)
-        tau2 = tau(scatter, self.frozen.initial) ** 2
+        tau2 = tau(scatter, self.frozen.initial, self.rules) ** 2
         for step in range(steps + 1):
             residual = self._whitened(self.frozen.change - self._course(candidate, u))
             ahead = self._whitened(self.frozen.change - self._course(candidate, u + _STEP_U))
@@ -203,13 +206,15 @@ class Problem:
         information = (state.slope**2).sum(axis=1)
         seen = (state.slope * state.residual).sum(axis=1) + information * state.u
 
-        logs, square = _log_tension(self.frozen.initial), seen**2
+        logs, square = log_tension(self.frozen.initial), seen**2
+        low, high = log_limits(self.rules)
+        prior = self.rules.slope_prior
 
         def deviance(scatter: FloatArray) -> float:
-            tau2 = _tau(scatter, logs) ** 2
+            tau2 = of_logs(scatter, logs, low, high) ** 2
             spread = tau2 * information
             return float((np.log1p(spread) - tau2 / (1 + spread) * square).sum()) + float(
-                (scatter[1] / _SLOPE_PRIOR) ** 2
+                (scatter[1] / prior) ** 2
             )
 
         found = optimize.minimize(
@@ -218,9 +223,7 @@ class Problem:
             method="Nelder-Mead",
             options={"xatol": 5e-3, "fatol": 5e-3, "maxiter": 120},
         )
-        scatter = np.array(
-            [np.clip(found.x[0], np.log(_LEAST_SCATTER), np.log(_LARGEST_SCATTER)), found.x[1]]
-        )
+        scatter = np.array([np.clip(found.x[0], low, high), found.x[1]])
         if np.abs(scatter - state.scatter).max() < _SAME_SCATTER:
             return state
         return self.solve(state.theta, scatter, state.u)
@@ -245,7 +248,7 @@ class Problem:
 
     def by_case(self, state: State) -> tuple[FloatArray, FloatArray]:
         """What every case adds to the normal equations, (cases, p, p) and (cases, p)."""
-        tau2 = tau(state.scatter, self.frozen.initial) ** 2
+        tau2 = tau(state.scatter, self.frozen.initial, self.rules) ** 2
         jacobian = self.jacobian(state)
         information = (state.slope**2).sum(axis=1)
         share = tau2 / (1 + tau2 * information)
@@ -331,7 +334,7 @@ def _lengthened(problem: Problem, state: State, best: State, change: FloatArray)
 
     Far from the measured courses their curvature makes a Gauss-Newton step up to twenty times too short.
     """
-    while state.deviance - best.deviance > _WORTH_LENGTHENING * state.deviance:
+    while state.deviance - best.deviance > _LENGTHENED_GAIN * state.deviance:
         change = 2 * change
         trial = problem.solve(problem.clipped(state.theta + change), best.scatter, best.u)
         if not trial.deviance < best.deviance:
@@ -352,17 +355,3 @@ def least_within(matrix: FloatArray, right: FloatArray, low: FloatArray, high: F
     root = np.linalg.cholesky(matrix / np.outer(scale, scale)).T
     aim = np.linalg.solve(root.T, right / scale)
     return np.asarray(optimize.lsq_linear(root, aim, (low * scale, high * scale), method="bvls").x / scale)
-
-
-def tau(scatter: FloatArray, initial: FloatArray) -> FloatArray:
-    """Scatter of the log rate at tensions [N], from a and b of its law."""
-    return _tau(scatter, _log_tension(initial))
-
-
-def _log_tension(initial: FloatArray) -> FloatArray:
-    return np.asarray(np.log(np.maximum(initial, 1e-3) / 100.0))
-
-
-def _tau(scatter: FloatArray, log_tension: FloatArray) -> FloatArray:
-    logs = scatter[0] + scatter[1] * log_tension
-    return np.asarray(np.exp(np.minimum(np.maximum(logs, _LOWEST_LOG), _HIGHEST_LOG)))

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from discovery.courses.frozen_motion import FrozenMotion
+from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
 
-if TYPE_CHECKING:
-    from discovery.courses.frozen_motion import FrozenMotion
-
-_HIGHEST = 10.0  # no tension beyond so many times the highest initial one
+HIGHEST: Numerical[float] = 10.0  # no tension beyond so many times the highest initial one
 
 
 def predict(
@@ -39,7 +36,7 @@ def predict(
     rates = frozen.factors(deviations)
     initial = frozen.initial
     course = follow_exposures(
-        addresses, parameters, np.multiply.outer(rates, weights), exposures, initial, _HIGHEST * initial.max()
+        addresses, parameters, np.multiply.outer(rates, weights), exposures, initial, HIGHEST * initial.max()
     )
     change = course @ frozen.averages.T - np.maximum(initial, 0.0)[:, None]
     return np.asarray(change if offsets is None else change + offsets)

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discovery.courses.fitted import Fit
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.marginal_likelihood import Problem, State, step
+from discovery.courses.prediction import HIGHEST
+from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
 from rom.effects import LawChange, ModelCorrection, Motion, Reading, SensorFault
@@ -23,15 +25,11 @@ from rom.model.law_change import prefix_of
 from rom.model.laws import Law, Parameter, free_form_law
 from rom.model.model import Model
 
-if TYPE_CHECKING:
-    from discovery.courses.fit import Fit
-
 _OWN = "own_rate"
-_HIGHEST = 10.0
-SETTLED = 0.05  # of the deviance
-ITERATIONS = 20
-_NEVER = 1e6  # stands for a course that is lost, in newton
-_PER_BIN = 24
+SETTLED: Numerical[float] = 0.05  # of the deviance
+ITERATIONS: Numerical[int] = 20
+_NEVER: Numerical[float] = 1e6  # stands for a course that is lost, in newton
+_PER_BIN: Numerical[int] = 24
 
 
 @dataclass(frozen=True)
@@ -159,7 +157,12 @@ class LawProblem(Problem):
         """The start: unit rates, unless a fit is at hand."""
         if start is not None:
             return self.solve(self.theta0, np.array(start.scatter), start.deviations, steps=6)
-        return self.solve(self.theta0, np.array([np.log(0.5), 0.0]), np.zeros(len(self.frozen)), steps=12)
+        return self.solve(
+            self.theta0,
+            np.array([np.log(self.rules.usual_variability), 0.0]),
+            np.zeros(len(self.frozen)),
+            steps=12,
+        )
 
     def fitted(self, state: State, settled: float = SETTLED, most: int = ITERATIONS) -> State:
         """The best place that steps from a state lead to, each lowering the deviance by more than asked."""
@@ -186,7 +189,7 @@ def course(candidate: LawCandidate, frozen: FrozenMotion, u: FloatArray) -> Floa
     true = np.maximum(true, 0.0)
     means = np.empty_like(frozen.change)
     edges = bin_edges(frozen)
-    highest = _HIGHEST * max(float(true.max()), 1.0)
+    highest = HIGHEST * max(float(true.max()), 1.0)
     follow_courses(law.address, p, frozen.nodes[:5], frozen.starts, edges, true, highest, means)
     means = np.nan_to_num(means, nan=_NEVER)
     if isinstance(effect, SensorFault):

@@ -4,9 +4,55 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from discovery.criteria.number import Group
+from discovery.criteria.number import Group, number
 
 
 @dataclass(frozen=True)
 class Courses(Group):
     """Fits of laws to tension histories of many tests."""
+
+    standard_errors: float = number(
+        1.96, "1",
+        "half width of the 95 % limits of a normal estimate, in standard errors",
+        "convention",
+    )  # fmt: skip
+    least_variability: float = number(
+        0.01, "1",
+        "lowest standard deviation of the log rate from test to test",
+        "convention",
+    )  # fmt: skip
+    largest_variability: float = number(
+        5.0, "1",
+        "highest standard deviation of the log rate from test to test",
+        "convention",
+    )  # fmt: skip
+    usual_variability: float = number(
+        0.5, "1",
+        "standard deviation of the log rate that is assumed before it is fitted",
+        "chosen, not measured",
+    )  # fmt: skip
+    signed_variability: float = number(
+        1.5, "1",
+        "the same where some tests tighten",
+        "chosen, not measured",
+    )  # fmt: skip
+    slope_prior: float = number(
+        1.0, "1",
+        "prior standard deviation of the slope of ln(variability) over ln(tension)",
+        "convention",
+    )  # fmt: skip
+    least_final: float = number(
+        0.01, "1",
+        "share of the initial tension that a measured final tension counts for at least",
+        "convention",
+    )  # fmt: skip
+    lost_times: float = number(
+        1.5, "1",
+        "a refit is lost above so many times the deviance that it started from ...",
+        "convention",
+    )  # fmt: skip
+    lost_beyond: float = number(
+        100.0, "2 ln L",
+        "... and so much more",
+        "convention",
+    )  # fmt: skip

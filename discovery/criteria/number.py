@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import field, fields
-from typing import Any
+from typing import Annotated, Any, TypeVar
+
+T = TypeVar("T")
+Numerical = Annotated[T, "decides nothing"]
+"""Type of a constant outside the criteria: it stops an iteration, sets a step or a grid of a computation,
+guards against zero, or shortens what is shown. No verdict rests on it."""
 
 
 def number(value: float, unit: str, meaning: str, measured: str) -> Any:

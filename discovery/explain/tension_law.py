@@ -14,8 +14,8 @@ import numpy as np
 from joblib import delayed
 from scipy import linalg
 
-from discovery.courses.marginal_likelihood import tau
 from discovery.courses.tension_likelihood import LawCandidate, LawProblem, changes_of, law_candidate, names_of
+from discovery.courses.variability import tau
 from discovery.decide.chance import largest_of_noise, p_value
 from discovery.decide.explanation import limited, limited_number
 from discovery.explain.tension_gain import Pair, TensionGain, at_bounds
@@ -179,7 +179,9 @@ def _directions(fit: CourseFit, base: CourseFit) -> FloatArray:
     numbers can do.
     """
     slope, jacobian = fit.state.slope, fit.problem.jacobian(fit.state)
-    stiff = (slope**2).sum(axis=1) + 1 / tau(fit.state.scatter, fit.problem.frozen.initial) ** 2
+    stiff = (slope**2).sum(axis=1) + 1 / tau(
+        fit.state.scatter, fit.problem.frozen.initial, fit.problem.rules
+    ) ** 2
     along = np.einsum("cb,cbp->cp", slope, jacobian) / stiff[:, None]
     columns = (jacobian - slope[:, :, None] * along[:, None, :]).reshape(-1, jacobian.shape[2])
     of_law = np.array([name in base.candidate.free for name in fit.candidate.free], dtype=bool)

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from discovery.courses.marginal_likelihood import tau
 from discovery.courses.tension_likelihood import bin_edges
+from discovery.courses.variability import tau
 from discovery.criteria.criteria import CRITERIA
 from discovery.criteria.localisation import Localising
 from discovery.localisation.localise import PRELOADS_N, Profile, class_label
@@ -63,7 +63,7 @@ def _free_numbers(slow: CourseFit) -> FloatArray:
     noise = np.stack([course.covariance for course in frozen.courses])
     by_noise = np.einsum("cij,cjk,cik->ci", whitener, noise, whitener)
     information = (state.slope**2).sum(axis=1)
-    variance = 1 / (information + 1 / tau(state.scatter, frozen.initial) ** 2)
+    variance = 1 / (information + 1 / tau(state.scatter, frozen.initial, frozen.criteria.courses) ** 2)
     return np.asarray(np.maximum(by_noise - variance[:, None] * state.slope**2, 0.0))
 
 

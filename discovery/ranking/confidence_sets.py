@@ -21,6 +21,7 @@ from scipy import stats
 
 from discovery.courses.fit import Fit, fit
 from discovery.courses.frozen_motion import FrozenMotion
+from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate, Term, baseline, no_loosening
 from discovery.laws.factors import Factor, Inner, velocity_power
 from discovery.ranking.pairwise import Pair, compare_laws, not_told_apart, separation
@@ -38,12 +39,10 @@ __all__ = [
     "separation",
 ]
 
-VALUES = tuple(float(n) for n in np.arange(0.5, 8.01, 0.25))
-MIXED_VALUES = tuple(float(q) for q in np.arange(0.0, 4.01, 0.5))
-_LEVEL = 0.95
-_THRESHOLD = float(stats.chi2.ppf(_LEVEL, 1))
-_SAME = 0.1  # of deviances
-_ROUGH = 0.05  # of an exponent
+_STEP: Numerical[float] = 0.25  # of an exponent
+_MIXED_STEP: Numerical[float] = 0.5
+_SAME: Numerical[float] = 0.1  # of deviances
+_ROUGH: Numerical[float] = 0.05  # of an exponent
 
 Reach = Literal["identified", "open below", "open above", "not identifiable", "no loss above noise"]
 
@@ -158,7 +157,7 @@ class MotionProfile:
 def exponent_profile(
     frozen: FrozenMotion,
     form: Candidate | None = None,
-    values: Sequence[float] = VALUES,
+    values: Sequence[float] | None = None,
     jobs: int = 1,
 ) -> ExponentProfile:
     """Profile the exponent n of ``|v|^n`` in a law, everything else refitted at every value.
@@ -171,7 +170,7 @@ def exponent_profile(
         The law: the term of it that loosens most counts. Where its motion factor has no exponent n of the
         velocity, ``|v|^n`` takes the factor's place. Not given: that of He et al. (2025), Eqs. 12-13.
     values : sequence of float
-        Values to hold, the range in which the set is sought.
+        Values to hold, the range in which the set is sought; not given: that of the criteria.
     jobs : int
         Fits at the same time.
 
@@ -180,13 +179,15 @@ def exponent_profile(
     ValueError
         If there are fewer than three values.
     """
-    return _profile(frozen, *_velocity_form(form or baseline(), frozen), values, jobs)
+    rules = frozen.criteria.ranking
+    held = _values(rules.least_exponent, rules.largest_exponent, _STEP) if values is None else values
+    return _profile(frozen, *_velocity_form(form or baseline(), frozen), held, jobs)
 
 
 def motion_profile(
     frozen: FrozenMotion,
     form: Candidate | None = None,
-    values: Sequence[float] = MIXED_VALUES,
+    values: Sequence[float] | None = None,
     jobs: int = 1,
 ) -> MotionProfile:
     """Profile both exponents of ``|v|^n |x|^q``, with the tension factor of the law's main term.
@@ -196,13 +197,19 @@ def motion_profile(
     frozen, form, jobs
         As for ``exponent_profile``.
     values : sequence of float
-        Values of q to hold; those of n go half as far again.
+        Values of q to hold; those of n go half as far again. Not given: those of the criteria.
     """
+    if values is None:
+        values = _values(0.0, frozen.criteria.ranking.largest_mixed, _MIXED_STEP)
     whole = form if form is not None and form.terms else baseline()
     tension = whole.terms[_main_term(whole, frozen)].tension
     law = Candidate("mixed powers", (Term(_mixed(4.0, 0.0, max(values)), tension),), (1.0,))
     displacement = _profile(frozen, law, "q", values, jobs)
     return MotionProfile(_profile(frozen, law, "n", [1.5 * value for value in values], jobs), displacement)
+
+
+def _values(low: float, high: float, step: float) -> tuple[float, ...]:
+    return tuple(float(value) for value in np.arange(low, high + 0.01 * step, step))
 
 
 def _mixed(n: float, q: float, highest: float) -> Factor:
@@ -251,11 +258,12 @@ def _profile(
         best = curve.best(lowest.candidate)
         sides = curve.sides(best, held, jobs)
     dispersion, fits_well = dispersion_of(best, frozen)
+    limit = dispersion * float(stats.chi2.ppf(frozen.criteria.ranking.confidence, 1))
     curve = curve.anchored(best)
     best = fit(best.candidate, frozen, curve.anchors[-1][1], best) if curve.anchors else best
-    rough = (curve.end(best, side, dispersion * _THRESHOLD, _ROUGH) for side in sides)
+    rough = (curve.end(best, side, limit, _ROUGH) for side in sides)
     curve = curve.anchored(*(curve.at(end, best) for end in rough if np.isfinite(end)))
-    low, high = (curve.end(best, side, dispersion * _THRESHOLD) for side in sides)
+    low, high = (curve.end(best, side, limit) for side in sides)
     of_model, centre = curve.of_model(best), curve.value(best)
     fine = {value: curve.at(value, best) for value in _within(low, curve.value(best), high)}
     every = dict(sorted({**dict(sides[0]), **dict(sides[1]), **fine}.items()))
@@ -290,4 +298,4 @@ def _reach(low: float, high: float) -> Reach:
 def _loses(found: Fit, frozen: FrozenMotion) -> bool:
     """Whether the courses differ from "no loosening" by more than chance."""
     gain = fit(no_loosening(), frozen).deviance - found.deviance
-    return bool(gain > stats.chi2.ppf(_LEVEL, len(found.free) + 1))
+    return bool(gain > stats.chi2.ppf(frozen.criteria.ranking.confidence, len(found.free) + 1))

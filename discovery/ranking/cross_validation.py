@@ -16,22 +16,19 @@ from scipy import stats
 from sklearn.model_selection import GroupKFold
 
 from discovery.courses.fit import Fit, fit, fit_losses, log_predictive, predict
-from discovery.courses.frozen_motion import FrozenMotion
+from discovery.courses.frozen_motion import NUISANCE_DIRECTIONS, FrozenMotion
 from discovery.courses.marginal_likelihood import Problem
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.number import Numerical
+from discovery.criteria.ranking import RankingRules
 from rom.campaign.channels import FloatArray
 
 Index = npt.NDArray[np.int64]
 Fold = tuple[Index, Index]
 
-FOLDS = 8
-_SAME_PRELOAD = 0.05
-_DECISIVE = 5.0  # ln of the odds beyond which one record says no more: 150 to 1
-_WORTH = 3.0  # ln of odds, 20 to 1: less than that no free number is worth
-_LOST = (1.5, 100.0)  # times, and more than, a deviance
-_SHIFTS = tuple(float(shift) for shift in range(-14, 4))  # of ln rate
-_EXHAUSTIVE = 16  # groups up to which every flip of signs is tried
-_DRAWS = 400
-_NUISANCE = 3  # of every case: two directions of oscillation, its own rate
+_SHIFTS = tuple(float(shift) for shift in range(-14, 4))  # of ln rate, where modes are sought
+_EXHAUSTIVE: Numerical[int] = 16  # groups up to which every flip of signs is tried
+_NUISANCE: Numerical[int] = NUISANCE_DIRECTIONS + 1  # of every case, its own rate too
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,19 +48,20 @@ class CrossValidation:
 
 
 def preload_groups(frozen: FrozenMotion) -> Index:
-    """Number of the preload of every case, (cases,); within 5 % of each other preloads are the same."""
+    """Number of the preload of every case, (cases,); nearly equal preloads are the same."""
+    same = frozen.criteria.ranking.same_preload
     preloads = np.maximum([course.preload for course in frozen.courses], 1e-9)
     order = np.argsort(preloads, kind="stable")
     groups = np.zeros(len(preloads), dtype=np.int64)
     number, first = 0, preloads[order[0]]
     for place in order:
-        if preloads[place] > first * (1 + _SAME_PRELOAD):
+        if preloads[place] > first * (1 + same):
             number, first = number + 1, preloads[place]
         groups[place] = number
     return groups
 
 
-def preload_folds(groups: Index, seed: int = 0) -> list[Fold]:
+def preload_folds(groups: Index, seed: int = 0, rules: RankingRules = CRITERIA.ranking) -> list[Fold]:
     """Indices of fitted and left-out cases, fold by fold; no preload is in both.
 
     Raises
@@ -76,7 +74,7 @@ def preload_folds(groups: Index, seed: int = 0) -> list[Fold]:
         raise ValueError(
             "found loosening records at one preload only, expected two or more to cross-validate"
         )
-    splitter = GroupKFold(n_splits=min(FOLDS, count), shuffle=True, random_state=seed)
+    splitter = GroupKFold(n_splits=min(int(rules.folds), count), shuffle=True, random_state=seed)
     return list(splitter.split(groups, groups=groups))
 
 
@@ -130,7 +128,7 @@ def refit(fitted: Fit, part: FrozenMotion, index: Index) -> Fit:
 
 def lost(found: Fit, deviance: float) -> bool:
     """Whether a fit ended far above a deviance that it started near."""
-    return not found.deviance < _LOST[0] * deviance + _LOST[1]
+    return not found.deviance < found.rules.lost_times * deviance + found.rules.lost_beyond
 
 
 def estimate(fitted: Fit) -> FloatArray:
@@ -155,11 +153,11 @@ def limits(
         return {}
     problem = Problem(fitted.candidate, frozen, fitted.offsets)
     state = problem.solve(problem.theta0, np.array(fitted.scatter), fitted.deviations, steps=12)
-    count = int(groups.max()) + 1
-    drawn = rng.multinomial(count, np.full(count, 1 / count), _DRAWS)
+    rules, count = frozen.criteria.ranking, int(groups.max()) + 1
+    drawn = rng.multinomial(count, np.full(count, 1 / count), int(rules.resamples))
     steps = problem.resampled(state, drawn[:, groups].astype(float))
-    low, high = np.quantile(steps, (0.025, 0.975), axis=0)
-    half = 1.96 * np.sqrt(spread * np.maximum(np.diag(fitted.covariance), 0.0))
+    low, high = np.quantile(steps, _tails(rules), axis=0)
+    half = fitted.rules.standard_errors * np.sqrt(spread * np.maximum(np.diag(fitted.covariance), 0.0))
     widest = np.stack([np.minimum(low, -half), np.maximum(high, half)], axis=1)
     found = {}
     for name, value, ends in zip(fitted.free, estimate(fitted), widest, strict=True):
@@ -194,9 +192,17 @@ def _size(frozen: FrozenMotion) -> int:
     return int(cases * (bins - _NUISANCE))
 
 
-def bounded_difference(scores: FloatArray, other: FloatArray) -> FloatArray:
-    """Difference of scores, (..., cases), cut at +-5: no single record decides."""
-    return np.asarray(np.clip(scores - other, -_DECISIVE, _DECISIVE))
+def _tails(rules: RankingRules) -> tuple[float, float]:
+    """Probabilities of the two ends of a confidence interval."""
+    tail = (1.0 - rules.confidence) / 2
+    return tail, 1.0 - tail
+
+
+def bounded_difference(
+    scores: FloatArray, other: FloatArray, rules: RankingRules = CRITERIA.ranking
+) -> FloatArray:
+    """Difference of scores, (..., cases), bounded on both sides: no single record decides."""
+    return np.asarray(np.clip(scores - other, -rules.record_bound, rules.record_bound))
 
 
 def by_group(values: FloatArray, groups: Index) -> FloatArray:
@@ -204,12 +210,14 @@ def by_group(values: FloatArray, groups: Index) -> FloatArray:
     return np.stack([values[..., groups == g].sum(axis=-1) for g in np.unique(groups)], axis=-1)
 
 
-def paired(scores: FloatArray, other: FloatArray, groups: Index) -> tuple[float, float]:
+def paired(
+    scores: FloatArray, other: FloatArray, groups: Index, rules: RankingRules = CRITERIA.ranking
+) -> tuple[float, float]:
     """Bounded advantage of one law over another, summed over preloads, and its standard error.
 
     The error is infinite where all cases have one preload.
     """
-    sums = by_group(bounded_difference(scores, other), groups)
+    sums = by_group(bounded_difference(scores, other, rules), groups)
     error = np.sqrt(len(sums)) * sums.std(ddof=1) if len(sums) > 1 else np.inf
     return float(sums.sum()), float(error)
 
@@ -223,13 +231,17 @@ def evidence(fitted: Fit, frozen: FrozenMotion, spread: float = 1.0) -> FloatArr
     return np.asarray(-0.5 * (deviance / spread + price))
 
 
-def beyond_chance(groups: int) -> float:
-    """Standard errors that a mean over groups lies from zero by chance in one case of twenty."""
-    return float(stats.t.ppf(0.975, max(groups - 1, 1)))
+def beyond_chance(groups: int, rules: RankingRules = CRITERIA.ranking) -> float:
+    """Standard errors within which chance keeps a mean over groups, by Student's t."""
+    return float(stats.t.ppf(_tails(rules)[1], max(groups - 1, 1)))
 
 
 def order(
-    scores: FloatArray, worth: FloatArray, complexity: Sequence[tuple[int, int]], groups: Index
+    scores: FloatArray,
+    worth: FloatArray,
+    complexity: Sequence[tuple[int, int]],
+    groups: Index,
+    rules: RankingRules = CRITERIA.ranking,
 ) -> list[int]:
     """Laws from first to last, by (laws, cases) of cross-validated scores and of `evidence`.
 
@@ -240,30 +252,36 @@ def order(
     odds of 20 to 1 of the most evidence, the shortest goes first. The others follow as they are behind.
     `complexity` is a law's count of free numbers and the length of its equation.
     """
-    return _ordered(*_compared(scores, worth, groups), np.asarray(complexity))
+    return _ordered(*_compared(scores, worth, groups, rules), np.asarray(complexity), rules)
 
 
 def _compared(
-    scores: FloatArray, worth: FloatArray, groups: Index
+    scores: FloatArray, worth: FloatArray, groups: Index, rules: RankingRules
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Sums by preload of scores, and of bounded differences of any two laws: (laws, laws, groups), twice."""
-    pairs = [by_group(bounded_difference(each[:, None], each[None, :]), groups) for each in (scores, worth)]
+    pairs = [
+        by_group(bounded_difference(each[:, None], each[None, :], rules), groups) for each in (scores, worth)
+    ]
     return by_group(scores, groups), pairs[0], pairs[1]
 
 
 def _ordered(
-    sums: FloatArray, pairs: FloatArray, worth: FloatArray, complexity: npt.NDArray[np.int64]
+    sums: FloatArray,
+    pairs: FloatArray,
+    worth: FloatArray,
+    complexity: npt.NDArray[np.int64],
+    rules: RankingRules,
 ) -> list[int]:
     totals = sums.sum(axis=1)  # they only part laws that are as far behind, at the bound on every record
     leads = pairs.sum(axis=-1)
     best = max(range(len(totals)), key=lambda k: (leads[k].min(), totals[k]))
     lead, behind = leads[best], worth[best].sum(axis=-1)
     error = np.sqrt(sums.shape[1]) * pairs[best].std(axis=1, ddof=1)
-    equal = lead <= np.maximum(beyond_chance(sums.shape[1]) * error, _WORTH)
+    equal = lead <= np.maximum(beyond_chance(sums.shape[1], rules) * error, rules.log_odds)
     equal[best] = True
     numbers, lengths = complexity.T
     most = min(np.flatnonzero(equal), key=lambda k: behind[k])
-    as_good = equal & (numbers == numbers[most]) & (behind <= behind[most] + _WORTH)
+    as_good = equal & (numbers == numbers[most]) & (behind <= behind[most] + rules.log_odds)
     return sorted(
         range(len(totals)),
         key=lambda k: (
@@ -282,19 +300,25 @@ def chosen(
     complexity: Sequence[tuple[int, int]],
     groups: Index,
     rng: np.random.Generator,
-    draws: int = 400,
+    rules: RankingRules = CRITERIA.ranking,
 ) -> FloatArray:
     """How often each law comes first when preloads are drawn again with replacement, (laws,)."""
-    sums, pairs, prices = _compared(scores, worth, groups)
-    counts = np.zeros(len(scores))
+    sums, pairs, prices = _compared(scores, worth, groups, rules)
+    counts, draws = np.zeros(len(scores)), int(rules.resamples)
     for _ in range(draws):
         drawn = rng.integers(0, sums.shape[1], sums.shape[1])
         of_draw = sums[:, drawn], pairs[..., drawn], prices[..., drawn]
-        counts[_ordered(*of_draw, np.asarray(complexity))[0]] += 1
+        counts[_ordered(*of_draw, np.asarray(complexity), rules)[0]] += 1
     return counts / draws
 
 
-def p_values(scores: FloatArray, baseline: FloatArray, groups: Index, rng: np.random.Generator) -> FloatArray:
+def p_values(
+    scores: FloatArray,
+    baseline: FloatArray,
+    groups: Index,
+    rng: np.random.Generator,
+    rules: RankingRules = CRITERIA.ranking,
+) -> FloatArray:
     """Chance of so great an advantage over the baseline where no law is better, (laws,).
 
     The advantage over each preload is as likely gain as loss where a law is no better: signs are flipped,
@@ -302,7 +326,7 @@ def p_values(scores: FloatArray, baseline: FloatArray, groups: Index, rng: np.ra
     and S. Young, Resampling-Based Multiple Testing, 1993, min-p): the best of many is not credited for there
     being many.
     """
-    gains = by_group(bounded_difference(scores, baseline), groups)
+    gains = by_group(bounded_difference(scores, baseline, rules), groups)
     signs = _flips(gains.shape[1], rng)
     flipped = gains @ signs.T
     single = np.empty_like(flipped)

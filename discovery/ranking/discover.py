@@ -9,6 +9,9 @@ import numpy as np
 
 from discovery.courses.fit import refine
 from discovery.courses.frozen_motion import FrozenMotion, freeze
+from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.criteria.number import Numerical
+from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import baseline
 from discovery.ranking.confidence_sets import exponent_profile, motion_profile
 from discovery.ranking.pairwise import compare_laws, not_told_apart
@@ -25,10 +28,7 @@ from rom.signals.quality import Doubt
 from rom.signals.tension_bins import TensionCourse
 
 Stages = Callable[[str], Progress | None]
-LEAST_CASES = 4
-_TIGHTENED = 3.0  # standard errors
-_NAMED = 5  # of columns left out
-_COMPARED, _NEAR = 6, 10.0  # first laws, and those of nearly the same BIC
+_NAMED: Numerical[int] = 5  # of columns left out
 
 
 @one_threaded
@@ -39,6 +39,7 @@ def discover(
     progress: Stages | None = None,
     seed: int = 0,
     tightening: bool = False,
+    criteria: Criteria = CRITERIA,
 ) -> Ranking:
     """Rank the tension laws that the loosening records of a campaign support.
 
@@ -54,6 +55,8 @@ def discover(
         Seed of folds, ensembles and resampling.
     tightening : bool
         Whether records whose tension rose are fitted too, and laws may have a term of either sign.
+    criteria : Criteria
+        The numbers that decide.
 
     Returns
     -------
@@ -69,15 +72,16 @@ def discover(
     stage: Stages = progress or (lambda _: None)
     found = identify_campaign(campaign, jobs, stage("identifying"))
     unseen, doubts = _held_out(campaign, found, jobs, stage)
-    kept, rose = _loosened(found.courses, tightening)
-    if len(kept) < LEAST_CASES:
+    rules = criteria.ranking
+    kept, rose = _loosened(found.courses, tightening, rules)
+    if len(kept) < rules.least_cases:
         raise ValueError(
             f"{campaign.path}: found {len(kept)} loosening records with a hit and a tension that may be "
-            f"fitted, expected {LEAST_CASES} or more to compare tension laws"
+            f"fitted, expected {rules.least_cases:g} or more to compare tension laws"
         )
     model = replace(found.model, identification=None)
-    frozen = freeze(model, kept, signed=tightening)
-    hold_out = freeze(model, unseen, signed=tightening) if unseen else None
+    frozen = freeze(model, kept, signed=tightening, criteria=criteria)
+    hold_out = freeze(model, unseen, signed=tightening, criteria=criteria) if unseen else None
     first = refine(baseline(), frozen)
     proposals = propose(frozen, first, seed, tightening, jobs, stage("proposing laws"))
     laws = race(proposals.candidates, frozen, hold_out, campaign, seed, jobs, stage("ranking laws"))
@@ -88,6 +92,7 @@ def discover(
         inclusion=proposals.inclusion,
         courses=(*frozen.courses, *(hold_out.courses if hold_out else ())),
         scatter=laws[0].fit.scatter,
+        rules=rules,
         set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in (*found.set_aside, *doubts)),
         warnings=(
             *found.warnings,
@@ -112,13 +117,13 @@ def _held_out(
 
 
 def _loosened(
-    courses: Sequence[TensionCourse], tightening: bool
+    courses: Sequence[TensionCourse], tightening: bool, rules: RankingRules
 ) -> tuple[tuple[TensionCourse, ...], tuple[str, ...]]:
     """Return the courses to fit, and the files of those that tightened beyond their noise."""
     rose = {
         course.file
         for course in courses
-        if not tightening and course.change[-1] > _TIGHTENED * np.sqrt(course.covariance[-1, -1])
+        if not tightening and course.change[-1] > rules.tightened * np.sqrt(course.covariance[-1, -1])
     }
     return tuple(c for c in courses if c.file not in rose), tuple(sorted(rose))
 
@@ -144,7 +149,10 @@ def _with_what_is_open(ranking: Ranking, frozen: FrozenMotion, jobs: int, stage:
     motion = motion_profile(frozen, winner.candidate, jobs=jobs)
     if report is not None:
         report(2, 3)
-    compared = [law for law in ranking.laws if law.rank <= _COMPARED or law.delta_bic < _NEAR]
+    rules = frozen.criteria.ranking
+    compared = [
+        law for law in ranking.laws if law.rank <= rules.compared or law.delta_bic < rules.compared_reach
+    ]
     fits = [replace(law.fit, candidate=law.candidate) for law in compared]
     pairs = compare_laws(fits, frozen, {law.name: law.scores for law in compared})
     tests = propose_tests(fits[:3], frozen)

@@ -10,11 +10,12 @@ import numpy as np
 
 from discovery.courses.fit import Fit, log_predictive, predict
 from discovery.courses.frozen_motion import FrozenMotion
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.number import Numerical
 from discovery.ranking.cross_validation import Index, beyond_chance, paired, preload_groups
 from rom.campaign.channels import FloatArray
 
-_STEP = 1e-4  # of ln rate
-_CLEAR = float(np.log(20.0))  # smallest sum of log scores that counts as evidence
+_STEP: Numerical[float] = 1e-4  # of ln rate
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,9 @@ class Pair:
         Expected log likelihood ratio of the two over all cases, if one of them were true: what the difference
         of their predicted courses amounts to beside noise and scatter of the rate.
     told_apart : bool
-        Whether the difference is beyond chance, and both difference and separation are 20 to 1 at least.
+        Whether the difference is beyond chance, and both difference and separation reach `least`.
+    least : float
+        Log likelihood ratio that tells two laws apart.
     """
 
     first: str
@@ -41,6 +44,7 @@ class Pair:
     standard_error: float
     separation: float
     told_apart: bool
+    least: float = CRITERIA.ranking.log_odds
 
     @property
     def summary(self) -> str:
@@ -49,8 +53,8 @@ class Pair:
         if self.told_apart:
             return f"{self.first!r} is better than {self.second!r} ({score})"
         why = (
-            "their predicted courses differ by less than noise and scatter"
-            if self.separation < _CLEAR
+            "their predicted courses differ by less than noise and between-test variability"
+            if self.separation < self.least
             else "the courses do not decide"
         )
         return f"{self.first!r} and {self.second!r} cannot be told apart: {why} ({score})"
@@ -92,13 +96,14 @@ def not_told_apart(pairs: Sequence[Pair], name: str) -> tuple[str, ...]:
 
 
 def _pair(a: Fit, b: Fit, frozen: FrozenMotion, scores: Mapping[str, FloatArray], groups: Index) -> Pair:
-    total, error = paired(scores[a.candidate.name], scores[b.candidate.name], groups)
+    rules = frozen.criteria.ranking
+    total, error = paired(scores[a.candidate.name], scores[b.candidate.name], groups, rules)
     if total < 0:
         a, b, total = b, a, -total
-    chance = beyond_chance(int(groups.max()) + 1) * error
+    chance = beyond_chance(int(groups.max()) + 1, rules) * error
     apart = separation(a, b, frozen)
-    told = total > max(chance, _CLEAR) and apart > _CLEAR
-    return Pair(a.candidate.name, b.candidate.name, total, error, apart, told)
+    clear = total > max(chance, rules.log_odds) and apart > rules.log_odds
+    return Pair(a.candidate.name, b.candidate.name, total, error, apart, clear, rules.log_odds)
 
 
 def separation(a: Fit, b: Fit, frozen: FrozenMotion) -> float:

@@ -11,15 +11,14 @@ from joblib import Parallel, delayed
 from scipy import optimize, stats
 
 from discovery.courses.fit import Fit, correction, fit, predict, refine, resimulate
-from discovery.courses.frozen_motion import FrozenMotion
+from discovery.courses.frozen_motion import NUISANCE_DIRECTIONS, FrozenMotion
+from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
 from discovery.laws.factors import Factor, Inner
 from rom.campaign.channels import FloatArray
 
-_NEVER_BY_CHANCE = 1e-4
-_NUISANCES = 2  # directions of a case's course that say nothing
-_CLOSE = 0.005  # of an exponent
-_FAR = 100.0  # no value is worth a fit beyond this deviance
+_CLOSE: Numerical[float] = 0.005  # of an exponent
+_FAR: Numerical[float] = 100.0  # no value is worth a fit beyond this deviance
 
 Side = list[tuple[float, Fit]]
 
@@ -38,7 +37,7 @@ class Curve:
         """The exponent of a fit."""
         return found.candidate.parameters[self.name].value
 
-    def _moved(self, candidate: Candidate, change: Callable[[Inner], Inner]) -> Candidate:
+    def _with_exponent(self, candidate: Candidate, change: Callable[[Inner], Inner]) -> Candidate:
         """The candidate with its exponent changed; the coefficient keeps the loss that it makes."""
         terms, coefficients = list(candidate.terms), list(candidate.coefficients)
         for j, term in enumerate(candidate.terms):
@@ -60,18 +59,18 @@ class Curve:
     def best(self, candidate: Candidate) -> Fit:
         """Fit with the exponent free within the ends, fully re-simulated."""
         low, high = self.ends
-        freed = self._moved(
+        free = self._with_exponent(
             candidate,
             lambda old: replace(
                 old, value=float(np.clip(old.value, low, high)), low=low, high=high, free=True
             ),
         )
-        return refine(freed, self.frozen)
+        return refine(free, self.frozen)
 
     def at(self, value: float, near: Fit) -> Fit:
         """Fit with the exponent held, from a fit nearby."""
         low, high = self.ends
-        held = self._moved(
+        held = self._with_exponent(
             near.candidate, lambda old: replace(old, value=value, low=low, high=high, free=False)
         )
         return fit(held, self.frozen, self._offsets(value, near), near)
@@ -149,5 +148,7 @@ def dispersion_of(found: Fit, frozen: FrozenMotion) -> tuple[float, bool]:
     residual = frozen.change - predict(found.candidate, frozen, found.offsets, found.deviations)
     solved = np.linalg.solve(frozen.covariance, residual[..., None])[..., 0]
     square = float((residual * solved).sum() + ((found.deviations / found.tau(frozen.initial)) ** 2).sum())
-    freedom = max(residual.size - _NUISANCES * len(frozen) - len(found.free), 1)
-    return max(square / freedom, 1.0), bool(stats.chi2.sf(square, freedom) > _NEVER_BY_CHANCE)
+    freedom = max(residual.size - NUISANCE_DIRECTIONS * len(frozen) - len(found.free), 1)
+    return max(square / freedom, 1.0), bool(
+        stats.chi2.sf(square, freedom) > frozen.criteria.ranking.misfit_chance
+    )

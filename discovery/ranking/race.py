@@ -9,12 +9,14 @@ from typing import TypeVar
 import numpy as np
 from joblib import Parallel, delayed
 
-from discovery.courses.fit import Fit, correction, fit, fit_losses, predict, unchanged
+from discovery.courses.fit import ROUNDS, Fit, correction, fit, fit_losses, predict, unchanged
 from discovery.courses.frozen_motion import FrozenMotion
+from discovery.criteria.number import Numerical
+from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import BASELINE, Candidate, rivals_always_in_the_race
 from discovery.ranking import cross_validation as validation
 from discovery.ranking.cross_validation import CrossValidation, Fold
-from discovery.ranking.result import OFTEN, RankedLaw, Ranking, names_of, with_law
+from discovery.ranking.result import RankedLaw, Ranking, names_of, with_law
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
 from rom.evaluation.error_measures import Errors, summarise
@@ -24,14 +26,7 @@ from rom.model.laws import Parameter
 
 __all__ = ["RankedLaw", "Ranking", "race"]
 
-_REFINED = (12, 32, 200.0)  # candidates fitted again with full re-simulation: least, most, reach of BIC
-_VALIDATED = (8, 18, 100.0)  # cross-validated
-_LISTED = 10  # that are judged by every error measure
-_CHUNKS = 4  # for each process and stage
-_EQUAL_NOISE, _EQUAL_LOSS = 0.1, 0.005  # of the noise, of the loss: far below what can be told
-_ROUNDS = 3  # of correction by re-simulation
-_MISFIT = 4.0  # dispersion beyond which the shape of its courses says nothing of a law's numbers
-_EQUAL_FIT = 1.0  # of the deviance
+_CHUNKS: Numerical[int] = 4  # for each process and stage
 Item = TypeVar("Item")
 Found = TypeVar("Found")
 
@@ -80,14 +75,16 @@ def race(
         If all records have one preload.
     """
     rng = np.random.default_rng(seed)
-    groups = validation.preload_groups(frozen)
-    folds = validation.preload_folds(groups, seed)
+    rules, groups = frozen.criteria.ranking, validation.preload_groups(frozen)
+    refining = (rules.refined_least, rules.refined_most, rules.refined_reach)
+    validating = (rules.validated_least, rules.validated_most, rules.validated_reach)
+    folds = validation.preload_folds(groups, seed, rules)
     run = _Runner(jobs, progress, 3 if campaign is None else 4)
     starts = [*_baseline_starts(), *rivals_always_in_the_race(), *candidates]
     first = _lowest(run(0, _fit_some, starts, frozen))
-    refined = run(1, _refine_some, _best(first, frozen, _REFINED), frozen)
-    entrants = [_Entrant(found, same) for found, same in _merged(_best(refined, frozen, _REFINED), frozen)]
-    kept = _best([entrant.fit for entrant in entrants], frozen, _VALIDATED)
+    refined = run(1, _refine_some, _best(first, frozen, refining), frozen)
+    entrants = [_Entrant(found, same) for found, same in _merged(_best(refined, frozen, refining), frozen)]
+    kept = _best([entrant.fit for entrant in entrants], frozen, validating)
     entrants = [entrant for entrant in entrants if any(entrant.fit is found for found in kept)]
     validated = run(2, _validate_some, [entrant.fit for entrant in entrants], frozen, folds)
     entrants = [replace(e, validation=v) for e, v in zip(entrants, validated, strict=True)]
@@ -167,9 +164,9 @@ def _corrected(found: Fit, frozen: FrozenMotion) -> Fit:
     Where a law is far from the truth, as the baseline may be, it may be so steep in the tension that the
     corrected fit is lost: then the frozen one stands.
     """
-    if found.candidate.terms and validation.dispersion(found, frozen) > _MISFIT:
+    if found.candidate.terms and validation.dispersion(found, frozen) > frozen.criteria.ranking.misfit:
         return _of_losses(found.candidate, frozen)
-    for _ in range(_ROUNDS if found.candidate.terms else 0):
+    for _ in range(ROUNDS if found.candidate.terms else 0):
         offsets = _finite(correction(found, frozen))
         if unchanged(offsets, found, frozen):
             break
@@ -184,7 +181,7 @@ def _of_losses(candidate: Candidate, frozen: FrozenMotion) -> Fit:
     """Fit a law whose courses are not those measured to the losses alone, corrected by full re-simulation."""
     start = next((c for c in rivals_always_in_the_race() if c.name == candidate.name), candidate)
     found = fit_losses(start, frozen)
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         offsets = _finite(correction(found, frozen))
         if unchanged(offsets[:, -1:], replace(found, offsets=found.offsets[:, -1:]), frozen.last_bin()):
             break
@@ -214,7 +211,7 @@ def _validate_some(fits: Sequence[Fit], frozen: FrozenMotion, folds: Sequence[Fo
         return [validation.cross_validate(found, frozen, folds, parts) for found in fits]
 
 
-def _best(fits: Sequence[Fit | None], frozen: FrozenMotion, share: tuple[int, int, float]) -> list[Fit]:
+def _best(fits: Sequence[Fit | None], frozen: FrozenMotion, share: tuple[float, float, float]) -> list[Fit]:
     """The fits of lowest BIC, and what is always in the race."""
     least, most, reach = share
     there = [(validation.information_criterion(found, frozen), found) for found in fits if found is not None]
@@ -241,10 +238,11 @@ def _merged(fits: Sequence[Fit], frozen: FrozenMotion) -> list[tuple[Fit, tuple[
     """
     by_simplicity = sorted(fits, key=lambda f: (f.candidate.source != "baseline", len(f.free), f.deviance))
     kept: list[tuple[Fit, FloatArray, list[str]]] = []
+    rules = frozen.criteria.ranking
     noise = np.sqrt(np.diagonal(np.stack([c.covariance for c in frozen.courses]), axis1=1, axis2=2))
     for found in by_simplicity:
         course = predict(found.candidate, frozen, found.offsets)
-        near = _EQUAL_NOISE * noise + _EQUAL_LOSS * np.abs(course)
+        near = rules.equal_noise * noise + rules.equal_loss * np.abs(course)
         bound = _at_bound(found)
         same = next(
             (
@@ -254,7 +252,7 @@ def _merged(fits: Sequence[Fit], frozen: FrozenMotion) -> list[tuple[Fit, tuple[
                 or (
                     bound
                     and len(k[0].free) < len(found.free)
-                    and abs(k[0].deviance - found.deviance) <= _EQUAL_FIT
+                    and abs(k[0].deviance - found.deviance) <= rules.equal_fit
                 )
             ),
             None,
@@ -269,18 +267,19 @@ def _merged(fits: Sequence[Fit], frozen: FrozenMotion) -> list[tuple[Fit, tuple[
 def _ranked(
     entrants: Sequence[_Entrant], frozen: FrozenMotion, groups: validation.Index, rng: np.random.Generator
 ) -> tuple[RankedLaw, ...]:
+    rules = frozen.criteria.ranking
     fits = [entrant.fit for entrant in entrants]
     checks = [entrant.validation for entrant in entrants if entrant.validation is not None]
     scores = np.stack([check.scores for check in checks])
     numbers = [len(found.free) for found in fits]
     base = next(k for k, found in enumerate(fits) if found.candidate.name == BASELINE)
-    p_values = validation.p_values(scores, scores[base], groups, rng)
+    p_values = validation.p_values(scores, scores[base], groups, rng, rules)
     spread = validation.dispersion(min(fits, key=lambda found: found.deviance), frozen)
     criteria = [validation.information_criterion(found, frozen, spread) for found in fits]
     worth = np.stack([validation.evidence(found, frozen, spread) for found in fits])
     complexity = [(len(found.free), len(found.candidate.equation)) for found in fits]
-    shares = validation.chosen(scores, worth, complexity, groups, rng)
-    places = validation.order(scores, worth, complexity, groups)
+    shares = validation.chosen(scores, worth, complexity, groups, rng, rules)
+    places = validation.order(scores, worth, complexity, groups, rules)
     names = names_of([fits[k].candidate for k in places])
     return tuple(
         RankedLaw(
@@ -317,9 +316,13 @@ def _parameters(
     }
 
 
-def _listed(laws: Sequence[RankedLaw]) -> list[RankedLaw]:
+def _listed(laws: Sequence[RankedLaw], rules: RankingRules) -> list[RankedLaw]:
     """The first laws, those that come first in many a resample, and what is always in the race."""
-    return [law for law in laws if law.rank <= _LISTED or law.chosen >= OFTEN or law.source == "baseline"]
+    return [
+        law
+        for law in laws
+        if law.rank <= rules.listed or law.chosen >= rules.named or law.source == "baseline"
+    ]
 
 
 def _judged(
@@ -331,7 +334,7 @@ def _judged(
     run: _Runner,
 ) -> tuple[RankedLaw, ...]:
     """The laws that are listed, with their errors on training and held-out records."""
-    listed = _listed(laws)
+    listed = _listed(laws, frozen.criteria.ranking)
     unseen = {course.file for course in hold_out.courses} if hold_out is not None else set()
     files = {course.file for course in frozen.courses} | unseen
     records = [record for record in campaign.settings.record if record.file in files]

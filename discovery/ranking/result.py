@@ -8,6 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from discovery.courses.fit import Fit
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.number import Numerical
+from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import NO_LOOSENING, Candidate, Term
 from discovery.laws.factors import Factor, tension_logistic
 from rom.campaign.channels import FloatArray
@@ -17,9 +20,7 @@ from rom.model.model import Model
 from rom.signals.tension_bins import TensionCourse
 from rom.viewed import Viewed
 
-SURE = 0.01  # chance below which a law is called better
-_DIGITS = 3
-OFTEN = 0.05  # of resamples: a law that comes first in so many is named
+_DIGITS: Numerical[int] = 3
 _LOGISTIC = tension_logistic().text
 
 
@@ -119,6 +120,7 @@ class Ranking(Viewed):
     scatter: tuple[float, float] = (0.0, 0.0)
     set_aside: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    rules: RankingRules = CRITERIA.ranking
 
     def __getitem__(self, name: str) -> RankedLaw:
         """Return the law of this name."""
@@ -189,10 +191,12 @@ def term_name(term: Term, digits: int | None = _DIGITS) -> str:
 
 def term_form(term: Term) -> str:
     """Return ``"|v|^n T gamma(T)"``: a term with letters for its numbers, held ones too."""
-    return term_name(replace(term, motion=_freed(term.motion), tension=_freed(term.tension)), None)
+    return term_name(
+        replace(term, motion=_with_free_numbers(term.motion), tension=_with_free_numbers(term.tension)), None
+    )
 
 
-def _freed(factor: Factor) -> Factor:
+def _with_free_numbers(factor: Factor) -> Factor:
     return replace(factor, inner={name: replace(inner, free=True) for name, inner in factor.inner.items()})
 
 

@@ -13,7 +13,7 @@ from scipy import stats
 
 from discovery.courses.fit import Fit
 from discovery.courses.frozen_motion import FrozenMotion
-from discovery.courses.marginal_likelihood import State, tau
+from discovery.courses.marginal_likelihood import State
 from discovery.courses.tension_likelihood import (
     LawCandidate,
     LawProblem,
@@ -22,6 +22,7 @@ from discovery.courses.tension_likelihood import (
     law_candidate,
     resimulated,
 )
+from discovery.courses.variability import tau
 from discovery.criteria.criteria import CRITERIA
 from discovery.criteria.tension import Tension
 from discovery.residual.tension_data import TensionData
@@ -88,9 +89,8 @@ class CourseFit:
         Every course has two directions that nothing is told of, and a rate of its own.
         """
         information = (self.state.slope**2).sum(axis=1)
-        determined = information / (
-            information + 1 / tau(self.state.scatter, self.problem.frozen.initial) ** 2
-        )
+        deviation = tau(self.state.scatter, self.problem.frozen.initial, self.problem.rules)
+        determined = information / (information + 1 / deviation**2)
         rows = self.state.residual.shape[1] - self.criteria.free_directions - determined
         level = float((self.state.residual**2).sum() / rows.sum())
         return Misfit(level, float(rows.sum()), self, self.criteria)

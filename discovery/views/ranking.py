@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
-from discovery.ranking.result import OFTEN, SURE, RankedLaw, Ranking
+from discovery.ranking.result import RankedLaw, Ranking
 from rom import viewed
 from rom.model.laws import Parameter
 
@@ -25,12 +25,12 @@ def summary(ranking: Ranking) -> str:
     first = ranking.laws[0]
     lines = [f"First of {ranking.considered} candidate laws: {first.name}", f"  dT/dt = {first.equation}"]
     lines += [f"  {name} = {_with_limits(p)}" for name, p in first.parameters.items()]
-    lines.append(_verdict(first))
+    lines.append(_verdict(first, ranking.rules.better))
     for name in (BASELINE, NO_LOOSENING):
         lines += [_against(first, law) for law in ranking.laws[1:] if law.name == name]
-    named = [(law.name, law.chosen) for law in ranking.laws if law.chosen >= OFTEN]
+    named = [(law.name, law.chosen) for law in ranking.laws if law.chosen >= ranking.rules.named]
     rest = 1.0 - sum(share for _, share in named)
-    shares = [*named, *([("others", rest)] if rest >= OFTEN else [])]
+    shares = [*named, *([("others", rest)] if rest >= ranking.rules.named else [])]
     share = "; ".join(f"{name} {100 * share:.0f} %" for name, share in shares)
     lines.append(f"Comes first when preloads are drawn again: {share}.")
     if ranking.indistinguishable:
@@ -93,11 +93,11 @@ def _with_limits(parameter: Parameter) -> str:
     return f"{parameter.value:.4g}{unit} (95 %: {parameter.low:.4g} to {parameter.high:.4g})"
 
 
-def _verdict(first: RankedLaw) -> str:
+def _verdict(first: RankedLaw, better: float) -> str:
     p = first.p_value_against_baseline
     if p is None:
         return "The paper's law itself: no other law describes these records better for its numbers."
-    sure = "beyond chance" if p < SURE else "which may be chance"
+    sure = "beyond chance" if p < better else "which may be chance"
     won, cases = first.wins_against_baseline
     return f"Nearer than the gamma(T) baseline on {won} of {cases} records, {sure} (p = {p:.2g})."
 

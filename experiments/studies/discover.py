@@ -71,19 +71,20 @@ def enough(campaign: Campaign, path: Path) -> None:
     ValueError
         If fewer than four loosening records may be fitted to.
     """
-    from discovery.ranking.discover import LEAST_CASES
+    from discovery.criteria.criteria import CRITERIA
 
+    least = CRITERIA.ranking.least_cases
     training = [record for record in campaign.select("loosening") if not record.hold_out]
-    if len(training) < LEAST_CASES:
+    if len(training) < least:
         raise ValueError(
             f"{path}: found {len(training)} loosening records that are not held out, expected "
-            f"{LEAST_CASES} or more to compare tension laws"
+            f"{least:g} or more to compare tension laws"
         )
 
 
 def summary(path: Path) -> str:
     """Return a few lines for people: which law, how sure, what it beats, and the leader board."""
-    from discovery.ranking.result import OFTEN
+    from discovery.criteria.criteria import CRITERIA
     from experiments.text import rankings
     from experiments.text.wording import law_name, number, trimmed
 
@@ -92,7 +93,8 @@ def summary(path: Path) -> str:
     lines = [data["campaign"], *([found.verdict, *found.sentences] if found else [])]
     lines.append(f"\n{'rank':>4} {'error of loss [%]':>18} {'delta BIC':>10} {'first in [%]':>13}  law")
     laws = rankings.ranked(data)
-    later = [law for law in laws[_SHOWN:] if law["source"] == "baseline" or law["chosen"] >= OFTEN]
+    named = CRITERIA.ranking.named
+    later = [law for law in laws[_SHOWN:] if law["source"] == "baseline" or law["chosen"] >= named]
     for law in [*laws[:_SHOWN], *later]:
         error = trimmed(number(law["cross_validated_loss_error_percent_median"], 3))
         rise = trimmed(number(law["delta_bic"], 4))

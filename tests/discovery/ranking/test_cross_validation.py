@@ -8,6 +8,7 @@ import pytest
 from discovery.courses.fit import fit, log_predictive
 from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.courses.marginal_likelihood import Problem
+from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import BASELINE, CONSTANT_QUARTIC, baseline, rivals_always_in_the_race
 from discovery.ranking import cross_validation as validation
 from rom import paper_model
@@ -30,7 +31,7 @@ def test_preloads_within_a_few_percent_are_one_group(frozen: FrozenMotion) -> No
 
 def test_folds_leave_whole_preloads_out_and_every_case_once() -> None:
     folds = validation.preload_folds(GROUPS, seed=1)
-    assert len(folds) == validation.FOLDS
+    assert len(folds) == CRITERIA.ranking.folds
     assert sorted(np.concatenate([left for _, left in folds])) == list(range(len(GROUPS)))
     for kept, left in folds:
         assert not set(GROUPS[kept]) & set(GROUPS[left])

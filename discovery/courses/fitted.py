@@ -1,0 +1,63 @@
+"""A fitted candidate law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from discovery.courses.variability import tau
+from discovery.criteria.courses import Courses
+from discovery.criteria.criteria import CRITERIA
+from discovery.laws.candidate import Candidate
+from rom.campaign.channels import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A fitted candidate.
+
+    Attributes
+    ----------
+    candidate : Candidate
+        With its refined numbers.
+    free : tuple of str
+        What was fitted; `covariance` is that of ln coefficients (of coefficients that may have either sign:
+        as they are) and of inner parameters.
+    deviance : float
+        -2 log marginal likelihood of the cases fitted.
+    scatter : tuple of float
+        a and b of ln tau.
+    offsets : ndarray, shape (cases, bins)
+        Full re-simulation minus frozen course [N].
+    deviations : ndarray, shape (cases,)
+        u at its mode.
+    of_losses : bool
+        Whether it was fitted to the losses alone, the courses left aside.
+    rules : Courses
+        The criteria of the fit.
+    """
+
+    candidate: Candidate
+    free: tuple[str, ...]
+    covariance: FloatArray
+    deviance: float
+    scatter: tuple[float, float]
+    offsets: FloatArray
+    deviations: FloatArray
+    converged: bool
+    of_losses: bool = False
+    rules: Courses = CRITERIA.courses
+
+    def tau(self, initial: FloatArray) -> FloatArray:
+        """Between-test standard deviation of the log rate at tensions [N], (cases,)."""
+        return tau(np.array(self.scatter), initial, self.rules)
+
+    def limits(self, name: str) -> tuple[float, float]:
+        """95 % limits of a fitted number."""
+        half = self.rules.standard_errors
+        error = float(np.sqrt(max(self.covariance[self.free.index(name)][self.free.index(name)], 0.0)))
+        value = self.candidate.parameters[name].value
+        if name in self.candidate.coefficient_names and value > 0:
+            return value * float(np.exp(-half * error)), value * float(np.exp(half * error))
+        return value - half * error, value + half * error
