@@ -25,15 +25,28 @@ if TYPE_CHECKING:
     from discovery.loop.close_loop import close_loop
     from discovery.loop.result import Closure
     from discovery.ranking.result import RankedLaw, Ranking
+    from discovery.search.libraries import LIBRARIES
+    from discovery.search.optimizers import OPTIMIZERS
 
 _HOME = {
     "Closure": "discovery.loop.result",
     "Criteria": "discovery.criteria.criteria",
+    "LIBRARIES": "discovery.search.libraries",
+    "OPTIMIZERS": "discovery.search.optimizers",
     "RankedLaw": "discovery.ranking.result",
     "Ranking": "discovery.ranking.result",
     "close_loop": "discovery.loop.close_loop",
 }
-__all__ = ["Closure", "Criteria", "RankedLaw", "Ranking", "close_loop", "discover"]
+__all__ = [
+    "LIBRARIES",
+    "OPTIMIZERS",
+    "Closure",
+    "Criteria",
+    "RankedLaw",
+    "Ranking",
+    "close_loop",
+    "discover",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -1,1 +1,5 @@
-"""discovery/courses."""
+"""Tension histories of many tests along frozen motion, and fits of laws to them.
+
+Belongs here: what predicts a history, its likelihood, and the fit of one law.
+May import: `discovery.laws` and what that may.
+"""

@@ -20,7 +20,8 @@ from discovery.explain.effect_outputs import outputs_of
 from discovery.explain.motion import explanation
 from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
-from discovery.search.sparse_regression import sparse_supports, usable
+from discovery.search.optimizers import sparse_supports
+from discovery.search.sparse_regression import usable
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Effect, Member, ModelCorrection, free_form
 from rom.model.laws import Parameter

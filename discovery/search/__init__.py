@@ -1,1 +1,5 @@
-"""discovery/search."""
+"""From libraries of factors and sparse fits to a short list of laws: `LIBRARIES`, `OPTIMIZERS`.
+
+Belongs here: a family of factors, an optimizer, a quick score.
+May import: `discovery.courses` and what that may.
+"""

@@ -10,13 +10,15 @@ alone makes at these scales, and c over both factors' scales is the term's coeff
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import groupby, product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.search import Search
 from discovery.laws.candidate import Term
 from discovery.laws.factors import (
     Factor,
@@ -36,7 +38,6 @@ from rom.campaign.channels import FloatArray
 if TYPE_CHECKING:
     from discovery.courses.frozen_motion import FrozenMotion
 
-_DEGREE = 6  # of the polynomials in |v| and |x|
 _INPUTS = ("abs(v)", "abs(x)", "abs(F)", "abs(D)", "T")
 
 
@@ -79,12 +80,15 @@ class TermLibrary:
     motions, tensions : tuple of Factor
         The factors, with values for all inner parameters; column ``j * len(tensions) + k`` is motion j times
         tension k.
+    degree : int
+        Of the polynomials that come first among the motions.
     """
 
     name: str
     scales: Scales
     motions: tuple[Factor, ...]
     tensions: tuple[Factor, ...]
+    degree: int = int(CRITERIA.search.degree)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -136,11 +140,12 @@ class TermLibrary:
         """The motion factors, polynomials first, and the tension factors as pysindy libraries."""
         from pysindy import ConcatLibrary, CustomLibrary, GeneralizedLibrary, PolynomialLibrary
 
-        whole = polynomials()
+        degree = self.degree
+        whole = polynomials(degree)
         parts, places = [], []
         custom = self.motions
         if [f.key for f in self.motions[: len(whole)]] == [f.key for f in whole]:
-            parts.append(PolynomialLibrary(degree=_DEGREE, include_bias=False))
+            parts.append(PolynomialLibrary(degree=degree, include_bias=False))
             places.append([0, 1])
             custom = self.motions[len(whole) :]
         if custom:
@@ -205,11 +210,11 @@ def grid(factor: Factor) -> tuple[Factor, ...]:
     )
 
 
-def polynomials() -> tuple[Factor, ...]:
-    """``|v|^n |x|^q`` for whole n + q up to 6, in the order of pysindy's PolynomialLibrary."""
+def polynomials(degree: int) -> tuple[Factor, ...]:
+    """``|v|^n |x|^q`` for whole n + q up to a degree, in the order of pysindy's PolynomialLibrary."""
     from pysindy import PolynomialLibrary
 
-    library = PolynomialLibrary(degree=_DEGREE, include_bias=False).fit(np.ones((2, 2)))
+    library = PolynomialLibrary(degree=degree, include_bias=False).fit(np.ones((2, 2)))
     return tuple(_whole_powers(float(n), float(q)) for n, q in library.powers_)
 
 
@@ -219,29 +224,61 @@ def _whole_powers(n: float, q: float) -> Factor:
     return velocity_displacement(n, q) if n else displacement_power(q)
 
 
-def motion_factors(scales: Scales) -> tuple[Factor, ...]:
-    """All motion factors: whole powers first, then fractional ones, power, force and thresholds on grids."""
-    whole = polynomials()
-    families = (
-        velocity_power(),
-        displacement_power(),
-        velocity_displacement(),
-        dissipated_power(),
-        force_power(),
-        velocity_threshold(0.1 * scales.velocity, scales.velocity),
-        displacement_threshold(0.1 * scales.displacement, scales.displacement),
-    )
-    rate_free = (velocity_displacement(1.0, q) for q in (0.5, 1.5, 2.5))
-    unique = {factor.key: factor for family in families for factor in grid(family)}
-    unique |= {factor.key: factor for factor in rate_free}
-    known = {factor.key for factor in whole}
-    return (*whole, *(factor for key, factor in unique.items() if key not in known))
+@dataclass(frozen=True)
+class Library:
+    """A family of factors.
+
+    Attributes
+    ----------
+    of : str
+        ``"motion"`` or ``"tension"``.
+    factors : callable
+        From the campaign's scales and the criteria to the factors, each with values for its inner parameters.
+    """
+
+    of: Literal["motion", "tension"]
+    factors: Callable[[Scales, Search], tuple[Factor, ...]]
 
 
-def tension_factors(*fitted: Factor) -> tuple[Factor, ...]:
-    """All tension factors on their grids, T alone first, and those that are fitted already."""
-    families = (tension_power(), tension_power(free=True), tension_exponential(), tension_logistic())
-    points: Sequence[Factor] = [*(p for family in families for p in grid(family)), *fitted]
+LIBRARIES: dict[str, Library] = {
+    "polynomials": Library("motion", lambda _, rules: polynomials(int(rules.degree))),
+    "velocity": Library("motion", lambda *_: grid(velocity_power())),
+    "displacement": Library("motion", lambda *_: grid(displacement_power())),
+    "velocity and displacement": Library("motion", lambda *_: grid(velocity_displacement())),
+    "dissipated power": Library("motion", lambda *_: grid(dissipated_power())),
+    "force": Library("motion", lambda *_: grid(force_power())),
+    "velocity above a threshold": Library(
+        "motion", lambda scales, _: grid(velocity_threshold(0.1 * scales.velocity, scales.velocity))
+    ),
+    "displacement above a threshold": Library(
+        "motion",
+        lambda scales, _: grid(displacement_threshold(0.1 * scales.displacement, scales.displacement)),
+    ),
+    "rate-free": Library("motion", lambda *_: tuple(velocity_displacement(1.0, q) for q in (0.5, 1.5, 2.5))),
+    "proportional to the tension": Library("tension", lambda *_: grid(tension_power())),
+    "power of the tension": Library("tension", lambda *_: grid(tension_power(free=True))),
+    "exponential in the tension": Library("tension", lambda *_: grid(tension_exponential())),
+    "logistic in the tension": Library("tension", lambda *_: grid(tension_logistic())),
+}
+"""Name -> family of factors; every motion factor is tried with every tension factor."""
+
+
+def _of_all(of: str, scales: Scales, rules: Search) -> list[Factor]:
+    families = (library.factors(scales, rules) for library in LIBRARIES.values() if library.of == of)
+    return [factor for family in families for factor in family]
+
+
+def motion_factors(scales: Scales, rules: Search = CRITERIA.search) -> tuple[Factor, ...]:
+    """All motion factors of `LIBRARIES`, each once, in their order."""
+    unique: dict[object, Factor] = {}
+    for factor in _of_all("motion", scales, rules):
+        unique.setdefault(factor.key, factor)
+    return tuple(unique.values())
+
+
+def tension_factors(scales: Scales, *fitted: Factor, rules: Search = CRITERIA.search) -> tuple[Factor, ...]:
+    """All tension factors of `LIBRARIES`, T alone first, and those that are fitted already."""
+    points = [*_of_all("tension", scales, rules), *fitted]
     proportional = tension_power(1.0, free=True).key
     unique = {factor.key: factor for factor in points if factor.key != proportional}
     return tuple(unique.values())

@@ -17,17 +17,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize
 
+from discovery.criteria.courses import Courses
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.number import Numerical
 from discovery.search.sparse_regression import Rows
 from rom.campaign.channels import FloatArray
 
-COMMON_SCATTER = 0.5  # of the rate, as most bolts have it
-SIGNED_SCATTER = 1.5  # where some tests tighten
 _SCATTERS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
 _MIXTURES = (0.1, 0.3, 0.5, 0.7, 0.9)
-_NEWTON_STEPS, _LARGEST_STEP, _STEP = 6, 0.7, 0.02
-_WIDE_SCATTER = 3.0
-_FARTHEST = 10.0  # of the logarithm of a coefficient from its start
-_TINY = 1e-300
+_NEWTON_STEPS: Numerical[int] = 6
+_LARGEST_STEP: Numerical[float] = 0.7
+_STEP: Numerical[float] = 0.02
+_WIDE_START: Numerical[float] = 3.0
+_FARTHEST: Numerical[float] = 10.0  # of the logarithm of a coefficient from its start
+_TINY: Numerical[float] = 1e-300
 
 
 @dataclass(frozen=True)
@@ -40,9 +43,9 @@ class Found:
     sources: tuple[str, ...]
 
 
-def common_scatter(signed: bool) -> float:
-    """Scatter of the rate to reckon with before it is known."""
-    return SIGNED_SCATTER if signed else COMMON_SCATTER
+def assumed_variability(signed: bool, rules: Courses = CRITERIA.courses) -> float:
+    """Between-test standard deviation of the log rate that is assumed before it is fitted."""
+    return rules.signed_variability if signed else rules.usual_variability
 
 
 def marginal_deviance(
@@ -92,7 +95,9 @@ def _of_one_sign(rows: Rows, source: str) -> list[Found]:
     return [Found((int(k),), (float(np.exp(where[k])),), float(best[k]), (source,)) for k in sound]
 
 
-def best_pairs(rows: Rows, sizes: FloatArray, count: int, signed: bool = False) -> list[tuple[int, int]]:
+def best_pairs(
+    rows: Rows, sizes: FloatArray, count: int, signed: bool = False, rules: Courses = CRITERIA.courses
+) -> list[tuple[int, int]]:
     """Pairs of columns of the largest marginal likelihood, over a few mixtures of each pair, best first.
 
     Parameters
@@ -105,17 +110,19 @@ def best_pairs(rows: Rows, sizes: FloatArray, count: int, signed: bool = False) 
         How many pairs to return.
     signed : bool
         Whether one of the two may tighten.
+    rules : Courses
+        Between-test variability that is assumed.
     """
     columns = rows.columns * sizes
     gram = np.einsum("cbj,cbk->cjk", columns, columns, optimize=True)
     product = np.einsum("cbj,cb->cj", columns, rows.target)
     size = (rows.target**2).sum(axis=1)[:, None]
     j, k = np.triu_indices(len(sizes), 1)
-    best = np.full(len(j), np.inf)
+    best, assumed = np.full(len(j), np.inf), assumed_variability(signed, rules)
     for first, second in _mixtures(signed):
         along = first * product[:, j] + second * product[:, k]
         square = first**2 * gram[:, j, j] + second**2 * gram[:, k, k] + 2 * first * second * gram[:, j, k]
-        value, _ = _scaled(size, along, square, _typical(along, square), common_scatter(signed))
+        value, _ = _scaled(size, along, square, _typical(along, square), assumed)
         best = np.minimum(best, np.where(np.isfinite(value), value, np.inf))
     return [(int(j[place]), int(k[place])) for place in np.argsort(best)[:count]]
 
@@ -127,7 +134,13 @@ def _mixtures(signed: bool) -> list[tuple[float, float]]:
     return [*plain, *((1.0, -share) for share in _MIXTURES), *((-share, 1.0) for share in _MIXTURES)]
 
 
-def judged(rows: Rows, members: Sequence[int], start: FloatArray, sources: tuple[str, ...]) -> Found:
+def fitted_sum(
+    rows: Rows,
+    members: Sequence[int],
+    start: FloatArray,
+    sources: tuple[str, ...],
+    rules: Courses = CRITERIA.courses,
+) -> Found:
     """A sum of columns with the coefficients (of the signs of ``start``) and scatter that suit it best."""
     columns = rows.columns[:, :, list(members)] * start
     gram = np.einsum("cbj,cbk->cjk", columns, columns)
@@ -153,7 +166,7 @@ def judged(rows: Rows, members: Sequence[int], start: FloatArray, sources: tuple
             deviance, np.append(np.zeros(len(members)), np.log(scatter)), jac=True, method="L-BFGS-B",
             bounds=limits, options={"ftol": 1e-7},
         )
-        for scatter in (COMMON_SCATTER, _WIDE_SCATTER)
+        for scatter in (rules.usual_variability, _WIDE_START)
     ]  # fmt: skip
     found = min(tries, key=lambda item: float(item.fun))
     coefficients = start * np.exp(found.x[:-1])

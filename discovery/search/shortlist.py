@@ -15,11 +15,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from discovery.criteria.criteria import Criteria
+from discovery.criteria.search import Search
 from discovery.laws.candidate import Candidate, Term
 from discovery.laws.factors import Factor, tension_exponential, tension_logistic, tension_power
 from discovery.ranking.result import term_form
 from discovery.search.libraries import Scales, TermLibrary, motion_factors, printed, tension_factors
-from discovery.search.quick_likelihood import Found, best_pairs, common_scatter, judged, single_terms
+from discovery.search.optimizers import sparse_supports
+from discovery.search.quick_likelihood import Found, assumed_variability, best_pairs, fitted_sum, single_terms
 from discovery.search.sparse_regression import (
     Rows,
     along,
@@ -27,7 +30,6 @@ from discovery.search.sparse_regression import (
     integrals,
     least_squares,
     smoothed,
-    sparse_supports,
     usable,
     weighted,
     whitener,
@@ -40,13 +42,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int], None]
 
-_MOST = 60
-_BEATEN = 8  # sums that a simpler law beats and that go on all the same: the measure is a quick one
-_WHOLE = 4  # sums of one form with whole powers
-_GUIDES = 3  # single terms of different motion that are fitted to find the guide
-_SHARED = 6  # tension factors whose libraries go through the sparse fits
-_PAIRS = 40  # of every library, judged in full
-_BOOTSTRAPS = 20
 _SINGLE = "pysindy:grid/single term"
 
 
@@ -112,23 +107,25 @@ def _proposed(
 ) -> Proposals:
     rng = np.random.default_rng(seed)
     tell(0, 4)
-    scales = Scales.of(frozen)
-    motions = motion_factors(scales)
+    scales, rules = Scales.of(frozen), frozen.criteria.search
+    motions = motion_factors(scales, rules)
     guide = _guide(frozen, baseline_fit, scales, motions)
     tell(1, 4)
     followed = along(guide, frozen)
     fitted = [t.tension for f in (baseline_fit, guide) for t in f.candidate.terms if t.tension.inner]
-    library = TermLibrary("grid", scales, motions, tension_factors(*fitted))
+    library = TermLibrary(
+        "grid", scales, motions, tension_factors(scales, *fitted, rules=rules), int(rules.degree)
+    )
     columns, smooth = integrals(library, followed), smoothed(guide, followed)
     plain = weighted(columns, followed, whitener(followed, smooth))
-    scatter = np.minimum(guide.tau(frozen.initial), common_scatter(tightening))
+    scatter = np.minimum(guide.tau(frozen.initial), assumed_variability(tightening, frozen.criteria.courses))
     damped = weighted(columns, followed, whitener(followed, smooth, scatter))
     singles = single_terms(plain, _SINGLE, signed=tightening)
     tell(2, 4)
-    search = _Search(library, plain, damped, singles, tightening)
+    search = _Search(library, plain, damped, singles, tightening, frozen.criteria)
     sums, dropped = search.sums(rng)
     tell(3, 4)
-    kept, scores = _merged(library, (*singles, *sums), plain.target.size)
+    kept, scores = _merged(library, (*singles, *sums), plain.target.size, rules)
     inclusion = search.inclusion(rng)
     tell(4, 4)
     return Proposals(kept, len(singles) + len(sums), inclusion, dropped, scores)
@@ -139,7 +136,7 @@ def _guide(frozen: FrozenMotion, baseline_fit: Fit, scales: Scales, motions: tup
     from discovery.courses.fit import fit, refine
 
     tensions = (tension_power(), tension_exponential(2 * scales.tension), tension_logistic())
-    library = TermLibrary("first", scales, motions, tensions)
+    library = TermLibrary("first", scales, motions, tensions, int(frozen.criteria.search.degree))
     roots = whitener(frozen, smoothed(baseline_fit, frozen))
     rows = weighted(integrals(library, frozen), frozen, roots)
     terms, units = library.terms, library.units
@@ -147,7 +144,9 @@ def _guide(frozen: FrozenMotion, baseline_fit: Fit, scales: Scales, motions: tup
     for found in sorted(single_terms(rows, _SINGLE), key=lambda item: item.deviance):
         term = terms[found.columns[0]]
         forms.setdefault(term.motion.text, _candidate([term], found, units))
-    fits = [fit(candidate, frozen) for candidate in list(forms.values())[:_GUIDES]]
+    fits = [
+        fit(candidate, frozen) for candidate in list(forms.values())[: int(frozen.criteria.search.guides)]
+    ]
     best = min((baseline_fit, *fits), key=lambda item: item.deviance)
     refined = best if best is baseline_fit else refine(best.candidate, frozen, rounds=1)
     return refined if refined.converged else best
@@ -166,6 +165,7 @@ class _Search:
     damped: Rows
     singles: Sequence[Found]
     tightening: bool
+    criteria: Criteria
 
     def sums(self, rng: np.random.Generator) -> tuple[list[Found], tuple[str, ...]]:
         """Every distinct sum on the paths of the sparse fits, and the best pairs; and dropped columns."""
@@ -182,7 +182,7 @@ class _Search:
             found = {
                 support: tuple(f"pysindy:{label}/{optimizer}" for optimizer in optimizers)
                 for support, optimizers in sparse_supports(
-                    theta[:, kept], target, rng, self.tightening
+                    theta[:, kept], target, rng, self.tightening, self.criteria.search
                 ).items()
             }
             for pair in self._pairs(place):
@@ -190,7 +190,7 @@ class _Search:
             for support, texts in found.items():
                 whole = frozenset(place[k] for k in support)
                 sources[whole] = tuple(dict.fromkeys((*sources.get(whole, ()), *texts)))
-        sums = [self._judged(support, texts) for support, texts in sources.items() if len(support) > 1]
+        sums = [self._fitted(support, texts) for support, texts in sources.items() if len(support) > 1]
         return sums, tuple(dropped)
 
     def inclusion(self, rng: np.random.Generator) -> dict[str, float]:
@@ -204,12 +204,17 @@ class _Search:
         terms = self.library.terms
         forms = [term_form(terms[members[k]]) for k in kept]
         counts: dict[str, int] = {}
-        for _ in range(_BOOTSTRAPS):
+        rules = self.criteria.search
+        draws = int(rules.bootstraps)
+        for _ in range(draws):
             drawn = rng.integers(len(target), size=len(target))
             rows = theta[drawn][:, :, kept].reshape(-1, len(kept))
-            for form in {forms[k]: None for k in forward(rows, target[drawn].ravel(), 2)}:
+            for form in {
+                forms[k]: None
+                for k in forward(rows, target[drawn].ravel(), int(rules.first_terms), rules.ridge)
+            }:
                 counts[form] = counts.get(form, 0) + 1
-        shares = {form: count / _BOOTSTRAPS for form, count in counts.items()}
+        shares = {form: count / draws for form, count in counts.items()}
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
     def _libraries(self) -> dict[str, list[int]]:
@@ -224,7 +229,7 @@ class _Search:
         texts: dict[str, int] = {}
         for k in order:
             texts.setdefault(self.library.tensions[k].text, k)
-        shared = list(dict.fromkeys((*texts.values(), *order)))[:_SHARED]
+        shared = list(dict.fromkeys((*texts.values(), *order)))[: int(self.criteria.search.shared)]
         libraries = {printed(self.library.tensions[k]): [int(j) for j in motions * width + k] for k in shared}
         return {**libraries, "each with its best T": [int(j * width + table[j].argmin()) for j in motions]}
 
@@ -237,17 +242,18 @@ class _Search:
         alone = [k for k, column in enumerate(members) if column in sizes]
         chosen = [members[k] for k in alone]
         rows = Rows(self.plain.columns[:, :, chosen], self.plain.target)
-        pairs = best_pairs(rows, np.array([sizes[k] for k in chosen]), _PAIRS, self.tightening)
+        values, count = np.array([sizes[k] for k in chosen]), int(self.criteria.search.pairs)
+        pairs = best_pairs(rows, values, count, self.tightening, self.criteria.courses)
         return [(alone[j], alone[k]) for j, k in pairs]
 
-    def _judged(self, support: frozenset[int], sources: tuple[str, ...]) -> Found:
+    def _fitted(self, support: frozenset[int], sources: tuple[str, ...]) -> Found:
         members = sorted(support)
         start = least_squares(*self._stacked(members), signed=self.tightening)
-        return judged(self.plain, members, start, sources)
+        return fitted_sum(self.plain, members, start, sources, self.criteria.courses)
 
 
 def _merged(
-    library: TermLibrary, found: Iterable[Found], rows: int
+    library: TermLibrary, found: Iterable[Found], rows: int, rules: Search
 ) -> tuple[tuple[Candidate, ...], tuple[float, ...]]:
     """Distinct laws, best first: equal forms are one law, with the best numbers and all its sources.
 
@@ -264,8 +270,8 @@ def _merged(
         if len(free.terms) > 1 and all(_is_whole(term.motion) for term in free.terms):
             held = _held(free)
             count = whole.get(free.key, 0) + (held.key not in best)
-            guises += [held] if count <= _WHOLE else []
-            whole[free.key] = min(count, _WHOLE)
+            guises += [held] if count <= rules.whole_powers else []
+            whole[free.key] = min(count, int(rules.whole_powers))
         # what was picked from a grid is a number too, whether a later fit moves it or not
         score = one.deviance + price * sum(1 + len(term.inner) for term in free.terms)
         for guise in guises:
@@ -277,7 +283,7 @@ def _merged(
     least = singles[0][0] if singles else np.inf
     sums = [item for item in ranked if len(item[1].terms) > 1]
     worth = [item for item in sums if item[0] < least]
-    chosen = [*singles, *worth, *sums[len(worth) : len(worth) + _BEATEN]][:_MOST]
+    chosen = [*singles, *worth, *sums[len(worth) : len(worth) + int(rules.beaten)]][: int(rules.shortlist)]
     chosen.sort(key=lambda item: item[0])
     return tuple(c for _, c in chosen), tuple(s for s, _ in chosen)
 

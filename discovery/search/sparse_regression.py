@@ -12,16 +12,16 @@ rate from case to case. The strong form, finite differences of the tension, is h
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import optimize
 
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
 
 if TYPE_CHECKING:
@@ -29,17 +29,9 @@ if TYPE_CHECKING:
     from discovery.courses.frozen_motion import FrozenMotion
     from discovery.search.libraries import TermLibrary
 
-MODEL_ERROR = 0.01  # of the change: frozen motion and tension course against the full simulation
-_COLLINEAR = 1e-9  # one minus the cosine of two columns
-_RIDGE = 1e-4
-_LARGEST_SUPPORT = 3
-_LONG = 300
-_SMALL = 0.03
-_NOTHING = 1e-30
-_SHARES = tuple(np.geomspace(0.02, 0.8, 8))  # thresholds as a share of the target's norm
-_THRESHOLDS = 12
-_EXACT = 1e-10  # of the bounded fits, whose own default stops among near-equal columns
-_POSITIVE = tuple(np.geomspace(0.01, 0.8, _THRESHOLDS))  # coefficients that cannot cancel stay below about 1
+_COLLINEAR: Numerical[float] = 1e-9  # one minus the cosine of two columns
+_SMALL: Numerical[float] = 0.03
+_NOTHING: Numerical[float] = 1e-30
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +85,8 @@ def whitener(frozen: FrozenMotion, smooth: FloatArray, tau: FloatArray | None = 
     tau : ndarray, shape (cases,)
         Scatter of the log rate; without it the rows keep it whole.
     """
-    total = frozen.covariance + np.einsum("cb,bd->cbd", (MODEL_ERROR * smooth) ** 2, np.eye(smooth.shape[1]))
+    error = frozen.criteria.search.model_error
+    total = frozen.covariance + np.einsum("cb,bd->cbd", (error * smooth) ** 2, np.eye(smooth.shape[1]))
     if tau is not None:
         total = total + np.einsum("c,cb,cd->cbd", tau**2, smooth, smooth)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(total)))
@@ -140,113 +133,29 @@ def usable(theta: FloatArray, names: Sequence[str]) -> tuple[list[int], tuple[st
     return kept, tuple(dropped)
 
 
-def sparse_supports(
-    theta: FloatArray, target: FloatArray, rng: np.random.Generator, signed: bool = False
-) -> dict[frozenset[int], tuple[str, ...]]:
-    """Distinct supports on the paths of pysindy's optimizers, each with the optimizers that found it.
+def forward(
+    theta: FloatArray, target: FloatArray, count: int, ridge: float = CRITERIA.search.ridge
+) -> list[int]:
+    """Return the first columns that FROLS takes.
 
     Parameters
     ----------
     theta : ndarray, shape (rows, columns)
-        Whitened columns, none of them zero or twice there.
+        Whitened columns.
     target : ndarray, shape (rows,)
         Whitened losses.
-    rng : numpy.random.Generator
-        Source of the ensemble's rows.
-    signed : bool
-        Whether terms of either sign are sought: no fit is then held to positive coefficients.
+    count : int
+        How many columns.
+    ridge : float
+        Weight of the ridge.
     """
-    unit = theta / np.linalg.norm(theta, axis=0)
-    goal = target / np.linalg.norm(target)
-    found: dict[frozenset[int], tuple[str, ...]] = {}
-    for optimizer, coefficients in _paths(unit, goal, rng, signed):
-        for row in coefficients:
-            support = frozenset(int(j) for j in np.flatnonzero(row))
-            if 0 < len(support) <= _LARGEST_SUPPORT and optimizer not in found.get(support, ()):
-                found[support] = (*found.get(support, ()), optimizer)
-    return found
-
-
-def _paths(
-    theta: FloatArray, target: FloatArray, rng: np.random.Generator, signed: bool
-) -> Iterator[tuple[str, list[FloatArray]]]:
-    """Coefficients along the path of every optimizer."""
-    from pysindy import FROLS, SR3, SSR, STLSQ, EnsembleOptimizer
-
-    count = theta.shape[1]
-
-    def stlsq(threshold: float) -> Any:
-        return STLSQ(threshold=threshold, alpha=_RIDGE, max_iter=count + 1)
-
-    def non_negative(threshold: float) -> Any:
-        # its last step, plain least squares on what is left, would lose the signs again
-        bound = {"positive": True, "tol": _EXACT}
-        return STLSQ(threshold, alpha=_RIDGE, max_iter=count + 1, ridge_kw=bound, unbias=False)
-
-    def sr3(share: float) -> Any:
-        weight = SR3.calculate_l0_weight(share, 1.0)
-        # from zero: the least squares of near-equal columns are far off
-        return SR3(weight, initial_guess=np.zeros((1, count)), max_iter=_LONG, unbias=True)
-
-    # the stop of FROLS is unreliable and that of SSR a guess: their whole paths are taken
-    if count > 1:
-        yield "FROLS", _history(FROLS(max_iter=min(_LARGEST_SUPPORT + 1, count), alpha=_RIDGE), theta, target)
-        yield "SSR", _history(SSR(max_iter=count, alpha=_RIDGE), theta, target)
-    # near-equal columns have large coefficients that cancel: thresholds up to the largest
-    largest = np.abs(np.linalg.solve(theta.T @ theta + _RIDGE * np.eye(count), theta.T @ target)).max()
-    thresholds = np.geomspace(0.02, max(float(largest), 0.04), _THRESHOLDS)
-    yield "STLSQ", [c for t in thresholds for c in _coefficients(stlsq(t), theta, target)]
-    if not signed:
-        yield (
-            "non-negative STLSQ",
-            [c for t in _POSITIVE for c in _coefficients(non_negative(t), theta, target)],
-        )
-    yield "SR3", [c for share in _SHARES for c in _coefficients(sr3(share), theta, target)]
-    with _global_seed(rng):
-        yield (
-            "EnsembleOptimizer",
-            [
-                c
-                for t in thresholds[_THRESHOLDS // 2 :: 2]
-                for c in _coefficients(EnsembleOptimizer(stlsq(t), bagging=True, n_models=10), theta, target)
-            ],
-        )
-
-
-def _history(optimizer: Any, theta: FloatArray, target: FloatArray) -> list[FloatArray]:
-    return [np.asarray(row)[0] for row in optimizer.fit(theta, target).history_]
-
-
-def _coefficients(optimizer: Any, theta: FloatArray, target: FloatArray) -> list[FloatArray]:
-    """Coefficients of one fit; none where the optimizer warns that it left nothing or did not settle."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        try:
-            return [np.asarray(optimizer.fit(theta, target).coef_)[0]]
-        except UserWarning:
-            return []
-
-
-@contextmanager
-def _global_seed(rng: np.random.Generator) -> Iterator[None]:
-    """Seed for a while the global state that EnsembleOptimizer draws from, and put it back."""
-    before = np.random.get_state()  # noqa: NPY002 - pysindy draws from it
-    np.random.seed(int(rng.integers(2**31)))  # noqa: NPY002 - the same
-    try:
-        yield
-    finally:
-        np.random.set_state(before)  # noqa: NPY002 - the same
-
-
-def forward(theta: FloatArray, target: FloatArray, count: int) -> list[int]:
-    """Return the first columns that FROLS takes."""
     from pysindy import FROLS
 
     norms = np.linalg.norm(theta, axis=0)
     there = np.flatnonzero(norms > 0)
     if len(there) < 2:
         return [int(k) for k in there]
-    path = FROLS(max_iter=count, alpha=_RIDGE).fit(theta[:, there] / norms[there], target).history_
+    path = FROLS(max_iter=count, alpha=ridge).fit(theta[:, there] / norms[there], target).history_
     return [int(there[k]) for k in np.flatnonzero(np.asarray(path[-1])[0])]
 
 

@@ -15,6 +15,9 @@ from itertools import product
 
 import numpy as np
 
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.number import Numerical
+from discovery.criteria.separating import Separating
 from discovery.explain.effect_outputs import output_of, slopes_of
 from discovery.explain.motion import free_numbers
 from discovery.explain.motion_fit import with_effects
@@ -27,9 +30,8 @@ from rom.effects import CATALOGUE, ModelCorrection
 from rom.evaluation.replay import replay
 from rom.identification.spectral_model import ComplexArray, SpectralRecord
 
-_FACTORS = (1.0, -1.0, 2.0, -2.0, 4.0, -4.0)  # of the force of a record; below 0: from the other side
-_REPEATS = (1, 3, 10)
-_PRELOADS = 3  # of those in the records
+_FACTORS = (1.0, 2.0)  # of the force of a record, and the hardest allowed; each from both sides
+_REPEATS = (1, 3)  # and the most allowed
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +49,7 @@ def separating_tests(
     evidence: WhitenedResidual,
     enough: float,
     near: float,
+    rules: Separating = CRITERIA.separating,
 ) -> list[str]:
     """Return for every rival the test, in words, that would tell it from the best effect.
 
@@ -62,6 +65,8 @@ def separating_tests(
         The refined model on the records at hand.
     enough, near : float
         Difference in cost that tells two effects apart: so much, and such a share of what the best explains.
+    rules : Separating
+        How hard, how often and at how many preloads hits are tried.
 
     Returns
     -------
@@ -71,26 +76,34 @@ def separating_tests(
     in_motion = [one.kind in ("force", "sensor fault") for one in (best, *rivals)]
     if not in_motion[0] or not any(in_motion[1:]):
         return [""] * len(rivals)
-    tests = list(_tests(evidence))
+    tests = list(_tests(evidence, rules))
     if not tests:
         return [""] * len(rivals)
     traced = with_effects(whiten([test.trace for test in tests], evidence.baseline, evidence.floors))
     here = evidence.of_training()
-    needed = np.maximum(enough, near * _gains(best, None, here, traced))
+    repeats = _repeats(rules)
+    needed = np.maximum(enough, near * _gains(best, None, here, traced, repeats))
     return [
-        _words(_gains(best, rival, here, traced), tests, needed) if moves else ""
+        _words(_gains(best, rival, here, traced, repeats), tests, needed, repeats, rules) if moves else ""
         for rival, moves in zip(rivals, in_motion[1:], strict=True)
     ]
 
 
-def _tests(evidence: WhitenedResidual) -> Iterator[_Test]:
+def _repeats(rules: Separating) -> list[int]:
+    most = int(rules.effect_repeats)
+    return [*(times for times in _REPEATS if times < most), most]
+
+
+def _tests(evidence: WhitenedResidual, rules: Separating) -> Iterator[_Test]:
     """Tests like those at hand, with harder hits, from the other side and on the other bodies too."""
+    sizes = [*(size for size in _FACTORS if size < rules.effect_hardest), rules.effect_hardest]
+    factors = [side * size for size in sizes for side in (1, -1)]  # below 0: from the other side
     masses = {body.name: body.mass for body in evidence.baseline.model.structure.bodies}
-    for trace in _at_hand(evidence.of_training().traces):
+    for trace in _at_hand(evidence.of_training().traces, int(rules.effect_preloads)):
         alone = trace.measurement.test == "uncoupled"
         where = "alone, bolt out," if alone else f"at {trace.level:.3g} N of tension"
         struck, peak = _hit(trace)
-        for body, factor in product(trace.bodies, _FACTORS):
+        for body, factor in product(trace.bodies, factors):
             times = factor * masses[body] / masses[struck]  # as fast a motion of either body
             imagined = _imagined(trace, evidence, body, times)
             if imagined is not None:
@@ -98,7 +111,7 @@ def _tests(evidence: WhitenedResidual) -> Iterator[_Test]:
                 yield _Test(f"hit {body} {where} with {abs(times) * peak:.3g} N{side}", abs(factor), imagined)
 
 
-def _at_hand(traces: Iterable[MeasuredTrajectory]) -> Iterator[MeasuredTrajectory]:
+def _at_hand(traces: Iterable[MeasuredTrajectory], preloads: int) -> Iterator[MeasuredTrajectory]:
     """A few records of each kind of hit, over all preloads."""
     alike: dict[tuple[str, str], list[MeasuredTrajectory]] = {}
     for trace in traces:
@@ -107,7 +120,7 @@ def _at_hand(traces: Iterable[MeasuredTrajectory]) -> Iterator[MeasuredTrajector
             alike.setdefault((_hit(trace)[0], kind), []).append(trace)
     for ones in alike.values():
         ordered = sorted(ones, key=lambda trace: trace.level)
-        yield from (ordered[i] for i in np.unique(np.linspace(0, len(ordered) - 1, _PRELOADS).astype(int)))
+        yield from (ordered[i] for i in np.unique(np.linspace(0, len(ordered) - 1, preloads).astype(int)))
 
 
 def _hit(trace: MeasuredTrajectory) -> tuple[str, float]:
@@ -154,7 +167,11 @@ def _struck(part: SpectralRecord, here: int, there: int, times: float) -> Spectr
 
 
 def _gains(
-    best: ModelCorrection, rival: ModelCorrection | None, evidence: WhitenedResidual, tests: WhitenedResidual
+    best: ModelCorrection,
+    rival: ModelCorrection | None,
+    evidence: WhitenedResidual,
+    tests: WhitenedResidual,
+    numbers: Sequence[int],
 ) -> FloatArray:
     """By how much tests raise the cost of the rival, or of no effect, over the best's, (tests, repeats).
 
@@ -171,7 +188,7 @@ def _gains(
     most = [np.inf if rival is None else one.cost for one in every]
     return np.array(
         [
-            [min((now + one.repeated(n)).remainder() - left, n * own) for n in _REPEATS]
+            [min((now + one.repeated(n)).remainder() - left, n * own) for n in numbers]
             for one, own in zip(every, most, strict=True)
         ]
     )
@@ -200,14 +217,24 @@ def _normals(
     return found
 
 
-def _words(gains: FloatArray, tests: Sequence[_Test], needed: FloatArray) -> str:
-    for times, *columns in zip(_REPEATS, gains.T, needed.T, strict=True):
+def _words(
+    gains: FloatArray,
+    tests: Sequence[_Test],
+    needed: FloatArray,
+    numbers: Sequence[int],
+    rules: Separating,
+) -> str:
+    for times, *columns in zip(numbers, gains.T, needed.T, strict=True):
         telling = [one for one in zip(tests, *columns, strict=True) if one[1] >= one[2]]
         if telling:
             test, gain, enough = max(telling, key=lambda one: (-one[0].harder, one[1] / one[2]))
             repeats = f", {times} times" if times > 1 else ""
             return f"{test.words}{repeats}: the cost would differ by {gain:.3g}, and {enough:.3g} tells"
-    none = f"none of {len(tests)} hits tried, up to {max(_FACTORS):g} times as hard as those at hand"
+    none = f"none of {len(tests)} hits tried, up to {rules.effect_hardest:g} times as hard as those at hand"
     nearest = int(np.argmax(gains[:, 0] / needed[:, 0]))
     gain, enough = gains[nearest, 0], needed[nearest, 0]
-    return none if gain < 1 else f"{none}; {tests[nearest].words} tells {gain:.3g} of {enough:.3g} in cost"
+    return (
+        none
+        if gain < rules.least_gain
+        else f"{none}; {tests[nearest].words} tells {gain:.3g} of {enough:.3g} in cost"
+    )

@@ -22,20 +22,18 @@ import numpy as np
 
 from discovery.courses.fit import Fit
 from discovery.courses.frozen_motion import FrozenMotion
+from discovery.criteria.number import Numerical
+from discovery.criteria.separating import Separating
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
 
-_FORCES = (0.25, 0.4, 0.6, 0.85, 1.15, 1.5)  # of the strongest measured
-_PULSES = (0.5, 1.0, 2.0)  # of the measured length
-_PRELOADS = 8
-_BEYOND = 1.5  # the range of preloads
-_LEAD_S, _LENGTH_S = 0.002, 1.0  # later bins tell little more
-_SHAPE_ERROR = 0.01  # of ln rate; of the identified model, from bin to bin
-_LEAST_LOSS = 1e-12  # of the tension
-_LEAST_LEFT = 0.5  # of the tension, after a proposed hit under either law
-_STEP = 1e-3
-_MOST_HITS = 60
-_WORTH_IT = float(np.log(10.0))  # pairs that so many hits of one kind bring no further are left out
+_FORCES = (0.25, 0.4, 0.6, 0.85, 1.15)  # of the strongest measured, and the hardest allowed
+_PULSES = (0.5, 1.0)  # of the measured length, and the longest allowed
+_PRELOADS: Numerical[int] = 8
+_LEAD_S: Numerical[float] = 0.002
+_LENGTH_S: Numerical[float] = 1.0  # later bins tell little more
+_LEAST_LOSS: Numerical[float] = 1e-12  # of the tension
+_STEP: Numerical[float] = 1e-3
 
 
 @dataclass(frozen=True)
@@ -109,7 +107,7 @@ class _Grid:
 
 
 def propose_tests(
-    fits: Sequence[Fit], frozen: FrozenMotion, most_tests: int = 3, odds: float = 100.0
+    fits: Sequence[Fit], frozen: FrozenMotion, most_tests: int | None = None
 ) -> tuple[Proposal, ...]:
     """Choose few tests by greedy search, one hit after the other, until every two laws are told apart.
 
@@ -118,13 +116,10 @@ def propose_tests(
     fits : sequence of Fit
         The first two or three laws, fitted to ``frozen``; a law without terms is left out.
     frozen : FrozenMotion
-        Measured courses: their forces, pulses, preloads and noise are the guide. No proposed force is beyond
-        1.5 times the strongest measured, no pulse beyond twice the length, no preload beyond 1.5 times the
-        range, and no hit is one that takes half of the tension.
+        Measured courses: their forces, pulses, preloads and noise are the guide. Limits of the
+        proposed forces, pulses and preloads, and the tension that a hit must leave, are in its criteria.
     most_tests : int
-        Different tests at most.
-    odds : float
-        Aimed at, to one.
+        Different tests at most; not given: as the criteria have it.
 
     Returns
     -------
@@ -134,20 +129,22 @@ def propose_tests(
     rivals = [found for found in fits if found.candidate.rated(np.ones(1))]
     if len(rivals) < 2:
         return ()
+    rules = frozen.criteria.separating
     grid = _grid(frozen)
     responses = [_response(found, frozen, grid) for found in rivals]
     ways = [_way(a, b, frozen, grid) for a, b in permutations(responses, 2)]
     names = [(a.candidate.name, b.candidate.name) for a, b in permutations(rivals, 2)]
-    many = _by_pair(names, [way.of_each(_MOST_HITS) for way in ways])
-    reachable = [i for i, name in enumerate(names) if many[frozenset(name)].max() >= _WORTH_IT]
+    many = _by_pair(names, [way.of_each(int(rules.hits)) for way in ways])
+    reachable = [i for i, name in enumerate(names) if many[frozenset(name)].max() >= np.log(rules.least_odds)]
     if not reachable:
         return ()
+    most = int(rules.tests) if most_tests is None else most_tests
     ways, names = [ways[i] for i in reachable], [names[i] for i in reachable]
-    return _proposals(ways, names, _greedy(ways, names, most_tests, float(np.log(odds))), grid)
+    return _proposals(ways, names, _greedy(ways, names, most, rules), grid)
 
 
 def _grid(frozen: FrozenMotion) -> _Grid:
-    courses = frozen.courses
+    courses, rules = frozen.courses, frozen.criteria.separating
     peaks = [float(np.abs(course.force).max()) for course in courses]
     strongest = max(peaks)
     widths = [
@@ -155,8 +152,12 @@ def _grid(frozen: FrozenMotion) -> _Grid:
     ]
     pulse = 1.5 * float(np.median(widths))  # a half sine is above its half for two thirds of its length
     initial = np.maximum(frozen.initial, 1e-3)
-    preloads = np.geomspace(initial.min() / _BEYOND, initial.max() * _BEYOND, _PRELOADS)
-    every = np.array(list(product(strongest * np.array(_FORCES), pulse * np.array(_PULSES), preloads)))
+    preloads = np.geomspace(
+        initial.min() / rules.preload_range, initial.max() * rules.preload_range, _PRELOADS
+    )
+    forces = [*(share for share in _FORCES if share < rules.hardest), rules.hardest]
+    pulses = [*(share for share in _PULSES if share < rules.longest), rules.longest]
+    every = np.array(list(product(strongest * np.array(forces), pulse * np.array(pulses), preloads)))
     offsets = np.median([c.edges_s - c.impact_s for c in courses], axis=0)
     within = max(int(np.sum(offsets <= _LENGTH_S)), min(len(offsets), 2))
     bodies = [course.body for course in courses]
@@ -255,6 +256,7 @@ class _Way:
 
 
 def _way(true: _Response, rival: _Response, frozen: FrozenMotion, grid: _Grid) -> _Way:
+    rules = frozen.criteria.separating
     initial = np.log(np.maximum(frozen.initial, 1e-3))
     nearest = np.argmin(np.abs(initial - np.log(grid.preload)[:, None]), axis=1)
     bins = len(grid.offsets_s) - 1
@@ -266,11 +268,11 @@ def _way(true: _Response, rival: _Response, frozen: FrozenMotion, grid: _Grid) -
     difference = true.course - _levels(moved, grid) + rival.by_deviation * level[:, None]
     spread = rival.scatter[:, None] * rival.by_deviation
     covariance = frozen.covariance[nearest][:, :bins, :bins] * per_newton[:, :, None] * per_newton[:, None, :]
-    covariance = covariance + spread[:, :, None] * spread[:, None, :] + _SHAPE_ERROR**2 * np.eye(bins)
+    covariance = covariance + spread[:, :, None] * spread[:, None, :] + rules.shape_error**2 * np.eye(bins)
     size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))  # of very different orders
     columns = np.concatenate([difference[..., None], rival.by_number], axis=-1) / size[..., None]
     left = np.minimum(true.tension, moved)[:, -1] / grid.preload
-    columns[~(left > _LEAST_LEFT)] = 0.0  # also where a simulation diverged
+    columns[~(left > rules.least_left)] = 0.0  # also where a simulation diverged
     solved = np.linalg.solve(covariance / (size[:, :, None] * size[:, None, :]), columns)
     sums = np.einsum("hbi,hbj->hij", columns, solved)
     return _Way(sums[:, 0, 0], sums[:, 1:, 0], sums[:, 1:, 1:])
@@ -287,11 +289,12 @@ def _by_pair(names: Names, ratios: Sequence[FloatArray]) -> dict[frozenset[str],
     return found
 
 
-def _greedy(ways: Sequence[_Way], names: Names, most_tests: int, aim: float) -> list[int]:
+def _greedy(ways: Sequence[_Way], names: Names, most_tests: int, rules: Separating) -> list[int]:
     """Hits one after the other, each the one that brings all pairs nearest to the aim."""
     chosen: list[int] = []
+    aim = float(np.log(rules.odds))
     counts = np.zeros(len(ways[0].c))
-    while len(chosen) < _MOST_HITS:
+    while len(chosen) < rules.hits:
         pairs = np.stack(list(_by_pair(names, [way.with_one_more(counts) for way in ways]).values()))
         worth = np.minimum(pairs, aim).sum(axis=0) + 1e-3 * np.log1p(pairs).sum(axis=0)
         if len(set(chosen)) == most_tests:

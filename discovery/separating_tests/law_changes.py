@@ -7,8 +7,6 @@ from dataclasses import replace
 from discovery.residual.course_fit import CourseFit
 from discovery.separating_tests.hits import propose_tests
 
-_ODDS = 100.0
-
 
 def separating_hits(best: CourseFit | None, rival: CourseFit | None) -> str:
     """Return in words how often to hit, how hard and at which tension; `discovery.separating_tests.hits`
@@ -29,8 +27,10 @@ def separating_hits(best: CourseFit | None, rival: CourseFit | None) -> str:
     frozen = best.problem.frozen
     # the changes are in the laws that are compared
     guide = replace(frozen, model=frozen.model.without_effects_of("law change"))
-    tests = propose_tests([best.fit, rival.fit], guide, most_tests=1, odds=_ODDS)
+    tests = propose_tests([best.fit, rival.fit], guide, most_tests=1)
     if not tests:
-        return "none of the hits tried, up to 60 of them 1.5 times as hard as those at hand"
+        rules = frozen.criteria.separating
+        most, hardest = f"{rules.hits:g}", f"{rules.hardest:g}"
+        return f"none of the hits tried, up to {most} of them {hardest} times as hard as those at hand"
     (test,) = tests
     return f"{test.hit}: {test.outcome}"

@@ -1,10 +1,15 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import discovery
+from discovery.criteria.criteria import CRITERIA
 from discovery.laws.factors import displacement_threshold, tension_exponential, tension_power, velocity_power
 from discovery.search.libraries import (
+    Library,
     Scales,
     TermLibrary,
     grid,
@@ -23,7 +28,7 @@ def scales() -> Scales:
 
 @pytest.fixture(scope="module")
 def library(scales: Scales) -> TermLibrary:
-    return TermLibrary("all", scales, motion_factors(scales), tension_factors())
+    return TermLibrary("all", scales, motion_factors(scales), tension_factors(scales))
 
 
 def test_scales_are_medians_of_the_campaign(scales: Scales) -> None:
@@ -39,7 +44,7 @@ def test_the_grid_holds_more_than_two_thousand_distinct_terms(library: TermLibra
 
 
 def test_whole_powers_come_in_the_order_of_the_polynomial_library() -> None:
-    first = [printed(factor) for factor in polynomials()[:5]]
+    first = [printed(factor) for factor in polynomials(6)[:5]]
     assert first == ["abs(v)^1", "abs(x)^1", "abs(v)^2", "abs(v)^1 abs(x)^1", "abs(x)^2"]
 
 
@@ -88,7 +93,18 @@ def test_grids_visit_every_point() -> None:
     assert len(grid(velocity_power())) == len(velocity_power().inner["n"].grid)
 
 
-def test_a_fitted_factor_joins_the_grid_once() -> None:
+def test_a_fitted_factor_joins_the_grid_once(scales: Scales) -> None:
     own = tension_exponential(123.0)
-    assert len(tension_factors(own)) == len(tension_factors()) + 1
-    assert len(tension_factors(tension_exponential(300.0))) == len(tension_factors())
+    assert len(tension_factors(scales, own)) == len(tension_factors(scales)) + 1
+    assert len(tension_factors(scales, tension_exponential(300.0))) == len(tension_factors(scales))
+
+
+def test_a_library_that_is_added_takes_part(scales: Scales, monkeypatch: pytest.MonkeyPatch) -> None:
+    own = velocity_power(7.5)
+    monkeypatch.setitem(discovery.LIBRARIES, "own", Library("motion", lambda *_: (own,)))
+    assert own.key in {factor.key for factor in motion_factors(scales)}
+
+
+def test_degree_of_the_polynomials_is_a_criterion(scales: Scales) -> None:
+    low = replace(CRITERIA.search, degree=2)
+    assert len(motion_factors(scales)) > len(motion_factors(scales, low))

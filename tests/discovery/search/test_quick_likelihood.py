@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from discovery.search.quick_likelihood import best_pairs, judged, marginal_deviance, single_terms
+from discovery.search.quick_likelihood import best_pairs, fitted_sum, marginal_deviance, single_terms
 from discovery.search.sparse_regression import Rows
 
 CASES, BINS = 30, 8
@@ -53,15 +53,15 @@ def test_the_true_pair_is_the_best_and_its_coefficients_are_found() -> None:
     rows = _rows([0.0, 4.0, 3.0], 0.2)
     sizes = np.array([f.coefficients[0] for f in single_terms(rows, "x")])
     assert best_pairs(rows, sizes, 3)[0] == (1, 2)
-    found = judged(rows, (1, 2), np.ones(2), ("x",))
+    found = fitted_sum(rows, (1, 2), np.ones(2), ("x",))
     assert found.coefficients == pytest.approx((4.0, 3.0), rel=0.3)
-    assert found.deviance < judged(rows, (0, 3), np.ones(2), ("x",)).deviance - 100
+    assert found.deviance < fitted_sum(rows, (0, 3), np.ones(2), ("x",)).deviance - 100
 
 
 def test_judging_finds_the_minimum_over_coefficients() -> None:
     rows = _rows([2.0, 0.0, 0.0, 3.0], 0.3)
-    found = judged(rows, (0, 3), np.array([1.0, 1.0]), ())
-    elsewhere = judged(rows, (0, 3), np.array([4.0, 0.5]), ())
+    found = fitted_sum(rows, (0, 3), np.array([1.0, 1.0]), ())
+    elsewhere = fitted_sum(rows, (0, 3), np.array([4.0, 0.5]), ())
     assert elsewhere.deviance == pytest.approx(found.deviance, abs=0.01)
     assert elsewhere.coefficients == pytest.approx(found.coefficients, rel=0.02)
 
@@ -70,5 +70,5 @@ def test_a_term_of_the_other_sign_keeps_its_sign() -> None:
     rows = _rows([4.0, -1.0], 0.1)
     sizes = np.array([f.coefficients[0] for f in single_terms(rows, "x")])
     assert (0, 1) in best_pairs(rows, sizes, 2, signed=True)
-    found = judged(rows, (0, 1), np.array([1.0, -0.1]), ())
+    found = fitted_sum(rows, (0, 1), np.array([1.0, -0.1]), ())
     assert found.coefficients == pytest.approx((4.0, -1.0), rel=0.3)

@@ -1,20 +1,24 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import discovery
 from discovery.courses.fit import Fit, fit
 from discovery.courses.prediction import predict
+from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import Candidate, Term, baseline
 from discovery.laws.factors import tension_exponential, tension_logistic, tension_power, velocity_power
 from discovery.search.libraries import Scales, TermLibrary, motion_factors
+from discovery.search.optimizers import sparse_supports
 from discovery.search.sparse_regression import (
     along,
     forward,
     integrals,
     least_squares,
     smoothed,
-    sparse_supports,
     strong_form,
     usable,
     weighted,
@@ -140,3 +144,21 @@ def test_forward_steps_over_columns_that_a_resample_left_empty() -> None:
     theta[:, 1] = 0.0
     assert forward(theta, target, 2) == [2, 4]
     assert forward(np.zeros((30, 3)), target, 2) == []
+
+
+def test_an_optimizer_that_is_added_takes_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    theta = rng.normal(size=(40, 5))
+    monkeypatch.setitem(discovery.OPTIMIZERS, "last", lambda problem: [np.eye(problem.columns)[-1]])
+    assert "last" in sparse_supports(theta, theta[:, 0], rng)[frozenset({4})]
+
+
+def test_largest_support_is_a_criterion() -> None:
+    rng = np.random.default_rng(0)
+    theta = rng.normal(size=(40, 5))
+    one = replace(CRITERIA.search, largest_support=1)
+    target = theta @ np.array([1.0, 0.5, 0.0, 0.0, 0.2])
+    supports = [
+        sparse_supports(theta, target, np.random.default_rng(1), rules=r) for r in (CRITERIA.search, one)
+    ]
+    assert [max(len(support) for support in found) for found in supports] == [3, 1]

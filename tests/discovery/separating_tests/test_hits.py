@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import rom
 from discovery.courses.fit import fit, log_predictive, refine
 from discovery.courses.frozen_motion import freeze
+from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import Candidate, Term, baseline, constant_power, no_loosening
 from discovery.laws.factors import tension_power, velocity_power
 from discovery.separating_tests.hits import Proposal, propose_tests
@@ -59,8 +62,8 @@ def test_the_proposed_test_separates_as_much_as_expected() -> None:
 
 
 def test_what_hits_are_expected_to_add_makes_up_the_odds() -> None:
-    whole = small()
-    found = propose_tests([fit(law, whole) for law in (baseline(), held(3.0))], whole, odds=1e4)
+    whole = replace(small(), criteria=CRITERIA.changed(separating={"odds": 1e4}))
+    found = propose_tests([fit(law, whole) for law in (baseline(), held(3.0))], whole)
     gained = sum(test.hits * test.expected_gain for test in found)
     assert gained == pytest.approx(2 * np.log(found[-1].odds))
 
