@@ -12,6 +12,7 @@ from functools import cache
 
 import numpy as np
 
+from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
 from rom.model.laws import Parameter, free_form_law
 
@@ -133,7 +134,7 @@ def _power(name: str, value: float, grid: tuple[float, ...], *, high: float = 8.
     return {name: Inner(value, 0.25, high, "1", grid=grid)}
 
 
-_EXPONENTS = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0)
+_EXPONENTS: Numerical[tuple[float, ...]] = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0)
 
 
 def velocity_power(n: float = 4.0) -> Factor:

@@ -26,7 +26,9 @@ from rom.campaign.channels import FloatArray
 Index = npt.NDArray[np.int64]
 Fold = tuple[Index, Index]
 
-_SHIFTS = tuple(float(shift) for shift in range(-14, 4))  # of ln rate, where modes are sought
+_SHIFTS: Numerical[tuple[float, ...]] = tuple(
+    float(shift) for shift in range(-14, 4)
+)  # of ln rate, where modes are sought
 _EXHAUSTIVE: Numerical[int] = 16  # groups up to which every flip of signs is tried
 _NUISANCE: Numerical[int] = NUISANCE_DIRECTIONS + 1  # of every case, its own rate too
 

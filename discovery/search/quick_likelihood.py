@@ -23,8 +23,8 @@ from discovery.criteria.number import Numerical
 from discovery.search.sparse_regression import Rows
 from rom.campaign.channels import FloatArray
 
-_SCATTERS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
-_MIXTURES = (0.1, 0.3, 0.5, 0.7, 0.9)
+_SCATTERS: Numerical[tuple[float, ...]] = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
+_MIXTURES: Numerical[tuple[float, ...]] = (0.1, 0.3, 0.5, 0.7, 0.9)
 _NEWTON_STEPS: Numerical[int] = 6
 _LARGEST_STEP: Numerical[float] = 0.7
 _STEP: Numerical[float] = 0.02

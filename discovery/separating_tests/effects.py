@@ -30,8 +30,9 @@ from rom.effects import CATALOGUE, ModelCorrection
 from rom.evaluation.replay import replay
 from rom.identification.spectral_model import ComplexArray, SpectralRecord
 
-_FACTORS = (1.0, 2.0)  # of the force of a record, and the hardest allowed; each from both sides
-_REPEATS = (1, 3)  # and the most allowed
+# of a record's force, and of repeats, beside the most allowed
+_FACTORS: Numerical[tuple[float, ...]] = (1.0, 2.0)
+_REPEATS: Numerical[tuple[int, ...]] = (1, 3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,8 +27,14 @@ from discovery.criteria.separating import Separating
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
 
-_FORCES = (0.25, 0.4, 0.6, 0.85, 1.15)  # of the strongest measured, and the hardest allowed
-_PULSES = (0.5, 1.0)  # of the measured length, and the longest allowed
+_FORCES: Numerical[tuple[float, ...]] = (
+    0.25,
+    0.4,
+    0.6,
+    0.85,
+    1.15,
+)  # of the strongest measured, and the hardest allowed
+_PULSES: Numerical[tuple[float, ...]] = (0.5, 1.0)  # of the measured length, and the longest allowed
 _PRELOADS: Numerical[int] = 8
 _LEAD_S: Numerical[float] = 0.002
 _LENGTH_S: Numerical[float] = 1.0  # later bins tell little more

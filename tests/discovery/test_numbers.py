@@ -1,0 +1,63 @@
+"""Numbers that decide are criteria: a module has none of its own but those marked as `Numerical`."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import discovery
+
+ROOT = Path(discovery.__file__).parent
+ROOMS = ("laws", "courses", "search", "ranking", "separating_tests")
+SOURCES = [path for room in ROOMS for path in sorted((ROOT / room).glob("*.py"))]
+
+
+def unmarked(text: str) -> Iterator[str]:
+    """Names of numeric constants of a module that are not annotated as ``Numerical``."""
+    for line in ast.parse(text).body:
+        if isinstance(line, ast.Assign) and _is_number(line.value):
+            yield from (ast.unparse(target) for target in line.targets)
+        if isinstance(line, ast.AnnAssign) and line.value is not None and _is_number(line.value):
+            if not ast.unparse(line.annotation).startswith("Numerical["):
+                yield ast.unparse(line.target)
+
+
+def _is_number(value: ast.expr) -> bool:
+    """Whether an expression holds a number and no name of a class or table: literals, tuples, arithmetic."""
+    if isinstance(value, ast.Dict | ast.DictComp | ast.Lambda):
+        return False
+    if isinstance(value, ast.Call) and ast.unparse(value.func) not in ("float", "int", "tuple"):
+        return False
+    return any(
+        isinstance(one, ast.Constant)
+        and isinstance(one.value, int | float)
+        and not isinstance(one.value, bool)
+        for one in ast.walk(value)
+    )
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_no_module_has_a_number_that_decides(path: Path) -> None:
+    assert list(unmarked(path.read_text(encoding="utf-8"))) == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "A = 3",
+        "A: float = 2.0",
+        "A = -1e-3",
+        "A, B = 2.0, 1.0",
+        "A = float(np.log(20.0))",
+        "A = (12, 32, 200.0)",
+    ],
+)
+def test_a_number_that_is_not_marked_is_found(line: str) -> None:
+    assert len(list(unmarked(line))) == 1
+
+
+def test_a_number_that_is_marked_or_a_text_is_not() -> None:
+    assert not list(unmarked("A: Numerical[int] = 3\nB = 'text'\nC = ('x', 'v')"))
