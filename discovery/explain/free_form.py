@@ -173,7 +173,7 @@ def sparse_sums(
     criteria : Tension
         Most terms of a sum.
     signed : bool
-        As for `discovery.search.sparse_regression.sparse_supports`.
+        As for `discovery.search.optimizers.sparse_supports`.
     singles : bool
         Whether every column is tried by itself too.
     """

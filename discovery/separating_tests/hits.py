@@ -33,7 +33,7 @@ _FORCES: Numerical[tuple[float, ...]] = (
     0.6,
     0.85,
     1.15,
-)  # of the strongest measured, and the hardest allowed
+)  # of the strongest measured
 _PULSES: Numerical[tuple[float, ...]] = (0.5, 1.0)  # of the measured length, and the longest allowed
 _PRELOADS: Numerical[int] = 8
 _LEAD_S: Numerical[float] = 0.002

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import discovery
+from discovery.criteria.criteria import CRITERIA
+from discovery.ranking.cross_validation import order, preload_groups
+from tests.discovery.synthetic import small
 
 ROOT = Path(discovery.__file__).parent
 ROOMS = ("laws", "courses", "search", "ranking", "separating_tests")
@@ -21,8 +26,8 @@ def unmarked(text: str) -> Iterator[str]:
         if isinstance(line, ast.Assign) and _is_number(line.value):
             yield from (ast.unparse(target) for target in line.targets)
         if isinstance(line, ast.AnnAssign) and line.value is not None and _is_number(line.value):
-            if not ast.unparse(line.annotation).startswith("Numerical["):
-                yield ast.unparse(line.target)
+            marked = ast.unparse(line.annotation).startswith("Numerical[")
+            yield from () if marked else (ast.unparse(line.target),)
 
 
 def _is_number(value: ast.expr) -> bool:
@@ -61,3 +66,20 @@ def test_a_number_that_is_not_marked_is_found(line: str) -> None:
 
 def test_a_number_that_is_marked_or_a_text_is_not() -> None:
     assert not list(unmarked("A: Numerical[int] = 3\nB = 'text'\nC = ('x', 'v')"))
+
+
+def test_another_criterion_changes_what_is_kept_and_the_default_does_not() -> None:
+    scores = np.array([np.zeros(12), np.full(12, -0.2)])
+    evidence = np.array([np.zeros(12), np.full(12, 0.2)])
+    groups = np.arange(12)
+    sizes = [(2, 9), (3, 9)]
+    loose, strict = replace(CRITERIA.ranking, log_odds=3.0), replace(CRITERIA.ranking, log_odds=1.0)
+    assert order(scores, evidence, sizes, groups) == order(scores, evidence, sizes, groups, loose) == [1, 0]
+    assert order(scores, evidence, sizes, groups, strict) == [0, 1]
+
+
+def test_a_folds_criterion_travels_with_the_frozen_motion() -> None:
+    whole = small()
+    merged = replace(whole, criteria=CRITERIA.changed(ranking={"same_preload": 1e3}))
+    assert len(set(preload_groups(whole).tolist())) > 1
+    assert set(preload_groups(merged).tolist()) == {0}
