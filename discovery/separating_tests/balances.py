@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from discovery.criteria.number import Numerical
 from discovery.explain.free_form import member_of
 from discovery.explain.motion import free_numbers
 from discovery.residual.force_balance import ForceBalanceResidual
@@ -20,7 +21,7 @@ from rom.campaign.channels import FloatArray
 from rom.effects import ModelCorrection
 
 _FACTORS = (2.0, 0.5, 4.0, 0.25)  # of the motion, the mildest first
-_STEP = 1e-3
+_STEP: Numerical[float] = 1e-3
 
 
 def separating_runs(

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
 
-_RCOND = 1e-12
+_RCOND: Numerical[float] = 1e-12
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,8 @@ from tests.discovery.synthetic import small
 
 ROOT = Path(discovery.__file__).parent
 ROOMS = ("laws", "courses", "search", "ranking", "separating_tests")
-SOURCES = [path for room in ROOMS for path in sorted((ROOT / room).glob("*.py"))]
+TO_DO = ("balances.py",)  # factors of the motion that are tried
+SOURCES = [p for room in ROOMS for p in sorted((ROOT / room).glob("*.py")) if p.name not in TO_DO]
 
 
 def unmarked(text: str) -> Iterator[str]:
