@@ -61,6 +61,7 @@ NEGLIGIBLE = 1e-9  # a change of tension, relative to it, below which errors are
 CHUNK = 16  # samples whose sizes stand for their running sum
 SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no hit above this share of the peak velocity
 PATIENCE, CALM = 32, 8  # blocks: the longest wait for a longer one; after so many more the next wait is short
+MOST_BLOCKS, LEAST_BUDGET = 3, 60_000  # tried a sample, and in a short record; the sharpest sliders take 1
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)
@@ -199,6 +200,7 @@ def _run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
     total[:] = 0.0
     tick, level, sample, mobility = 0, 0, 1.0 / task.rate, 0.0
     end, bin = TICKS * (task.edges[-1] - 1), 0
+    blocks, most = 0, max(MOST_BLOCKS * (task.edges[-1] - 1), LEAST_BUDGET)
     longer, wait, patience = False, 0, 1  # longer blocks that do not converge are not tried again at once
     for i in range(program.size[0]):
         mobility = max(mobility, 1.0 / p[i])
@@ -207,6 +209,9 @@ def _run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
     if task.edges[0] == 0 and task.edges[1] == 1:
         bin = 1  # sample 0 adds nothing: changes are counted from there
     while tick < end:
+        blocks += 1
+        if blocks > most:
+            return
         level = _open(task, _highest(level, tick, end), tick, HIDDEN * scale[0] / mobility)
         if tables.built[0] <= max(level, SAMPLE):
             build(tables, max(level, SAMPLE), sample)

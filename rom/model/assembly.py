@@ -32,7 +32,8 @@ class Response(Viewed):
     Attributes
     ----------
     status : {"ok", "diverged"}
-        A diverged response holds NaN from the first sample that could not be reached.
+        A diverged response holds NaN from the first sample that could not be reached, be it that numbers
+        grew beyond all bounds or that more steps were needed than a record may take.
     time : ndarray
         Time [s] from the first sample, shape (samples,).
     displacement, velocity, acceleration : mapping of str to ndarray
