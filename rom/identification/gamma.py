@@ -262,12 +262,13 @@ def _by_secants(
     place, found = guess.copy(), np.zeros(len(guess), dtype=bool)
     before, now, every = guess - _FIRST_STEP, guess.copy(), np.arange(len(guess), dtype=np.float64)
     old, here = miss(before, every), miss(now, every)
-    active = (np.abs(here) < _NEVER / 2) & (np.abs(old) < _NEVER / 2)
+    limit = float(np.arcsinh(GAMMA_BOUND))
+    active = (here < _NEVER / 2) & (old < _NEVER / 2) & (np.abs(guess) < limit)
     given_up = (guess > 0) & (here > _NEVER / 2) & (old > _NEVER / 2)
     for _ in range(_SECANTS):
         with np.errstate(divide="ignore", invalid="ignore"):
             step = np.clip(-here * (now - before) / (here - old), -1.0, 1.0)
-        active &= np.isfinite(step) & (here < _NEVER / 2)
+        active &= np.isfinite(step) & (here < _NEVER / 2) & (np.abs(now + step) < limit)
         settled = active & ((np.abs(step) <= tolerance * np.abs(now)) | (np.abs(here) <= _LOSS_TOLERANCE))
         place[settled] = (now + step)[settled]
         found |= settled

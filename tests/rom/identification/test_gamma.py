@@ -143,6 +143,22 @@ def test_a_final_tension_out_of_reach_is_flagged_at_the_bound() -> None:
     assert gained.gamma == pytest.approx(-GAMMA_BOUND)
 
 
+def test_a_case_that_cannot_be_simulated_while_it_loosens_is_given_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked = []
+
+    def diverged(_model: Model, cases: list[LooseningCase], *_rest: object) -> np.ndarray:
+        asked.append(len(cases))
+        return np.full(len(cases), np.nan)
+
+    monkeypatch.setattr("rom.identification.gamma.final_tensions", diverged)
+    found, at_bound = matching_factors(MODEL, [case(152.7, 147.0)] * 3, WINDOW_S)
+    assert at_bound.all()
+    np.testing.assert_allclose(found, 1.0)
+    assert asked == [3, 3]
+
+
 def test_cases_of_other_lengths_and_rates_go_together() -> None:
     short = case(152.7, 147.0)
     slow_force = he_2025.nominal_impact(1608.7, 2 * RATE_HZ, 0.9)
