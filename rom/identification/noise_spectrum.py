@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from rom.identification.output_error import ambient_forces, sensor_noise, whitener
+from rom.identification.output_error import ambient_forces, root_of, sensor_noise, whitener
 from rom.identification.spectral_model import (
     ComplexArray,
     FloatArray,
@@ -62,8 +63,12 @@ class NoiseFloor:
             Shape (lines, channels, channels).
         """
         nearest = np.clip(np.searchsorted(self.frequency, record.frequency), 0, len(self.frequency) - 1)
-        gain = transfer(record, values)
-        return whitener(gain, self.ambient[nearest] * seconds / 2, self.sensor * seconds / 2)
+        gain, root = transfer(record, values), self._root[nearest] * np.sqrt(seconds / 2)
+        return whitener(gain, root, self.sensor * seconds / 2)
+
+    @cached_property
+    def _root(self) -> ComplexArray:
+        return root_of(self.ambient)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rom.identification.priors import Misfit, PriorConstraint, misfits, pull
+from rom.identification.small_matrices import inverse_root, product
 from rom.identification.spectral_model import (
     ComplexArray,
     FloatArray,
@@ -82,22 +83,29 @@ def _whiteners(records: Sequence[SpectralRecord], parts: Sequence[Linearised]) -
     for members in groups.values():
         sensor = sensor_noise([parts[i] for i in members])
         ambient = ambient_forces(records[members[0]].frequency, [parts[i] for i in members], sensor)
+        root = root_of(ambient / 2)
         for i in members:
-            out[i] = whitener(parts[i].gain, ambient / 2, sensor / 2)
+            out[i] = whitener(parts[i].gain, root, sensor / 2)
     return out
 
 
-def whitener(gain: ComplexArray, ambient: ComplexArray, sensor: FloatArray) -> ComplexArray:
-    """Return S^-1/2 at every line with S = G Q G^H + R, (lines, channels, channels).
+def root_of(ambient: ComplexArray) -> ComplexArray:
+    """Return a root of the cross-spectrum Q at every line."""
+    level, direction = np.linalg.eigh(ambient)
+    return np.asarray(direction * np.sqrt(np.maximum(level, 0.0))[:, None, :])
 
-    By the root of Q: where G is nearly singular, rounding would leave S less than no power.
+
+def whitener(gain: ComplexArray, root: ComplexArray, sensor: FloatArray) -> ComplexArray:
+    """Return S^-1/2 at every line with S = G Q G^H + R, (lines, channels, channels), from a root of Q.
+
+    Where G is nearly singular, rounding would leave S less than no power.
 
     Parameters
     ----------
     gain : ndarray, shape (lines, channels, forces)
         Transfer from ambient forces to channels.
-    ambient : ndarray, shape (lines, forces, forces)
-        Cross-spectrum of the ambient forces.
+    root : ndarray, shape (lines, forces, forces)
+        Of the cross-spectrum of the ambient forces, from `root_of`.
     sensor : ndarray, shape (channels,)
         Power of each sensor's noise.
 
@@ -105,11 +113,14 @@ def whitener(gain: ComplexArray, ambient: ComplexArray, sensor: FloatArray) -> C
     -------
     ndarray
         Shape (lines, channels, channels).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If some S is not positive definite.
     """
-    level, direction = np.linalg.eigh(ambient)
-    answer = gain @ (direction * np.sqrt(np.maximum(level, 0.0))[:, None, :])
-    power = answer @ answer.conj().swapaxes(1, 2) + np.diag(sensor)
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(power)))
+    answer = product(gain, root)
+    return inverse_root(product(answer, answer.conj().swapaxes(1, 2)) + np.diag(sensor))
 
 
 def sensor_noise(parts: Sequence[Linearised]) -> FloatArray:

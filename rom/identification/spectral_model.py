@@ -20,6 +20,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rom.identification.small_matrices import by_one, inverse, product
+
 FloatArray = npt.NDArray[np.float64]
 ComplexArray = npt.NDArray[np.complexfloating[Any, Any]]
 
@@ -114,7 +116,7 @@ class Linearised:
         -------
         ndarray, shape (rows, forces)
         """
-        along = (self.whitener @ (self.gain @ direction)[:, :, None]) * lines[:, None, :]
+        along = product(self.whitener, by_one(self.gain, direction[:, None])) * lines[:, None, :]
         white = np.zeros((len(self.ends), lines.shape[1]))
         half = along.shape[0] * along.shape[1]
         white[:half] = along.real.reshape(half, -1)
@@ -178,7 +180,7 @@ def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Com
         Residual and derivatives.
     """
     system = _system(record, values)
-    forced = (system.gain @ record.force[:, :, None])[:, :, 0]
+    forced = product(system.gain, record.force[:, :, None])[:, :, 0]
     ends, errors = _nuisance(record, system, forced)
     prior = np.eye(ends.shape[2])[ends.shape[2] - errors :]
     columns = np.concatenate([_whitened(ends, whitener), prior])
@@ -233,10 +235,7 @@ def _system(record: SpectralRecord, values: Mapping[str, float]) -> _System:
         else:
             matrices[term.matrix] += values[key(record, term)] * np.outer(term.direction, term.direction)
     s_ = s[:, None, None]
-    receptance = np.asarray(
-        np.linalg.inv(s_**2 * matrices["mass"] + s_ * matrices["damping"] + matrices["stiffness"]),
-        dtype=np.complex128,
-    )
+    receptance = inverse(s_**2 * matrices["mass"] + s_ * matrices["damping"] + matrices["stiffness"])
     coupled = np.stack(
         [s / (s + corner) if order == 2 else np.ones_like(s) for order in record.orders], axis=1
     )
@@ -252,11 +251,12 @@ def _nuisance(record: SpectralRecord, system: _System, forced: ComplexArray) -> 
     aliased = forced - coupled * accelerations * (record.force / np.diag(system.mass))
     errors = np.stack([aliased, s[:, None] * aliased], axis=2) * np.array(record.sampling_errors)
     if record.force_errors is not None:
-        errors = np.concatenate([gain @ record.force_errors, errors], axis=2)
+        errors = np.concatenate([product(gain, record.force_errors), errors], axis=2)
     of_velocity, of_displacement = _of_samples(system, record)
     columns = [
-        gain @ -system.mass + coupled[:, :, None] * (_polynomial(s, record.orders, 1) - of_velocity),
-        gain @ -(s[:, None, None] * system.mass + system.damping)
+        by_one(gain, -system.mass) + coupled[:, :, None] * (_polynomial(s, record.orders, 1) - of_velocity),
+        -s[:, None, None] * by_one(gain, system.mass)
+        - by_one(gain, system.damping)
         + coupled[:, :, None] * (_polynomial(s, record.orders, 0) - of_displacement),
         *([_sensor_ends(s, system.corner, record.orders)] if any(accelerations) else []),
         errors,
@@ -275,11 +275,11 @@ def _derivatives(
     n, s = record.force.shape[1], system.s[:, None]
     gain_v, gain_x = states[:n], states[n : 2 * n]
     total = record.force - gain_v @ system.mass - (s * (gain_x @ system.mass) + gain_x @ system.damping)
-    motion = (system.receptance @ total[:, :, None])[:, :, 0]
+    motion = product(system.receptance, total[:, :, None])[:, :, 0]
     powers = (motion, s * motion + gain_x, s**2 * motion + s * gain_x + gain_v)
     accelerations = np.array(record.orders) == 2
     columns = [
-        -(system.gain @ t.direction) * (powers[t.power] @ t.direction)[:, None]
+        -by_one(system.gain, t.direction[:, None])[:, :, 0] * (powers[t.power] @ t.direction)[:, None]
         if t.matrix in STRUCTURAL
         else -np.where(accelerations, (record.motion - residual) / (s + system.corner), 0.0)
         for t in record.terms
@@ -354,6 +354,6 @@ def _of_samples(system: _System, record: SpectralRecord) -> tuple[ComplexArray, 
 def _whitened(values: ComplexArray, whitener: ComplexArray) -> FloatArray:
     """Return real rows of whitener @ values: (2 * lines * channels, ...)."""
     shaped = values if values.ndim == 3 else values[:, :, None]
-    white = whitener @ shaped
+    white = product(whitener, shaped)
     rows = np.concatenate([white.real, white.imag]).reshape(-1, shaped.shape[2])
     return rows if values.ndim == 3 else rows[:, 0]

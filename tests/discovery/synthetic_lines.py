@@ -10,7 +10,7 @@ import numpy as np
 
 from discovery.localisation.lines import Lines, Place
 from rom.campaign.channels import FloatArray
-from rom.identification.output_error import whitener
+from rom.identification.output_error import root_of, whitener
 from rom.identification.spectral_model import (
     ComplexArray,
     SpectralRecord,
@@ -91,7 +91,7 @@ def record(
     found = SpectralRecord(**{**vars(part), "motion": seen})
     trace.parts = (found,)
     ambient = np.tile(AMBIENT**2 * np.eye(2, dtype=np.complex128), (len(f), 1, 1))
-    linear = linearise(found, values, whitener(gain, ambient, np.full(2, SENSOR**2)))
+    linear = linearise(found, values, whitener(gain, root_of(ambient), np.full(2, SENSOR**2)))
     rows = linear.residual[: 2 * seen.size].reshape(2, *seen.shape)
     return Lines(trace, found, linear.thin(), rows)
 

@@ -1,0 +1,76 @@
+"""Products and inverses of many small matrices at once: one a line, as many rows as bodies move.
+
+BLAS and LAPACK called line by line take several times as long for one or two bodies.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+ComplexArray = npt.NDArray[np.complexfloating[Any, Any]]
+_FEW = 8  # columns: for more a call a line is faster
+_QUIETLY = np.errstate(over="ignore", invalid="ignore")  # a step of a fit too far has no number for a cost
+
+
+def product(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> ComplexArray:
+    """Products ``a_l b_l`` of complex matrices, (lines, n, m) and (lines, m, k)."""
+    if b.shape[2] > _FEW or a.shape[2] > 2:
+        return np.asarray(a @ b)
+    out = a[:, :, 0, None] * b[:, None, 0]
+    for inner in range(1, a.shape[2]):
+        out += a[:, :, inner, None] * b[:, None, inner]
+    return np.asarray(out)
+
+
+def by_one(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> ComplexArray:
+    """Products ``a_l b`` with one matrix, (lines, n, m) and (m, k)."""
+    return np.asarray((a.reshape(-1, a.shape[2]) @ b).reshape(*a.shape[:2], b.shape[1]))
+
+
+@_QUIETLY
+def inverse(a: npt.NDArray[Any]) -> ComplexArray:
+    """Inverses, (lines, n, n).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If one is singular.
+    """
+    if a.shape[1] != 2:
+        return np.asarray(np.linalg.inv(a))
+    determinant = a[:, 0, 0] * a[:, 1, 1] - a[:, 0, 1] * a[:, 1, 0]
+    if (determinant == 0).any():
+        raise np.linalg.LinAlgError("Singular matrix")
+    out = np.empty_like(a)
+    out[:, 0, 0], out[:, 1, 1] = a[:, 1, 1] / determinant, a[:, 0, 0] / determinant
+    out[:, 0, 1], out[:, 1, 0] = -a[:, 0, 1] / determinant, -a[:, 1, 0] / determinant
+    return out
+
+
+@_QUIETLY
+def inverse_root(power: npt.NDArray[Any]) -> ComplexArray:
+    """Inverses of the lower triangular roots of Hermitian matrices, (lines, n, n).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If one is not positive definite.
+    """
+    if power.shape[1] != 2:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(power)))
+    first = power[:, 0, 0].real
+    if (first <= 0).any():
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+    first = np.sqrt(first)
+    across = power[:, 1, 0] / first
+    second = power[:, 1, 1].real - across.real**2 - across.imag**2
+    if (second <= 0).any():
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+    second = np.sqrt(second)
+    out = np.zeros_like(power)
+    out[:, 0, 0], out[:, 1, 1] = 1 / first, 1 / second
+    out[:, 1, 0] = -across / (first * second)
+    return out

@@ -1,0 +1,43 @@
+"""Products and inverses of many small matrices are those of NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rom.identification.small_matrices import by_one, inverse, inverse_root, product
+
+_LINES = 7
+
+
+def _drawn(*shape: int) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return rng.standard_normal((_LINES, *shape)) + 1j * rng.standard_normal((_LINES, *shape))
+
+
+@pytest.mark.parametrize("bodies", [1, 2, 3])
+@pytest.mark.parametrize("columns", [1, 2, 12])
+def test_products_are_those_of_numpy(bodies: int, columns: int) -> None:
+    a, b = _drawn(bodies, bodies), _drawn(bodies, columns)
+    np.testing.assert_allclose(product(a, b), a @ b, rtol=1e-12)
+    np.testing.assert_allclose(by_one(a, b[0].real), a @ b[0].real, rtol=1e-12)
+
+
+@pytest.mark.parametrize("bodies", [1, 2, 3])
+def test_inverses_undo_a_matrix(bodies: int) -> None:
+    a = _drawn(bodies, bodies)
+    unit = np.broadcast_to(np.eye(bodies), a.shape)
+    np.testing.assert_allclose(inverse(a) @ a, unit, atol=1e-12)
+    power = a @ a.conj().swapaxes(1, 2) + np.eye(bodies)
+    white = inverse_root(power)
+    np.testing.assert_allclose(white @ power @ white.conj().swapaxes(1, 2), unit, atol=1e-12)
+
+
+@pytest.mark.parametrize("bodies", [2, 3])
+def test_what_has_no_inverse_or_root_is_refused(bodies: int) -> None:
+    flat = np.ones((_LINES, bodies, bodies), dtype=np.complex128)
+    with pytest.raises(np.linalg.LinAlgError):
+        inverse(flat)
+    with pytest.raises(np.linalg.LinAlgError):
+        inverse_root(-flat)
+    assert np.isnan(inverse_root(np.nan * flat)).any()  # a fit that went astray is no fault
