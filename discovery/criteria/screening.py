@@ -4,9 +4,32 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from discovery.criteria.number import Group
+from discovery.criteria.number import Group, number
 
 
 @dataclass(frozen=True)
 class Screening(Group):
     """Which effects of the catalogue are worth a fit."""
+
+    record_share: float = number(
+        0.2,
+        "1",
+        "records of a rough screen: those most is left of, and as many of all",
+        "convention",
+    )
+    rough_share: float = number(
+        0.1, "1", "share of the best gain of a rough screen, above which all records are screened",
+        "convention",
+    )  # fmt: skip
+    rough_effects: float = number(12, "1", "effects that are screened on all records, at least", "convention")
+    rough_probes: float = number(3, "1", "probes of each of these", "convention")
+    starts: float = number(2, "1", "points of an effect's grid from which it is fitted", "convention")
+    fitted_effects: float = number(
+        5, "1", "effects of a screen that are fitted, but for those of the first one's class", "convention"
+    )
+    least_share: float = number(
+        0.3, "1", "share of a material gain that an effect must show in the screen to be fitted", "convention"
+    )
+    share_of_first: float = number(
+        0.4, "1", "share of the first effect's gain, below which others are not fitted", "convention"
+    )

@@ -27,11 +27,6 @@ from rom.signals.per_record_parameters import per_record_names
 _ITERATIONS = 12
 _AT_ONCE = 16  # probes
 _SETTLED = 1e-4  # of the cost
-_SHARE = 5  # one record in so many, and as many of those that most is left over of, tell what to look at
-_ROUGHLY, _AT_LEAST, _PROBES = 0.1, 12, 3  # of the best gain there; effects; probes of each
-_STARTS = 2  # points of an effect's grid from which it is fitted
-_TRIED = 5  # of the screened effects
-_PROMISING, _WORTH = 0.3, 0.4  # of what an effect must explain; of what the first one does
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,13 +85,13 @@ def screen(evidence: WhitenedResidual, options: Options) -> tuple[tuple[Probe, .
         and not per_record_names(effect)  # those show before the hits
         and (effect.name, effect.enters) not in known
     ]
-    jobs, tell = options.jobs, options.stage("screening effects")
+    jobs, tell, rules = options.jobs, options.stage("screening effects"), evidence.criteria.screening
     rough = _probed_all(there, evidence.of(_telling(evidence)), jobs, tell)
-    best = rough[0][0].gain if rough else 0.0
+    least = rules.rough_share * rough[0][0].gain if rough else 0.0
     worth = [
-        (probes[0].member, [probe.effect for probe in probes[:_PROBES]])
+        (probes[0].member, [probe.effect for probe in probes[: int(rules.rough_probes)]])
         for place, probes in enumerate(rough)
-        if place < _AT_LEAST or probes[0].gain > _ROUGHLY * best
+        if place < rules.rough_effects or probes[0].gain > least
     ]
     return _probed_all(worth, evidence, jobs, None)
 
@@ -104,8 +99,9 @@ def screen(evidence: WhitenedResidual, options: Options) -> tuple[tuple[Probe, .
 def _telling(evidence: WhitenedResidual) -> list[int]:
     """Places of some records: those that most is left over of, and a few of all."""
     costs = np.array(list(evidence.costs(evidence.left_over(evidence.residual)).values()))
-    most = np.argsort(costs)[::-1][: -(-len(costs) // _SHARE)]
-    return sorted({*most.tolist(), *range(0, len(costs), _SHARE)})
+    every = max(round(1 / evidence.criteria.screening.record_share), 1)
+    most = np.argsort(costs)[::-1][: -(-len(costs) // every)]
+    return sorted({*most.tolist(), *range(0, len(costs), every)})
 
 
 def _probed_all(
@@ -171,9 +167,24 @@ def worth_fitting(
 ) -> list[Sequence[Probe]]:
     """The first effects of a screen, and what shares a class and place with the very first.
 
-    Not those that explain next to nothing of what is ``left``, or far less than the first.
+    Not those that explain next to nothing of what is left, or far less than the first.
+
+    Parameters
+    ----------
+    probes : sequence
+        From `screen`.
+    left : float
+        Cost of the residual, the model's numbers taken off.
+    criteria : Criteria
+        The numbers that decide.
+
+    Returns
+    -------
+    list
+        Probes of the effects to fit.
     """
-    least = _PROMISING * criteria.acceptance.material_share * left
+    rules = criteria.screening
+    least = rules.least_share * criteria.acceptance.material_share * left
     first = probes[0][0] if probes else None
     if first is None or first.gain < least:
         return []
@@ -182,8 +193,9 @@ def worth_fitting(
     def in_class(one: Sequence[Probe]) -> bool:
         return one[0].effect.name in alike and one[0].effect.enters == first.effect.enters
 
-    near = [one for one in probes if one[0].gain >= max(_WORTH * first.gain, least)]
-    return [*near[:_TRIED], *(one for one in near[_TRIED:] if in_class(one))]
+    near = [one for one in probes if one[0].gain >= max(rules.share_of_first * first.gain, least)]
+    most = int(rules.fitted_effects)
+    return [*near[:most], *(one for one in near[most:] if in_class(one))]
 
 
 def explain_screened(
@@ -217,25 +229,34 @@ def explain_effect(
 ) -> Explanation:
     """Fit an effect and the model's numbers together, from its best probes.
 
+    From each of these on the records that tell most, then from the best place on all training records.
+
     Parameters
     ----------
     probes : sequence of Probe
         Of one effect, best first.
     evidence : WhitenedResidual
-        Of the model so far.
-    largest : ndarray, shape (draws,), or None
-        Largest gains that the screen makes by chance; the p-value is that of the best probe among them.
+        All records; held-out ones are judged alone.
+    largest : ndarray, shape (draws,)
+        Gains that the screen makes by chance: the effect's is told from its best probe. None: not told.
+
+    Returns
+    -------
+    Explanation
+        The effect, and costs of every record without and with it.
     """
-    training = evidence.of_training()
-    fits = [_fitted(start, training) for start in _starts(probes)]
-    effect = min(fits, key=lambda fit: fit[1])[0]
-    found = explanation(effect, probes[0].member, evidence)
+    training, member = evidence.of_training(), probes[0].member
+    some = training.of(_telling(training))
+    starts = _starts(probes, int(evidence.criteria.screening.starts))
+    near = min((_fitted(member, start, some) for start in starts), key=lambda fit: fit[1])[0]
+    effect = near if some is training else _fitted(member, near, training)[0]
+    found = explanation(effect, member, evidence)
     return found if largest is None else replace(found, p_value=p_value(probes[0].gain, largest))
 
 
-def _starts(probes: Sequence[Probe]) -> list[tuple[Member, ModelCorrection]]:
+def _starts(probes: Sequence[Probe], most: int) -> list[ModelCorrection]:
     """The best probes of different inner numbers, each at the strength that suits it."""
-    found: dict[tuple[float, ...], tuple[Member, ModelCorrection]] = {}
+    found: dict[tuple[float, ...], ModelCorrection] = {}
     for probe in probes:
         strengths = {
             name: probe.effect.parameters[name].value * probe.amplitude
@@ -243,8 +264,8 @@ def _starts(probes: Sequence[Probe]) -> list[tuple[Member, ModelCorrection]]:
             if probe.effect.parameters[name].value
         }
         inner = tuple(probe.effect.parameters[name].value for name in probe.member.inner)
-        if inner not in found and len(found) < _STARTS:
-            found[inner] = probe.member, cut_to_bounds(probe.effect, strengths)
+        if inner not in found and len(found) < most:
+            found[inner] = cut_to_bounds(probe.effect, strengths)
     return list(found.values())
 
 
@@ -270,10 +291,9 @@ def _sizes(effect: ModelCorrection, names: Sequence[str], member: Member) -> Flo
 
 
 def _fitted(
-    start: tuple[Member, ModelCorrection], evidence: WhitenedResidual
+    member: Member, effect: ModelCorrection, evidence: WhitenedResidual
 ) -> tuple[ModelCorrection, float]:
     """Levenberg-Marquardt steps in an effect's numbers, those of the model taken out at every step."""
-    member, effect = start
     names = free_numbers(effect, member)
     left = evidence.beyond(evidence.residual - output_of(effect, evidence))
     cost, damping = float(left @ left), 1e-4

@@ -23,12 +23,7 @@ def refit(evidence: WhitenedResidual) -> WhitenedResidual:
     """
     for _ in range(_REFITS):
         beside = with_effects(evidence)
-        trials = (
-            whiten(
-                evidence.traces, evidence.baseline.moved(beside.steps(beside.residual, d)), evidence.floors
-            )
-            for d in _DAMPINGS
-        )
+        trials = (evidence.at(evidence.baseline.moved(beside.steps(beside.residual, d))) for d in _DAMPINGS)
         better = next((one for one in trials if cost(one) < cost(evidence)), None)
         if better is None:
             return beside
@@ -45,11 +40,11 @@ def linearised_start(evidence: WhitenedResidual, effect: Effect) -> WhitenedResi
     here = float(np.sum(rows[evidence.training] ** 2))
     for damping in _DAMPINGS:
         moved = evidence.baseline.moved(evidence.steps(rows, damping))
-        beside = whiten(evidence.traces, replace(moved, model=effect.added_to(moved.model)), evidence.floors)
+        beside = evidence.at(replace(moved, model=effect.added_to(moved.model)))
         if cost(beside) < here:
             return beside
     same = replace(evidence.baseline, model=effect.added_to(evidence.baseline.model))
-    return whiten(evidence.traces, same, evidence.floors)
+    return evidence.at(same)
 
 
 def refit_fault(evidence: WhitenedResidual, fault: SensorFault) -> FreeParameters:
@@ -79,12 +74,12 @@ def reestimate_noise(evidence: WhitenedResidual) -> WhitenedResidual:
         for one in both
     ):
         return evidence
-    return refit(whiten(evidence.traces, evidence.baseline, floors))
+    return refit(whiten(evidence.traces, evidence.baseline, floors, evidence.criteria))
 
 
 def residual_without(evidence: WhitenedResidual, effect: Effect) -> WhitenedResidual:
     """What a model leaves over without one of its effects, all other numbers as they are."""
-    return whiten(evidence.traces, without_effect(evidence.baseline, effect), evidence.floors)
+    return evidence.at(without_effect(evidence.baseline, effect))
 
 
 def without_effect(baseline: FreeParameters, effect: ModelCorrection) -> FreeParameters:

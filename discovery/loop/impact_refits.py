@@ -32,7 +32,7 @@ from discovery.options import Options
 from discovery.residual.base import Residual, cost, level
 from discovery.residual.course_fit import Misfit
 from discovery.residual.free_parameters import FreeParameters
-from discovery.residual.output_error import WhitenedResidual, starting, whiten, whitened_residual_of
+from discovery.residual.output_error import WhitenedResidual, starting, whitened_residual_of
 from discovery.residual.tension import TensionResidual
 from discovery.residual.trajectory import Measurements, read_measurements
 from discovery.separating_tests.effects import separating_tests
@@ -200,7 +200,7 @@ class ImpactRefits:
             return after
         effects = tuple(with_stiffness(effect, anew) for effect in near.effects)
         model = replace(anew, effects=effects, identification=None)
-        other = refit(whiten(after.traces, replace(after.baseline, model=model), after.floors))
+        other = refit(after.at(replace(after.baseline, model=model)))
         return min(after, other, key=lambda e: cost(e) * (1 + rules.material_share * bool(_denied(e))))
 
     def refit_from(self, residual: Residual, effect: ModelCorrection) -> Residual | None:

@@ -67,6 +67,8 @@ class WhitenedResidual:
         Place in `traces` of every row's record; `training` tells rows that may be fitted to.
     from_afar : bool
         Whether `slopes` are those along the measured motion, right for changes of any size, or `jacobian`.
+    criteria : Criteria
+        The numbers that decide.
     """
 
     kind: ClassVar[Kind] = "output error"
@@ -117,6 +119,10 @@ class WhitenedResidual:
         new = {id(old): trace for old, trace in zip(self.traces, traces, strict=True)}
         parts = tuple((new[id(trace)], part, linear) for trace, part, linear in self.parts)
         return replace(self, traces=tuple(traces), parts=parts)
+
+    def at(self, baseline: FreeParameters) -> WhitenedResidual:
+        """What another model leaves over along the same motion, the noise the same."""
+        return whiten(self.traces, baseline, self.floors, self.criteria)
 
     def of_training(self) -> WhitenedResidual:
         """The same without the records that are held out."""
@@ -230,6 +236,7 @@ def whitened_residual_of(
     measurements: Measurements,
     floors: Mapping[Group, NoiseFloor] | None = None,
     progress: Progress | None = None,
+    criteria: Criteria = CRITERIA,
 ) -> WhitenedResidual:
     """Follow all records of moving bodies with a model and whiten what it leaves by the noise floor.
 
@@ -245,9 +252,12 @@ def whitened_residual_of(
         Noise floors; None: taken from before the hits.
     progress : callable
         Called as ``progress(done, total)``.
+    criteria : Criteria
+        The numbers that decide.
     """
-    traces = trace_records(campaign, baseline, measurements, progress)
-    return whiten(traces, baseline, noise_of(baseline, traces) if floors is None else floors)
+    traces = trace_records(campaign, baseline, measurements, progress, criteria)
+    floors = noise_of(baseline, traces) if floors is None else floors
+    return whiten(traces, baseline, floors, criteria)
 
 
 def starting(found: Identification, model: Model) -> FreeParameters:
@@ -282,9 +292,24 @@ def noise_of(baseline: FreeParameters, traces: Sequence[MeasuredTrajectory]) -> 
 
 
 def whiten(
-    traces: Sequence[MeasuredTrajectory], baseline: FreeParameters, floors: Mapping[Group, NoiseFloor]
+    traces: Sequence[MeasuredTrajectory],
+    baseline: FreeParameters,
+    floors: Mapping[Group, NoiseFloor],
+    criteria: Criteria = CRITERIA,
 ) -> WhitenedResidual:
-    """Return the whitened residual and its slopes at a baseline."""
+    """Return the whitened residual and its slopes at a baseline.
+
+    Parameters
+    ----------
+    traces : sequence of MeasuredTrajectory
+        The records.
+    baseline : FreeParameters
+        The model.
+    floors : mapping of tuple to NoiseFloor
+        By kind of test and moving bodies.
+    criteria : Criteria
+        The numbers that decide.
+    """
     parts, columns = [], []
     for trace in traces:
         beyond = lines_beyond_linear(trace, baseline.model)
@@ -315,6 +340,7 @@ def whiten(
         jacobian=jacobian,
         names=names,
         owner=owner,
+        criteria=criteria,
     )
 
 

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from scipy import fft, ndimage
 
+from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.residual.free_parameters import FreeParameters
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import MOTIONS, FloatArray
@@ -26,7 +27,6 @@ from rom.signals.per_record_parameters import per_record_names
 from rom.signals.processing import Measurement
 from rom.signals.sensor_correction import faults_of, without_faults
 
-_LEAST_FINAL = 0.01
 _SAMPLES = 4.0  # at the highest line of a spectrum: what else folds back there is below the noise
 _AS_MEASURED = 1e-6  # of asinh(gamma): noise tells a loss less closely
 _FEWEST_QUIET = 64  # samples before the hit
@@ -152,10 +152,31 @@ def trace_records(
     baseline: FreeParameters,
     measurements: Measurements,
     progress: Progress | None = None,
+    criteria: Criteria = CRITERIA,
 ) -> tuple[MeasuredTrajectory, ...]:
-    """Run records again with the model, its tension falling as it was measured to fall."""
+    """Run records again with the model, its tension falling as it was measured to fall.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Its settings.
+    baseline : FreeParameters
+        The model.
+    measurements : sequence
+        The records, as `read_measurements` has them.
+    progress : callable
+        Called as ``progress(done, total)``.
+    criteria : Criteria
+        The numbers that decide.
+
+    Returns
+    -------
+    tuple of MeasuredTrajectory
+        Without the records that the model cannot simulate.
+    """
     stored_ones = [stored for _, stored in measurements]
-    own = _own_models(baseline.model, stored_ones, campaign.settings.windows.final_s)
+    window_s, least = campaign.settings.windows.final_s, criteria.motion.final_share
+    own = _own_models(baseline.model, stored_ones, window_s, least)
     traces = []
     for done, (settings, stored) in enumerate(measurements, 1):
         given = stored.as_type(np.float64)
@@ -242,7 +263,7 @@ def _above_noise(samples: FloatArray, quiet: FloatArray) -> FloatArray:
 
 
 def _own_models(
-    model: Model, measurements: Sequence[Measurement], window_s: tuple[float, float]
+    model: Model, measurements: Sequence[Measurement], window_s: tuple[float, float], least: float
 ) -> dict[str, Model]:
     """A model for every loosening record, with a rate of its own, so that its tension falls as measured.
 
@@ -256,7 +277,7 @@ def _own_models(
         if one.test != "loosening" or tension is None or not one.force or tension.initial <= 0:
             continue  # a slack bolt stays slack
         body = max(one.force, key=lambda name: float(np.abs(one.force[name]).max()))
-        final = max(tension.final, _LEAST_FINAL * tension.initial)
+        final = max(tension.final, least * tension.initial)
         cases.append(
             LooseningCase(one.file, body, one.applied_force[body], one.rate_hz, tension.initial, final,
                           max(tension.final_error, 1e-3))
