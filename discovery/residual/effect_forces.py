@@ -10,6 +10,7 @@ from discovery.residual.recent import Recent
 from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
 from rom.effects import Effect, ModelCorrection
+from rom.effects.free_form import FreeForm
 from rom.identification.spectral_model import ComplexArray
 from rom.kernels.prescribed import force_of_effects, forces_of_effects
 from rom.model.laws import Law
@@ -143,11 +144,10 @@ def _motion(
 
 def _forces(trace: MeasuredTrajectory, effects: Sequence[Effect], motion: FloatArray) -> FloatArray:
     """Force [N] of every effect along the motion, (effects, samples)."""
+    if all(isinstance(effect, FreeForm) for effect in effects):
+        return np.stack([effect.along(motion) for effect in effects if isinstance(effect, FreeForm)])
     numbers = [effect.values for effect in effects]
     first = np.cumsum([0, *(len(values) for values in numbers)])
     table = np.array([[e.address, at, e.states] for e, at in zip(effects, first, strict=False)])
-    return np.asarray(
-        forces_of_effects(
-            table, np.array([*np.concatenate(numbers), 0.0]), motion, 1 / trace.rate_hz, _SUBSTEPS
-        )
-    )
+    p = np.array([*np.concatenate(numbers), 0.0])
+    return np.asarray(forces_of_effects(table, p, motion, 1 / trace.rate_hz, _SUBSTEPS))

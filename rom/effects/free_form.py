@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import cache
 
+import numpy as np
+
+from rom.campaign.channels import FloatArray
 from rom.model.effect import Effect, ModelCorrection
 from rom.model.expressions import compile_expression
 from rom.model.law_change import LawChange
@@ -17,6 +20,16 @@ _OF_RATE = ("T", "x", "v", "F", "D", "rate", "follow")
 
 class FreeForm(Effect):
     """An effect whose function is made from its equation."""
+
+    def along(self, motion: FloatArray) -> FloatArray:
+        """Force [N] along a motion from the equation itself, (samples,): a trial is not compiled.
+
+        ``motion`` has the rows x, v, T, k, c; the time counts from its first sample and is not used.
+        """
+        force = compile_expression(self.equation, _ARGUMENTS, tuple(self.parameters), arrays=True)
+        with np.errstate(all="ignore"):
+            found = force(0.0, *motion, self.values)
+        return np.broadcast_to(np.asarray(found, dtype=np.float64), motion.shape[1:])
 
     def __reduce__(self) -> tuple[object, ...]:
         return free_form, (self.equation, self.enters, dict(self.parameters))  # its function does not pickle

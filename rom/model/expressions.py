@@ -6,9 +6,12 @@ import ast
 import math
 from collections.abc import Callable
 from functools import cache
-from typing import cast
+from typing import Any, cast
+
+import numpy as np
 
 _CALLS = {"exp": 1, "log": 1, "sqrt": 1, "tanh": 1, "abs": 1, "sign": 1, "min": 2, "max": 2}
+_OF_ARRAYS = {"min": "minimum", "max": "maximum"}
 _NODES = (
     ast.Expression,
     ast.BinOp,
@@ -66,8 +69,8 @@ class _Placed(ast.NodeTransformer):
 
 @cache
 def compile_expression(
-    expression: str, arguments: tuple[str, ...], parameters: tuple[str, ...]
-) -> Callable[..., float]:
+    expression: str, arguments: tuple[str, ...], parameters: tuple[str, ...], *, arrays: bool = False
+) -> Callable[..., Any]:
     """A function ``f(*arguments, p)`` from an arithmetic expression; equal texts give the same function.
 
     Parameters
@@ -78,6 +81,8 @@ def compile_expression(
         Names of the arguments, in order.
     parameters : tuple of str
         Names of the parameters, in order.
+    arrays : bool
+        Whether its arguments are arrays; otherwise scalars, for the compiler.
 
     Returns
     -------
@@ -102,6 +107,8 @@ def compile_expression(
     source = f"def law({', '.join((*arguments, 'p'))}):\n    return 1.0 * ({ast.unparse(body)})\n"
     names: dict[str, object] = {name: getattr(math, name) for name in ("exp", "log", "sqrt", "tanh")}
     names["sign"] = _compilable_sign()
+    if arrays:
+        names = {name: getattr(np, _OF_ARRAYS.get(name, name)) for name in _CALLS}
     exec(source, names)  # nothing but checked arithmetic reaches this line
     function = names["law"]
     assert callable(function)
