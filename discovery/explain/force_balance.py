@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize
 
+from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.criteria.number import Numerical
 from discovery.decide.chance import by_record, p_value
 from discovery.decide.explanation import Explanation
 from discovery.explain.free_form import member_of
@@ -28,12 +30,11 @@ from rom.identification.force_balance import Balances, declared_model
 from rom.model.laws import Z95, Parameter
 from rom.model.structure import GROUND
 
-_EVALUATIONS = 15
-_STEP = 1e-3
-_STARTS, _NEARLY = 6, 0.5  # starting points; of the best one's gain
+_EVALUATIONS: Numerical[int] = 15
+_STEP: Numerical[float] = 1e-3
 _OWN_STIFFNESS = re.compile(r"\bk\b")
-_WORST = 1e6  # of a row where an effect is no number
-_IMITATED = 1e-12  # share of an output that is left beyond the model's numbers: rounding
+_WORST: Numerical[float] = 1e6  # of a row where an effect is no number
+_IMITATED: Numerical[float] = 1e-12  # share of an output that is left beyond the model's numbers: rounding
 
 
 def explain(residual: ForceBalanceResidual, options: Options) -> list[Explanation]:
@@ -120,10 +121,11 @@ def _reach(member: Member, probe: ModelCorrection) -> tuple[float, float]:
     return max(low for low, _ in ends), min(high for _, high in ends)
 
 
-def starts_of(probes: Sequence[Probe]) -> list[ModelCorrection]:
+def starts_of(probes: Sequence[Probe], criteria: Criteria = CRITERIA) -> list[ModelCorrection]:
     """The best probes, each at the strength that suits it."""
-    found = []
-    for probe in [one for one in probes[:_STARTS] if one.gain >= _NEARLY * probes[0].gain]:
+    rules, found = criteria.screening, []
+    least = rules.balance_start_share * probes[0].gain
+    for probe in [one for one in probes[: int(rules.balance_starts)] if one.gain >= least]:
         values = {
             name: float(np.clip(number.value * probe.amplitude, *number.bounds))
             for name in probe.member.strengths
@@ -152,11 +154,12 @@ def explain_screened(
     list of Explanation
         Each with the residual beside it.
     """
-    promising, largest = worth_fitting(probes, cost(residual)), by_chance(probes)
+    promising = worth_fitting(probes, cost(residual), options.criteria)
+    largest = by_chance(probes, options.criteria)
     tell, found = options.stage("fitting effects"), []
     before = residual.with_numbers()
     for ones in promising:
-        fits = [fitted(residual, (start,)) for start in starts_of(ones)]
+        fits = [fitted(residual, (start,)) for start in starts_of(ones, options.criteria)]
         after, effects = min(fits, key=lambda fit: cost(fit[0]))
         explained = explanation(effects[-1], ones[0].member, before, after)
         p_value_ = None if largest is None else p_value(ones[0].gain, largest)
