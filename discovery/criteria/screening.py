@@ -27,6 +27,12 @@ class Screening(Group):
     fitted_effects: float = number(
         5, "1", "effects of a screen that are fitted, but for those of the first one's class", "convention"
     )
+    balance_starts: float = number(
+        6, "1", "points of an effect's grid from which a fit to balances of forces starts", "convention"
+    )
+    balance_start_share: float = number(
+        0.5, "1", "share of the best point's gain, below which no such fit starts", "convention"
+    )
     least_share: float = number(
         0.3, "1", "share of a material gain that an effect must show in the screen to be fitted", "convention"
     )

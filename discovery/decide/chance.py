@@ -18,10 +18,11 @@ import numpy.typing as npt
 from scipy import linalg
 
 from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
 
-_TINY = 1e-300
-_SEED = 0  # numbers of a closure are the same on every run
+_TINY: Numerical[float] = 1e-300
+_SEED: Numerical[int] = 0  # numbers of a closure are the same on every run
 
 
 def by_record(

@@ -140,9 +140,11 @@ class BalanceRefits:
         """None: there is no bolt."""
         return None
 
-    def doubts(self, state: State) -> tuple[str, ...]:  # noqa: ARG002
-        """None is known."""
-        return ()
+    def doubts(self, history: LoopHistory) -> tuple[str, ...]:
+        """Masses, stiffnesses and dampings that effects have driven to zero."""
+        before, after = (_balance(s.residual).values for s in (history.states[0], history.last))
+        names = [name for name in self.balances.names if before[name] > 0 and not after[name] > 0]
+        return tuple(f"{name}: zero with the effects, {before[name]:.4g} without them" for name in names)
 
     def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:  # noqa: ARG002
         """Where the forces left unbalanced live."""

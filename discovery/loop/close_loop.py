@@ -70,7 +70,7 @@ def close_loop(
 
 def _closure(refits: Refits, history: LoopHistory) -> Closure:
     first, last = history.states[0], history.last
-    doubts = refits.doubts(last)
+    doubts = refits.doubts(history)
     labels = ["", *(label_of(selection.best.effect) for selection in history.selections)]
     return Closure(
         verdict=history.verdict(doubts),

@@ -284,9 +284,10 @@ class ImpactRefits:
         assert state.identification is not None
         return TensionResidual(self.campaign, state.identification, state.model, self.options)
 
-    def doubts(self, state: State) -> tuple[str, ...]:
-        """Numbers of the model that uncoupled tests deny."""
-        return unlikely(state.model, _impact(state.residual).baseline.believed)
+    def doubts(self, history: LoopHistory) -> tuple[str, ...]:
+        """Numbers of the last model that uncoupled tests deny."""
+        last = history.last
+        return unlikely(last.model, _impact(last.residual).baseline.believed)
 
     def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:
         """Where the residual of the motion lives, and that of the tension's histories."""

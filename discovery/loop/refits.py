@@ -94,8 +94,8 @@ class Refits(Protocol):
         """What the model's law leaves over of the tension's histories; None without a bolt."""
         ...
 
-    def doubts(self, state: State) -> tuple[str, ...]:
-        """Reasons to doubt that a model is near its structure."""
+    def doubts(self, history: LoopHistory) -> tuple[str, ...]:
+        """Reasons to doubt that the last model is near its structure."""
         ...
 
     def localise(self, state: State, misfit: Sequence[Misfit]) -> Localisation:

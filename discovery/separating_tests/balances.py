@@ -20,7 +20,7 @@ from discovery.separating_tests.normal_sums import NormalSums
 from rom.campaign.channels import FloatArray
 from rom.effects import ModelCorrection
 
-_FACTORS = (2.0, 0.5, 4.0, 0.25)  # of the motion, the mildest first
+_FACTORS: Numerical[tuple[float, ...]] = (2.0, 0.5, 4.0, 0.25)  # of the motion, the mildest first
 _STEP: Numerical[float] = 1e-3
 
 
