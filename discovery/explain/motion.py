@@ -229,8 +229,6 @@ def explain_effect(
 ) -> Explanation:
     """Fit an effect and the model's numbers together, from its best probes.
 
-    From each of these on the records that tell most, then from the best place on all training records.
-
     Parameters
     ----------
     probes : sequence of Probe
@@ -246,10 +244,8 @@ def explain_effect(
         The effect, and costs of every record without and with it.
     """
     training, member = evidence.of_training(), probes[0].member
-    some = training.of(_telling(training))
     starts = _starts(probes, int(evidence.criteria.screening.starts))
-    near = min((_fitted(member, start, some) for start in starts), key=lambda fit: fit[1])[0]
-    effect = near if some is training else _fitted(member, near, training)[0]
+    effect = min((_fitted(member, start, training) for start in starts), key=lambda fit: fit[1])[0]
     found = explanation(effect, member, evidence)
     return found if largest is None else replace(found, p_value=p_value(probes[0].gain, largest))
 
