@@ -49,3 +49,6 @@ class Localising(Group):
     class_numbers: float = number(
         5, "1", "free numbers of a class of tension histories, at least", "convention"
     )
+    regular: float = number(
+        0.01, "1", "p-value below which what is left is said to be more regular than noise", "convention"
+    )

@@ -8,15 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.figures.style import (
-    BACKGROUND,
-    MEASURED,
-    MODEL,
-    FloatArray,
-    panels,
-    styled,
-    tension_axis,
-)
+from discovery.views.palette import BACKGROUND, MEASURED, MODEL
+from experiments.figures.style import FloatArray, panels, styled, tension_axis
 from rom.identification.curve_fits import LawFit
 from rom.identification.joint import MODAL_LIMIT, JointEstimate
 from rom.identification.reduce import UncoupledTest

@@ -11,19 +11,8 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
-from experiments.figures.style import (
-    BACKGROUND,
-    BLUE,
-    GREEN,
-    GREY,
-    MEASURED,
-    SKY,
-    VERMILLION,
-    FloatArray,
-    panels,
-    styled,
-    tension_axis,
-)
+from discovery.views.palette import BACKGROUND, BLUE, GREEN, GREY, MEASURED, SKY, VERMILLION
+from experiments.figures.style import FloatArray, panels, styled, tension_axis
 from experiments.text.wording import law_name, set_words
 
 Data = Mapping[str, Any]

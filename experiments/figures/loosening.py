@@ -9,17 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from discovery.views.palette import BACKGROUND, BLUE, GREEN, MEASURED
 from experiments.figures.curves import law_band
-from experiments.figures.style import (
-    BACKGROUND,
-    BLUE,
-    GREEN,
-    MEASURED,
-    FloatArray,
-    panels,
-    styled,
-    tension_axis,
-)
+from experiments.figures.style import FloatArray, panels, styled, tension_axis
 from rom.identification.curve_fits import LawFit
 from rom.identification.gamma import GammaEstimate
 

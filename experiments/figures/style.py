@@ -20,16 +20,6 @@ FloatArray = npt.NDArray[np.float64]
 COLUMN_MM = 85.0
 _MM_PER_INCH = 25.4
 
-# M. Okabe and K. Ito, Color Universal Design (2008)
-BLACK = "#000000"
-BLUE = "#0072B2"
-VERMILLION = "#D55E00"
-GREEN = "#009E73"
-SKY = "#56B4E9"
-GREY = "#8c8c8c"
-
-MEASURED, MODEL, BACKGROUND = BLACK, VERMILLION, GREY
-
 _STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
@@ -74,13 +64,19 @@ def styled(function: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
+def blank(height_mm: float) -> Figure:
+    """Return a figure one column wide without axes."""
+    size = (COLUMN_MM / _MM_PER_INCH, height_mm / _MM_PER_INCH)
+    figure = Figure(figsize=size, layout="constrained")
+    figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02)  # type: ignore[union-attr,call-arg]
+    return figure
+
+
 def panels(
     rows: int = 1, columns: int = 1, height_mm: float = 58.0, **options: Any
 ) -> tuple[Figure, npt.NDArray[Any]]:
     """Return a figure one column wide and its axes, shape (rows, columns)."""
-    size = (COLUMN_MM / _MM_PER_INCH, height_mm / _MM_PER_INCH)
-    figure = Figure(figsize=size, layout="constrained")
-    figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02)  # type: ignore[union-attr,call-arg]
+    figure = blank(height_mm)
     axes = figure.subplots(rows, columns, squeeze=False, **options)
     return figure, axes
 

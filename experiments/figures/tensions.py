@@ -8,17 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.figures.style import (
-    BACKGROUND,
-    BLUE,
-    MEASURED,
-    MODEL,
-    SKY,
-    FloatArray,
-    panels,
-    styled,
-    tension_axis,
-)
+from discovery.views.palette import BACKGROUND, BLUE, MEASURED, MODEL, SKY
+from experiments.figures.style import FloatArray, panels, styled, tension_axis
 from rom.campaign.campaign import WindowSettings
 from rom.evaluation.error_measures import Comparison
 from rom.model.assembly import Response

@@ -12,6 +12,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from discovery.views.closure_prose import place_words
 from experiments.figures.captions import caption, order
 from experiments.report.comparisons import comparison_tables, identification_of
 from experiments.report.results import Result, Results, read_results
@@ -135,7 +136,7 @@ def _laws(results: Sequence[Result]) -> list[Law]:
     for effect in mappings(model.get("effects")):
         enters = str(effect.get("enters") or "")
         shown = equations.effect_equations(str(effect.get("equation") or ""), enters)
-        laws.append(Law(f"{effect.get('name')}, {closures.place_words(enters)}", tuple(shown)))
+        laws.append(Law(f"{effect.get('name')}, {place_words(enters)}", tuple(shown)))
     return laws
 
 

@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
@@ -14,13 +14,6 @@ from experiments.studies.effect_curves import effect_curves
 from experiments.studies.identify import Progress, save_figures
 from rom.campaign.campaign import read_campaign
 from rom.signals.measured_records import stored
-
-if TYPE_CHECKING:
-    from discovery.loop.result import Closure, FoundEffect
-    from rom.evaluation.error_measures import Kind
-    from rom.model.laws import Parameter
-
-_KINDS: tuple[Kind, ...] = ("training", "hold_out")
 
 
 def run(
@@ -40,6 +33,7 @@ def run(
         If the campaign cannot be used.
     """
     import discovery
+    from discovery.views.closure_section import closure_section
     from experiments.figures.closure import closure_figures
 
     started = time.perf_counter()
@@ -58,60 +52,6 @@ def run(
         write_result(new / "closure.json", "closure", content, **header)
         save_figures(closure_figures(content), new)
     return folder / "closure.json"
-
-
-def closure_section(closure: Closure) -> dict[str, Any]:
-    """Return what closure.json says, but for its header."""
-    from discovery.views.closure import sections
-
-    return {
-        "verdict": closure.verdict,
-        "summary": dict(sections(closure)),
-        "effects": [_effect_row(found) for found in closure.effects],
-        "steps": [
-            {"added": step.added, "errors": {kind: dict(step.errors[kind]) for kind in _KINDS}}
-            for step in closure.steps
-        ],
-        "errors": {
-            kind: {"before": dict(closure.before[kind]), "after": dict(closure.after[kind])}
-            for kind in _KINDS
-        },
-        "residual": {
-            "before": dict(closure.residual_before.as_dict()),
-            "after": dict(closure.residual_after.as_dict()),
-        },
-        "screened": [
-            {"name": s.name, "enters": s.enters, "share": s.share, "strength": s.strength}
-            for s in closure.screened
-        ],
-        "set_aside": list(closure.set_aside),
-        "warnings": list(closure.warnings),
-    }
-
-
-def _effect_row(found: FoundEffect) -> dict[str, Any]:
-    return {
-        "name": found.effect.name,
-        "enters": found.effect.enters,
-        "equation": found.effect.equation,
-        "parameters": {name: _parameter_row(p) for name, p in found.effect.parameters.items()},
-        "look_alikes": [
-            {"name": a.name, "enters": a.enters, "hold_out_cost": a.hold_out_cost, "test": a.test}
-            for a in found.look_alikes
-        ],
-        "source": found.source,
-        "share": found.share,
-        "p_value": found.p_value,
-        "p_value_from": found.chance,
-        "share_of": found.basis,
-        "wins": list(found.wins),
-    }
-
-
-def _parameter_row(parameter: Parameter) -> dict[str, Any]:
-    return {
-        "value": parameter.value, "low": parameter.low, "high": parameter.high, "unit": parameter.unit
-    }  # fmt: skip
 
 
 def model_section(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,8 @@ from typing import Any
 from markupsafe import Markup
 
 from discovery.criteria.criteria import CRITERIA
-from discovery.views.force import pair
+from discovery.views.closure_figure import class_words, forces, sides
+from discovery.views.closure_prose import place_words, view_words
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
 from experiments.text.tables import MEASURES, Table, error_rows, parameter_rows
@@ -50,16 +51,6 @@ _SINGLE = {
 _CORRELATED = {
     **{f"line_correlation_{test}": f"Lines side by side, {test}" for test in _TESTS},
     "repeatability": "Tests that repeat each other",
-}
-_VIEWS = {
-    "by_test": "Kind of test",
-    "by_time": "Time since the impact",
-    "by_harmonic": "Harmonic",
-    "by_place": "As a force",
-    "by_sign": "Displacement",
-    "tension_by_preload": "Tension's courses by preload",
-    "tension_by_velocity": "Tension's courses by velocity",
-    "tension_by_time": "Tension's courses by time",
 }
 _OF_FORCE = (
     ("level", "Mean square over that of noise [1]", 1.0),
@@ -104,8 +95,7 @@ def effects_of(data: Data) -> list[Data]:
 
 def _left(data: Data) -> str:
     """Return what a closed loop leaves, in words: noise alone, or a share of the residual's mean square."""
-    residual = _mapping(data.get("residual"))
-    before, after = (_mapping(residual.get(when)).get("total") for when in ("before", "after"))
+    before, after = (side.get("total") for side in sides(data))
     if (
         not (isinstance(before, float) and isinstance(after, float))
         or after <= CRITERIA.acceptance.noise_level
@@ -136,33 +126,15 @@ def _placed(effect: Data) -> str:
     return f"{shown} ({enters})" if enters else shown
 
 
-def place_words(enters: object) -> str:
-    """Return where an effect enters, in words; nothing where the file does not say."""
-    kind, _, name = str(enters or "").partition(":")
-    if name:
-        return f"{kind} {name}"
-    return kind if kind in ("", "tension") else f"link {kind}"
-
-
-def view_words(view: str) -> str:
-    """Return what a view of the residual goes along: "by_preload" is "Preload"."""
-    return _VIEWS.get(view) or label(view.removeprefix("by_"))
-
-
 def correlations(data: Data) -> list[tuple[str, float, float, float]]:
     """Return what correlates in the residual: label, before, after, and the 95 % limit of noise."""
-    before, after = (_mapping(_mapping(data.get("residual")).get(when)) for when in ("before", "after"))
+    before, after = sides(data)
     found = []
     for key, words in _CORRELATED.items():
         old, new, chance = before.get(key), after.get(key), after.get(f"{key}_chance")
         if isinstance(old, float) and isinstance(new, float) and isinstance(chance, float):
             found.append((words, old, new, chance))
     return found
-
-
-def class_words(text: object) -> str:
-    """Return the label of a class as people write it."""
-    return re.sub(r"\bum\b", "µm", str(text).replace("_", " "))
 
 
 def _sentences(data: Data) -> Iterator[str]:
@@ -239,8 +211,7 @@ def _steps(steps: Sequence[Data]) -> Table:
 
 def _most(data: Data) -> Table:
     """Return the class of every view in which most was left, before and after."""
-    residual = _mapping(data.get("residual"))
-    before, after = (_mapping(residual.get(when)) for when in ("before", "after"))
+    before, after = sides(data)
     rows = []
     for view, classes in before.items():
         sizes = {part: x for part, x in _mapping(classes).items() if isinstance(x, int | float)}
@@ -252,13 +223,6 @@ def _most(data: Data) -> Table:
         rows.append(("All", "", _cell(before["total"]), _cell(after.get("total"))))
     note = "Mean square of the whitened residual, 1: noise alone. All classes are listed under details."
     return Table("", ("Along", "Most was left at", "Before", "After"), tuple(rows), note=note)
-
-
-def forces(data: Data) -> tuple[Data, Data] | None:
-    """Return what is told of the unbalanced force, before and after, at the place of most."""
-    residual = _mapping(data.get("residual"))
-    before, after = (_mapping(residual.get(when)).get("forces") for when in ("before", "after"))
-    return pair(mappings(before), mappings(after))
 
 
 def force_table(data: Data) -> Table:
@@ -341,8 +305,7 @@ def details(data: Data) -> list[Table]:
 
 
 def _residual(data: Data) -> Table:
-    residual = _mapping(data.get("residual"))
-    before, after = (_mapping(residual.get(when)) for when in ("before", "after"))
+    before, after = sides(data)
     rows: list[tuple[str | Markup, ...]] = []
     for view in dict.fromkeys((*before, *after)):
         old, new = before.get(view), after.get(view)

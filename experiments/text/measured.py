@@ -9,8 +9,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from discovery.views.closure_prose import place_words
 from experiments.text import closures
-from experiments.text.closures import effects_of, place_words
+from experiments.text.closures import effects_of
 from experiments.text.tables import MEASURES, Table, error_rows
 from experiments.text.wording import NONE, number, with_limits
 

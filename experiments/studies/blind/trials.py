@@ -210,7 +210,7 @@ def _measured(trial: Trial, scratch: Path) -> tuple[Path, dict[str, Any]]:
 def _closed(folder: Path) -> dict[str, Any]:
     """What `discovery.close_loop` says of a folder, as ``closure.json`` has it, as far as tables need it."""
     import discovery
-    from experiments.studies.close import closure_section
+    from discovery.views.closure_section import closure_section
 
     closure = closure_section(discovery.close_loop(read_campaign(folder)))
     levels = {

@@ -11,7 +11,8 @@ import pytest
 
 import discovery
 from discovery.loop.result import Screened
-from discovery.views.closure import lives_in, paragraph, place_words, sections
+from discovery.views.closure_prose import lives_in, place_words
+from discovery.views.closure_section import closure_section
 from rom.effects import CATALOGUE
 from tests.discovery.sound_closure import (
     LADDER,
@@ -23,6 +24,11 @@ from tests.discovery.sound_closure import (
     threshold,
     unknown_force,
 )
+
+
+def said(found: discovery.loop.result.Closure) -> dict[str, str]:
+    summary: dict[str, str] = closure_section(found)["summary"]
+    return summary
 
 
 def test_effects_are_named_with_place_equation_numbers_and_limits() -> None:
@@ -43,7 +49,7 @@ def test_limits_of_a_number_of_each_record_s_own_are_those_of_records() -> None:
 
 
 def test_the_evidence_says_how_much_how_often_and_how_sure() -> None:
-    lines = sections(closure(friction(), threshold()))["evidence"].splitlines()
+    lines = said(closure(friction(), threshold()))["evidence"].splitlines()
     first, second, rest = lines
     assert "takes away 84 % of the residual" in first
     assert "9 of 10 held-out records" in first
@@ -53,29 +59,29 @@ def test_the_evidence_says_how_much_how_often_and_how_sure() -> None:
 
 
 def test_look_alikes_come_with_the_test_that_separates_them() -> None:
-    evidence = sections(closure(friction()))["evidence"]
+    evidence = said(closure(friction()))["evidence"]
     assert "do not tell coulomb-friction for sure from quadratic-damping in the link flexure_lo" in evidence
     assert f"What would separate them: {LADDER}." in evidence
     alone = replace(friction(), look_alikes=())
-    assert "for sure" not in paragraph(closure(alone))
+    assert "for sure" not in closure(alone).summary()
 
 
 def test_errors_are_those_of_records_that_no_fit_has_seen() -> None:
     found = closure(friction())
-    changed = sections(found)["changed"]
+    changed = said(found)["changed"]
     before, after = (100 * (e["hold_out"]["motion_nrmse"] or 0.0) for e in (found.before, found.after))
     assert "no fit has seen" in changed
     assert f"the displacement from {before:.3g} to {after:.3g} %" in changed
-    assert "none was held out" in sections(closure(friction(), hold_out=0))["changed"]
+    assert "none was held out" in said(closure(friction(), hold_out=0))["changed"]
 
 
 def test_no_effect_says_so_and_names_no_effect_as_found() -> None:
     found = closure(verdict="no-effect")
-    said = sections(found)
-    assert set(said) == {"missing", "evidence", "remains"}
-    assert said["missing"].startswith("What was missing: nothing that these records show")
-    assert "of all candidates coulomb-friction" in said["evidence"]
-    assert "p = 0.4" in said["remains"]
+    parts = said(found)
+    assert set(parts) == {"missing", "evidence", "remains"}
+    assert parts["missing"].startswith("What was missing: nothing that these records show")
+    assert "of all candidates coulomb-friction" in parts["evidence"]
+    assert "p = 0.4" in parts["remains"]
 
 
 @pytest.mark.parametrize(
@@ -84,11 +90,11 @@ def test_no_effect_says_so_and_names_no_effect_as_found() -> None:
 def test_unexplained_says_where_the_rest_lives(
     effects: tuple[discovery.loop.result.FoundEffect, ...], what: str
 ) -> None:
-    said = sections(closure(*effects, verdict="unexplained"))
-    assert what in said["missing"]
-    assert "is more than noise" in said["remains"]
+    parts = said(closure(*effects, verdict="unexplained"))
+    assert what in parts["missing"]
+    assert "is more than noise" in parts["remains"]
     for place in ("channel acceleration_lo (6.92 times noise)", "frequency 5-40 Hz", "preload above 300 N"):
-        assert place in said["remains"]
+        assert place in parts["remains"]
 
 
 def test_regular_remains_are_not_called_noise() -> None:
@@ -98,10 +104,10 @@ def test_regular_remains_are_not_called_noise() -> None:
 
 
 def test_a_view_without_a_peak_is_not_named() -> None:
-    assert list(lives_in(localisation(1.0, 0.5))) == []
+    assert list(lives_in(localisation(1.0, 0.5).as_dict())) == []
     flat = replace(localisation(9.0, 0.0), by_test=(("coupled", 9.0), ("loosening", 9.1)))
-    assert not any("kind of test" in place for place in lives_in(flat))
-    assert len(list(lives_in(flat))) == 4
+    assert not any("kind of test" in place for place in lives_in(flat.as_dict()))
+    assert len(list(lives_in(flat.as_dict()))) == 4
 
 
 def test_a_fault_of_a_sensor_is_no_force() -> None:
@@ -122,22 +128,24 @@ def test_what_is_not_known_is_not_said() -> None:
 @pytest.mark.parametrize(
     ("enters", "words"),
     [
-        ("joint", "the link joint"),
-        ("body:so", "the body so"),
-        ("tension", "the tension of the bolt"),
-        ("sensor:force_lo", "the sensor force_lo"),
+        ("joint", "link joint"),
+        ("body:so", "body so"),
+        ("tension", "tension"),
+        ("sensor:force_lo", "sensor force_lo"),
+        (None, ""),
     ],
 )
-def test_places_in_words(enters: str, words: str) -> None:
+def test_places_in_words(enters: str | None, words: str) -> None:
     assert place_words(enters) == words
 
 
 def test_the_figure_shows_every_view_before_and_after() -> None:
     found = closure(friction())
     axes = found.plot().axes
-    assert [ax.get_title(loc="left") for ax in axes][:2] == ["by channel", "by kind of test"]
+    assert [ax.get_title() for ax in axes][:2] == ["Channel", "Kind of test"]
     assert len(axes) == 5
-    before, after = (list(line.get_xdata()) for line in axes[0].get_lines()[:2])
+    lines = {line.get_label(): list(line.get_xdata()) for line in axes[0].get_lines()}
+    before, after = lines["Before"], lines["After"]
     assert before == [value for _, value in found.residual_before.by_channel]
     assert after == [value for _, value in found.residual_after.by_channel]
 
@@ -154,7 +162,7 @@ def test_the_views_of_time_harmonic_place_and_sign_are_said_and_drawn() -> None:
         courses={"tension_by_preload": (("0 to 30 N", 4.0), ("30 to 100 N", 1.0))},
     )
     found = replace(closure(friction(), verdict="unexplained"), residual_before=after, residual_after=after)
-    remains = sections(found)["remains"]
+    remains = said(found)["remains"]
     for part in (
         "after the impact 0 to 0.1 s (9 times noise)",
         "; 3rd harmonic (7 times noise)",
@@ -167,20 +175,13 @@ def test_the_views_of_time_harmonic_place_and_sign_are_said_and_drawn() -> None:
     ):
         assert part in remains, part
     figure = found.plot()
-    titles = [ax.get_title(loc="left") for ax in figure.axes]
-    assert titles[5:9] == [
-        "by time since the impact",
-        "by harmonic of the dominant frequency",
-        "by place of a missing force",
-        "by sign of the displacement",
-    ]
-    assert titles[9] == "by preload, of the tension's courses"
-    assert titles[10:13] == [
-        "force left at joint, before",
-        "force left at joint, after",
-        "first cycles of the largest motion",
-    ]
-    first, second = (figure.axes[place].collections[0] for place in (10, 11))
+    titles = [ax.get_title() for ax in figure.axes]
+    assert titles[5:9] == ["Time since the impact", "Harmonic", "As a force", "Displacement"]
+    assert titles[9] == "Tension's courses by preload"
+    maps = titles.index("Before, joint")
+    assert titles[maps : maps + 2] == ["Before, joint", "After, joint"]
+    assert "First cycles" in titles[maps:]
+    first, second = (figure.axes[place].collections[0] for place in (maps, maps + 1))
     assert first.get_clim() == second.get_clim()
     figure.draw_without_rendering()
 

@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 from discovery.loop.result import Closure
+from discovery.views.closure_section import closure_section
 from experiments.figures.closure import closure_figures
 from experiments.figures.style import COLUMN_MM, save
 from experiments.results import plain
 from experiments.studies import report
-from experiments.studies.close import closure_section, model_section
+from experiments.studies.close import model_section
 from experiments.text import closures
 from experiments.text.equations import effect_equations
 from rom.effects import CATALOGUE

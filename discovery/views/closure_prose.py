@@ -1,0 +1,275 @@
+"""A closed loop in plain words, from what closure.json holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.number import Numerical
+from discovery.localisation.localise import COURSES
+from discovery.views.force import explained_level
+
+Data = Mapping[str, Any]
+
+
+class Measure(NamedTuple):
+    """An error measure: in a sentence, as the title of a panel, its unit, and the factor to that from SI."""
+
+    words: str
+    title: str
+    unit: str
+    factor: float
+
+
+MEASURES = {
+    "motion_nrmse": Measure("the displacement", "Displacement", "%", 100.0),
+    "relative_motion_nrmse": Measure("the relative displacement of the joint", "Relative motion", "%", 100.0),
+    "tension_loss_error_percent_median": Measure("the loss of tension (median)", "Loss of tension", "%", 1.0),
+    "tension_rmse_n": Measure("the tension after the impact", "Tension", "N", 1.0),
+    "link_force_nrmse": Measure("the link force", "Link force", "%", 100.0),
+}
+_VIEWS = {  # others are said as they are named
+    "by_test": "Kind of test",
+    "by_time": "Time since the impact",
+    "by_place": "As a force",
+    "by_sign": "Displacement",
+    "tension_by_preload": "Tension's courses by preload",
+    "tension_by_velocity": "Tension's courses by velocity",
+    "tension_by_time": "Tension's courses by time",
+}
+_PLACED = {  # what is said before a label where it stands out
+    "by_time": "after the impact",
+    "by_harmonic": "",
+    "by_place": "as a force,",
+    "by_sign": "displacement",
+    "tension_by_preload": "courses of the tension at",
+    "tension_by_velocity": "courses of the tension at",
+    "tension_by_time": "courses of the tension after",
+}
+_CHANCES = {
+    "drawn": "the chance that the best of the whole catalogue does as well where nothing is missing",
+    "likelihood ratio": "the chance of that were noise alone left, independent from row to row, times the "
+    "number of effects tried",
+}
+_STANDS_OUT: Numerical[float] = 1.3  # times the smallest of its view
+_NAMED: Numerical[int] = 3
+_SAME: Numerical[float] = 0.02
+_TELLS: Numerical[float] = 0.1  # of the force's variance: a map that explains less is not worth words
+
+
+def sections(data: Data) -> dict[str, str]:
+    """Return what was ``missing``, its ``numbers``, the ``evidence``, what ``changed`` and what ``remains``.
+
+    Of several effects each has a line in its section; one about which there is nothing to say is left out.
+    """
+    parts: dict[str, tuple[str, Callable[[Data], Iterator[str]]]] = {
+        "missing": ("What was missing: ", _missing),
+        "numbers": ("", _numbers),
+        "evidence": ("How one knows: ", _evidence),
+        "changed": ("What changed: ", _changed),
+        "remains": ("What remains: ", _remains),
+    }
+    said = {key: (head, "\n".join(say(data))) for key, (head, say) in parts.items()}
+    return {key: head + text for key, (head, text) in said.items() if text}
+
+
+def place_words(enters: object) -> str:
+    """Return where an effect enters, in words: ``"link joint"``, ``"body so"``; nothing where not known."""
+    kind, _, name = str(enters or "").partition(":")
+    if name:
+        return f"{kind} {name}"
+    return kind if kind in ("", "tension") else f"link {kind}"
+
+
+def view_words(view: str) -> str:
+    """Return what a view of the residual goes along: ``"by_preload"`` is ``"Preload"``."""
+    words = view.removeprefix("by_").replace("_", " ")
+    return _VIEWS.get(view, words[:1].upper() + words[1:])
+
+
+def _with_place(item: Data) -> str:
+    of_bolt = " of the bolt" if item["enters"] == "tension" else ""
+    return f"{item['name']} in the {place_words(item['enters'])}{of_bolt}"
+
+
+def _missing(data: Data) -> Iterator[str]:
+    effects = data["effects"]
+    if effects:
+        faults = any(effect["enters"].startswith("sensor:") for effect in effects)
+        more = " A sensor's fault is taken out of the records; it is no force." if faults else ""
+        yield f"{' and '.join(map(_named, effects))}.{more}"
+    elif data["verdict"] == "unexplained":
+        yield "something that no effect of the catalogue explains."
+    else:
+        yield "nothing that these records show; no effect of the catalogue beats chance."
+
+
+def _numbers(data: Data) -> Iterator[str]:
+    for effect in data["effects"]:
+        numbers = [_with_limits(name, parameter) for name, parameter in effect["parameters"].items()]
+        yield f"{effect['name']}: {effect['equation']}{', with ' if numbers else ''}{', '.join(numbers)}."
+
+
+def _named(effect: Data) -> str:
+    outside = {"name": "a term outside the catalogue"} if effect["source"] == "free-form" else {}
+    return _with_place({**effect, **outside})
+
+
+def _with_limits(name: str, parameter: Data) -> str:
+    unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
+    shown = f"{name} = {_number(parameter['value'])}{unit}"
+    if parameter["low"] is None or parameter["high"] is None:
+        return shown
+    of = "95 % of records" if parameter.get("of_records") else "95 %"
+    return f"{shown} ({of}: {_number(parameter['low'])} to {_number(parameter['high'])})"
+
+
+def _evidence(data: Data) -> Iterator[str]:
+    several = len(data["effects"]) > 1
+    for effect in data["effects"]:
+        won, records = effect["wins"]
+        what = effect["name"] if several else "it"
+        text = f"{what} takes away {_percent(effect['share'])} of {effect['share_of']} on training records"
+        if records:
+            text += f", and {won} of {records} held-out records are met better with it"
+        if _known(effect["p_value"]):
+            text += f"; {_CHANCES[effect['p_value_from']]}: p {_chance(effect['p_value'])}"
+        yield " ".join([f"{text}.", *_on_look_alikes(effect)])
+    yield from _on_the_rest(data)
+
+
+def _on_look_alikes(effect: Data) -> Iterator[str]:
+    alike = effect["look_alikes"]
+    if not alike:
+        return
+    named = ", ".join(map(_with_place, alike[:_NAMED]))
+    more = f" and {len(alike) - _NAMED} more" if len(alike) > _NAMED else ""
+    yield f"These records do not tell {effect['name']} for sure from {named}{more}."
+    tests = dict.fromkeys(like["test"].rstrip(".") for like in alike if like["test"])
+    if tests:
+        yield f"What would separate them: {'; '.join(list(tests)[:_NAMED])}."
+
+
+def _on_the_rest(data: Data) -> Iterator[str]:
+    """Say what the best candidate was that is neither an effect found nor a look-alike of one."""
+    named = [item for effect in data["effects"] for item in (effect, *effect["look_alikes"])]
+    said = {(item["name"], item["enters"]) for item in named}
+    rest = [item for item in data["screened"] if (item["name"], item["enters"]) not in said]
+    if rest:
+        best = max(rest, key=lambda item: float(item["share"]))
+        which = "Of the other candidates" if data["effects"] else "of all candidates"
+        yield (
+            f"{which} {_with_place(best)} alone could explain most, "
+            f"{_percent(best['share'])} of the residual of the declared model."
+        )
+
+
+def _changed(data: Data) -> Iterator[str]:
+    if not data["effects"]:
+        return
+    unseen = bool(data["errors"]["hold_out"]["after"]["records"])
+    where = "records that no fit has seen" if unseen else "training records (none was held out)"
+    kind = "hold_out" if unseen else "training"
+    errors, whens = data["errors"][kind], ("before", "after")
+    balance = [data["residual"][when].get(f"force_error_{kind}") for when in whens]
+    pairs = [("the balance of forces", balance, 100.0, "%")] + [
+        (one.words, [errors[when].get(key) for when in whens], one.factor, one.unit)
+        for key, one in MEASURES.items()
+    ]
+    changes = [
+        f"{words} from {_number(factor * old, 3)} to {_number(factor * new, 3)} {unit}"
+        for words, (old, new), factor, unit in pairs
+        if _known(old) and _known(new)
+    ]
+    if changes:
+        yield f"on {where} the errors go: {'; '.join(changes)}."
+
+
+def _remains(data: Data) -> Iterator[str]:
+    before, after = data["residual"]["before"], data["residual"]["after"]
+    start = f"was {_number(before['total'])} and " if data["effects"] else ""
+    size = f"the mean square of the residual {start}is {_number(after['total'])} times that of noise."
+    rest = [*(_left(after) if data["verdict"] == "unexplained" else _like_noise(after))]
+    yield " ".join([size, *rest, *_on_courses(before, after)])
+
+
+def _on_courses(before: Data, after: Data) -> Iterator[str]:
+    old, new = (one.get(COURSES) for one in (before, after))
+    if old is not None and new is not None:
+        was = f"{_number(old, 3)} before and " if abs(old - new) > _SAME * new else ""
+        yield (
+            f"Courses of the tension after the hits: mean square {was}{_number(new, 3)} times that of noise, "
+            "each test's own rate allowed for."
+        )
+
+
+def _like_noise(after: Data) -> Iterator[str]:
+    p = after["whiteness_p"]
+    if not _known(p):
+        return
+    if p >= CRITERIA.localisation.regular:
+        yield f"What is left shows no more dependence than noise would (p = {_number(p, 2)})."
+    else:
+        yield f"What is left is small, but shows more dependence than noise would (p {_chance(p)})."
+
+
+def _left(after: Data) -> Iterator[str]:
+    places = list(lives_in(after))
+    where = f"It is largest at: {'; '.join(places)}" if places else "It stands out in no view"
+    yield f"What is left is more than noise. {where}."
+    yield from _as_force(after)
+    if "repeatability" in after:
+        alike, chance = (_number(after[key], 2) for key in ("repeatability", "repeatability_chance"))
+        yield f"Tests that repeat each other leave residuals that correlate by {alike} (noise: {chance})."
+
+
+def _as_force(after: Data) -> Iterator[str]:
+    """Say how much of the force that is left is a function of the motion, where it is most."""
+    one = max(after.get("forces", ()), key=explained_level, default=None)
+    if one is None or not _known(one["explained_p"]) or one["explained"] < _TELLS:
+        return
+    if one["explained_p"] > CRITERIA.localisation.regular:
+        return
+    kind = "even" if one["elastic"] >= 0.5 else "odd"
+    share = _percent(max(one["elastic"], 1 - one["elastic"]))
+    place = one["place"] if one["place"].startswith("body ") else f"link {one['place']}"
+    yield (
+        f"As a force on the {place} {_percent(one['explained'])} of it is one function of displacement "
+        f"and velocity, {kind} in velocity by {share}; {_percent(one['rest'])} is memory, or differs from "
+        "record to record."
+    )
+
+
+def lives_in(residual: Data) -> Iterator[str]:
+    """Yield where a residual stands out, a phrase for each view in which it does."""
+    for view, profile in residual.items():
+        if not isinstance(profile, Mapping):
+            continue
+        known = {label: value for label, value in profile.items() if _known(value)}
+        if len(known) < 2:
+            continue
+        label = max(known, key=lambda name: float(known[name]))
+        if known[label] > 1.0 and known[label] > _STANDS_OUT * min(known.values()):
+            along = view_words(view)
+            words = f"{_PLACED.get(view, along[:1].lower() + along[1:])} {label}".strip()
+            yield f"{words} ({_number(known[label])} times noise)"
+
+
+def _known(value: object) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
+
+
+def _number(value: float, digits: int = 4) -> str:
+    """Return a number of some digits, without a power of ten where it can be helped."""
+    short = float(f"{value:.{digits}g}")
+    return f"{short:.10g}" if 1e-4 < abs(short) < 1e6 else f"{short:.{digits}g}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %" if share >= 1e-3 else "less than 0.1 %"
+
+
+def _chance(p: float) -> str:
+    return f"= {_number(p, 2)}" if p >= 1e-4 else "below 0.0001"
