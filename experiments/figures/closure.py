@@ -196,7 +196,7 @@ def _forces(row: Sequence[Axes], records: Sequence[Data]) -> None:
 def _readings(row: Sequence[Axes], records: Sequence[Data]) -> None:
     _along(row[0], records, ("displacement_m", 1e6, "Displacement [µm]"), "reading_n")
     _along(row[1], records, ("time_s", 1.0, "Time after the hit [s]"), "reading_n")
-    row[0].set_ylabel("ModelCorrection to the reading [N]")
+    row[0].set_ylabel("Added to the reading [N]")
 
 
 def _along(ax: Axes, records: Sequence[Data], over: tuple[str, float, str], key: str) -> None:
@@ -222,7 +222,7 @@ def _rates(row: Sequence[Axes], records: Sequence[Data]) -> None:
         row[1].plot(speed, loss - without, color=colour, label=_preload(record))
         drawn[0].extend([*loss, *without])
         drawn[1].extend(loss - without)
-    for ax, values, label in zip(row, drawn, ("Loss rate [N/s]", "ModelCorrection to it [N/s]"), strict=True):
+    for ax, values, label in zip(row, drawn, ("Loss rate [N/s]", "Added to it [N/s]"), strict=True):
         ax.set_xscale("log")
         ax.set_xlabel("Peak velocity [mm/s]")
         ax.set_ylabel(label)

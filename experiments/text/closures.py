@@ -144,7 +144,7 @@ def _sentences(data: Data) -> Iterator[str]:
         yield from (line for text in told for line in text.splitlines())
         return
     names = ", ".join(str(effect.get("name")) for effect in effects_of(data))
-    yield f"ModelCorrection: {names}." if names else "No effect was added."
+    yield f"Added: {names}." if names else "No effect was added."
 
 
 def _headlines(data: Data) -> Iterator[Headline]:

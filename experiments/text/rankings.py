@@ -272,7 +272,7 @@ def _proposals(data: Data) -> Table:
     heads = ("Hits", "Peak force [N]", "Pulse [ms]", "Preload [N]", "Expected gain of a hit", "Odds after it",
              "Separates")  # fmt: skip
     note = (
-        "Selection by simulation, one after the other. Expected gain: 2 ln of the likelihood ratio between "
+        "Chosen by simulation, one after the other. Expected gain: 2 ln of the likelihood ratio between "
         "the two laws that one such hit adds. Odds: between the laws that are hardest to separate, of "
         "those that can be."
     )

@@ -304,7 +304,7 @@ def test_a_closure_that_others_wrote_is_shown_by_what_it_has(tmp_path: Path) -> 
     words = shown({"verdict": "closed", "effects": [effect]}, tmp_path)
     for part in (
         "<b>odd</b>",
-        "ModelCorrection: <b>odd</b>.",
+        "Added: <b>odd</b>.",
         "F = μ T tanh",
         "0.0210 0.0190 to 0.0230",
         "other – 1.07 –",
