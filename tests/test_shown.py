@@ -86,7 +86,7 @@ def test_examples_run_as_printed(name: str, folder: Path, monkeypatch: pytest.Mo
         ("campaign", "loosening: 1, 0 of them held out, preloads 152.7 to 152.7 N", "test", 1),
         ("model", "1 set aside", "value", 3),
         ("identification", "force_lo is clipped", "gamma_s3_per_m4", 3),
-        ("ranking", "First of 2000 candidate laws", "name", 1),
+        ("ranking", "First of 2000 candidate laws", "name", 2),
         ("closure", "What was missing: coulomb-friction", "motion_nrmse", None),
         ("response", "tension: 60 N at first", "displacement_so", 2),
     ],

@@ -14,14 +14,12 @@ from discovery.views.closure_figure import (
     views,
 )
 from discovery.views.closure_section import closure_section
+from discovery.views.palette import INCH_PER_MM, WIDTH
 from rom import viewed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
-
-_MM_PER_INCH = 25.4
-_WIDTH = 6.0  # [inch]
 
 
 @viewed.summary.register(Closure)
@@ -51,8 +49,8 @@ def figure(closure: Closure) -> Figure:
     data = closure_section(closure)
     parts = [(draw_residual, residual_height_mm(data))] if views(data) else []
     parts += [(draw_force, FORCE_HEIGHT_MM)] if has_maps(data) else []
-    heights = [height / _MM_PER_INCH for _, height in parts]
-    made = Figure(figsize=(_WIDTH, sum(heights) or 1.0), layout="constrained")
+    heights = [height * INCH_PER_MM for _, height in parts]
+    made = Figure(figsize=(WIDTH, sum(heights) or 1.0), layout="constrained")
     if parts:
         below = made.subfigures(len(parts), 1, squeeze=False, height_ratios=heights)[:, 0]
         for (draw, _), part in zip(parts, below, strict=True):

@@ -59,10 +59,15 @@ class Units:
 def units_of(*maps: Data) -> Units:
     """Return units in which the motion of some maps makes short numbers."""
     (length, by_length), (speed, by_speed) = (
-        next((unit, factor) for below, unit, factor in known if max(max(one[key]) for one in maps) < below)
+        next((unit, factor) for below, unit, factor in known if largest < below)
         for key, known in (("displacement_m", _LENGTHS), ("velocity_m_per_s", _SPEEDS))
+        for largest in [max(_largest(one[key]) for one in maps)]
     )
     return Units(f"Displacement [{length}]", f"Velocity [{speed}]", (by_length, by_speed))
+
+
+def _largest(values: Sequence[float | None]) -> float:
+    return float(np.nanmax(np.abs(np.asarray(values, dtype=np.float64)), initial=0.0))
 
 
 def draw_map(ax: Axes, one: Data, limit: float, units: Units) -> QuadMesh:

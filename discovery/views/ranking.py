@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.ranking.result import RankedLaw, Ranking
+from discovery.views.palette import INCH_PER_MM, WIDTH
+from discovery.views.ranking_figure import draw_leader_board, leader_board_height_mm
+from discovery.views.ranking_section import ranking_section
 from rom import viewed
 from rom.model.laws import Parameter
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
-
-_DRAWN = 15
 
 
 @viewed.summary.register(Ranking)
@@ -68,21 +67,12 @@ def frame(ranking: Ranking) -> DataFrame:
 
 @viewed.figure.register(Ranking)
 def figure(ranking: Ranking) -> Figure:
-    """Draw score against the baseline's, in units of log likelihood, over the first laws."""
+    """Draw the leader board: difference of BIC and cross-validated error of the first laws."""
     from matplotlib.figure import Figure
 
-    laws = ranking.laws[:_DRAWN]
-    reference = ranking[BASELINE].cross_validated_score
-    gains = [law.cross_validated_score - reference for law in laws]
-    made = Figure(figsize=(8, 0.6 + 0.36 * len(laws)), layout="constrained")
-    axes = made.subplots()
-    places = np.arange(len(laws))
-    axes.axvline(0.0, color="0.6", linewidth=1)
-    axes.scatter(gains, places, c=["C3" if law.name == BASELINE else "C0" for law in laws])
-    axes.set_yticks(places, [f"{law.rank}  {law.name}" for law in laws])
-    axes.invert_yaxis()
-    axes.set_xscale("symlog", linthresh=10.0)
-    axes.set_xlabel("cross-validated log likelihood, above that of the gamma(T) baseline")
+    data = ranking_section(ranking)
+    made = Figure(figsize=(WIDTH, leader_board_height_mm(data) * INCH_PER_MM), layout="constrained")
+    draw_leader_board(made, data)
     return made
 
 

@@ -21,6 +21,7 @@ from discovery.views.closure_figure import (
     views,
 )
 from discovery.views.closure_prose import MEASURES, Measure, place_words
+from discovery.views.force import units_of
 from discovery.views.palette import AFTER, BACKGROUND, BLUE, GREEN, GREY, SKY
 from experiments.figures.style import blank, panels, styled
 from experiments.text.closures import correlations, effects_of
@@ -188,8 +189,9 @@ def effects(data: Data) -> Figure:
 
 
 def _forces(row: Sequence[Axes], records: Sequence[Data]) -> None:
-    _along(row[0], records, ("displacement_m", 1e6, "Displacement [µm]"), "force_n")
-    _along(row[1], records, ("velocity_m_per_s", 1e3, "Velocity [mm/s]"), "force_n")
+    units = units_of(*records)
+    _along(row[0], records, ("displacement_m", units.factors[0], units.displacement), "force_n")
+    _along(row[1], records, ("velocity_m_per_s", units.factors[1], units.velocity), "force_n")
     row[0].set_ylabel("Force [N]")
 
 

@@ -13,10 +13,10 @@ from experiments.figures.style import FloatArray, panels, styled, tension_axis
 from rom.identification.curve_fits import LawFit
 from rom.identification.joint import MODAL_LIMIT, JointEstimate
 from rom.identification.reduce import UncoupledTest
+from rom.model.laws import Z95
 from rom.model.model import Model
 from rom.signals.calibration import Calibration
 
-_Z95 = 1.959964
 _WIDEST = 3.0  # standard error of a logarithm that is drawn, at most
 _TELLING = 0.3  # limits beyond this do not set the axis
 _DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
@@ -39,7 +39,7 @@ def calibration_curve(
         ax.plot(strain, force, ".", color=MEASURED, markersize=1.5, label="Tensile test", rasterized=True)
     ax.plot(reading, tension, color=MODEL, label="Calibration polynomial")
     if calibration.covariance is not None:
-        half = _Z95 * calibration.tension_standard_error(reading)
+        half = Z95 * calibration.tension_standard_error(reading)
         ax.fill_between(
             reading, tension - half, tension + half, color=MODEL, alpha=0.2, lw=0, label="95 % limits"
         )
@@ -133,7 +133,7 @@ def first_mode_frequency(joint: Sequence[JointEstimate], model: Model | None = N
     tension = np.array([t for t, _ in seen])
     grid = tension_axis(ax, tension)
     value = np.array([f.value for _, f in seen])
-    error = _Z95 * np.array([f.standard_error for _, f in seen])
+    error = Z95 * np.array([f.standard_error for _, f in seen])
     ax.errorbar(
         tension, value, error, fmt="o", color=MEASURED, elinewidth=0.6, label="Average period, 95 % limits"
     )
@@ -184,7 +184,7 @@ def _joint(joint: Sequence[JointEstimate], fit: LawFit | None, label: str, what:
     )
     doubtful = np.array([j.heaviest_damping_ratio > MODAL_LIMIT for j in joint])
     grid = tension_axis(ax, tension)
-    limits = [value * np.exp(-_Z95 * error), value * np.exp(_Z95 * error)]
+    limits = [value * np.exp(-Z95 * error), value * np.exp(Z95 * error)]
     shown = np.concatenate([value, *(limit[error < _TELLING] for limit in limits)])
     if fit is not None:
         shown = np.concatenate([shown, law_band(ax, fit, grid, "Fitted law, 95 % limits")])
@@ -210,7 +210,7 @@ def _joint(joint: Sequence[JointEstimate], fit: LawFit | None, label: str, what:
 def law_band(ax: Axes, fit: LawFit, grid: FloatArray, label: str) -> FloatArray:
     """Draw a law and its 95 % band; return the values of the law."""
     value = fit.curve(fit.law, grid)
-    half = _Z95 * fit.log_error(grid)
+    half = Z95 * fit.log_error(grid)
     half = np.where(np.isfinite(half), np.minimum(half, 20.0), 0.0)
     ax.fill_between(grid, value * np.exp(-half), value * np.exp(half), color=MODEL, alpha=0.25, lw=0)
     ax.plot(grid, value, color=MODEL, label=label)

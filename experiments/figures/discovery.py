@@ -7,34 +7,38 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
+from matplotlib.ticker import MaxNLocator
 
+from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.views.palette import BACKGROUND, BLUE, GREEN, GREY, MEASURED, SKY, VERMILLION
-from experiments.figures.style import FloatArray, panels, styled, tension_axis
-from experiments.text.wording import law_name, set_words
+from discovery.views.ranking_figure import (
+    OWN_COLOURS,
+    draw_leader_board,
+    law_name,
+    leader_board_height_mm,
+    plain_decades,
+    ranked,
+)
+from experiments.figures.style import FloatArray, blank, panels, styled, tension_axis
+from experiments.text.wording import set_words
+from rom.model.laws import Z95
 
 Data = Mapping[str, Any]
 
-BASELINE = "gamma(T) baseline"
-NO_LOOSENING = "no loosening"
 _EARLIER = "constant gamma, quadratic"  # [47] of He et al. (2025)
-_Z95 = 1.959964
-_BOARD_ROWS = 10
 _PRINTED_N = (6.4, 21.5, 61.3, 152.7, 317.0, 700.2)  # preloads of He et al. (2025), Fig. 15
 _TERMS, _SELDOM = 12, 0.005
 _DRAWN_PERCENT = (0.1, 1000.0)  # errors beyond are drawn at the edge
 _LINES = ((BLUE, "-"), (GREEN, "--"), (SKY, "-."))
 _LONGEST, _HALF_WIDTH = 48, 27  # characters of a name in a legend, and of one that leaves room for another
 _MOST_DEVIANCE = 60.0
-_CHI2_95 = 3.841459
 
 
 def discovery_figures(data: Data) -> dict[str, Figure]:
     """Return the figures of a ranking by name; what its data do not allow is left out."""
     made: dict[str, tuple[object, Callable[[Data], Figure]]] = {
-        "law-leader-board": (len(_laws(data)) > 1, leader_board),
+        "law-leader-board": (len(ranked(data)) > 1, leader_board),
         "law-trajectories": (_cases(data), trajectories),
         "law-errors": (_cases(data), errors_over_preload),
         "exponent-profile": (_profiles(data), profiles),
@@ -44,18 +48,13 @@ def discovery_figures(data: Data) -> dict[str, Figure]:
     return {name: draw(data) for name, (there, draw) in made.items() if there}
 
 
-def _laws(data: Data) -> list[Data]:
-    return sorted(data.get("laws") or [], key=lambda law: int(law["rank"]))
-
-
 def _cases(data: Data) -> list[Data]:
     return list(data.get("cases") or [])
 
 
 def _colour(name: str, rank: int) -> str:
     """Return the colour of a law: the paper's law and no loosening have their own in every figure."""
-    own = {BASELINE: VERMILLION, NO_LOOSENING: GREY}
-    return own.get(name, _LINES[min(rank, len(_LINES)) - 1][0])
+    return OWN_COLOURS.get(name, _LINES[min(rank, len(_LINES)) - 1][0])
 
 
 def drawn_laws(data: Data) -> list[str]:
@@ -63,7 +62,7 @@ def drawn_laws(data: Data) -> list[str]:
 
     Where that is one of them, the law of earlier work is the third, so that there is something to compare.
     """
-    names = [str(law["name"]) for law in _laws(data)]
+    names = [str(law["name"]) for law in ranked(data)]
     chosen = [name for name in names if name != NO_LOOSENING][:2]
     third = _EARLIER if BASELINE in chosen else BASELINE
     return [*chosen, third] if third in names and third not in chosen else chosen
@@ -72,48 +71,9 @@ def drawn_laws(data: Data) -> list[str]:
 @styled
 def leader_board(data: Data) -> Figure:
     """Difference of BIC to the first law, and cross-validated error of the loss, a row a law."""
-    laws = _laws(data)
-    shown = [law for place, law in enumerate(laws) if place < _BOARD_ROWS or law["name"] == BASELINE]
-    figure, axes = panels(1, 2, 16.0 + 9.0 * len(shown), sharey=True)
-    equal = {str(name) for name in data.get("indistinguishable") or ()}
-    for row, law in enumerate(shown):
-        colour = _colour(str(law["name"]), 1) if law["name"] in (BASELINE, NO_LOOSENING) else BLUE
-        face = colour if law["rank"] == 1 or law["name"] in equal else "none"
-        keys = ("delta_bic", "cross_validated_loss_error_percent_median")
-        for ax, key in zip(axes[0], keys, strict=True):
-            if law.get(key) is not None:
-                ax.plot(law[key], row, "o", color=colour, markerfacecolor=face, markeredgewidth=0.9)
-        name = axes[0, 0].annotate(f"{law['rank']}  {law_name(str(law['name']))}", (0.0, row - 0.28),
-                                   xycoords=("axes fraction", "data"), va="bottom")  # fmt: skip
-        name.set_in_layout(False)  # it runs on over the panel beside
-    for ax in axes[0]:
-        ax.set_yticks([])
-        ax.spines["left"].set_visible(False)
-        ax.hlines(range(len(shown)), 0, 1, transform=ax.get_yaxis_transform(), color=GREY, lw=0.3, zorder=0)
-    axes[0, 1].patch.set_visible(False)
-    axes[0, 0].set_ylim(len(shown) - 0.6, -0.95)
-    _counts_up(axes[0, 0], [law["delta_bic"] for law in shown if law.get("delta_bic") is not None])
-    axes[0, 0].set_xlabel("$\\Delta$BIC [1]")
-    axes[0, 1].set_xscale("log")
-    _plain_decades(axes[0, 1].xaxis)
-    axes[0, 1].set_xlabel("Cross-validated error [%]")
+    figure = blank(leader_board_height_mm(data))
+    draw_leader_board(figure, data)
     return figure
-
-
-def _counts_up(ax: Axes, values: Sequence[float]) -> None:
-    """Scale an axis about zero that may end at thousands: linear to 10, by decades from there."""
-    low, top = min([*values, 0.0]), max([*values, 1.0])
-    if top - low <= 40:
-        margin = 0.06 * (top - low)
-        ax.set_xlim(low - margin, top + margin)
-        ax.xaxis.set_major_locator(MaxNLocator(4))
-        return
-    ax.set_xscale("symlog", linthresh=10.0, linscale=1.0)
-    most = int(np.ceil(np.log10(top)))
-    decades = [10.0**power for power in range(1, most + 1, 1 + most // 5)]
-    ax.set_xticks([*(-decade for decade in reversed(decades) if decade <= -low), 0.0, *decades])
-    ax.xaxis.set_minor_locator(NullLocator())
-    ax.set_xlim(1.5 * low - 1.0, 1.5 * top)
 
 
 def _legend(figure: Figure, ax: Axes) -> None:
@@ -123,15 +83,6 @@ def _legend(figure: Figure, ax: Axes) -> None:
     grown = 0.13 * (-(-len(labels) // columns) - 3)  # [inch], beyond the three rows that there is room for
     figure.set_figheight(figure.get_figheight() + max(grown, 0.0))
     figure.legend(handles, labels, loc="outside upper center", ncols=columns)
-
-
-def _plain_decades(axis: Axis) -> None:
-    """Label a logarithmic axis of percent with plain numbers, the denser the fewer decades it spans."""
-    low, high = axis.get_view_interval()
-    dense = LogLocator(subs=(1.0, 2.0, 5.0) if high < 30 * low else (1.0,), numticks=12)
-    axis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]) if high < 4 * low else dense)
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def nearest_cases(cases: Sequence[Data], wanted: Sequence[float] = _PRINTED_N) -> list[Data]:
@@ -179,7 +130,7 @@ def trajectories(data: Data) -> Figure:
 def _course(ax: Axes, case: Data, names: Sequence[str], scatter: float) -> None:
     time, initial = np.asarray(case["time_s"], dtype=float), _tension(case)
     measured = initial + np.asarray(case["change_n"], dtype=float)
-    error = _Z95 * np.asarray(case["change_error_n"], dtype=float)
+    error = Z95 * np.asarray(case["change_error_n"], dtype=float)
     ax.axhline(initial, color=BACKGROUND, lw=0.6, ls=":", label="Before the hit")
     ax.errorbar(time, measured, error, fmt="o", color=MEASURED, markersize=2.5, elinewidth=0.6,
                 label="Measured, 95 % limits", zorder=3)  # fmt: skip
@@ -244,7 +195,7 @@ def errors_over_preload(data: Data) -> Figure:
     ax.set_yscale("log")
     least, most = _DRAWN_PERCENT
     ax.set_ylim(0.8 * max(0.7 * lowest, least), min(1.3 * max(highest, 100.0), 1.2 * most))
-    _plain_decades(ax.yaxis)
+    plain_decades(ax.yaxis)
     ax.set_ylabel("Error of loss [%]")
     _legend(figure, ax)
     return figure
@@ -278,7 +229,7 @@ def profiles(data: Data) -> Figure:
 
 def _profile(ax: Axes, profile: Data) -> None:
     value, rise = _curve(profile)
-    level = float(profile.get("level") or _CHI2_95)
+    level = float(profile.get("level") or Z95**2)
     low, high = profile.get("low"), profile.get("high")
     ax.axhline(level, color=BACKGROUND, lw=0.6, ls="--")
     if low is not None and high is not None:
@@ -309,7 +260,7 @@ def _front_points(data: Data) -> FloatArray:
     """Return (free numbers, difference of BIC, cross-validated error [%]) of every law with all three."""
     rows = [
         (law["free_numbers"], law["delta_bic"], law["cross_validated_loss_error_percent_median"])
-        for law in [*_laws(data), *(data.get("considered_laws") or ())]
+        for law in [*ranked(data), *(data.get("considered_laws") or ())]
         if law.get("free_numbers") is not None
         and law.get("cross_validated_loss_error_percent_median") is not None
     ]
@@ -327,11 +278,11 @@ def accuracy_and_complexity(data: Data) -> Figure:
     steps = np.unique(count)
     best = np.minimum.accumulate([error[count <= step].min() for step in steps])
     ax.step(steps, best, where="post", color=BLUE, label="Best with as many or fewer")
-    for law in _laws(data):
+    for law in ranked(data):
         if law["rank"] == 1 or law["name"] in (BASELINE, NO_LOOSENING):
             _point_out(ax, law)
     ax.set_yscale("log")
-    _plain_decades(ax.yaxis)
+    plain_decades(ax.yaxis)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlim(steps.min() - 0.5, steps.max() + 0.5)
     ax.set_xlabel("Free numbers of the law [1]")

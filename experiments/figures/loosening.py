@@ -14,9 +14,9 @@ from experiments.figures.curves import law_band
 from experiments.figures.style import FloatArray, panels, styled, tension_axis
 from rom.identification.curve_fits import LawFit
 from rom.identification.gamma import GammaEstimate
+from rom.model.laws import Z95
 
 REGIME_SPLIT_N = 850.0  # He et al. (2025), Section 3.4
-_Z95 = 1.959964
 
 
 @styled
@@ -24,7 +24,7 @@ def tension_change(cases: Sequence[GammaEstimate], split_n: float | None = REGIM
     """Change of tension over initial tension, positive where it tightened, with the two regimes (Fig. 9)."""
     initial = np.array([g.initial for g in cases])
     change = np.array([g.final - g.initial for g in cases])
-    error = _Z95 * np.nan_to_num([g.loss_error for g in cases], posinf=0.0)
+    error = Z95 * np.nan_to_num([g.loss_error for g in cases], posinf=0.0)
     above = initial > (np.inf if split_n is None else split_n)
     enlarged = above.sum() > 1 and np.abs(change[above]).max() * 3 < np.abs(change).max()
     figure, axes = panels(2 if enlarged else 1, 1, 92.0 if enlarged else 60.0, **_RATIOS[bool(enlarged)])
@@ -98,7 +98,7 @@ def gamma_law(gamma: Sequence[GammaEstimate], fit: LawFit | None = None) -> Figu
     tension, value = np.array([g.initial for g in used]), np.array([g.gamma for g in used])
     grid = tension_axis(ax, tension, "Initial tension [N]")
     error = np.clip([g.log_error if np.isfinite(g.log_error) else 0.0 for g in used], 0.0, 3.0)
-    lower, upper = value * np.exp(-_Z95 * error), value * np.exp(_Z95 * error)
+    lower, upper = value * np.exp(-Z95 * error), value * np.exp(Z95 * error)
     ax.set_yscale("log")
     law = law_band(ax, fit, grid, "$\\gamma(T)$, 95 % limits") if fit is not None else value
     ax.errorbar(tension, value, [value - lower, upper - value], fmt="o", color=MEASURED, elinewidth=0.6,

@@ -10,20 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discovery.laws.candidate import NO_LOOSENING
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
 from experiments.studies.identify import Progress, save_figures
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.campaign.channels import FloatArray
-from rom.model.laws import Parameter
 from rom.signals.tension_bins import TensionCourse
 
 if TYPE_CHECKING:
-    from discovery.ranking.confidence_sets import ExponentProfile, MotionProfile
     from discovery.ranking.result import RankedLaw, Ranking
-    from discovery.separating_tests.hits import Proposal
 
-_CHI2_95 = 3.841459
 _SHOWN = 8  # laws in the summary
 
 
@@ -54,7 +51,7 @@ def run(
     folder = results_folder(campaign_path, out)
     with results_into(folder) as new:
         ranking = discovery.discover(campaign, jobs, report, seed, tightening)
-        content = plain(ranking_section(ranking) | {"command": command, "campaign_digest": campaign.digest})
+        content = plain(ranking_content(ranking) | {"command": command, "campaign_digest": campaign.digest})
         header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
         header["elapsed_s"] = round(time.perf_counter() - started, 3)
         ranking.model.save(new / "model.json", **header, identification=model_section(content))
@@ -85,14 +82,15 @@ def enough(campaign: Campaign, path: Path) -> None:
 def summary(path: Path) -> str:
     """Return a few lines for people: which law, how sure, what it beats, and the leader board."""
     from discovery.criteria.criteria import CRITERIA
+    from discovery.views.ranking_figure import law_name, ranked
     from experiments.text import rankings
-    from experiments.text.wording import law_name, number, trimmed
+    from experiments.text.wording import number, trimmed
 
     data = json.loads(path.read_text(encoding="utf-8"))
     found = rankings.answer(data)
     lines = [data["campaign"], *([found.verdict, *found.sentences] if found else [])]
     lines.append(f"\n{'rank':>4} {'error of loss [%]':>18} {'delta BIC':>10} {'first in [%]':>13}  law")
-    laws = rankings.ranked(data)
+    laws = ranked(data)
     named = CRITERIA.ranking.named
     later = [law for law in laws[_SHOWN:] if law["source"] == "baseline" or law["chosen"] >= named]
     for law in [*laws[:_SHOWN], *later]:
@@ -104,88 +102,13 @@ def summary(path: Path) -> str:
     return "\n".join(lines + [f"  note: {text}" for text in data["warnings"] + data["set_aside"]])
 
 
-def ranking_section(ranking: Ranking) -> dict[str, Any]:
-    """Return what ranking.json says, but for its header."""
+def ranking_content(ranking: Ranking) -> dict[str, Any]:
+    """Return what ranking.json says, but for its header: the section, and the tests by the laws drawn."""
+    from discovery.views.ranking_section import ranking_section
     from experiments.figures.discovery import drawn_laws
 
-    content = {
-        "laws": [_law_row(law) for law in ranking.laws],
-        "considered": ranking.considered,
-        "indistinguishable": list(ranking.indistinguishable),
-        "inclusion": dict(ranking.inclusion),
-        "chosen_terms": ranking.chosen_terms,
-        "scatter": dict(zip(("a", "b"), ranking.scatter, strict=True)),
-        "exponent_profile": _profile_row(ranking.profile),
-        "motion_profile": _motion_row(ranking.motion_profile),
-        "proposals": [_proposal_row(test) for test in ranking.proposals],
-        "set_aside": list(ranking.set_aside),
-        "warnings": list(ranking.warnings),
-    }
+    content = ranking_section(ranking)
     return content | {"cases": _case_rows(ranking, drawn_laws(content))}
-
-
-def _law_row(law: RankedLaw) -> dict[str, Any]:
-    return {
-        "rank": law.rank,
-        "name": law.name,
-        "equation": law.equation,
-        "parameters": {name: _parameter_row(parameter) for name, parameter in law.parameters.items()},
-        "errors": {kind: dict(law.errors[kind]) for kind in ("training", "hold_out")},
-        "cross_validated_loss_error_percent_median": law.cross_validated_loss_error_percent_median,
-        "cross_validated_score": law.cross_validated_score,
-        "delta_bic": law.delta_bic,
-        "wins_against_baseline": list(law.wins_against_baseline),
-        "p_value_against_baseline": law.p_value_against_baseline,
-        "chosen": law.chosen,
-        "free_numbers": law.free_numbers,
-        "look_alikes": list(law.look_alikes),
-        "source": law.source,
-    }
-
-
-def _parameter_row(parameter: Parameter) -> dict[str, Any]:
-    return {
-        "value": parameter.value, "low": parameter.low, "high": parameter.high, "unit": parameter.unit
-    }  # fmt: skip
-
-
-def _profile_row(profile: ExponentProfile | None) -> dict[str, Any]:
-    if profile is None:
-        return {"values": [], "delta_bic": []}
-    return {
-        "values": profile.values,
-        "delta_bic": profile.delta_bic,
-        "deviance": profile.deviance,
-        "best": profile.best,
-        "low": profile.low,
-        "high": profile.high,
-        "reach": profile.reach,
-        "level": _CHI2_95 * profile.dispersion,
-        "explains_the_courses": profile.fits,
-    }
-
-
-def _motion_row(profile: MotionProfile | None) -> dict[str, Any] | None:
-    if profile is None:
-        return None
-    return {
-        "driver": profile.driver,
-        "velocity": _profile_row(profile.velocity),
-        "displacement": _profile_row(profile.displacement),
-    }
-
-
-def _proposal_row(test: Proposal) -> dict[str, Any]:
-    return {
-        "body": test.body,
-        "peak_force_n": test.peak_force,
-        "pulse_s": test.pulse_length,
-        "preload_n": test.preload,
-        "hits": test.hits,
-        "expected_gain": test.expected_gain,
-        "odds": test.odds,
-        "separates": list(test.laws),
-    }
 
 
 def _case_rows(ranking: Ranking, names: Sequence[str]) -> list[dict[str, Any]]:
@@ -253,7 +176,7 @@ def model_section(content: dict[str, Any]) -> dict[str, Any]:
         "campaign_digest": content["campaign_digest"],
         "command": content["command"],
         "records": first["training"]["records"],
-        "errors": first | {"no_loosening": laws["no loosening"]},
+        "errors": first | {"no_loosening": laws[NO_LOOSENING]},
         "set_aside": content["set_aside"],
         "warnings": content["warnings"],
     }

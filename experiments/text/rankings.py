@@ -8,26 +8,20 @@ from typing import Any
 
 from markupsafe import Markup
 
+from discovery.criteria.criteria import CRITERIA
+from discovery.laws.candidate import BASELINE, NO_LOOSENING
+from discovery.views.ranking_figure import law_name, ranked
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
 from experiments.text.tables import Table, parameter_rows
-from experiments.text.wording import NONE, law_name, mappings, number, set_words, trimmed
+from experiments.text.wording import NONE, mappings, number, set_words, trimmed
 
 Data = Mapping[str, Any]
 
-BASELINE = "gamma(T) baseline"
-NO_LOOSENING = "no loosening"
-SURE = 0.01  # chance below which a law is called better
 _QUESTION = "Which law of loosening do the records support, and how sure is that?"
 _ERROR = "cross_validated_loss_error_percent_median"
 _NAMED = 4
 _WITH_PARAMETERS = 3
-
-
-def ranked(data: Data) -> list[Data]:
-    """Return the laws of a ranking, the first one first."""
-    laws = [law for law in data.get("laws") or [] if isinstance(law, Mapping)]
-    return sorted(laws, key=lambda law: float(law.get("rank") or len(laws) + 1))
 
 
 def answer(data: Data) -> Answer | None:
@@ -67,7 +61,7 @@ def _against_baseline(best: Data, equals: Sequence[str], told: str) -> tuple[str
     if p is None:
         return f"{first} by re-simulation.", None
     chance = trimmed(number(float(p), 2))
-    if p >= SURE:
+    if p >= CRITERIA.ranking.better:
         return f"{first}; that it beats the paper's law may be chance (p = {chance}).", None
     sure = f"{first} and beats the paper's law beyond chance (p = {chance})"
     return (f"{sure}; {told}.", None) if equals else (f"{sure}.", True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -86,26 +85,6 @@ def set_words(profile: Mapping[str, object]) -> str:
     reach = str(profile.get("reach") or "identified")
     words = {"open below": f"{high} at most", "open above": f"{low} at least"}
     return words.get(reach, f"{low} to {high}" if reach == "identified" else f"open, {low} to {high} all do")
-
-
-_LAW_WORDS = {"gamma(T) baseline": "γ(T), the paper's law"}
-_NUMBER = r"[\w.+-]+"
-_LAW_PATTERNS = (
-    (rf"T 10\^\(-{_NUMBER} / \(1 \+ exp\({_NUMBER} T\)\)\)", "γ(T) T"),  # the shape of the paper's Eq. 13
-    (r"abs\((\w)\)", r"|\1|"),
-    (r"abs\((\w) (\w)\)", r"|\1 \2|"),
-    (r"\bgamma\b", "γ"),
-    (r"\brho\b", "ρ"),
-    ("-", "−"),
-)
-
-
-def law_name(name: str, most: int = 70) -> str:
-    """Return the name of a tension law for people, cut where it is longer than `most` characters."""
-    shown = re.sub(r"\d+\.\d{4,}", lambda found: f"{float(found[0]):.3g}", _LAW_WORDS.get(name, name))
-    for pattern, words in _LAW_PATTERNS:
-        shown = re.sub(pattern, words, shown)
-    return shown if len(shown) <= most else shown[: most - 1].rstrip() + "…"
 
 
 def mappings(items: object) -> list[Mapping[str, Any]]:

@@ -156,7 +156,7 @@ def test_ranking_in_words_tables_and_as_a_model(laws: tuple[RankedLaw, ...], fro
     assert f"drawn again: {laws[0].name} 60 %; others 40 %." in rare.summary()
     frame = ranking.to_frame()
     assert list(frame["name"]) == [law.name for law in laws]
-    assert len(ranking.plot().axes[0].get_yticklabels()) == len(laws)
+    assert len(ranking.plot().axes[0].texts) == len(laws)
     assert "<table" in ranking._repr_html_()
     course = frozen.courses[-6]
     response = ranking.model.simulate({"lo": course.force}, course.rate_hz, course.initial)

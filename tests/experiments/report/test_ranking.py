@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from matplotlib.patches import Rectangle
 
+from discovery.views.ranking_figure import law_name
 from experiments.figures.discovery import discovery_figures, drawn_laws, nearest_cases
 from experiments.figures.style import COLUMN_MM, save
 from experiments.studies import report
 from experiments.text import rankings
-from experiments.text.wording import law_name, set_words
+from experiments.text.wording import set_words
 from tests.experiments.sound_ranking import BASELINE, WINNER, law, laws, ranking
 
 ALL = {

@@ -1,0 +1,111 @@
+"""The leader board of a ranking from what ranking.json holds, and names of laws for people."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from discovery.laws.candidate import BASELINE, NO_LOOSENING
+from discovery.views.palette import BLUE, GREY, VERMILLION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure, SubFigure
+
+Data = Mapping[str, Any]
+OWN_COLOURS = {BASELINE: VERMILLION, NO_LOOSENING: GREY}  # in every figure
+_ROWS = 10
+_LAW_WORDS = {BASELINE: "γ(T), the paper's law"}
+_NUMBER = r"[\w.+-]+"
+_LAW_PATTERNS = (
+    (rf"T 10\^\(-{_NUMBER} / \(1 \+ exp\({_NUMBER} T\)\)\)", "γ(T) T"),  # the shape of the paper's Eq. 13
+    (r"abs\((\w)\)", r"|\1|"),
+    (r"abs\((\w) (\w)\)", r"|\1 \2|"),
+    (r"\bgamma\b", "γ"),
+    (r"\brho\b", "ρ"),
+    ("-", "−"),
+)
+
+
+def law_name(name: str, most: int = 70) -> str:
+    """Return the name of a tension law for people, cut where it is longer than `most` characters."""
+    shown = re.sub(r"\d+\.\d{4,}", lambda found: f"{float(found[0]):.3g}", _LAW_WORDS.get(name, name))
+    for pattern, words in _LAW_PATTERNS:
+        shown = re.sub(pattern, words, shown)
+    return shown if len(shown) <= most else shown[: most - 1].rstrip() + "…"
+
+
+def ranked(data: Data) -> list[Data]:
+    """Return the laws of a ranking, the first one first."""
+    laws = [law for law in data.get("laws") or [] if isinstance(law, Mapping)]
+    return sorted(laws, key=lambda law: float(law.get("rank") or len(laws) + 1))
+
+
+def leader_board_height_mm(data: Data) -> float:
+    """Return the height that the leader board needs."""
+    return 16.0 + 9.0 * len(_shown(data))
+
+
+def _shown(data: Data) -> list[Data]:
+    return [law for place, law in enumerate(ranked(data)) if place < _ROWS or law["name"] == BASELINE]
+
+
+def draw_leader_board(figure: Figure | SubFigure, data: Data) -> None:
+    """Draw the difference of BIC to the first law, and the cross-validated error of the loss, a row a law."""
+    shown = _shown(data)
+    axes = figure.subplots(1, 2, squeeze=False, sharey=True)
+    equal = {str(name) for name in data.get("indistinguishable") or ()}
+    for row, law in enumerate(shown):
+        colour = OWN_COLOURS.get(str(law["name"]), BLUE)
+        face = colour if law["rank"] == 1 or law["name"] in equal else "none"
+        keys = ("delta_bic", "cross_validated_loss_error_percent_median")
+        for ax, key in zip(axes[0], keys, strict=True):
+            if law.get(key) is not None:
+                ax.plot(law[key], row, "o", color=colour, markerfacecolor=face, markeredgewidth=0.9)
+        name = axes[0, 0].annotate(f"{law['rank']}  {law_name(str(law['name']))}", (0.0, row - 0.28),
+                                   xycoords=("axes fraction", "data"), va="bottom")  # fmt: skip
+        name.set_in_layout(False)  # it runs on over the panel beside
+    for ax in axes[0]:
+        ax.set_yticks([])
+        ax.spines["left"].set_visible(False)
+        ax.hlines(range(len(shown)), 0, 1, transform=ax.get_yaxis_transform(), color=GREY, lw=0.3, zorder=0)
+    axes[0, 1].patch.set_visible(False)
+    axes[0, 0].set_ylim(len(shown) - 0.6, -0.95)
+    _counts_up(axes[0, 0], [law["delta_bic"] for law in shown if law.get("delta_bic") is not None])
+    axes[0, 0].set_xlabel("$\\Delta$BIC [1]")
+    axes[0, 1].set_xscale("log")
+    plain_decades(axes[0, 1].xaxis)
+    axes[0, 1].set_xlabel("Cross-validated error [%]")
+
+
+def _counts_up(ax: Axes, values: Sequence[float]) -> None:
+    """Scale an axis about zero that may end at thousands: linear to 10, by decades from there."""
+    from matplotlib.ticker import MaxNLocator, NullLocator
+
+    low, top = min([*values, 0.0]), max([*values, 1.0])
+    if top - low <= 40:
+        margin = 0.06 * (top - low)
+        ax.set_xlim(low - margin, top + margin)
+        ax.xaxis.set_major_locator(MaxNLocator(4))
+        return
+    ax.set_xscale("symlog", linthresh=10.0, linscale=1.0)
+    most = int(np.ceil(np.log10(top)))
+    decades = [10.0**power for power in range(1, most + 1, 1 + most // 5)]
+    ax.set_xticks([*(-decade for decade in reversed(decades) if decade <= -low), 0.0, *decades])
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.set_xlim(1.5 * low - 1.0, 1.5 * top)
+
+
+def plain_decades(axis: Axis) -> None:
+    """Label a logarithmic axis of percent with plain numbers, the denser the fewer decades it spans."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    dense = LogLocator(subs=(1.0, 2.0, 5.0) if high < 30 * low else (1.0,), numticks=12)
+    axis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]) if high < 4 * low else dense)
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,88 @@
+"""What ranking.json says of a ranking of tension laws, but for its header and the tests one by one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from discovery.views.closure_section import parameter_row
+from rom.model.laws import Z95
+
+if TYPE_CHECKING:
+    from discovery.ranking.confidence_sets import ExponentProfile, MotionProfile
+    from discovery.ranking.result import RankedLaw, Ranking
+    from discovery.separating_tests.hits import Proposal
+
+
+def ranking_section(ranking: Ranking) -> dict[str, Any]:
+    """Return what ranking.json says, but for its header and the tests one by one."""
+    return {
+        "laws": [_law_row(law) for law in ranking.laws],
+        "considered": ranking.considered,
+        "indistinguishable": list(ranking.indistinguishable),
+        "inclusion": dict(ranking.inclusion),
+        "chosen_terms": ranking.chosen_terms,
+        "scatter": dict(zip(("a", "b"), ranking.scatter, strict=True)),
+        "exponent_profile": _profile_row(ranking.profile),
+        "motion_profile": _motion_row(ranking.motion_profile),
+        "proposals": [_proposal_row(test) for test in ranking.proposals],
+        "set_aside": list(ranking.set_aside),
+        "warnings": list(ranking.warnings),
+    }
+
+
+def _law_row(law: RankedLaw) -> dict[str, Any]:
+    return {
+        "rank": law.rank,
+        "name": law.name,
+        "equation": law.equation,
+        "parameters": {name: parameter_row(parameter) for name, parameter in law.parameters.items()},
+        "errors": {kind: dict(law.errors.get(kind) or {}) for kind in ("training", "hold_out")},
+        "cross_validated_loss_error_percent_median": law.cross_validated_loss_error_percent_median,
+        "cross_validated_score": law.cross_validated_score,
+        "delta_bic": law.delta_bic,
+        "wins_against_baseline": list(law.wins_against_baseline),
+        "p_value_against_baseline": law.p_value_against_baseline,
+        "chosen": law.chosen,
+        "free_numbers": law.free_numbers,
+        "look_alikes": list(law.look_alikes),
+        "source": law.source,
+    }
+
+
+def _profile_row(profile: ExponentProfile | None) -> dict[str, Any]:
+    if profile is None:
+        return {"values": [], "delta_bic": []}
+    return {
+        "values": profile.values,
+        "delta_bic": profile.delta_bic,
+        "deviance": profile.deviance,
+        "best": profile.best,
+        "low": profile.low,
+        "high": profile.high,
+        "reach": profile.reach,
+        "level": Z95**2 * profile.dispersion,
+        "explains_the_courses": profile.fits,
+    }
+
+
+def _motion_row(profile: MotionProfile | None) -> dict[str, Any] | None:
+    if profile is None:
+        return None
+    return {
+        "driver": profile.driver,
+        "velocity": _profile_row(profile.velocity),
+        "displacement": _profile_row(profile.displacement),
+    }
+
+
+def _proposal_row(test: Proposal) -> dict[str, Any]:
+    return {
+        "body": test.body,
+        "peak_force_n": test.peak_force,
+        "pulse_s": test.pulse_length,
+        "preload_n": test.preload,
+        "hits": test.hits,
+        "expected_gain": test.expected_gain,
+        "odds": test.odds,
+        "separates": list(test.laws),
+    }
