@@ -10,6 +10,7 @@ import pytest
 
 from discovery.courses.fit import refine
 from discovery.courses.frozen_motion import FrozenMotion, freeze
+from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import (
     BASELINE,
     CONSTANT_QUADRATIC,
@@ -123,7 +124,10 @@ def test_law_that_comes_first_in_one_resample_of_twenty_is_listed_whatever_its_r
         replace(laws[0], rank=rank, name=f"law {rank}", source="hand", chosen=chosen)
         for rank, chosen in enumerate([0.9, *[0.0] * 12, 0.04, 0.06], 1)
     )
-    assert [law.name for law in _listed(many)] == [*(f"law {rank}" for rank in range(1, 11)), "law 15"]
+    assert [law.name for law in _listed(many, CRITERIA.ranking)] == [
+        *(f"law {rank}" for rank in range(1, 11)),
+        "law 15",
+    ]
 
 
 @pytest.mark.slow
