@@ -24,7 +24,28 @@ def write_result(
     seed: int | None,
     elapsed_s: float,
 ) -> Path:
-    """Write `content` as ``boltlaw-<kind>/1`` with the common header; returns the path."""
+    """Write `content` as ``boltlaw-<kind>/1`` with the common header; returns the path.
+
+    Parameters
+    ----------
+    path : Path
+        The file; its folder is made.
+    kind : str
+        Which format it has.
+    content : mapping
+        All but the header.
+    campaign : str or None
+        Name of the campaign.
+    seed : int or None
+        Of all that was drawn.
+    elapsed_s : float
+        Time that it took [s].
+
+    Returns
+    -------
+    Path
+        The file.
+    """
     header = {
         "format": f"boltlaw-{kind}/1",
         "campaign": campaign,

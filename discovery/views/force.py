@@ -71,7 +71,25 @@ def _largest(values: Sequence[float | None]) -> float:
 
 
 def draw_map(ax: Axes, one: Data, limit: float, units: Units) -> QuadMesh:
-    """Draw the mean force over displacement and velocity, red where it pulls back; grey: no motion."""
+    """Draw the mean force over displacement and velocity, red where it pulls back; grey: no motion.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    one : mapping
+        Edges ``displacement_m`` [m], ``velocity_m_per_s`` [m/s] and ``force_n`` [N], shape
+        (velocities, displacements).
+    limit : float
+        Force of the deepest colour [N].
+    units : Units
+        Of the axes.
+
+    Returns
+    -------
+    QuadMesh
+        For a colour bar.
+    """
     keys = ("displacement_m", "velocity_m_per_s")
     x, v = (factor * np.asarray(one[key]) for key, factor in zip(keys, units.factors, strict=True))
     # as an image: hundreds of cells would be most of a page's bytes, and show seams
@@ -89,7 +107,19 @@ def draw_map(ax: Axes, one: Data, limit: float, units: Units) -> QuadMesh:
 
 
 def draw_loop(ax: Axes, one: Data, colour: str, label: str, units: Units) -> None:
-    """Draw the force over displacement in the first cycles of the record with the largest motion."""
+    """Draw the force over displacement in the first cycles of the record with the largest motion.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    one : mapping
+        Its ``loop`` has ``displacement_m`` [m] and ``force_n`` [N].
+    colour, label : str
+        Of the line.
+    units : Units
+        Of the axes.
+    """
     x, force = (np.asarray(one["loop"][key], dtype=float) for key in ("displacement_m", "force_n"))
     ax.plot(units.factors[0] * x, force, color=colour, lw=0.8, label=label)
 

@@ -16,6 +16,20 @@ __all__ = ["EXPORTS", "PUBLIC", "SETS", "Collected", "SourceError", "collect"]
 def collect(name: str, source: Path, channel_map: Path | None = None) -> Collected:
     """Return the campaign that a source becomes: one of the public sets, or files of one format and a map.
 
+    Parameters
+    ----------
+    name : str
+        A public set or a format of files.
+    source : Path
+        A file or a folder.
+    channel_map : Path, optional
+        Which column is which channel; of formats only.
+
+    Returns
+    -------
+    Collected
+        Settings, records and notes.
+
     Raises
     ------
     SourceError

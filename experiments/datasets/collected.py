@@ -51,7 +51,22 @@ def optional(package: str, extra: str) -> Any:
 
 
 def unreadable(path: Path, kind: str, cause: Exception) -> SourceError:
-    """Return the fault of a file that its parser gave up on, in whatever way."""
+    """Return the fault of a file that its parser gave up on, in whatever way.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kind : str
+        What it was expected to be.
+    cause : Exception
+        What its parser raised.
+
+    Returns
+    -------
+    SourceError
+        To be raised.
+    """
     why = " ".join(str(cause).split())[:200] or type(cause).__name__
     return SourceError(f"{path.name}: found it unreadable, expected a sound {kind} ({why})")
 

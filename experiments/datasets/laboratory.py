@@ -48,6 +48,20 @@ class _Told:
 def collect(source: Path, form: str, map_path: Path | None) -> Collected:
     """Return the campaign of a file, or of all files of one format below a folder.
 
+    Parameters
+    ----------
+    source : Path
+        A file or a folder.
+    form : str
+        A format of files.
+    map_path : Path or None
+        Which column is which channel; beside the files if not given.
+
+    Returns
+    -------
+    Collected
+        Settings, records and notes.
+
     Raises
     ------
     SourceError

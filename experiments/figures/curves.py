@@ -30,7 +30,22 @@ def calibration_curve(
     strain: FloatArray | None = None,
     force: FloatArray | None = None,
 ) -> Figure:
-    """Tension over strain reading (Fig. 4b), the tensile test where given, ticks at measured tensions [N]."""
+    """Tension over strain reading (Fig. 4b), the tensile test where given, ticks at measured tensions [N].
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of the bolt.
+    tensions : ndarray, optional
+        Tensions of the campaign [N], shape (records,).
+    strain, force : ndarray, optional
+        The tensile test: reading and force [N], shape (samples,).
+
+    Returns
+    -------
+    Figure
+        One panel.
+    """
     figure, axes = panels()
     ax = axes[0, 0]
     reading = _strain_span(calibration, tensions, strain)
@@ -208,7 +223,24 @@ def _joint(joint: Sequence[JointEstimate], fit: LawFit | None, label: str, what:
 
 
 def law_band(ax: Axes, fit: LawFit, grid: FloatArray, label: str) -> FloatArray:
-    """Draw a law and its 95 % band; return the values of the law."""
+    """Draw a law and its 95 % band; return the values of the law.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    fit : LawFit
+        The law and its covariance.
+    grid : ndarray
+        Tensions [N], shape (points,).
+    label : str
+        Of the line.
+
+    Returns
+    -------
+    ndarray
+        Values of the law, shape (points,).
+    """
     value = fit.curve(fit.law, grid)
     half = Z95 * fit.log_error(grid)
     half = np.where(np.isfinite(half), np.minimum(half, 20.0), 0.0)

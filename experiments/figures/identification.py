@@ -95,7 +95,22 @@ def validation_figures(
     hold_out: Sequence[Comparison] = (),
     no_loosening: Sequence[Comparison] = (),
 ) -> dict[str, Figure]:
-    """Return the error of the final tension and of the loss; empty where no loosening record was compared."""
+    """Return the error of the final tension and of the loss; empty where no loosening record was compared.
+
+    Parameters
+    ----------
+    training : sequence of Comparison
+        Records that were fitted to.
+    hold_out : sequence of Comparison
+        Records that no fit used.
+    no_loosening : sequence of Comparison
+        The same records by the model with dT/dt = 0.
+
+    Returns
+    -------
+    dict of str to Figure
+        By name.
+    """
     measured = [c for c in (*training, *hold_out) if np.isfinite(c.measured_final) and c.test == "loosening"]
     if not measured:
         return {}

@@ -75,14 +75,44 @@ def blank(height_mm: float) -> Figure:
 def panels(
     rows: int = 1, columns: int = 1, height_mm: float = 58.0, **options: Any
 ) -> tuple[Figure, npt.NDArray[Any]]:
-    """Return a figure one column wide and its axes, shape (rows, columns)."""
+    """Return a figure one column wide and its axes, shape (rows, columns).
+
+    Parameters
+    ----------
+    rows, columns : int
+        Panels.
+    height_mm : float
+        Height of the figure [mm].
+    **options : object
+        Of ``Figure.subplots``.
+
+    Returns
+    -------
+    tuple of (Figure, ndarray)
+        The axes have shape (rows, columns).
+    """
     figure = blank(height_mm)
     axes = figure.subplots(rows, columns, squeeze=False, **options)
     return figure, axes
 
 
 def tension_axis(axes: Axes, tension: FloatArray, label: str = "Bolt tension $T$ [N]") -> FloatArray:
-    """Label the tension axis, logarithmic where it spans a decade; return where to draw curves [N]."""
+    """Label the tension axis, logarithmic where it spans a decade; return where to draw curves [N].
+
+    Parameters
+    ----------
+    axes : Axes
+        Whose horizontal axis is the tension.
+    tension : ndarray
+        Measured tensions [N], shape (records,).
+    label : str
+        Of the axis.
+
+    Returns
+    -------
+    ndarray
+        Tensions [N], shape (300,).
+    """
     low, high = float(np.min(tension)), float(np.max(tension))
     axes.set_xlabel(label)
     if low > 0 and high >= 10 * low:

@@ -65,7 +65,22 @@ def _signed(value: float) -> str:
 
 
 def thinned(time: FloatArray, samples: FloatArray, pieces: int = _LINES) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and highest sample of every piece, in order of time: all that a plot can show."""
+    """Return the lowest and highest sample of every piece, in order of time: all that a plot can show.
+
+    Parameters
+    ----------
+    time : ndarray
+        Time [s], shape (samples,).
+    samples : ndarray
+        Any unit, shape (samples,).
+    pieces : int
+        Two samples are kept of each.
+
+    Returns
+    -------
+    tuple of ndarray
+        Time and samples, shape (2 pieces,); as they are where they are few.
+    """
     size = len(samples) // pieces
     if size < 4:
         return time, samples
@@ -86,6 +101,20 @@ def final_tension_errors(
 
     `no_loosening` compares the model with dT/dt = 0 with the same records. Hollow:
     records that tightened, which the paper leaves out.
+
+    Parameters
+    ----------
+    training : sequence of Comparison
+        Records that were fitted to.
+    hold_out : sequence of Comparison
+        Records that no fit used.
+    no_loosening : sequence of Comparison
+        The same records by the model with dT/dt = 0.
+
+    Returns
+    -------
+    Figure
+        Two panels.
     """
     figure, axes = panels(2, 1, 92.0, sharex=True)
     groups = ((no_loosening, "_", BACKGROUND, "No loosening"), (training, "o", BLUE, "Model, training"),

@@ -27,6 +27,26 @@ def run(
     """Write ``closure.json``, ``model.json`` with the refined model, and the figures; return the closure's
     path.
 
+    Parameters
+    ----------
+    campaign_path : Path
+        Folder of the campaign.
+    out : Path, optional
+        Folder of the results; beside the campaign if not given.
+    seed : int
+        Of all that is drawn.
+    jobs : int
+        Processes.
+    progress : callable, optional
+        Takes the name of a stage and returns what takes steps done and steps in all.
+    command : str
+        The command line, kept in the result file.
+
+    Returns
+    -------
+    Path
+        Of ``closure.json``.
+
     Raises
     ------
     ValueError

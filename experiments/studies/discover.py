@@ -36,6 +36,28 @@ def run(
 ) -> Path:
     """Write ``ranking.json``, ``model.json`` with the first law, and the figures; return the ranking's path.
 
+    Parameters
+    ----------
+    campaign_path : Path
+        Folder of the campaign.
+    out : Path, optional
+        Folder of the results; beside the campaign if not given.
+    seed : int
+        Of all that is drawn.
+    jobs : int
+        Processes.
+    progress : callable, optional
+        Takes the name of a stage and returns what takes steps done and steps in all.
+    command : str
+        The command line, kept in the result file.
+    tightening : bool
+        Whether records whose tension rose are used too.
+
+    Returns
+    -------
+    Path
+        Of ``ranking.json``.
+
     Raises
     ------
     ValueError

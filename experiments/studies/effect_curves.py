@@ -33,6 +33,20 @@ def effect_curves(
     Forces and readings run along the motion that the refined model has in up to three training records, from
     low to high preload. Rates are means over a cycle of harmonic motion, at the tension and the frequency of
     these.
+
+    Parameters
+    ----------
+    model : Model
+        The refined model.
+    effects : sequence of ModelCorrection
+        Those that were added.
+    campaign : Campaign
+        Whose training records give motions.
+
+    Returns
+    -------
+    list of dict or None
+        Kind and records of each effect's curve.
     """
     one_bolt = len(model.structure.bolted_links) == 1
     drawn = [

@@ -46,6 +46,26 @@ def run(
 ) -> Path:
     """Write ``model.json`` and the figures, and return the model's path.
 
+    Parameters
+    ----------
+    campaign_path : Path
+        Folder of the campaign.
+    out : Path, optional
+        Folder of the results; beside the campaign if not given.
+    seed : int
+        Of all that is drawn.
+    jobs : int
+        Processes.
+    progress : callable, optional
+        Takes the name of a stage and returns what takes steps done and steps in all.
+    command : str
+        The command line, kept in the result file.
+
+    Returns
+    -------
+    Path
+        Of ``model.json``.
+
     Raises
     ------
     ValueError
@@ -72,7 +92,22 @@ def run(
 def examine(
     campaign: Campaign, jobs: int = 1, progress: Callable[[str], Progress | None] | None = None
 ) -> Outcome:
-    """Identify a campaign and judge the model on all of its records."""
+    """Identify a campaign and judge the model on all of its records.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was measured.
+    jobs : int
+        Processes.
+    progress : callable, optional
+        Takes the name of a stage and returns what takes steps done and steps in all.
+
+    Returns
+    -------
+    Outcome
+        Identification and errors, with the law and without loosening.
+    """
     report = progress or (lambda _: None)
     identification = identify_campaign(campaign, jobs, report("identifying"))
     model = identification.model

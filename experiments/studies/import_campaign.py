@@ -30,6 +30,26 @@ def run(
 ) -> tuple[str, ...]:
     """Write the campaign folder and return what people should know about it; without source, fetch the set.
 
+    Parameters
+    ----------
+    name : str
+        A public set or a format of files.
+    source : Path or None
+        A file or a folder.
+    new_dir : Path
+        The campaign folder; must not exist.
+    channel_map : Path, optional
+        Which column is which channel; of formats only.
+    jobs : int
+        Processes.
+    progress : callable, optional
+        Takes records done and records in all.
+
+    Returns
+    -------
+    tuple of str
+        Notes.
+
     Raises
     ------
     ValueError
@@ -48,6 +68,20 @@ def run(
 
 def places(first: Path, second: Path | None, download: bool) -> tuple[Path | None, Path]:
     """Return source, None where it is to be fetched, and new folder from the command's one or two paths.
+
+    Parameters
+    ----------
+    first : Path
+        Source, or new folder where that is fetched.
+    second : Path or None
+        New folder.
+    download : bool
+        Whether the source is fetched.
+
+    Returns
+    -------
+    tuple of (Path or None, Path)
+        Source and new folder.
 
     Raises
     ------

@@ -26,6 +26,28 @@ def run(
 ) -> Path:
     """Write ``prediction.json`` and return its path.
 
+    Parameters
+    ----------
+    model_path : Path
+        A file that a model was saved to.
+    campaign_path : Path
+        Folder of the campaign.
+    out : Path, optional
+        Folder of the results; beside the campaign if not given.
+    seed : int
+        Of all that is drawn.
+    jobs : int
+        Processes.
+    progress : callable, optional
+        Takes records done and records in all.
+    command : str
+        The command line, kept in the result file.
+
+    Returns
+    -------
+    Path
+        Of ``prediction.json``.
+
     Raises
     ------
     ValueError

@@ -132,7 +132,22 @@ def _mappings(items: object) -> list[Data]:
 
 
 def tables_of(value: object, caption: str, depth: int = 0) -> Iterator[Table]:
-    """Yield tables of any part of a result file: rows for a list of objects, a line for every plain value."""
+    """Yield tables of any part of a result file: rows for a list of objects, a line for every plain value.
+
+    Parameters
+    ----------
+    value : object
+        A part of a result file.
+    caption : str
+        Of the first table.
+    depth : int
+        Levels above it.
+
+    Returns
+    -------
+    iterator of Table
+        One for each part.
+    """
     if isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
         yield _rows_table(value, caption)
     elif isinstance(value, Mapping):

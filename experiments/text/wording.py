@@ -38,7 +38,20 @@ def number(value: object, digits: int = 4) -> str:
 
 
 def with_limits(value: object, low: object, high: object) -> tuple[str, str]:
-    """Return a value and its limits, as many digits as the limits warrant."""
+    """Return a value and its limits, as many digits as the limits warrant.
+
+    Parameters
+    ----------
+    value : object
+        A number; else a dash stands for the limits.
+    low, high : object
+        Its 95 % limits, in the same unit.
+
+    Returns
+    -------
+    tuple of str
+        Value; limits.
+    """
     if not all(isinstance(x, int | float) and math.isfinite(x) for x in (value, low, high)):
         return trimmed(number(value, 6)), NONE
     ends = [float(x) for x in (value, low, high) if isinstance(x, int | float)]

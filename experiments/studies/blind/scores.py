@@ -132,7 +132,22 @@ def answer(result: Result) -> str:
 
 
 def error(result: Result, of: str, measure: str) -> float:
-    """Return a held-out error "before", "after", of the "oracle" or at "true values"; nan for none."""
+    """Return a held-out error "before", "after", of the "oracle" or at "true values"; nan for none.
+
+    Parameters
+    ----------
+    result : mapping
+        Of one trial.
+    of : str
+        Which model.
+    measure : str
+        Key of an error measure.
+
+    Returns
+    -------
+    float
+        In the unit of the measure.
+    """
     kind = result["closure"]["errors"]["hold_out"].get(of)
     if of == "oracle":
         kind = result["oracle"]["hold_out"]
@@ -143,7 +158,22 @@ def error(result: Result, of: str, measure: str) -> float:
 
 
 def ratio(result: Result, over: str, measure: str = "") -> float:
-    """Return the held-out error after over another that `error` knows; by default the worst at stake."""
+    """Return the held-out error after over another that `error` knows; by default the worst at stake.
+
+    Parameters
+    ----------
+    result : mapping
+        Of one trial.
+    over : str
+        Which model the errors are divided by.
+    measure : str
+        Key of an error measure; all at stake if empty.
+
+    Returns
+    -------
+    float
+        [1]; nan where the other is zero or unknown.
+    """
     ratios = []
     for one in (measure,) if measure else at_stake(result):
         below = error(result, over, one)
