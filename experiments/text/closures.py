@@ -15,7 +15,7 @@ from discovery.views.closure_prose import place_words, view_words
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
 from experiments.text.tables import MEASURES, Table, error_rows, parameter_rows
-from experiments.text.wording import NONE, label, mappings, number, trimmed
+from experiments.text.wording import NONE, label, mapping, mappings, number, trimmed
 
 Data = Mapping[str, Any]
 
@@ -160,7 +160,7 @@ def _headlines(data: Data) -> Iterator[Headline]:
 
 
 def _errors(data: Data, kind: str, when: str) -> Data:
-    return _mapping(_mapping(_mapping(data.get("errors")).get(kind)).get(when))
+    return mapping(mapping(mapping(data.get("errors")).get(kind)).get(when))
 
 
 def blocks(data: Data) -> list[Block]:
@@ -195,7 +195,7 @@ def _error_tables(data: Data) -> Iterator[Table]:
 
 
 def _steps(steps: Sequence[Data]) -> Table:
-    of_step = [{kind: _mapping(_mapping(step.get("errors")).get(kind)) for kind in _SETS} for step in steps]
+    of_step = [{kind: mapping(mapping(step.get("errors")).get(kind)) for kind in _SETS} for step in steps]
     kind = next((kind for kind in _SETS if of_step[0][kind].get("records")), "training")
     keys = [key for key in _HEADLINES if any(errors[kind].get(key) is not None for errors in of_step)]
     rows = tuple(
@@ -214,10 +214,10 @@ def _most(data: Data) -> Table:
     before, after = sides(data)
     rows = []
     for view, classes in before.items():
-        sizes = {part: x for part, x in _mapping(classes).items() if isinstance(x, int | float)}
+        sizes = {part: x for part, x in mapping(classes).items() if isinstance(x, int | float)}
         if sizes:
             part = max(sizes, key=lambda name: float(sizes[name]))
-            left = _mapping(after.get(view)).get(part)
+            left = mapping(after.get(view)).get(part)
             rows.append((view_words(view), class_words(part), _cell(sizes[part]), _cell(left)))
     if rows and before.get("total") is not None:
         rows.append(("All", "", _cell(before["total"]), _cell(after.get("total"))))
@@ -280,7 +280,7 @@ def _evidence(effect: Data) -> Iterator[str]:
 
 
 def _parameters(effect: Data) -> Table:
-    rows = tuple((cells[0], *cells[2:5]) for cells in parameter_rows("", _mapping(effect.get("parameters"))))
+    rows = tuple((cells[0], *cells[2:5]) for cells in parameter_rows("", mapping(effect.get("parameters"))))
     return Table("", ("", "Value", "95 % limits", "Unit"), rows)
 
 
@@ -313,8 +313,8 @@ def _residual(data: Data) -> Table:
             continue
         if isinstance(old, Mapping) or isinstance(new, Mapping):
             name = view_words(view)
-            parts = dict.fromkeys((*_mapping(old), *_mapping(new)))
-            rows += [(name, class_words(part), _cell(_mapping(old).get(part)), _cell(_mapping(new).get(part)))
+            parts = dict.fromkeys((*mapping(old), *mapping(new)))
+            rows += [(name, class_words(part), _cell(mapping(old).get(part)), _cell(mapping(new).get(part)))
                      for part in parts]  # fmt: skip
         else:
             rows.append((_single_words(view), "", _cell(old), _cell(new)))
@@ -353,7 +353,3 @@ def _share(value: object) -> str:
 
 def _scaled(value: object, factor: float) -> str:
     return number(value * factor if isinstance(value, float) else value, 3)
-
-
-def _mapping(value: object) -> Data:
-    return value if isinstance(value, Mapping) else {}

@@ -9,7 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from experiments.text import equations
-from experiments.text.wording import NONE, label, number, plain, with_limits
+from experiments.text.wording import NONE, label, mappings, number, plain, with_limits
 
 Data = Mapping[str, Any]
 
@@ -112,23 +112,19 @@ def unit_shown(unit: str) -> Markup:
 def parameters_table(model: Data) -> Table | None:
     """Return all parameters of a model.json with limits and units; None where it holds none."""
     rows: list[tuple[str | Markup, ...]] = []
-    for body in _mappings(model.get("bodies")):
+    for body in mappings(model.get("bodies")):
         rows += parameter_rows(f"body {body.get('name')}", {"m": body.get("mass")})
     for key, suffix in (("links", ""), ("uncoupled_links", ", bolt out")):
-        for link in _mappings(model.get(key)):
+        for link in mappings(model.get(key)):
             for place in ("stiffness", "damping", "tension_rate"):
                 law = link.get(place)
                 if isinstance(law, Mapping):
                     where = f"{link.get('name')}: {place.replace('_', ' ')}{suffix}"
                     rows += parameter_rows(where, law.get("parameters"))
-    for effect in _mappings(model.get("effects")):
+    for effect in mappings(model.get("effects")):
         rows += parameter_rows(f"{effect.get('name')} at {effect.get('enters')}", effect.get("parameters"))
     heads = ("", "Where", "Value", "95 % limits", "Unit", "Source")
     return Table("Parameters of the model", heads, tuple(rows)) if rows else None
-
-
-def _mappings(items: object) -> list[Data]:
-    return [item for item in items if isinstance(item, Mapping)] if isinstance(items, Sequence) else []
 
 
 def tables_of(value: object, caption: str, depth: int = 0) -> Iterator[Table]:

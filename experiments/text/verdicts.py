@@ -7,7 +7,7 @@ from typing import Any
 
 from experiments.text import closures, rankings
 from experiments.text.answers import Answer, Headline
-from experiments.text.wording import number
+from experiments.text.wording import mapping, number
 
 Data = Mapping[str, Any]
 
@@ -26,9 +26,9 @@ def _of_model(data: Data) -> Answer | None:
             "Which model is this?",
             f"A reduced-order model (masses: {bodies}, links: {links}); its file says nothing of errors.",
         )
-    errors = _mapping(found.get("errors"))
-    chosen = "hold_out" if _mapping(errors.get("hold_out")).get("records") else "training"
-    own, rest = _mapping(errors.get(chosen)), _mapping(_mapping(errors.get("no_loosening")).get(chosen))
+    errors = mapping(found.get("errors"))
+    chosen = "hold_out" if mapping(errors.get("hold_out")).get("records") else "training"
+    own, rest = mapping(errors.get(chosen)), mapping(mapping(errors.get("no_loosening")).get(chosen))
     whose = (
         "records that no fit has seen"
         if chosen == "hold_out"
@@ -127,7 +127,7 @@ def _of_reproduction(data: Data) -> Answer | None:
 
 
 def _of_prediction(data: Data) -> Answer | None:
-    errors = _mapping(data.get("errors"))
+    errors = mapping(data.get("errors"))
     loss = errors.get("tension_loss_error_percent_median")
     compared, failed = errors.get("records") or 0, errors.get("failed") or 0
     if loss is not None:
@@ -150,10 +150,6 @@ def _of_prediction(data: Data) -> Answer | None:
             for h in _headlines(errors, "training")
         ),
     )
-
-
-def _mapping(value: object) -> Data:
-    return value if isinstance(value, Mapping) else {}
 
 
 def _lines(value: object) -> list[str]:

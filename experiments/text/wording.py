@@ -103,3 +103,8 @@ def set_words(profile: Mapping[str, object]) -> str:
 def mappings(items: object) -> list[Mapping[str, Any]]:
     """Return the objects of a list; nothing for anything else."""
     return [item for item in items if isinstance(item, Mapping)] if isinstance(items, list) else []
+
+
+def mapping(value: object) -> Mapping[str, Any]:
+    """Return an object; an empty one for anything else."""
+    return value if isinstance(value, Mapping) else {}

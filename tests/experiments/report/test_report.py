@@ -240,7 +240,7 @@ def test_later_and_unknown_files_are_shown(tmp_path: Path) -> None:
         "“slip work” ranks first",
         "slip work a 0.500 0.400 to 0.600 1/m",
         "The loop closes",
-        "ModelCorrection: coulomb-friction",
+        "Added: coulomb-friction",
         "Hold-out, before",
         "Loss of tension, median error [%] 42.8 21.4",
         "noise were left [1] – 0.3",
