@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 import re
 import shlex
@@ -59,7 +60,8 @@ def once(name: str, work: Callable[..., Any], shared: Shared) -> Callable[..., A
         given.apply_defaults()
         deciding = {key: value for key, value in given.arguments.items() if key not in _WITHOUT_EFFECT}
         campaign = deciding.pop("campaign")
-        key = f"{name}-{campaign.digest[:16]}-{sorted(deciding.items())}"
+        asked = hashlib.sha256(str(sorted(deciding.items())).encode()).hexdigest()[:16]  # a name of a file
+        key = f"{name}-{campaign.digest[:16]}-{asked}"
         return shared.once(key, lambda: work(*arguments, **options))
 
     return computed_once
