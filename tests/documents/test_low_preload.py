@@ -60,4 +60,4 @@ def test_residuals_and_errors() -> None:
     errors = CLOSURE["errors"]["hold_out"]
     for name, text in (("motion_nrmse", "motion"), ("relative_motion_nrmse", "relative motion")):
         old, new = (100 * errors[when][name] for when in ("before", "after"))
-        assert f"{text} {old:.2f} to {new:.2f} %" in PAGE
+        assert f"{text} {old:.2f} to {new:.2f} %" in " ".join(PAGE.split())

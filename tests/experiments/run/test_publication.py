@@ -248,7 +248,7 @@ def test_a_record_that_changes_under_way_is_told_and_nothing_is_written(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     """After the check, before it is read again."""
-    from rom.campaign.campaign import campaign as reader
+    from rom.campaign import campaign as reader
 
     record, read = campaign / UNCOUPLED, reader.read_channels
 

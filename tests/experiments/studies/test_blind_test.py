@@ -14,16 +14,8 @@ from experiments.studies.blind import trials as blind_test
 from experiments.studies.blind.__main__ import main
 from experiments.studies.blind.results import TABLE, read_results, table_row, write_table
 from experiments.studies.blind.scores import (
-    answer,
-    has_needless,
-    how_many_found,
-    is_confident,
-    is_nearest,
-    kind_of_place,
-    ratio,
-    same_class,
-    score,
-)
+    answer, has_needless, how_many_found, is_confident, is_nearest, kind_of_place, ratio, same_class, score,
+)  # fmt: skip
 from experiments.studies.blind.tables import tables
 from experiments.studies.blind.trials import Trial, missing, planned
 from rom.effects import CATALOGUE
@@ -49,11 +41,9 @@ def hidden(name: str, enters: str, nearest: str | None = None, motion: float = 2
 
 def errors(motion: float, tension: float = 0.5) -> Row:
     return {
-        "motion_nrmse": motion,
-        "relative_motion_nrmse": 2 * motion,
-        "tension_loss_error_percent_median": 10.0,
-        "tension_rmse_n": tension,
-    }
+        "motion_nrmse": motion, "relative_motion_nrmse": 2 * motion,
+        "tension_loss_error_percent_median": 10.0, "tension_rmse_n": tension,
+    }  # fmt: skip
 
 
 def result(
