@@ -14,7 +14,15 @@ from experiments.studies.blind import trials as blind_test
 from experiments.studies.blind.__main__ import main
 from experiments.studies.blind.results import TABLE, read_results, table_row, write_table
 from experiments.studies.blind.scores import (
-    answer, has_needless, how_many_found, is_confident, is_nearest, kind_of_place, ratio, same_class, score,
+    answer,
+    has_needless,
+    how_many_found,
+    is_confident,
+    is_nearest,
+    kind_of_place,
+    ratio,
+    same_class,
+    score,
 )  # fmt: skip
 from experiments.studies.blind.tables import tables
 from experiments.studies.blind.trials import Trial, missing, planned
