@@ -16,13 +16,13 @@ from joblib import delayed
 from scipy import optimize
 
 from discovery.decide.explanation import Explanation
-from discovery.explain.effect_outputs import output_of
 from discovery.explain.motion import explanation, motion_channels
 from discovery.options import Options
-from discovery.residual.effect_forces import lasting_force
+from discovery.residual.effect_forces import lasting_force, lasting_lines
 from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import MeasuredTrajectory
 from discovery.threads import side_by_side
+from rom.campaign.channels import FloatArray
 from rom.effects import Effect, Member, candidates
 from rom.identification.noise_spectrum import quiet_seconds, segment_before_hit
 from rom.identification.spectral_model import ComplexArray, Linearised, SpectralRecord, linearise
@@ -31,9 +31,6 @@ from rom.signals.per_record_parameters import per_record_names
 _STEPS_PER_LINE = 4  # of a spectrum before the hits
 _REACH_HZ, _STEP_HZ = 1.0, 0.1
 _BAND = 2.0  # times the highest frequency that is looked for
-
-Own = dict[str, dict[str, float]]
-"""Numbers by name, of each file."""
 
 
 def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
@@ -74,9 +71,10 @@ class _Disturbance:
 
     def __init__(self, member: Member, effect: Effect, evidence: WhitenedResidual, seconds: float) -> None:
         self.member, self.evidence, self.seconds = member, evidence, seconds
-        self.effect = effect.with_values(**dict.fromkeys(per_record_names(effect), 0.0))
+        self.names = per_record_names(effect)
+        self.effect = effect.with_values(**dict.fromkeys(self.names, 0.0))
         (self.inner,) = member.inner
-        bounds = [effect.parameters[name].bounds for name in per_record_names(effect)]
+        bounds = [effect.parameters[name].bounds for name in self.names]
         self.range = np.array(bounds).T
         highest = _BAND * effect.parameters[self.inner].bounds[1]
         self.body = effect.enters.partition(":")[2]
@@ -91,48 +89,69 @@ class _Disturbance:
         low, high = self.effect.parameters[self.inner].bounds
         low = max(low, 1 / self.seconds)  # less than a period is like a level and its slope
         grid = np.arange(low, high, 1 / (_STEPS_PER_LINE * self.seconds))
-        gains = [self._before(at)[1] for at in grid]
-        chance = len(per_record_names(self.effect)) * sum(not t.settings.hold_out for t, _, _ in self.rest)
-        if not chance or max(gains) < least * chance:
+        chance = len(self.names) * sum(not t.settings.hold_out for t, _, _ in self.rest)
+        if not chance:
+            return None
+        gains = self._before(grid)[1]
+        if gains.max() < least * chance:
             return None
         rough = float(grid[int(np.argmax(gains))])
         near = np.arange(rough - _REACH_HZ, rough + _REACH_HZ, _STEP_HZ)
-        best = max((float(at) for at in near if low <= at <= high), key=self._after)
+        near = near[(near >= low) & (near <= high)]
+        best = float(near[int(np.argmax(self._after(near)))])
         reach = (max(best - _STEP_HZ, low), min(best + _STEP_HZ, high))
-        at = optimize.minimize_scalar(lambda hz: -self._after(float(hz)), bounds=reach, method="bounded").x
-        own = self._before(float(at))[0]
-        sizes = np.array([list(numbers.values()) for numbers in own.values()])
-        typical = dict(
-            zip(per_record_names(self.effect), np.sqrt((sizes**2).mean(axis=0)).tolist(), strict=True)
-        )
+        at = optimize.minimize_scalar(
+            lambda hz: -float(self._after(np.array([hz]))[0]), bounds=reach, method="bounded"
+        ).x
+        sizes = {file: numbers[0] for file, numbers in self._before(np.array([at]))[0].items()}
+        own = {file: dict(zip(self.names, size.tolist(), strict=True)) for file, size in sizes.items()}
+        mean = np.sqrt((np.array(list(sizes.values())) ** 2).mean(axis=0))
+        typical = dict(zip(self.names, mean.tolist(), strict=True))
         effect = self.effect.with_values(**typical, **{self.inner: float(at)})
         return explanation(effect, self.member, self.evidence.with_own(effect.path, own))
 
-    def _before(self, at: float) -> tuple[Own, float]:
-        """Numbers of all records by what precedes their hits, and what they take from the training cost."""
-        own, gain, names = {}, 0.0, per_record_names(self.effect)
-        lines: dict[tuple[float, float, int], list[ComplexArray]] = {}
-        units = [self.effect.with_values(**{name: 1.0, self.inner: at}) for name in names]
+    def _units(self, at: FloatArray) -> list[Effect]:
+        """Forces of strength one, by frequency and number."""
+        return [self.effect.with_values(**{name: 1.0, self.inner: hz}) for hz in at for name in self.names]
+
+    def _before(self, at: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
+        """Numbers by what precedes the hits, (frequencies, numbers), of each file; gains on training records.
+
+        Parameters
+        ----------
+        at : ndarray, shape (frequencies,)
+            Frequencies [Hz].
+        """
+        own, gain, units = {}, np.zeros(len(at)), self._units(at)
+        lines: dict[tuple[float, float, int], ComplexArray] = {}
         for trace, segment, linear in self.rest:
             place, band = trace.bodies.index(self.body), segment.frequency
             key = trace.measurement.rate_hz, float(band[0]), len(band)
             if key not in lines:  # the same force in all records
                 forces = (lasting_force(trace, [unit], segment.samples[1])[:, place] for unit in units)
-                lines[key] = [trace.lines(force, segment) for force in forces]
-            columns = [linear.projected(linear.gain[:, :, place] * one[:, None]) for one in lines[key]]
-            table = np.stack(columns, axis=1)
-            numbers = np.clip(np.linalg.lstsq(table, linear.residual, rcond=None)[0], *self.range)
-            own[trace.settings.file] = dict(zip(names, numbers.tolist(), strict=True))
-            out = table @ numbers
-            gain += 0.0 if trace.settings.hold_out else float(out @ (2 * linear.residual - out))
+                lines[key] = np.stack([trace.lines(force, segment) for force in forces], axis=1)
+            rows = linear.projected_forces(np.eye(len(trace.bodies))[place], lines[key])
+            tables = rows.T.reshape(len(at), len(self.names), -1)
+            found = linear.residual @ np.linalg.pinv(tables, rcond=np.finfo(float).eps * rows.shape[0])
+            numbers = own[trace.settings.file] = np.clip(found, *self.range)
+            if not trace.settings.hold_out:
+                out = np.einsum("fn,fnr->fr", numbers, tables)
+                gain += 2 * out @ linear.residual - np.sum(out**2, axis=1)
         return own, gain
 
-    def _after(self, at: float) -> float:
-        """What the numbers from before the hits take from the training cost after them."""
-        own, _ = self._before(at)
-        effect, training = self.effect.with_values(**{self.inner: at}), self.evidence.of_training()
-        output = output_of(effect, training.with_own(effect.path, own))
-        return float(2 * output @ training.residual - output @ output)
+    def _after(self, at: FloatArray) -> FloatArray:
+        """What the numbers from before the hits take from the training cost after them, (frequencies,)."""
+        (own, _), units, training = self._before(at), self._units(at), self.evidence.of_training()
+        gain = np.zeros(len(at))
+        for trace, parts in training.by_record():
+            if self.body not in trace.bodies:
+                continue
+            numbers, direction = own[trace.settings.file], trace.direction((self.body, "ground"))
+            for (rows, linear), lines in zip(parts, lasting_lines(trace, units), strict=True):
+                sums = (lines.reshape(len(lines), *numbers.shape) * numbers).sum(axis=2)
+                out = linear.projected_forces(direction, sums)
+                gain += 2 * training.residual[rows] @ out - np.sum(out**2, axis=0)
+        return gain
 
 
 def _at_rest(

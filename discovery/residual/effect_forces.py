@@ -107,6 +107,20 @@ def lasting_force(trace: MeasuredTrajectory, effects: Sequence[ModelCorrection],
     return out
 
 
+def lasting_lines(trace: MeasuredTrajectory, effects: Sequence[Effect]) -> list[ComplexArray]:
+    """Spectra of forces that depend on time alone, (lines, effects) by part; the same in records alike."""
+    samples, parts = len(trace.tension), [(part.samples, len(part.frequency)) for part in trace.parts]
+    bands = [float(part.frequency[0]) for part in trace.parts]
+    alike = (trace.measurement.rate_hz, trace.stride, samples, *parts, *bands)
+    key = (alike, *((effect.equation, *effect.values.tolist()) for effect in effects))
+    lines = _RECENT.get(key)
+    if lines is None:
+        forces = _forces(trace, effects, np.zeros((5, samples)))
+        lines = [trace.force_lines(forces, place).T for place in range(len(trace.parts))]
+        _RECENT.keep(key, lines)
+    return list(lines)
+
+
 def _ends(trace: MeasuredTrajectory, enters: str, model: Model) -> tuple[str, str] | None:
     """What an effect acts between; None where that does not move in the record, or is not bolted."""
     link = next((one for one in model.structure.links if one.name == enters), None)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 import math
+import os
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -106,13 +109,35 @@ def compile_expression(
     body = ast.fix_missing_locations(_Placed(arguments, parameters).visit(tree))
     source = f"def law({', '.join((*arguments, 'p'))}):\n    return 1.0 * ({ast.unparse(body)})\n"
     names: dict[str, object] = {name: getattr(math, name) for name in ("exp", "log", "sqrt", "tanh")}
+    names["__name__"] = __name__  # of a module that compiled code can be loaded beside
     names["sign"] = _compilable_sign()
     if arrays:
         names = {name: getattr(np, _OF_ARRAYS.get(name, name)) for name in _CALLS}
-    exec(source, names)  # nothing but checked arithmetic reaches this line
+    code = compile(source, "<law>" if arrays else _file_of(source), "exec")
+    exec(code, names)  # nothing but checked arithmetic reaches this line
     function = names["law"]
     assert callable(function)
     return function
+
+
+def is_on_disk(function: Callable[..., Any]) -> bool:
+    """Whether a function has a file, so that its compiled code can be kept beside it."""
+    return Path(function.__code__.co_filename).is_absolute()
+
+
+def _file_of(source: str) -> str:
+    """A file with this source among a user's cached files, for the compiled code to be kept beside it."""
+    base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+    path = Path(base, "boltlaw", f"law_{hashlib.sha256(source.encode()).hexdigest()[:24]}.py")
+    try:
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            new = path.with_suffix(f".{os.getpid()}")
+            new.write_text(source, encoding="utf-8")
+            new.replace(path)
+    except OSError:  # no place to write to: compiled anew by every process
+        return "<law>"
+    return str(path.absolute())
 
 
 def _compilable_sign() -> object:

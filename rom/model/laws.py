@@ -351,8 +351,8 @@ def free_form_law(name: str, equation: str, enters: Place, parameters: Mapping[s
     ValueError
         If the expression holds anything else.
     """
-    from rom.model.expressions import compile_expression
+    from rom.model.expressions import compile_expression, is_on_disk
 
     arguments = ("T", "x", "v", "F", "D") if enters == "tension rate" else ("T",)
     function = compile_expression(equation, arguments, tuple(parameters))
-    return Law(name, equation, enters, parameters, function, on_disk=False)
+    return Law(name, equation, enters, parameters, function, on_disk=is_on_disk(function))
