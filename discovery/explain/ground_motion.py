@@ -18,14 +18,14 @@ from scipy import optimize
 from discovery.decide.explanation import Explanation
 from discovery.explain.motion import explanation, motion_channels
 from discovery.options import Options
-from discovery.residual.effect_forces import lasting_force, lasting_lines
+from discovery.residual.effect_forces import lasting_force, lasting_lines, lines_from_start
 from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import MeasuredTrajectory
 from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
 from rom.effects import Effect, Member, candidates
 from rom.identification.noise_spectrum import quiet_seconds, segment_before_hit
-from rom.identification.spectral_model import ComplexArray, Linearised, SpectralRecord, linearise
+from rom.identification.spectral_model import Linearised, SpectralRecord, linearise
 from rom.signals.per_record_parameters import per_record_names
 
 _STEPS_PER_LINE = 4  # of a spectrum before the hits
@@ -123,14 +123,10 @@ class _Disturbance:
             Frequencies [Hz].
         """
         own, gain, units = {}, np.zeros(len(at)), self._units(at)
-        lines: dict[tuple[float, float, int], ComplexArray] = {}
         for trace, segment, linear in self.rest:
-            place, band = trace.bodies.index(self.body), segment.frequency
-            key = trace.measurement.rate_hz, float(band[0]), len(band)
-            if key not in lines:  # the same force in all records
-                forces = (lasting_force(trace, [unit], segment.samples[1])[:, place] for unit in units)
-                lines[key] = np.stack([trace.lines(force, segment) for force in forces], axis=1)
-            rows = linear.projected_forces(np.eye(len(trace.bodies))[place], lines[key])
+            place = trace.bodies.index(self.body)
+            lines = lines_from_start(trace, units, segment)
+            rows = linear.projected_forces(np.eye(len(trace.bodies))[place], -lines)
             tables = rows.T.reshape(len(at), len(self.names), -1)
             found = linear.residual @ np.linalg.pinv(tables, rcond=np.finfo(float).eps * rows.shape[0])
             numbers = own[trace.settings.file] = np.clip(found, *self.range)

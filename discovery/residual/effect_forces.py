@@ -11,7 +11,7 @@ from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
 from rom.effects import Effect, ModelCorrection
 from rom.effects.free_form import FreeForm
-from rom.identification.spectral_model import ComplexArray
+from rom.identification.spectral_model import ComplexArray, SpectralRecord
 from rom.kernels.prescribed import force_of_effects, forces_of_effects
 from rom.model.laws import Law
 from rom.model.model import Model
@@ -54,7 +54,9 @@ def effect_lines(
     known = {key: lines for key in keys if (lines := _RECENT.get(key)) is not None}
     new = {key: effect for key, effect in zip(keys, own, strict=True) if key not in known}
     if new:
-        forces = _forces(trace, list(new.values()), _motion(trace, effects[0].enters, model, ends, place))
+        forces = _forces(
+            list(new.values()), trace.rate_hz, _motion(trace, effects[0].enters, model, ends, place)
+        )
         parts = [trace.force_lines(forces, part) for part in range(len(trace.parts))]
         for row, key in enumerate(new):
             known[key] = [lines[row].copy() for lines in parts]
@@ -109,16 +111,47 @@ def lasting_force(trace: MeasuredTrajectory, effects: Sequence[ModelCorrection],
 
 def lasting_lines(trace: MeasuredTrajectory, effects: Sequence[Effect]) -> list[ComplexArray]:
     """Spectra of forces that depend on time alone, (lines, effects) by part; the same in records alike."""
-    samples, parts = len(trace.tension), [(part.samples, len(part.frequency)) for part in trace.parts]
-    bands = [float(part.frequency[0]) for part in trace.parts]
-    alike = (trace.measurement.rate_hz, trace.stride, samples, *parts, *bands)
-    key = (alike, *((effect.equation, *effect.values.tolist()) for effect in effects))
+    samples, places = len(trace.tension), range(len(trace.parts))
+    key = (trace.stride, samples, *(_grid(trace, part) for part in trace.parts), *_equations(effects))
     lines = _RECENT.get(key)
     if lines is None:
-        forces = _forces(trace, effects, np.zeros((5, samples)))
-        lines = [trace.force_lines(forces, place).T for place in range(len(trace.parts))]
+        forces = _forces(effects, trace.rate_hz, np.zeros((5, samples)))
+        lines = [trace.force_lines(forces, place).T for place in places]
         _RECENT.keep(key, lines)
     return list(lines)
+
+
+def lines_from_start(
+    trace: MeasuredTrajectory, effects: Sequence[Effect], segment: SpectralRecord
+) -> ComplexArray:
+    """Spectra of forces that depend on time alone in a segment of a record, (lines, effects).
+
+    Parameters
+    ----------
+    trace : MeasuredTrajectory
+        The record, at whose own rate the forces are.
+    effects : sequence of Effect
+        Forces on one body, each by itself.
+    segment : SpectralRecord
+        Part of the record.
+    """
+    key = (_grid(trace, segment), *_equations(effects))
+    held = _RECENT.get(key)
+    if held is None:
+        motion = np.zeros((5, segment.samples[1]))
+        forces = _forces(effects, trace.measurement.rate_hz, motion)
+        held = [np.stack([trace.lines(force, segment) for force in forces], axis=1)]
+        _RECENT.keep(key, held)
+    return np.asarray(held[0])
+
+
+def _grid(trace: MeasuredTrajectory, part: SpectralRecord) -> tuple[Hashable, ...]:
+    """What tells the samples and the lines of a part from those of others."""
+    return trace.measurement.rate_hz, part.samples, float(part.frequency[0]), len(part.frequency)
+
+
+def _equations(effects: Sequence[Effect]) -> list[tuple[Hashable, ...]]:
+    return [(effect.equation, *effect.values.tolist()) for effect in effects]
 
 
 def _ends(trace: MeasuredTrajectory, enters: str, model: Model) -> tuple[str, str] | None:
@@ -156,7 +189,7 @@ def _motion(
     return motion
 
 
-def _forces(trace: MeasuredTrajectory, effects: Sequence[Effect], motion: FloatArray) -> FloatArray:
+def _forces(effects: Sequence[Effect], rate_hz: float, motion: FloatArray) -> FloatArray:
     """Force [N] of every effect along the motion, (effects, samples)."""
     if all(isinstance(effect, FreeForm) for effect in effects):
         return np.stack([effect.along(motion) for effect in effects if isinstance(effect, FreeForm)])
@@ -164,4 +197,4 @@ def _forces(trace: MeasuredTrajectory, effects: Sequence[Effect], motion: FloatA
     first = np.cumsum([0, *(len(values) for values in numbers)])
     table = np.array([[e.address, at, e.states] for e, at in zip(effects, first, strict=False)])
     p = np.array([*np.concatenate(numbers), 0.0])
-    return np.asarray(forces_of_effects(table, p, motion, 1 / trace.rate_hz, _SUBSTEPS))
+    return np.asarray(forces_of_effects(table, p, motion, 1 / rate_hz, _SUBSTEPS))
