@@ -8,14 +8,17 @@ from typing import cast
 import pytest
 
 from benchmarks.false_alarms import null_of, rows
+from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.acceptance import (
+    MaterialErrors,
     at_noise_floor,
     harms,
     is_accepted,
-    is_alike,
     is_exact,
+    is_indistinguishable,
     is_material,
     is_significant,
+    motion_errors,
 )
 from discovery.decide.explanation import Explanation
 from rom.effects import CATALOGUE
@@ -88,15 +91,15 @@ def test_what_is_left_makes_a_gain_less_telling() -> None:
 
 def test_in_the_tension_training_tests_may_tell_two_effects_apart() -> None:
     best = explained(90.0, 10.0, left=1.0)
-    assert is_alike(explained(85.0, 2.0, left=1.0), best)
-    assert not is_alike(explained(20.0, 9.0, left=1.0), best)
-    assert not is_alike(explained(89.0, -9.0, left=1.0), best)
+    assert is_indistinguishable(explained(85.0, 2.0, left=1.0), best)
+    assert not is_indistinguishable(explained(20.0, 9.0, left=1.0), best)
+    assert not is_indistinguishable(explained(89.0, -9.0, left=1.0), best)
 
 
 def test_in_the_motion_unseen_records_tell_them_apart() -> None:
     best = explained(90.0, 40.0, place="joint")
-    assert is_alike(explained(60.0, 35.0, place="joint"), best)
-    assert not is_alike(explained(89.0, 9.0, place="joint"), best)
+    assert is_indistinguishable(explained(60.0, 35.0, place="joint"), best)
+    assert not is_indistinguishable(explained(89.0, 9.0, place="joint"), best)
 
 
 @pytest.mark.parametrize(
@@ -125,31 +128,31 @@ def test_noise_is_quiet_and_so_is_next_to_nothing_of_much() -> None:
     assert at_noise_floor(1.3, 20.0)
 
 
-def motion(error: float) -> ErrorsByKind:
-    told = {"motion_nrmse": error, "relative_motion_nrmse": 2 * error}
-    return cast(ErrorsByKind, {"hold_out": told, "training": told})
+SETTLED = CRITERIA.acceptance.material_error_explained
+
+
+def motion(error: float, relative: float | None = None) -> MaterialErrors:
+    shown = {"motion_nrmse": error, "relative_motion_nrmse": relative or 2 * error}
+    return motion_errors(cast(ErrorsByKind, {"hold_out": shown, "training": shown}))
 
 
 def test_an_effect_that_leaves_little_beyond_noise_need_not_lower_errors_but_must_not_raise_them() -> None:
     assert is_material(motion(1.0), motion(0.999), closes=True)
     assert not is_material(motion(1.0), motion(1.05), closes=True)
-    assert not is_material(motion(1.0), motion(0.999), settled=True, closes=True)
+    assert not is_material(motion(1.0), motion(0.999), least=SETTLED, closes=True)
 
 
 def test_an_error_of_a_few_records_may_rise_a_little_where_little_beyond_noise_is_left() -> None:
-    def after(other: float) -> ErrorsByKind:
-        return cast(ErrorsByKind, {"hold_out": motion(1.0)["hold_out"] | {"relative_motion_nrmse": other}})
-
-    assert is_material(motion(1.0), after(2 * 1.12), closes=True)
-    assert not is_material(motion(1.0), after(2 * 1.3), closes=True)
-    assert not is_material(motion(1.0), after(2 * 1.12))
+    assert is_material(motion(1.0), motion(1.0, 2 * 1.12), closes=True)
+    assert not is_material(motion(1.0), motion(1.0, 2 * 1.3), closes=True)
+    assert not is_material(motion(1.0), motion(1.0, 2 * 1.12))
 
 
 def test_an_effect_that_follows_a_strong_one_must_lower_an_error_by_more() -> None:
     assert is_material(motion(1.0), motion(0.95))
     assert not is_material(motion(1.0), motion(0.99))
-    assert not is_material(motion(1.0), motion(0.95), settled=True)
-    assert is_material(motion(1.0), motion(0.8), settled=True)
+    assert not is_material(motion(1.0), motion(0.95), least=SETTLED)
+    assert is_material(motion(1.0), motion(0.8), least=SETTLED)
 
 
 def test_the_largest_gain_by_chance_is_told_by_its_training_records() -> None:
@@ -183,3 +186,22 @@ def test_a_motion_within_what_samples_tell_of_a_hit_is_exact(
     told = {"motion_nrmse": motion_nrmse, "relative_motion_nrmse": relative, "records": 5, "failed": failed}
     unseen = {**told, "motion_nrmse": held_out, "records": 2}
     assert is_exact(cast(ErrorsByKind, {"training": told, "hold_out": unseen})) is exact
+
+
+def test_criteria_that_are_handed_over_decide() -> None:
+    one = explained(30.0, 5.0, left=1.0)
+    strict = Criteria().changed(
+        acceptance={"training_gain_tension": 31.0, "material_error": 0.2, "harm": 1.1}
+    )
+    assert is_accepted(one)
+    assert not is_accepted(one, strict)
+    assert is_material(motion(1.0), motion(0.9))
+    assert not is_material(motion(1.0), motion(0.9), criteria=strict)
+    assert not harms(errors(1.0, 0.02), errors(1.0, 0.02, training=1.3))
+    assert harms(errors(1.0, 0.02), errors(1.0, 0.02, training=1.3), strict)
+    near = Criteria().changed(acceptance={"indistinguishable_cost": 0.0, "indistinguishable_share": 0.0})
+    best, rival = explained(90.0, 10.0, left=1.0), explained(85.0, 9.0, left=1.0)
+    assert is_indistinguishable(rival, best)
+    assert not is_indistinguishable(rival, best, near)
+    assert at_noise_floor(1.19, 1.0)
+    assert not at_noise_floor(1.19, 1.0, Criteria().changed(acceptance={"noise_level": 1.1}))
