@@ -6,12 +6,10 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from discovery.loop.free_tension import with_free_form
 
 import rom
 from discovery.courses.frozen_motion import freeze
@@ -23,11 +21,6 @@ from discovery.explain.free_rate import free_rates
 from discovery.explain.tension import TensionFindings
 from discovery.explain.tension_law import LawSearch, _without_strength
 from discovery.localisation.tension import tension_views
-from discovery.loop import close_loop as refinement
-from discovery.loop.close_loop import _Loop
-from discovery.loop.history import LoopHistory, Selection
-from discovery.loop.refits import Refits
-from discovery.loop.state import silent
 from discovery.options import Options
 from discovery.residual.course_fit import CourseFits, Misfit
 from discovery.residual.tension import TensionResidual
@@ -183,71 +176,3 @@ def test_a_model_with_a_free_rate_is_kept_and_simulated(tmp_path: Path) -> None:
     with_it, without = (m.simulate(force, 19200, 100.0).tension for m in (loaded, rom.paper_model()))
     assert np.asarray(with_it)[-1] < np.asarray(without)[-1] - 0.1
     assert np.array_equal(np.asarray(with_it), np.asarray(model.simulate(force, 19200, 100.0).tension))
-
-
-def explanation(name: str) -> Explanation:
-    effect = CATALOGUE[name].at("tension") if name in CATALOGUE else rate(_ROOT, _G)
-    return Explanation(effect, {"t.h5": 900.0}, {"t.h5": 100.0}, {"t.h5": 200}, frozenset(), 1, left=1.0)
-
-
-def state(tension: float = 1.0) -> Any:
-    errors = {"tension_rmse_n": tension, "motion_nrmse": 0.02, "records": 3, "failed": 0}
-    told = {"hold_out": errors, "training": errors}
-    return SimpleNamespace(level=1.0, errors=told, found=None, model=None)
-
-
-def kept(
-    left: list[float], error: float = 1.0, *, named: float = 4.0, none: int = 0, of_name: float = 1.0
-) -> LoopHistory:
-    """The trail where free forms leave so much in place of a name, and beside it."""
-    path = LoopHistory((state(),))
-    with_name = path.longer(Selection(explanation("loosening-ratchet"), ()), state(of_name))
-    with_name = replace(with_name, tension=(Misfit(9.0, 200.0), Misfit(named, 200.0)))
-    explanations = iter([()] * none + [(explanation("free-form"),)] * 2)
-    misfits = iter([Misfit(level, 200.0) for level in left])
-    return with_free_form(
-        with_name, [path, with_name], lambda _: next(explanations), lambda _: next(misfits),
-        lambda *_: state(error),
-    )  # fmt: skip
-
-
-def names(path: LoopHistory) -> list[str]:
-    return [one.best.effect.name for one in path.chosen]
-
-
-def test_a_free_form_that_explains_what_a_name_does_not_takes_its_place() -> None:
-    assert names(kept([1.41], named=1.56)) == ["free-form"]  # noise alone, and surely less
-    assert names(kept([4.0], named=20.0)) == ["free-form"]  # next to nothing, though more than noise
-    path = kept([1.1])
-    assert names(path) == ["free-form"]
-    assert [one.level for one in path.tension] == [9.0, 1.1]
-    assert path.tension_at_noise_floor
-
-
-@pytest.mark.parametrize(("left", "none"), [([3.0, 1.1], 0), ([1.1], 1)])
-def test_or_stands_beside_it(left: list[float], none: int) -> None:
-    assert names(kept(left, none=none)) == ["loosening-ratchet", "free-form"]
-
-
-@pytest.mark.parametrize(("named", "left"), [(1.55, 1.48), (4.0, 2.8)])
-def test_a_name_stays_where_a_free_form_explains_little_more(named: float, left: float) -> None:
-    path = kept([left, left], named=named)
-    assert names(path) == ["loosening-ratchet"]
-    assert path.tension[-1].level == named
-    assert not path.tension_at_noise_floor
-
-
-def test_a_free_form_that_ruins_an_error_is_not_kept() -> None:
-    assert names(kept([1.0, 1.0], error=1.6)) == ["loosening-ratchet"]
-    assert names(kept([1.0, 1.0], of_name=0.6)) == ["loosening-ratchet"]  # predicts worse than the name does
-
-
-def test_the_loop_asks_for_a_free_form_where_more_than_noise_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(free_rate, "explain", lambda *_: (explanation("free-form"),))
-    monkeypatch.setattr(TensionResidual, "misfit", Misfit(1.0, 200.0))
-    monkeypatch.setattr(Refits, "adopt", lambda *_: state())
-    for level, expected in ((1.0, []), (9.0, ["free-form"])):
-        nothing = TensionFindings((), Misfit(level, 200.0))
-        monkeypatch.setattr(refinement, "findings", lambda *_, n=nothing: n)
-        loop = _Loop(Refits(None, None, 1, silent))  # type: ignore[arg-type]
-        assert names(loop.in_tension(LoopHistory((state(),)))) == expected

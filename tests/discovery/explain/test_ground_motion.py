@@ -12,8 +12,8 @@ import pytest
 import rom
 from discovery.decide.acceptance import is_accepted
 from discovery.explain.ground_motion import explain
+from discovery.explain.motion_fit import refit
 from discovery.loop.close_loop import close_loop
-from discovery.loop.state import refitted
 from discovery.options import Options
 from discovery.residual.effect_forces import lasting_force
 from discovery.residual.output_error import WhitenedResidual, starting, whitened_residual_of
@@ -32,7 +32,7 @@ def evidence(*undeclared: Undeclared) -> WhitenedResidual:
         rig.run(Path(scratch) / "c", 5, 1.0, 4, 1, duration_s=2.5, hold_out_every=4, undeclared=undeclared)
         campaign = rom.read_campaign(Path(scratch) / "c")
         found = identify_campaign(campaign)
-        return refitted(
+        return refit(
             whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign))
         )
 

@@ -11,13 +11,17 @@ import pytest
 
 import rom
 from discovery.explain.effect_outputs import output_of
-from discovery.explain.motion import explain, explanation, screen
+from discovery.explain.motion import explain_effect, explanation, screen
+from discovery.explain.motion_fit import reestimate_noise, refit, with_effects
 from discovery.localisation.localise import localise
-from discovery.loop.close_loop import _Loop, close_loop
+from discovery.loop.close_loop import close_loop
 from discovery.loop.history import LoopHistory, Selection
-from discovery.loop.refits import Refits
+from discovery.loop.impact_refits import ImpactRefits
+from discovery.loop.motion_stage import _restarted
 from discovery.loop.result import Closure
-from discovery.loop.state import level, reestimate_noise, refitted, silent, with_effects
+from discovery.loop.state import State
+from discovery.options import Options
+from discovery.residual.base import level
 from discovery.residual.output_error import WhitenedResidual, starting, whiten, whitened_residual_of
 from discovery.residual.trajectory import read_measurements
 from discovery.separating_tests.effects import separating_tests
@@ -36,12 +40,23 @@ CUBIC = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
 def evidence(*undeclared: Undeclared) -> WhitenedResidual:
     """What the declared model leaves over."""
     campaign, found = identified(*undeclared)
-    return refitted(whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign)))
+    return refit(whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign)))
 
 
 @once_per_run
 def closed(*undeclared: Undeclared) -> Closure:
     return close_loop(identified(*undeclared)[0])
+
+
+def started(*undeclared: Undeclared) -> tuple[ImpactRefits, State]:
+    """Fits of a campaign with something undeclared, and its declared model refitted."""
+    refits = ImpactRefits(*identified(*undeclared), Options())
+    return refits, refits.start()
+
+
+def whitened(state: State) -> WhitenedResidual:
+    assert isinstance(state.residual, WhitenedResidual)
+    return state.residual
 
 
 def test_nothing_but_noise_is_left_where_nothing_is_missing() -> None:
@@ -74,10 +89,10 @@ def test_a_missing_effect_stands_out_where_it_acts() -> None:
 
 def test_the_true_effect_explains_the_residual_and_its_strength_comes_out() -> None:
     found = evidence(CUBIC)
-    first, second = screen(found)[:2]
+    first, second = screen(found, Options())[:2]
     assert (first[0].effect.name, first[0].effect.enters) == ("cubic-stiffness", "flexure_lo")
     assert first[0].gain > second[0].gain
-    fitted = explain(first, found)
+    fitted = explain_effect(first, found)
     strength = fitted.effect.parameters["k3"]
     assert strength.low is not None
     assert strength.high is not None
@@ -102,9 +117,9 @@ def test_an_effect_of_ones_own_is_screened_and_fitted_as_the_catalogue_is() -> N
         Member("own-cubic", ("ground",), "F = q * x ** 3", strength, {"q": 1e8}, ("own",), "", own_cubic)
     )
     try:
-        own = next(p for p in screen(found) if p[0].effect.name == "own-cubic")
+        own = next(p for p in screen(found, Options()) if p[0].effect.name == "own-cubic")
         assert own[0].effect.enters == "flexure_lo"
-        fitted = explain(own, found)
+        fitted = explain_effect(own, found)
     finally:
         rom.effects._members.pop("own-cubic")
     assert fitted.effect.parameters["q"].value == pytest.approx(1e9, rel=0.05)
@@ -146,9 +161,9 @@ def test_an_effect_that_leads_the_first_fit_far_astray_is_told_by_what_holds_fro
 ) -> None:
     found = replace(evidence(hidden), from_afar=True)
     assert level(found) > 100
-    first = screen(found)[0]
+    first = screen(found, Options())[0]
     assert (first[0].effect.name, first[0].effect.enters) == (hidden.name, hidden.enters)
-    assert explain(first, found).share() > 0.95
+    assert explain_effect(first, found).share() > 0.95
 
 
 def test_a_test_is_proposed_that_tells_two_effects_apart_and_none_for_one_and_the_same() -> None:
@@ -218,56 +233,52 @@ def test_a_start_without_stiffness_is_left_for_the_uncoupled_tests() -> None:
     flexures = {f"flexure_{body}.stiffness.k": 1e-5 for body in ("lo", "so")}
     campaign, found = identified(GAIN)
     astray = replace(found, model=found.model.with_values(flexures))
-    far = refitted(
-        whitened_residual_of(campaign, starting(astray, astray.model), read_measurements(campaign))
-    )
-    start = Refits(campaign, astray, 1, silent).start()
+    far = refit(whitened_residual_of(campaign, starting(astray, astray.model), read_measurements(campaign)))
+    start = ImpactRefits(campaign, astray, Options()).start()
     assert start.level < 0.7 * level(far)
     assert start.model.parameter("flexure_so.stiffness.k").value == pytest.approx(91800, rel=0.2)
-    assert screen(start.evidence)[0][0].effect.name == "acceleration-gain"
+    assert screen(whitened(start), Options())[0][0].effect.name == "acceleration-gain"
 
 
 def test_a_fit_that_was_stuck_goes_on_from_where_one_with_a_further_effect_ended() -> None:
-    loop = _Loop(Refits(*identified(CUBIC), 1, silent))
-    first, cubic = loop.refits.start(), CATALOGUE["cubic-stiffness"].at("flexure_lo", ground=True)
+    refits, first = started(CUBIC)
+    start, cubic = whitened(first), CATALOGUE["cubic-stiffness"].at("flexure_lo", ground=True)
     drag = CATALOGUE["quadratic-damping"].at("joint").with_values(c2=1e-3)
 
     def weighed(model: rom.Model) -> WhitenedResidual:
-        return whiten(
-            first.evidence.traces, replace(first.evidence.baseline, model=model), first.evidence.floors
-        )
+        return whiten(start.traces, replace(start.baseline, model=model), start.floors)
 
-    right = refitted(weighed(cubic.with_values(k3=1e9).added_to(first.model))).baseline.model
+    right = refit(weighed(cubic.with_values(k3=1e9).added_to(first.model))).baseline.model
     off = {"flexure_lo.stiffness.k": 0.99 * right.parameter("flexure_lo.stiffness.k").value}
     stuck, beside = weighed(right.with_values(off)), weighed(drag.added_to(right))
-    far = replace(first, model=stuck.baseline.model, evidence=stuck)
-    path = LoopHistory((first,)).longer(
-        Selection(explanation(cubic, CATALOGUE["cubic-stiffness"], first.evidence), ()), far
+    far = replace(first, model=stuck.baseline.model, residual=stuck)
+    path = LoopHistory((first,)).extended(
+        Selection(explanation(cubic, CATALOGUE["cubic-stiffness"], start)), far
     )
-    further = Selection(explanation(drag, CATALOGUE["quadratic-damping"], stuck), ())
-    freed, told = loop._freed(path, further, beside)
+    further = Selection(explanation(drag, CATALOGUE["quadratic-damping"], stuck))
+    freed, told = _restarted(refits, path, further, beside)
     assert far.level > 1.2 > freed.last.level
     assert [effect.name for effect in freed.last.model.effects] == ["cubic-stiffness"]
     assert len(freed.states) == len(path.states)
     assert told.best.share() < 0.01  # the credit is not its own
-    assert loop._freed(freed, further, beside) == (freed, further)  # no better than it is
-    assert (
-        loop._freed(LoopHistory((far,)), further, beside)[0].last is far
-    )  # only beside effects found before
+    assert _restarted(refits, freed, further, beside) == (freed, further)  # no better than it is
+    alone = LoopHistory((far,))
+    assert _restarted(refits, alone, further, beside)[0].last is far  # only beside effects found before
 
 
 def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_it() -> None:
     numbers = {"F_c": 0.2, "mu": 0.0, "v_s": 1e-3}
-    first = Refits(*identified(Undeclared("coulomb-friction", "flexure_so", numbers)), 1, silent).start()
+    first = started(Undeclared("coulomb-friction", "flexure_so", numbers))[1]
     friction = CATALOGUE["coulomb-friction"].at("flexure_so", ground=True).with_values(**numbers)
-    told = replace(first.evidence.baseline, model=friction.added_to(first.model))
-    beside = refitted(whiten(first.evidence.traces, told, first.evidence.floors))
+    start = whitened(first)
+    told = replace(start.baseline, model=friction.added_to(first.model))
+    beside = refit(whiten(start.traces, told, start.floors))
     sharp = reestimate_noise(beside)
     alone = ("uncoupled", ("so",))
-    assert sharp.floors[alone].sensor.max() < 0.1 * first.evidence.floors[alone].sensor.max()
+    assert sharp.floors[alone].sensor.max() < 0.1 * start.floors[alone].sensor.max()
     assert level(sharp) < 1.2
     assert reestimate_noise(sharp) is sharp
-    assert reestimate_noise(first.evidence) is first.evidence
+    assert reestimate_noise(start) is start
 
 
 def test_hits_that_come_too_soon_to_tell_noise_by_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -280,7 +291,7 @@ def test_hits_that_come_too_soon_to_tell_noise_by_are_refused(monkeypatch: pytes
 def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
     wrong_zero = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 0.0, "c_2": 0.0})
     campaign, found = identified(wrong_zero)
-    left = refitted(whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign)))
+    left = refit(whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign)))
     (lowest,) = [r.file for r in campaign.select("loosening") if r.preload_n == 6.0]
     assert [line for line in found.warnings if line.startswith(f"{lowest}: the gauge shows -")]
     assert lowest not in [course.file for course in found.courses]

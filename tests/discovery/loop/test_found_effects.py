@@ -1,4 +1,4 @@
-"""How an effect that was found is told."""
+"""How an effect that was found is described."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ import pytest
 
 import rom
 from discovery.explain.motion import explanation
-from discovery.loop.found_effects import found_effect
-from discovery.loop.state import State, refitted, residual_without, with_effects
+from discovery.explain.motion_fit import refit, residual_without, with_effects
+from discovery.loop.history import Selection
+from discovery.loop.impact_refits import ImpactRefits
+from discovery.loop.state import State
+from discovery.options import Options
 from discovery.residual.output_error import starting, whiten, whitened_residual_of
 from discovery.residual.trajectory import read_measurements
 from experiments.studies import rig
@@ -32,16 +35,15 @@ def test_limits_of_a_force_are_those_about_the_last_model(tmp_path: Path) -> Non
     rig.run(tmp_path / "c", 4, 1.0, 1, 1, duration_s=2.5, hold_out_every=4, undeclared=(hidden,))
     campaign = rom.read_campaign(tmp_path / "c")
     found = identify_campaign(campaign)
-    before = refitted(
-        whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign))
-    )
+    before = refit(whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign)))
     member = CATALOGUE["cubic-stiffness"]
     cubic = member.at("flexure_lo", ground=True)
     early = explanation(cubic.with_values(k3=3e8), member, before)  # a step of the fit that is far off
     model = cubic.with_values(k3=1e9).added_to(before.baseline.model)
-    last = refitted(whiten(before.traces, replace(before.baseline, model=model), before.floors))
+    last = refit(whiten(before.traces, replace(before.baseline, model=model), before.floors))
     nothing: Any = None
-    told = found_effect(early, (), State(last.baseline.model, last, nothing, nothing)).effect
+    refits = ImpactRefits(campaign, found, Options())
+    told = refits.described(Selection(early), State(last.baseline.model, last, nothing)).effect
     (own,) = last.baseline.model.effects
     assert told.parameters["k3"].value == own.parameters["k3"].value
     beside = with_effects(residual_without(last, cubic))

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 import rom
+from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.decide.acceptance import motion_errors
 from discovery.decide.explanation import Explanation
 from discovery.loop import history
-from discovery.loop.history import LoopHistory, alike, courses
+from discovery.loop.history import LoopHistory, Selection, indistinguishable, misfit_views
+from discovery.loop.state import State
 from discovery.residual.course_fit import Misfit
 from rom.effects import CATALOGUE
+from tests.discovery.loop.fake_refits import FakeResidual
 
 
-def state(level: float, error: float = 1.0, records: int = 3) -> Any:
+def state(level: float, error: float = 1.0, records: int = 3) -> State:
     held = {"motion_nrmse": error, "relative_motion_nrmse": error, "records": records, "failed": 0}
-    evidence = SimpleNamespace(baseline=SimpleNamespace(believed=()), traces=("record",) * records)
-    return SimpleNamespace(
-        level=level, errors={"hold_out": held, "training": held}, model=rom.paper_model(), evidence=evidence
-    )
+    errors: Any = {"hold_out": held, "training": held}
+    least = CRITERIA.acceptance.material_error_explained
+    residual = FakeResidual(level, record_count=records)
+    return State(rom.paper_model(), residual, errors, motion_errors(errors), least)
 
 
 @pytest.mark.parametrize(
@@ -31,7 +34,7 @@ def test_with_an_effect_goes_the_model_that_it_led_to(place: int, kept: list[str
     names: Any = ("declared", "a", "b" if place else "c", "d")
     path = LoopHistory(names, ("one", "two", "three")).without(place, "end")  # type: ignore[arg-type]
     assert list(path.states) == kept
-    assert len(path.chosen) == len(path.states) - 1
+    assert len(path.selections) == len(path.states) - 1
 
 
 def test_the_only_effect_leaves_the_model_without_any() -> None:
@@ -90,23 +93,35 @@ def told(held_out: float) -> Explanation:
 
 def test_what_training_records_alone_ask_for_is_like_what_suits_them_as_well() -> None:
     best, rival = told(-20.0), told(-90.0)
-    assert alike([best, rival], best) == ()
-    assert alike([best, rival], best, hold_out=False) == (rival,)
+    assert indistinguishable([best, rival], best) == ()
+    assert indistinguishable([best, rival], best, hold_out=False) == (rival,)
 
 
 def test_the_verdict_is_that_of_the_last_model() -> None:
     declared = LoopHistory((state(1.0),))
     assert declared.verdict() == "no-effect"
     assert LoopHistory((state(5.0),)).verdict() == "unexplained"
-    assert LoopHistory((state(5.0), state(1.0)), ("one",)).verdict() == "closed"  # type: ignore[arg-type]
+    closed = LoopHistory((state(5.0), state(1.0)), (Selection(told(20.0)),))
+    assert closed.verdict() == "closed"
+    assert closed.verdict(("a number that uncoupled tests deny",)) == "unexplained"
+    assert declared.verdict(("a number that uncoupled tests deny",)) == "no-effect"
+
+
+def test_criteria_of_a_history_decide() -> None:
+    strict = Criteria().changed(acceptance={"noise_level": 1.1, "material_error": 0.5})
+    assert LoopHistory((state(1.15),)).verdict() == "no-effect"
+    assert LoopHistory((state(1.15),), criteria=strict).verdict() == "unexplained"
+    before, after = state(6.6), state(5.0, 0.7)
+    assert LoopHistory((before,)).improves(after)
+    assert not LoopHistory((before,), criteria=strict).improves(after)
 
 
 def test_the_last_misfit_of_the_courses_is_told_with_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
     views = {"tension_by_preload": (("0 to 30 N", 4.0),)}
     monkeypatch.setattr(history, "tension_views", lambda misfit: views if misfit.level == 2.0 else {})
-    told = courses((Misfit(9.0, 100.0), Misfit(2.0, 100.0)))
+    told = misfit_views((Misfit(9.0, 100.0), Misfit(2.0, 100.0)))
     assert told == ({"tension_courses": 2.0}, views)
-    assert courses(()) == ({}, {})
+    assert misfit_views(()) == ({}, {})
 
 
 @pytest.mark.parametrize(
@@ -123,5 +138,5 @@ def test_what_the_samples_of_a_hit_leave_open_is_no_missing_effect(
 ) -> None:
     path = LoopHistory((state(level, error),))
     assert path.verdict() == verdict
-    assert bool(path.excuses()) == (level > 1.2 and verdict == "no-effect")
+    assert bool(path.remarks()) == (level > 1.2 and verdict == "no-effect")
     assert not path.at_noise_floor or level == 1.0

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.loop.close_loop import _Loop
 from discovery.loop.history import LoopHistory
-from discovery.loop.refits import Refits
-from discovery.loop.state import silent
+from discovery.loop.impact_refits import ImpactRefits
+from discovery.loop.rest_stage import gauged
+from discovery.options import Options
+from discovery.residual.output_error import WhitenedResidual
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
-from rom.identification.identify import identify_campaign
 
 pytestmark = pytest.mark.slow
 
@@ -24,16 +24,19 @@ WRONG = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 
 
 
 @cache
-def gauged(*undeclared: Undeclared) -> tuple[_Loop, LoopHistory]:
+def examined(*undeclared: Undeclared) -> tuple[ImpactRefits, LoopHistory]:
+    """After what the declared preloads show of the gauge."""
     with TemporaryDirectory() as scratch:
         rig.run(Path(scratch) / "c", 12, 1.0, 2, 1, duration_s=2.5, hold_out_every=4, undeclared=undeclared)
         campaign = rom.read_campaign(Path(scratch) / "c")
-        loop = _Loop(Refits(campaign, identify_campaign(campaign), 1, silent))
-        return loop.gauged(LoopHistory((loop.refits.start(),)))
+        declared = ImpactRefits.of(campaign, Options())
+        refits, history = gauged(declared, LoopHistory((declared.start(),)))
+        assert isinstance(refits, ImpactRefits)
+        return refits, history
 
 
 def test_a_wrong_zero_is_named_and_the_motion_explained() -> None:
-    _, path = gauged(WRONG)
+    _, path = examined(WRONG)
     (found,) = path.last.model.effects
     assert found.path == "sensor:tension.calibration-error"
     assert found.parameters["T_0"].value == pytest.approx(-10.0, abs=0.1)
@@ -43,22 +46,24 @@ def test_a_wrong_zero_is_named_and_the_motion_explained() -> None:
 
 
 def test_laws_are_those_of_a_gauge_that_is_right() -> None:
-    loop, path = gauged(WRONG)
-    twin, right = gauged()
-    assert not right.chosen
+    refits, path = examined(WRONG)
+    twin, right = examined()
+    assert not right.selections
     ours, theirs = path.last.model.link_laws["joint"], right.last.model.link_laws["joint"]
     tensions = np.array([6.0, 30.0, 200.0, 1000.0])
     np.testing.assert_allclose(ours.stiffness(tensions), theirs.stiffness(tensions), rtol=0.02)
     assert ours.tension_rate is not None
     assert theirs.tension_rate is not None
-    assert len(loop.refits.found.courses) == len(twin.refits.found.courses)  # none is taken for slack
-    for course, other in zip(loop.refits.found.courses, twin.refits.found.courses, strict=True):
+    assert len(refits.identification.courses) == len(twin.identification.courses)  # none is taken for slack
+    for course, other in zip(refits.identification.courses, twin.identification.courses, strict=True):
         assert course.initial == pytest.approx(other.initial, rel=0.02, abs=0.1)
 
 
 def test_records_are_traced_along_tensions_that_fall_as_the_right_gauge_shows() -> None:
-    _, path = gauged(WRONG)
-    finals = {course.file: course.final for course in gauged()[0].refits.found.courses}
-    for trace in path.last.evidence.traces:
+    _, path = examined(WRONG)
+    finals = {course.file: course.final for course in examined()[0].identification.courses}
+    residual = path.last.residual
+    assert isinstance(residual, WhitenedResidual)
+    for trace in residual.traces:
         if trace.settings.file in finals:
             assert trace.level == pytest.approx(finals[trace.settings.file], rel=0.02, abs=0.2)

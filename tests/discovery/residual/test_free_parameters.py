@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.loop import close_loop as refinement
+from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.loop.history import LoopHistory
-from discovery.loop.refits import Refits
-from discovery.loop.state import State, silent
+from discovery.loop.impact_refits import ImpactRefits
+from discovery.loop.motion_stage import in_motion
+from discovery.loop.refits import Probes
+from discovery.loop.state import State
+from discovery.options import Options
+from discovery.residual.base import Residual
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.output_error import WhitenedResidual
 from rom.effects import CATALOGUE
@@ -113,24 +117,27 @@ def test_a_step_beyond_all_numbers_is_none() -> None:
     assert after["beta"].value == pytest.approx(1.1 * before["beta"].value)
 
 
-def test_slopes_from_afar_are_asked_only_far_from_the_plant_and_those_nearby_then_too(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    asked: list[bool] = []
+@dataclass(frozen=True, eq=False)
+class Screening(ImpactRefits):
+    """Fits that note along which slopes effects are screened, and find none."""
 
-    def screen(shown: WhitenedResidual, *_: object) -> tuple[()]:
-        asked.append(shown.from_afar)
+    asked: list[bool] = field(default_factory=list)
+
+    def screen(self, residual: Residual) -> Probes:
+        assert isinstance(residual, WhitenedResidual)
+        self.asked.append(residual.from_afar)
         return ()
 
-    def asked_at(*misfits: float) -> list[bool]:
-        asked.clear()
-        nothing: Any = None
-        states = (State(nothing, evidence(misfit), nothing, nothing) for misfit in misfits)
-        loop = refinement._Loop(Refits(nothing, nothing, 1, silent))
-        loop._most_helpful(LoopHistory(tuple(states)))
-        return list(asked)
 
-    monkeypatch.setattr(refinement, "screen", screen)
+def test_slopes_from_afar_are_asked_only_far_from_the_structure_and_those_nearby_then_too() -> None:
+    def asked_at(*misfits: float, criteria: Criteria = CRITERIA) -> list[bool]:
+        nothing: Any = None
+        refits = Screening(nothing, nothing, Options(criteria=criteria))
+        states = tuple(State(rom.paper_model(), evidence(misfit), nothing) for misfit in misfits)
+        in_motion(refits, LoopHistory(states, criteria=criteria))
+        return refits.asked
+
     assert asked_at(0.0) == asked_at(1.0) == [False]
     assert asked_at(20.0) == [True, False]
     assert asked_at(60.0, 5.0) == [False]  # next to nothing of what was there
+    assert asked_at(20.0, criteria=Criteria().changed(closing={"far_from_structure": 1e4})) == [False]

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discovery.loop.refits import Refits
-from discovery.loop.state import silent
+from discovery.loop.impact_refits import ImpactRefits
+from discovery.options import Options
 from experiments.rig.sensors import Instruments, chain
 from experiments.studies import rig
 from rom.campaign.campaign import read_campaign
-from rom.identification.identify import identify_campaign
 from rom.identification.record_spectra import spectral_records
 from rom.identification.spectral_model import spectrum
 from rom.signals.processing import process
@@ -56,5 +55,5 @@ def test_a_hammer_much_noisier_than_the_accelerometers_leaves_noise_alone(tmp_pa
     loud = replace(Instruments(), force=chain(1.5, 22_240.0))
     made = rig.run(tmp_path / "loud", cases=10, seed=1, jobs=1, duration_s=2.5, instruments=loud)
     campaign = read_campaign(made)
-    state = Refits(campaign, identify_campaign(campaign), 1, silent).start()
+    state = ImpactRefits.of(campaign, Options()).start()
     assert state.level < 1.1

@@ -1,0 +1,157 @@
+"""Fits of a campaign that is not there: neutral answers to all that the closed loop asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+import rom
+from discovery.decide.explanation import Explanation
+from discovery.explain.motion import Probe
+from discovery.localisation.localise import Localisation
+from discovery.loop.history import LoopHistory, Selection
+from discovery.loop.refits import Probes, Refits
+from discovery.loop.result import FoundEffect
+from discovery.loop.state import State
+from discovery.options import Options
+from discovery.residual.base import Kind, Residual
+from discovery.residual.course_fit import Misfit
+from discovery.residual.tension import TensionResidual
+from rom.campaign.channels import FloatArray
+from rom.effects import CATALOGUE, ModelCorrection, SensorFault
+
+ROWS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class FakeResidual:
+    """Rows of one size, and the effects beside which they are left over."""
+
+    level: float = 1.0
+    effects: tuple[str, ...] = ()
+    record_count: int = 3
+    kind: ClassVar[Kind] = "output error"
+
+    @property
+    def residual(self) -> FloatArray:
+        return np.full(ROWS, np.sqrt(self.level))
+
+    @property
+    def training(self) -> npt.NDArray[np.bool_]:
+        return np.ones(ROWS, dtype=np.bool_)
+
+    @property
+    def owner(self) -> npt.NDArray[np.int64]:
+        return np.zeros(ROWS, dtype=np.int64)
+
+    @property
+    def samples(self) -> dict[str, int]:
+        return {"t.h5": ROWS}
+
+    @property
+    def hold_out(self) -> frozenset[str]:
+        return frozenset()
+
+    def costs(self, rows: FloatArray) -> dict[str, float]:
+        return {"t.h5": float(np.sum(rows**2))}
+
+    def beyond(self, rows: FloatArray) -> FloatArray:
+        return rows
+
+
+def fake_state(residual: FakeResidual, *, tension: float = 1.0, motion: float | None = None) -> State:
+    """A model of the paper with errors of its tension [N] and its motion; that is the level by default."""
+    shown = {"tension_rmse_n": tension, "motion_nrmse": 0.02, "relative_motion_nrmse": 0.02}
+    errors: Any = dict.fromkeys(("hold_out", "training"), {**shown, "records": 3, "failed": 0})
+    material = {"motion_nrmse": residual.level if motion is None else motion}
+    return State(rom.paper_model(), residual, errors, material, least_improvement=0.1)
+
+
+def explained(
+    name: str = "relaxation-log", gain: float = 100.0, enters: str = "tension", **changed: Any
+) -> Explanation:
+    """An effect that takes so much from a cost of 400 of training records."""
+    effect: ModelCorrection = CATALOGUE[name].at(enters)
+    settings: dict[str, Any] = {"free_numbers": 2, "left": 1.0, **changed}
+    return Explanation(
+        effect, {"t.h5": 400.0}, {"t.h5": 400.0 - gain}, {"t.h5": 200}, frozenset(), **settings
+    )
+
+
+@dataclass(eq=False)
+class FakeRefits:
+    """Satisfies `discovery.loop.refits.Refits`: finds nothing, drops nothing, and has no bolt.
+
+    Tests override what they ask about.
+    """
+
+    options: Options = field(default_factory=Options)
+    set_aside: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def start(self) -> State:
+        return fake_state(FakeResidual())
+
+    def corrected(self, fault: SensorFault) -> Refits:
+        raise AssertionError(fault)
+
+    def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:
+        del renew_noise
+        before = of_fake(state.residual)
+        return FakeResidual(before.level, (*before.effects, explanation.effect.path))
+
+    def refit_from(self, residual: Residual, effect: ModelCorrection) -> Residual | None:
+        del residual, effect
+        return None
+
+    def evaluated(self, residual: Residual, *, law_is_fitted: bool = False) -> State:
+        del law_is_fitted
+        return fake_state(of_fake(residual))
+
+    def with_present_noise(self, residual: Residual) -> Residual:
+        return residual
+
+    def along_law(self, state: State) -> State:
+        return state
+
+    def without(self, history: LoopHistory, place: int) -> Residual | None:
+        del history, place
+        return None
+
+    def views(self, history: LoopHistory) -> Iterable[State]:
+        yield history.last
+
+    def screen(self, residual: Residual) -> Probes:
+        del residual
+        return ()
+
+    def explain(self, probes: Sequence[Sequence[Probe]], residual: Residual) -> list[Explanation]:
+        del probes, residual
+        return []
+
+    def free_forms(self, state: State) -> Sequence[Explanation]:
+        del state
+        return ()
+
+    def tension(self, state: State) -> TensionResidual | None:
+        del state
+        return None
+
+    def doubts(self, history: LoopHistory) -> tuple[str, ...]:
+        del history
+        return ()
+
+    def localise(self, state: State, misfit: Sequence[Misfit]) -> Localisation:
+        raise AssertionError((state, misfit))
+
+    def described(self, selection: Selection, state: State) -> FoundEffect:
+        raise AssertionError((selection, state))
+
+
+def of_fake(residual: Residual) -> FakeResidual:
+    assert isinstance(residual, FakeResidual)
+    return residual
