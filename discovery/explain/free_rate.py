@@ -18,6 +18,7 @@ import numpy as np
 
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.tension_likelihood import bin_edges, law_candidate
+from discovery.criteria.criteria import Criteria
 from discovery.decide.acceptance import is_accepted, spread_of
 from discovery.decide.explanation import Explanation
 from discovery.explain.free_form import sparse_sums
@@ -73,21 +74,23 @@ def explain(residual: TensionResidual, options: Options) -> tuple[Explanation, .
         cost with a price for every term. None where the courses are at noise, or the model has a free form
         in its tension already.
     """
-    price = options.criteria.tension.term_price
+    criteria = options.criteria
+    price = criteria.tension.term_price
     taken = any(e.name == FREE_FORM for e in residual.model.effects_of("law change"))
     if residual.data is None or residual.misfit.is_noise or taken:
         return ()
     fitted = compared(residual, free_rates(residual.data, options.seed), (), options).explanations
-    sure = [one for one in fitted if _predicts(one, price)]
+    sure = [one for one in fitted if _predicts(one, criteria)]
     spread = min((spread_of(one) for one in sure), default=1.0)
     sure.sort(key=lambda one: one.cost(hold_out=False) / spread + price * one.free_numbers)
     return tuple(sure[:1])
 
 
-def _predicts(one: Explanation, price: float) -> bool:
+def _predicts(one: Explanation, criteria: Criteria) -> bool:
     """Whether held-out records ask for a sum too: of so many sums one suits training records by chance."""
-    unseen = one.gains(hold_out=True)
-    return is_accepted(one) and (not unseen.size or float(unseen.sum()) / spread_of(one) > price)
+    unseen, price = one.gains(hold_out=True), criteria.tension.term_price
+    predicted = not unseen.size or float(unseen.sum()) / spread_of(one) > price
+    return is_accepted(one, criteria) and predicted
 
 
 def free_rates(data: TensionData, seed: int = 0) -> tuple[Pair, ...]:

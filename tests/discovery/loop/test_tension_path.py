@@ -47,7 +47,7 @@ def led(
     levels: list[float],
     errors: list[float],
     motion: float = 1.0,
-    explanations: list[tuple[Explanation, ...]] | None = None,
+    explanations: Sequence[tuple[Explanation, ...]] | None = None,
 ) -> LoopHistory:
     """The history where an effect is explained as often as there are levels, and has these errors then."""
     offered = explanations or [(explained(),)] * len(levels)
@@ -141,7 +141,7 @@ class Named(FakeRefits):
     error_of_form: float = 1.0
 
     def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:
-        del renew_noise
+        del state, renew_noise
         formed = explanation.effect.name == "free-form"
         left = next(self.of_forms) if formed else self.of_name
         return Beside(misfit=Misfit(left, 200.0), error=self.error_of_form if formed else self.error_of_name)
