@@ -14,9 +14,10 @@ from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.number import Numerical
 from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import BASELINE, Candidate, rivals_always_in_the_race
+from discovery.laws.names import names_of
 from discovery.ranking import cross_validation as validation
 from discovery.ranking.cross_validation import CrossValidation, Fold
-from discovery.ranking.result import RankedLaw, Ranking, names_of, with_law
+from discovery.ranking.result import RankedLaw, Ranking, with_law
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
 from rom.evaluation.error_measures import Errors, summarise

@@ -19,7 +19,7 @@ from discovery.criteria.criteria import Criteria
 from discovery.criteria.search import Search
 from discovery.laws.candidate import Candidate, Term
 from discovery.laws.factors import Factor, tension_exponential, tension_logistic, tension_power
-from discovery.ranking.result import term_form
+from discovery.laws.names import term_form
 from discovery.search.libraries import Scales, TermLibrary, motion_factors, printed, tension_factors
 from discovery.search.optimizers import sparse_supports
 from discovery.search.quick_likelihood import Found, assumed_variability, best_pairs, fitted_sum, single_terms

@@ -1,5 +1,6 @@
-"""Tests that would tell two laws or two effects apart.
+"""Tests that would distinguish two laws or two effects.
 
 Belongs here: a proposer of tests.
-May import: `discovery.courses` and what that may; its module on effects the residuals as well.
+May import: `discovery.explain`, `discovery.residual`, `discovery.courses`, `discovery.laws`, criteria and
+options, and `rom`; nothing of `discovery.ranking` or `discovery.loop`.
 """

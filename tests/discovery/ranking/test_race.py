@@ -28,8 +28,9 @@ from discovery.laws.factors import (
     velocity_power,
     velocity_threshold,
 )
+from discovery.laws.names import equation_name, names_of
 from discovery.ranking.race import RankedLaw, _at_bound, _listed, _merged, race
-from discovery.ranking.result import Ranking, equation_name, names_of
+from discovery.ranking.result import Ranking
 from rom import paper_model
 from rom.campaign.campaign import read_campaign
 from rom.identification.identify import Identification

@@ -10,7 +10,7 @@ from discovery.courses.fit import fit
 from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.laws.candidate import Candidate, Term, baseline
 from discovery.laws.factors import displacement_power, tension_logistic, velocity_power
-from discovery.ranking.result import term_form
+from discovery.laws.names import term_form
 from discovery.search.shortlist import Proposals, propose
 from tests.discovery.synthetic import frozen, measured
 
