@@ -224,24 +224,27 @@ class ImpactRefits:
         Of forces of the catalogue the last one is examined too: the fit that it came with may be better by
         the model's own numbers alone.
         """
-        best, last = history.selections[place].best, _impact(history.last.residual)
-        effect, criteria = best.effect, self.options.criteria
+        best, criteria = history.selections[place].best, self.options.criteria
+        effect = best.effect
         if isinstance(effect, Effect) and effect.name in CATALOGUE:
+            last = _impact(history.last.residual)
             rest = residual_without(last, effect)
             own = next(e for e in last.baseline.model.effects if e.path == effect.path)
             needed = is_accepted(explanation(own, CATALOGUE[effect.name], with_effects(rest)), criteria)
             return None if needed else refit(rest)
-        examined = isinstance(effect, Effect | SensorFault) and not in_tension(best)
-        if not examined or place + 1 == len(history.selections):
+        if in_tension(best) or place + 1 == len(history.selections):
             return None
+        last = _impact(history.last.residual)
         if isinstance(effect, Effect):
             rest = refit(residual_without(last, effect))
-        else:  # what it corrects is another motion
+        elif isinstance(effect, SensorFault):  # what it corrects is another motion
             followed = self.followed(without_effect(last.baseline, effect), last.floors)
             shown = at_rest.explain(followed, self.options)
             if any(is_accepted(e, criteria) and e.effect.path == effect.path for e in shown):
                 return None
             rest = refit(followed)
+        else:
+            return None
         return None if self._needs(best, rest, last) else rest
 
     def _needs(self, best: Explanation, rest: WhitenedResidual, last: WhitenedResidual) -> bool:
