@@ -24,30 +24,30 @@ class Acceptance(Group):
     )
     hold_out_gain_tension: float = number(
         0.0, "2 ln L", "least gain on hold-out records of an effect in the tension",
-        "few tests are held out; on clean campaigns half of all effects lose there",
+        "chosen, not measured",
     )  # fmt: skip
     material_share: float = number(
         0.01, "1", "least share of the cost that an effect takes away", _FALSE_ALARMS
     )
     noise_level: float = number(
         1.2, "1", "mean square of a whitened residual that still counts as noise",
-        "clean rig campaigns at half, once and twice the noise: at most 1.1",
+        "chosen, not measured",
     )  # fmt: skip
     explained_remainder: float = number(
         0.03, "1", "share of what was beyond noise that still counts as explained",
-        "forces that are a per cent wrong leave as much: blind test, gaps and friction",
+        "chosen, not measured",
     )  # fmt: skip
     indistinguishable_cost: float = number(
         12.0, "2 ln L", "difference in cost below which two effects are indistinguishable",
-        "blind test: pairs of one class",
+        "chosen, not measured",
     )  # fmt: skip
     indistinguishable_share: float = number(
         0.05, "1", "share of the gain that a slightly wrong form of the right effect may lose",
-        "blind test: forms with another knee",
+        "chosen, not measured",
     )  # fmt: skip
     material_error: float = number(
         0.02, "1", "least share by which an effect in the motion lowers an error on hold-out records",
-        "clean campaigns: errors change by less from refits alone",
+        "chosen, not measured",
     )  # fmt: skip
     material_error_explained: float = number(
         0.1, "1", "the same where next to nothing is left of the residual of impact tests",
@@ -55,7 +55,7 @@ class Acceptance(Group):
     )  # fmt: skip
     error_rise_closing: float = number(
         0.2, "1", "share by which one error may rise where the effect closes the residual",
-        "errors of few records near their noise change by as much from seed to seed",
+        "chosen, not measured",
     )  # fmt: skip
     harm: float = number(
         1.5, "1", "factor by which a mean error may rise with an effect in the tension",
@@ -63,9 +63,9 @@ class Acceptance(Group):
     )  # fmt: skip
     exact_motion: float = number(
         0.005, "1", "motion error below which a record is simulated as exactly as its hit is known",
-        "a hit is known by a dozen samples: simulations of the true model differ by as much",
+        "chosen, not measured",
     )  # fmt: skip
     exact_relative_motion: float = number(
         0.02, "1", "the same of the relative motion",
-        "a hit is known by a dozen samples: simulations of the true model differ by as much",
+        "chosen, not measured",
     )  # fmt: skip

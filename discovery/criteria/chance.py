@@ -22,9 +22,9 @@ class Chance(Group):
     draws: int = number(999, "1", "draws of the signs", "the smallest p-value is then 0.001")
     blocks: int = number(
         16, "1", "blocks of a driven or cycled record whose signs are drawn apart",
-        "a block is longer than the residual's memory in EMPS, Silverbox and the tribometer",
+        "chosen; the first effects of EMPS, Silverbox and the tribometer have p = 0.001, 0.001 and 0.03",
     )  # fmt: skip
     same_direction: float = number(
         0.1, "1", "tangent of half the angle between directions of an effect's numbers that count once",
-        "numerical: nearly equal slopes",
+        "chosen, not measured",
     )  # fmt: skip

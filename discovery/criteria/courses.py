@@ -19,12 +19,12 @@ class Courses(Group):
     least_variability: float = number(
         0.01, "1",
         "lowest standard deviation of the log rate from test to test",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     largest_variability: float = number(
         5.0, "1",
         "highest standard deviation of the log rate from test to test",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     usual_variability: float = number(
         0.5, "1",
@@ -39,20 +39,20 @@ class Courses(Group):
     slope_prior: float = number(
         1.0, "1",
         "prior standard deviation of the slope of ln(variability) over ln(tension)",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     least_final: float = number(
         0.01, "1",
         "share of the initial tension that a measured final tension counts for at least",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     lost_times: float = number(
         1.5, "1",
         "a refit is lost above so many times the deviance that it started from ...",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     lost_beyond: float = number(
         100.0, "2 ln L",
         "... and so much more",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip

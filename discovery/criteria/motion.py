@@ -12,5 +12,8 @@ class Motion(Group):
     """The whitened residual of the motion: noise, priors, what is aligned with the model's numbers."""
 
     final_share: float = number(
-        0.01, "1", "share of the initial tension, below which a record's loss tells no rate", "convention"
+        0.01,
+        "1",
+        "share of the initial tension, below which a record's loss tells no rate",
+        "chosen, not measured",
     )

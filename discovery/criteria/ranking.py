@@ -14,12 +14,12 @@ class RankingRules(Group):
     least_cases: float = number(
         4, "1",
         "loosening records that a comparison of laws needs",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     tightened: float = number(
         3.0, "1",
         "standard errors by which a tension must rise for a record to be set aside",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     refined_least: float = number(
         12, "1",
@@ -54,12 +54,12 @@ class RankingRules(Group):
     listed: float = number(
         10, "1",
         "laws that are listed with all error measures",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     compared: float = number(
         6, "1",
         "first laws that are compared pair by pair",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     compared_reach: float = number(
         10.0, "2 ln L",
@@ -74,27 +74,27 @@ class RankingRules(Group):
     equal_noise: float = number(
         0.1, "1",
         "share of the noise within which two predicted courses are equal",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     equal_loss: float = number(
         0.005, "1",
         "share of the loss within which two predicted courses are equal",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     equal_fit: float = number(
         1.0, "2 ln L",
         "deviance within which a law with a number at its bound equals a simpler one",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     folds: float = number(
         8, "1",
         "folds of the cross-validation over preloads, at most",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     same_preload: float = number(
         0.05, "1",
         "relative difference within which preloads are the same",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     record_bound: float = number(
         5.0, "ln L",
@@ -114,22 +114,22 @@ class RankingRules(Group):
     resamples: float = number(
         400, "1",
         "draws of the preloads for limits and for how often a law comes first",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     better: float = number(
         0.01, "1",
         "p-value below which a law is better than the baseline",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     named: float = number(
         0.05, "1",
         "share of resamples from which a law that comes first is listed",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     misfit_chance: float = number(
         1e-4, "1",
         "p-value of the dispersion below which a law does not fit to within noise",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     least_exponent: float = number(
         0.5, "1",

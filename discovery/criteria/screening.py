@@ -15,27 +15,43 @@ class Screening(Group):
         0.2,
         "1",
         "records of a rough screen: those most is left of, and as many of all",
-        "convention",
+        "chosen, not measured",
     )
     rough_share: float = number(
         0.1, "1", "share of the best gain of a rough screen, above which all records are screened",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
-    rough_effects: float = number(12, "1", "effects that are screened on all records, at least", "convention")
-    rough_probes: float = number(3, "1", "probes of each of these", "convention")
-    starts: float = number(2, "1", "points of an effect's grid from which it is fitted", "convention")
+    rough_effects: float = number(
+        12, "1", "effects that are screened on all records, at least", "chosen, not measured"
+    )
+    rough_probes: float = number(3, "1", "probes of each of these", "chosen, not measured")
+    starts: float = number(
+        2, "1", "points of an effect's grid from which it is fitted", "chosen, not measured"
+    )
     fitted_effects: float = number(
-        5, "1", "effects of a screen that are fitted, but for those of the first one's class", "convention"
+        5,
+        "1",
+        "effects of a screen that are fitted, but for those of the first one's class",
+        "chosen, not measured",
     )
     balance_starts: float = number(
-        6, "1", "points of an effect's grid from which a fit to balances of forces starts", "convention"
+        6,
+        "1",
+        "points of an effect's grid from which a fit to balances of forces starts",
+        "chosen, not measured",
     )
     balance_start_share: float = number(
-        0.5, "1", "share of the best point's gain, below which no such fit starts", "convention"
+        0.5, "1", "share of the best point's gain, below which no such fit starts", "chosen, not measured"
     )
     least_share: float = number(
-        0.3, "1", "share of a material gain that an effect must show in the screen to be fitted", "convention"
+        0.3,
+        "1",
+        "share of a material gain that an effect must show in the screen to be fitted",
+        "chosen, not measured",
     )
     share_of_first: float = number(
-        0.4, "1", "share of the first effect's gain, below which others are not fitted", "convention"
+        0.4,
+        "1",
+        "share of the first effect's gain, below which others are not fitted",
+        "chosen, not measured",
     )

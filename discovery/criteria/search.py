@@ -29,37 +29,37 @@ class Search(Group):
     ridge: float = number(
         1e-4, "1",
         "weight of the ridge in sparse fits of columns of length 1",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     least_threshold: float = number(
         0.02, "1",
         "lowest threshold on the paths of sparse fits, as share of the target",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     largest_share: float = number(
         0.8, "1",
         "highest threshold of SR3 and of non-negative fits",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     least_positive: float = number(
         0.01, "1",
         "lowest threshold of non-negative fits: their coefficients cannot cancel",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     thresholds: float = number(
         12, "1",
         "thresholds on a path of STLSQ",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     sr3_thresholds: float = number(
         8, "1",
         "thresholds on a path of SR3",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     ensemble: float = number(
         10, "1",
         "fits of an ensemble, each to rows drawn again",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     shortlist: float = number(
         60, "1",
@@ -79,25 +79,25 @@ class Search(Group):
     guides: float = number(
         3, "1",
         "single terms of different motion that are fitted to find the guide",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     shared: float = number(
         6, "1",
         "tension factors whose libraries go through the sparse fits",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     pairs: float = number(
         40, "1",
         "pairs of columns of every library that are fitted",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     bootstraps: float = number(
         20, "1",
         "draws of the records for the share of resamples that include a form",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip
     first_terms: float = number(
         2, "1",
         "terms of FROLS that count as included",
-        "convention",
+        "chosen, not measured",
     )  # fmt: skip

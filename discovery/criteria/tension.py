@@ -11,37 +11,57 @@ from discovery.criteria.number import Group, number
 class Tension(Group):
     """Effects in the tension, in its gauge, and before the hits."""
 
-    quiet_s: float = number(0.2, "s", "time before a hit, below which it tells of no fault", "convention")
+    quiet_s: float = number(
+        0.2, "s", "time before a hit, below which it tells of no fault", "chosen, not measured"
+    )
     quiet_records: float = number(
-        4, "1", "training records that show a channel before the hit, at least", "convention"
+        4, "1", "training records that show a channel before the hit, at least", "chosen, not measured"
     )
     fault_at_rest: float = number(
-        0.1, "1", "share of the smallest plausible strength: no amplifier has less of a fault", "convention"
+        0.1,
+        "1",
+        "share of the smallest plausible strength: no amplifier has less of a fault",
+        "chosen, not measured",
     )
     fault_of_hit: float = number(
-        1e-3, "1", "share of the weakest hit's peak, below which a fault of its hammer is none", "convention"
+        1e-3,
+        "1",
+        "share of the weakest hit's peak, below which a fault of its hammer is none",
+        "chosen, not measured",
     )
     preload_scatter: float = number(
         0.02, "1", "scatter of declared preloads about the gauge, above which they are no reference",
         "VDI 2230-1 (2015), table A8: torque wrenches scatter by 0.1 to 0.3",
     )  # fmt: skip
     gauge_zero_n: float = number(
-        0.5, "N", "error of a gauge's zero that is no finding: settings are no better known", "convention"
+        0.5,
+        "N",
+        "error of a gauge's zero that is no finding: settings are no better known",
+        "chosen, not measured",
     )
     gauge_slope: float = number(
-        0.05, "1", "share of the preload by which a gauge may be off without a finding", "convention"
+        0.05,
+        "1",
+        "share of the preload by which a gauge may be off without a finding",
+        "chosen, not measured",
     )
     preload_levels: float = number(
-        8, "1", "different declared preloads that make a calibration, at least", "convention"
+        8, "1", "different declared preloads that make a calibration, at least", "chosen, not measured"
     )
     same_preload: float = number(
-        0.02, "1", "relative difference below which two preloads count as one", "convention"
+        0.02, "1", "relative difference below which two preloads count as one", "chosen, not measured"
     )
     disturbance: float = number(
-        2.0, "1", "gain before the hits over what noise gives, above which a force is fitted", "convention"
+        2.0,
+        "1",
+        "gain before the hits over what noise gives, above which a force is fitted",
+        "chosen, not measured",
     )
     loosening_tests: float = number(
-        3, "1", "training records that loosen, below which the tension tells of no effect", "convention"
+        3,
+        "1",
+        "training records that loosen, below which the tension tells of no effect",
+        "chosen, not measured",
     )
     drift_n_per_s: float = number(
         0.005,
@@ -50,22 +70,25 @@ class Tension(Group):
         "half the smallest plausible one",
     )
     quiet_tests: float = number(
-        6, "1", "tests that leave the tension alone from which its noise is estimated, at least", "convention"
+        6,
+        "1",
+        "tests that leave the tension alone from which its noise is estimated, at least",
+        "chosen, not measured",
     )
     agreeing_drifts: float = number(
-        3.0, "1", "standard errors by which drifts before and after hits may differ", "convention"
+        3.0, "1", "standard errors by which drifts before and after hits may differ", "chosen, not measured"
     )
     noise_from_hz: float = number(
-        4.0, "Hz", "lower end of the band in which the gauge's noise is estimated", "convention"
+        4.0, "Hz", "lower end of the band in which the gauge's noise is estimated", "chosen, not measured"
     )
     noise_to_hz: float = number(
-        300.0, "Hz", "upper end of the band in which the gauge's noise is estimated", "convention"
+        300.0, "Hz", "upper end of the band in which the gauge's noise is estimated", "chosen, not measured"
     )
     misfit_chance: float = number(
         1e-3,
         "1",
         "probability of a larger misfit by noise, below which histories are not explained",
-        "convention",
+        "chosen, not measured",
     )
     misfit_floor: float = number(
         1.5, "1", "mean square that counts as noise: a motion known to a few per cent shifts as much",
@@ -75,50 +98,57 @@ class Tension(Group):
         2,
         "1",
         "directions of a history that may oscillate with the motion, taken off its numbers",
-        "convention",
+        "chosen, not measured",
     )
     resimulated_effects: float = number(
         5, "1", "best effects along frozen motion that are corrected by full simulation", "virtual rig"
     )
-    fast_numbers: float = number(8, "1", "numbers that the fast part of a record counts as", "convention")
+    fast_numbers: float = number(
+        8, "1", "numbers that the fast part of a record counts as", "chosen, not measured"
+    )
     fast_window_s: float = number(
-        1.2, "s", "time after a hit whose fast part tells of the gauge", "convention"
+        1.2, "s", "time after a hit whose fast part tells of the gauge", "chosen, not measured"
     )
     slowest_hz: float = number(
         6.0,
         "Hz",
         "frequency below which a wrong history and an effect in the fast part are alike",
-        "convention",
+        "chosen, not measured",
     )
     fast_peak: float = number(
-        0.3, "1", "share of a sample's noise: a reading with such peaks is in every record", "convention"
+        0.3,
+        "1",
+        "share of a sample's noise: a reading with such peaks is in every record",
+        "chosen, not measured",
     )
     gauge_fault: float = number(
         0.3,
         "1",
         "share of the smallest plausible strength of a gauge's fault that is in every record",
-        "convention",
+        "chosen, not measured",
     )
-    free_terms: float = number(3, "1", "terms of a form outside the catalogue, at most", "convention")
+    free_terms: float = number(
+        3, "1", "terms of a form outside the catalogue, at most", "chosen, not measured"
+    )
     term_price: float = number(
         12.0, "2 ln L", "price of a term of such a form, and least gain on held-out records in the tension",
         "virtual rig",
     )  # fmt: skip
     proposed_sums: float = number(
-        5, "1", "sums of terms of a rate that are fitted by their likelihood", "convention"
+        5, "1", "sums of terms of a rate that are fitted by their likelihood", "chosen, not measured"
     )
     parallel_terms: float = number(
         0.98,
         "1",
         "cosine of two terms' histories, above which frozen motion cannot tell them apart",
-        "convention",
+        "chosen, not measured",
     )
     turning_velocity: float = number(
-        0.1, "1", "share of the largest velocity at which a term with a sign turns", "convention"
+        0.1, "1", "share of the largest velocity at which a term with a sign turns", "chosen, not measured"
     )
     wider_range: float = number(
         10.0,
         "1",
         "factor by which ranges scaled to a motion are wider: its peaks are a rough measure",
-        "convention",
+        "chosen, not measured",
     )
