@@ -127,15 +127,15 @@ def is_on_disk(function: Callable[..., Any]) -> bool:
 
 def _file_of(source: str) -> str:
     """A file with this source among a user's cached files, for the compiled code to be kept beside it."""
-    base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
-    path = Path(base, "boltlaw", f"law_{hashlib.sha256(source.encode()).hexdigest()[:24]}.py")
     try:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+        path = Path(base, "boltlaw", f"law_{hashlib.sha256(source.encode()).hexdigest()[:24]}.py")
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             new = path.with_suffix(f".{os.getpid()}")
             new.write_text(source, encoding="utf-8")
             new.replace(path)
-    except OSError:  # no place to write to: compiled anew by every process
+    except (OSError, RuntimeError):  # no place to write to: compiled anew by every process
         return "<law>"
     return str(path.absolute())
 
