@@ -46,25 +46,25 @@ class _Still:
     rate_hz: float
 
 
-def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
+def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
     """Return what every fault that shows at rest explains, the noise of all records before the hits known.
 
     Parameters
     ----------
-    evidence : WhitenedResidual
+    residual : WhitenedResidual
         Traces of all records; faults that its model holds are taken out of them.
     options : Options
         Criteria.
     """
-    model, found, criteria = evidence.baseline.model, [], options.criteria.tension
+    model, found, criteria = residual.baseline.model, [], options.criteria.tension
     known = {effect.path for effect in model.effects}
-    for member, effect in candidates(model, motion_channels(evidence)):
+    for member, effect in candidates(model, motion_channels(residual)):
         if not isinstance(effect, SensorFault) or effect.path in known or not _shows(member, effect):
             continue
-        still = _before_hits(evidence, effect.channel, criteria.quiet_s)
+        still = _before_hits(residual, effect.channel, criteria.quiet_s)
         if still is not None and still.training.sum() >= criteria.quiet_records:
             fitted = (_of_each if per_record_names(effect) else _of_all)(member, effect, still)
-            if _is_material(fitted.effect, member, evidence, criteria):
+            if _is_material(fitted.effect, member, residual, criteria):
                 found.append(fitted)
     return tuple(found)
 
@@ -76,7 +76,7 @@ def _shows(member: Member, effect: SensorFault) -> bool:
 
 
 def _is_material(
-    fault: ModelCorrection, member: Member, evidence: WhitenedResidual, criteria: Tension
+    fault: ModelCorrection, member: Member, residual: WhitenedResidual, criteria: Tension
 ) -> bool:
     """Whether a fault is more than any amplifier has, and more than next to nothing of the weakest hit."""
     least = criteria.fault_at_rest
@@ -85,16 +85,16 @@ def _is_material(
     quantity, _, body = fault.enters.partition(":")[2].partition("_")
     if quantity != "force":
         return True
-    peaks = [np.abs(t.measurement.force[body]).max() for t in evidence.traces if body in t.measurement.force]
+    peaks = [np.abs(t.measurement.force[body]).max() for t in residual.traces if body in t.measurement.force]
     size = np.linalg.norm([fault.parameters[name].value for name in per_record_names(fault)])
     weakest = min((peak for peak in peaks if peak > 0), default=0.0)
     return bool(size > criteria.fault_of_hit * weakest)
 
 
-def _before_hits(evidence: WhitenedResidual, channel: str, shortest_s: float) -> _Still | None:
+def _before_hits(residual: WhitenedResidual, channel: str, shortest_s: float) -> _Still | None:
     """Samples of a channel; not of records that show nothing there, not even noise."""
     found = []
-    for trace in evidence.traces:
+    for trace in residual.traces:
         samples, rate_hz = as_measured(trace.measurement, channel)
         before = np.asarray(samples[: quiet_samples(trace.measurement, rate_hz)], dtype=np.float64)
         if len(before) >= shortest_s * rate_hz and np.ptp(before) > 0:

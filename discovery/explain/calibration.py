@@ -55,34 +55,34 @@ class _Fit:
     errors: FloatArray
 
 
-def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
+def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
     """Return what faults of the gauge explain of the tensions before the hits.
 
     None where preloads are not declared, are too few or no reference, or are near to what the gauge shows.
 
     Parameters
     ----------
-    evidence : WhitenedResidual
+    residual : WhitenedResidual
         Traces of all records; faults that its model holds are taken out of them.
     options : Options
         Criteria.
     """
-    known, shown = {effect.path for effect in evidence.baseline.model.effects}, _shown(evidence)
+    known, shown = {effect.path for effect in residual.baseline.model.effects}, _shown(residual)
     criteria = options.criteria.tension
     if _levels(shown.declared[shown.training], criteria.same_preload) < criteria.preload_levels:
         return ()
     found = (
         _explained(member, effect, shown, criteria)
-        for member, effect in candidates(evidence.baseline.model, ["tension"])
+        for member, effect in candidates(residual.baseline.model, ["tension"])
         if isinstance(effect, SensorFault) and effect.path not in known and moves_levels(effect)
     )
     return tuple(one for one in found if one is not None)
 
 
-def _shown(evidence: WhitenedResidual) -> _Shown:
+def _shown(residual: WhitenedResidual) -> _Shown:
     both = [
         (trace.settings, declared, tension.initial)
-        for trace in evidence.traces
+        for trace in residual.traces
         if (tension := trace.measurement.tension) is not None
         and (declared := trace.measurement.preload_n or 0.0) > 0
     ]

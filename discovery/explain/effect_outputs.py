@@ -19,18 +19,18 @@ from rom.identification.spectral_model import Linearised
 _DIFFERENCE = 1e-3  # of a parameter's size
 
 
-def output_of(effect: ModelCorrection, evidence: WhitenedResidual) -> FloatArray:
+def output_of(effect: ModelCorrection, residual: WhitenedResidual) -> FloatArray:
     """Whitened change of the output that an effect makes on all records, (rows,)."""
-    return outputs_of([effect], evidence)[:, 0]
+    return outputs_of([effect], residual)[:, 0]
 
 
-def outputs_of(effects: Sequence[ModelCorrection], evidence: WhitenedResidual) -> FloatArray:
+def outputs_of(effects: Sequence[ModelCorrection], residual: WhitenedResidual) -> FloatArray:
     """Whitened changes of the output by effects at one place, each by itself, (rows, effects)."""
-    out = np.zeros((len(evidence.residual), len(effects)))
+    out = np.zeros((len(residual.residual), len(effects)))
     forces = [effect for effect in effects if isinstance(effect, Effect)]
-    for trace, parts in evidence.by_record():
+    for trace, parts in residual.by_record():
         if forces:
-            found = effect_lines(trace, forces, evidence.baseline.model)
+            found = effect_lines(trace, forces, residual.baseline.model)
             if found is not None:
                 for (rows, linear), lines in zip(parts, found[0], strict=True):
                     out[rows] = linear.projected_forces(found[1], lines)
@@ -78,7 +78,7 @@ def _change_of_channel(fault: SensorFault, trace: MeasuredTrajectory) -> FloatAr
 
 
 def slopes_of(
-    effect: ModelCorrection, names: Sequence[str], sizes: FloatArray, evidence: WhitenedResidual
+    effect: ModelCorrection, names: Sequence[str], sizes: FloatArray, residual: WhitenedResidual
 ) -> FloatArray:
     """Slopes of an effect's output by its numbers, (rows, numbers).
 
@@ -92,11 +92,11 @@ def slopes_of(
         Its numbers.
     sizes : ndarray, shape (numbers,)
         What each is counted in, in its own unit.
-    evidence : WhitenedResidual
+    residual : WhitenedResidual
         The records, and the model beside which it is.
     """
     if not names:
-        return np.zeros((len(evidence.residual), 0))
+        return np.zeros((len(residual.residual), 0))
     alone, steps, moved = _lone_strength(effect), {}, []
     for name, size in zip(names, sizes, strict=True):
         old = effect.parameters[name]
@@ -105,7 +105,7 @@ def slopes_of(
         if name != alone:
             moved.append(cut_to_bounds(effect, {name: ahead}))
         steps[name] = ahead - old.value
-    outputs = outputs_of([effect, *moved], evidence)
+    outputs = outputs_of([effect, *moved], residual)
     here, changes = outputs[:, 0], iter(outputs.T[1:])
     slopes = np.empty((len(here), len(names)))
     for column, (name, size) in enumerate(zip(names, sizes, strict=True)):

@@ -56,31 +56,31 @@ _OF_TENSION: Terms = {
 }
 
 
-def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
+def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
     """Fit the best sparse sum of terms at every link, each with its costs on held-out records too.
 
     Parameters
     ----------
-    evidence : WhitenedResidual
+    residual : WhitenedResidual
         What the model leaves over of the motion.
     options : Options
         Seed of the ensembles of the sparse fits.
     """
-    model, criteria = evidence.baseline.model, options.criteria.tension
+    model, criteria = residual.baseline.model, options.criteria.tension
     taken = {effect.enters for effect in model.effects if effect.name == "free-form"}
-    left, found = evidence.beyond(evidence.residual), []
+    left, found = residual.beyond(residual.residual), []
     for link in model.structure.links:
         ends = (link.first, link.second)
         if link.name in taken:
             continue
-        peaks = np.array([[np.abs(m).max() for m in trace.relative(ends)] for trace in evidence.traces])
+        peaks = np.array([[np.abs(m).max() for m in trace.relative(ends)] for trace in residual.traces])
         terms = terms_at(
             *np.median(peaks, axis=0), tension=link.law == "bolted" and GROUND not in ends, criteria=criteria
         )
-        columns = evidence.beyond(outputs_of(single_terms(terms, link.name), evidence))
+        columns = residual.beyond(outputs_of(single_terms(terms, link.name), residual))
         effect = sparse_sum(columns, left, terms, link.name, options.seed, criteria)
         if effect is not None:
-            found.append(explanation(effect, member_of(effect), evidence))
+            found.append(explanation(effect, member_of(effect), residual))
     return tuple(found)
 
 

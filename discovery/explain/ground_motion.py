@@ -33,32 +33,32 @@ _REACH_HZ, _STEP_HZ = 1.0, 0.1
 _BAND = 2.0  # times the highest frequency that is looked for
 
 
-def explain(evidence: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
+def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
     """Return what every lasting force explains that has numbers of each record's own.
 
     Parameters
     ----------
-    evidence : WhitenedResidual
+    residual : WhitenedResidual
         Traces of all records; disturbances that its model holds are known.
     options : Options
         Threads, criteria.
     """
-    seconds = quiet_seconds([trace.measurement for trace in evidence.traces])
-    known = {effect.path for effect in evidence.baseline.model.effects}
+    seconds = quiet_seconds([trace.measurement for trace in residual.traces])
+    known = {effect.path for effect in residual.baseline.model.effects}
     if seconds == 0:
         return ()
     tasks = (
-        delayed(_explained)(member, effect, evidence, seconds, options.criteria.tension.disturbance)
-        for member, effect in candidates(evidence.baseline.model, motion_channels(evidence))
+        delayed(_explained)(member, effect, residual, seconds, options.criteria.tension.disturbance)
+        for member, effect in candidates(residual.baseline.model, motion_channels(residual))
         if isinstance(effect, Effect) and _lasts(member, effect) and effect.path not in known
     )
     return tuple(found for found in side_by_side(options.jobs)(tasks) if found is not None)
 
 
 def _explained(
-    member: Member, effect: Effect, evidence: WhitenedResidual, seconds: float, least: float
+    member: Member, effect: Effect, residual: WhitenedResidual, seconds: float, least: float
 ) -> Explanation | None:
-    return _Disturbance(member, effect, evidence, seconds).explained(least)
+    return _Disturbance(member, effect, residual, seconds).explained(least)
 
 
 def _lasts(member: Member, effect: Effect) -> bool:
@@ -69,8 +69,8 @@ def _lasts(member: Member, effect: Effect) -> bool:
 class _Disturbance:
     """One effect at one place, and the motion before the hits of all records that it moves."""
 
-    def __init__(self, member: Member, effect: Effect, evidence: WhitenedResidual, seconds: float) -> None:
-        self.member, self.evidence, self.seconds = member, evidence, seconds
+    def __init__(self, member: Member, effect: Effect, residual: WhitenedResidual, seconds: float) -> None:
+        self.member, self.residual, self.seconds = member, residual, seconds
         self.names = per_record_names(effect)
         self.effect = effect.with_values(**dict.fromkeys(self.names, 0.0))
         (self.inner,) = member.inner
@@ -79,8 +79,8 @@ class _Disturbance:
         highest = _BAND * effect.parameters[self.inner].bounds[1]
         self.body = effect.enters.partition(":")[2]
         self.rest = [
-            (trace, *_at_rest(evidence, trace, seconds, highest))
-            for trace in evidence.traces
+            (trace, *_at_rest(residual, trace, seconds, highest))
+            for trace in residual.traces
             if self.body in trace.bodies
         ]
 
@@ -108,7 +108,7 @@ class _Disturbance:
         mean = np.sqrt((np.array(list(sizes.values())) ** 2).mean(axis=0))
         typical = dict(zip(self.names, mean.tolist(), strict=True))
         effect = self.effect.with_values(**typical, **{self.inner: float(at)})
-        return explanation(effect, self.member, self.evidence.with_own(effect.path, own))
+        return explanation(effect, self.member, self.residual.with_own(effect.path, own))
 
     def _units(self, at: FloatArray) -> list[Effect]:
         """Forces of strength one, by frequency and number."""
@@ -137,7 +137,7 @@ class _Disturbance:
 
     def _after(self, at: FloatArray) -> FloatArray:
         """What the numbers from before the hits take from the training cost after them, (frequencies,)."""
-        (own, _), units, training = self._before(at), self._units(at), self.evidence.of_training()
+        (own, _), units, training = self._before(at), self._units(at), self.residual.of_training()
         gain = np.zeros(len(at))
         for trace, parts in training.by_record():
             if self.body not in trace.bodies:
@@ -151,13 +151,13 @@ class _Disturbance:
 
 
 def _at_rest(
-    evidence: WhitenedResidual, trace: MeasuredTrajectory, seconds: float, highest_hz: float
+    residual: WhitenedResidual, trace: MeasuredTrajectory, seconds: float, highest_hz: float
 ) -> tuple[SpectralRecord, Linearised]:
     """Spectra of a record before its hit, and what is left of them, whitened."""
-    model, seen = evidence.baseline.model, trace.seen()
+    model, seen = residual.baseline.model, trace.in_double_precision()
     count = int(seconds * seen.rate_hz)
     known = lasting_force(trace, model.effects, count)
     segment = segment_before_hit(seen, trace.bodies, trace.parts[0], known, highest_hz)
-    values = evidence.baseline.values(trace.parts[0], trace.level)
-    whitener = evidence.floors[trace.group].whitener(segment, values, count / seen.rate_hz)
+    values = residual.baseline.values(trace.parts[0], trace.level)
+    whitener = residual.floors[trace.group].whitener(segment, values, count / seen.rate_hz)
     return segment, linearise(segment, values, whitener)

@@ -46,10 +46,10 @@ class Probe:
     scores: FloatArray | None = None
 
 
-def motion_channels(evidence: WhitenedResidual) -> tuple[str, ...]:
+def motion_channels(residual: WhitenedResidual) -> tuple[str, ...]:
     """Names of the force and motion channels that the records hold."""
     names: dict[str, None] = {}
-    for trace in evidence.traces:
+    for trace in residual.traces:
         names |= {f"force_{body}": None for body in trace.measurement.force}
         names |= {f"{motion.kind}_{body}": None for body, motion in trace.measurement.motion.items()}
     return tuple(names)
@@ -68,51 +68,51 @@ def explain(residual: WhitenedResidual, options: Options) -> list[Explanation]:
     return explain_screened(screen(residual, options), residual, options)
 
 
-def screen(evidence: WhitenedResidual, options: Options) -> tuple[tuple[Probe, ...], ...]:
+def screen(residual: WhitenedResidual, options: Options) -> tuple[tuple[Probe, ...], ...]:
     """Try every effect of the catalogue at every place at small strengths; each effect's probes, best first.
 
     On some training records first, then the best of them on all. Effects are ordered by what their best probe
     explains.
     """
-    evidence = evidence.of_training()
-    model = evidence.baseline.model
+    residual = residual.of_training()
+    model = residual.baseline.model
     known = {(effect.name, effect.enters) for effect in model.effects}
     there = [
         (member, member.probes(effect))
-        for member, effect in candidates(model, motion_channels(evidence))
+        for member, effect in candidates(model, motion_channels(residual))
         if member.kind in ("force", "sensor")
         and effect.enters != "sensor:tension"
         and not per_record_names(effect)  # those show before the hits
         and (effect.name, effect.enters) not in known
     ]
-    jobs, tell, rules = options.jobs, options.stage("screening effects"), evidence.criteria.screening
-    rough = _probed_all(there, evidence.of(_telling(evidence)), jobs, tell)
+    jobs, tell, rules = options.jobs, options.stage("screening effects"), residual.criteria.screening
+    rough = _probed_all(there, residual.of(_telling(residual)), jobs, tell)
     least = rules.rough_share * rough[0][0].gain if rough else 0.0
     worth = [
         (probes[0].member, [probe.effect for probe in probes[: int(rules.rough_probes)]])
         for place, probes in enumerate(rough)
         if place < rules.rough_effects or probes[0].gain > least
     ]
-    return _probed_all(worth, evidence, jobs, None)
+    return _probed_all(worth, residual, jobs, None)
 
 
-def _telling(evidence: WhitenedResidual) -> list[int]:
+def _telling(residual: WhitenedResidual) -> list[int]:
     """Places of some records: those that most is left over of, and a few of all."""
-    costs = np.array(list(evidence.costs(evidence.left_over(evidence.residual)).values()))
-    every = max(round(1 / evidence.criteria.screening.record_share), 1)
+    costs = np.array(list(residual.costs(residual.left_over(residual.residual)).values()))
+    every = max(round(1 / residual.criteria.screening.record_share), 1)
     most = np.argsort(costs)[::-1][: -(-len(costs) // every)]
     return sorted({*most.tolist(), *range(0, len(costs), every)})
 
 
 def _probed_all(
     there: Sequence[tuple[Member, Sequence[ModelCorrection]]],
-    evidence: WhitenedResidual,
+    residual: WhitenedResidual,
     jobs: int,
     progress: Progress | None,
 ) -> tuple[tuple[Probe, ...], ...]:
     """Probes of every effect, best first; effects by what their best one explains."""
-    left = evidence.beyond(evidence.residual)
-    tasks = (delayed(_probed)(member, probes, evidence, left) for member, probes in there)
+    left = residual.beyond(residual.residual)
+    tasks = (delayed(_probed)(member, probes, residual, left) for member, probes in there)
     found: list[tuple[Probe, ...]] = []
     for probed in Parallel(n_jobs=jobs, prefer="threads", return_as="generator")(tasks):
         found.append(probed)
@@ -122,14 +122,14 @@ def _probed_all(
 
 
 def _probed(
-    member: Member, probes: Sequence[ModelCorrection], evidence: WhitenedResidual, left: FloatArray
+    member: Member, probes: Sequence[ModelCorrection], residual: WhitenedResidual, left: FloatArray
 ) -> tuple[Probe, ...]:
-    found, owner = [], evidence.owner[evidence.training]
+    found, owner = [], residual.owner[residual.training]
     for first in range(0, len(probes), _AT_ONCE):
         some = probes[first : first + _AT_ONCE]
-        outputs = outputs_of(some, evidence)
-        wholes = np.sum(outputs[evidence.training] ** 2, axis=0)
-        rows = np.ascontiguousarray(evidence.beyond(outputs).T)
+        outputs = outputs_of(some, residual)
+        wholes = np.sum(outputs[residual.training] ** 2, axis=0)
+        rows = np.ascontiguousarray(residual.beyond(outputs).T)
         for probe, beyond, whole in zip(some, rows, wholes.tolist(), strict=True):
             size = float(beyond @ beyond)
             if size <= 1e-18 * whole or whole == 0.0 or not np.isfinite(size):
@@ -138,7 +138,7 @@ def _probed(
             amplitude = float(np.clip(along / size, *_reach(member, probe)))
             gain = amplitude * (2 * along - amplitude * size)
             kept = float(np.sqrt(size / whole))
-            scores = by_record(beyond, left, owner, len(evidence.traces))
+            scores = by_record(beyond, left, owner, len(residual.traces))
             found.append(Probe(member, probe, gain, amplitude, kept, scores))
     return tuple(sorted(found, key=lambda probe: -probe.gain))
 
@@ -199,7 +199,7 @@ def worth_fitting(
 
 
 def explain_screened(
-    probes: Sequence[Sequence[Probe]], evidence: WhitenedResidual, options: Options
+    probes: Sequence[Sequence[Probe]], residual: WhitenedResidual, options: Options
 ) -> list[Explanation]:
     """Fit the effects that a screen promises.
 
@@ -207,15 +207,15 @@ def explain_screened(
     ----------
     probes : sequence of sequences of Probe
         From `screen`.
-    evidence : WhitenedResidual
+    residual : WhitenedResidual
         Of the model so far, on all records.
     options : Options
         Threads, progress and criteria.
     """
-    remainder, criteria = evidence.beyond(evidence.residual), options.criteria
+    remainder, criteria = residual.beyond(residual.residual), options.criteria
     promising = worth_fitting(probes, float(remainder @ remainder), criteria)
     largest, tell = by_chance(probes, criteria), options.stage("fitting effects")
-    tasks = (delayed(explain_effect)(probed, evidence, largest) for probed in promising)
+    tasks = (delayed(explain_effect)(probed, residual, largest) for probed in promising)
     explanations: list[Explanation] = []
     for found in Parallel(n_jobs=options.jobs, prefer="threads", return_as="generator")(tasks):
         explanations.append(found)
@@ -225,7 +225,7 @@ def explain_screened(
 
 
 def explain_effect(
-    probes: Sequence[Probe], evidence: WhitenedResidual, largest: FloatArray | None = None
+    probes: Sequence[Probe], residual: WhitenedResidual, largest: FloatArray | None = None
 ) -> Explanation:
     """Fit an effect and the model's numbers together, from its best probes.
 
@@ -233,7 +233,7 @@ def explain_effect(
     ----------
     probes : sequence of Probe
         Of one effect, best first.
-    evidence : WhitenedResidual
+    residual : WhitenedResidual
         All records; held-out ones are judged alone.
     largest : ndarray, shape (draws,)
         Gains that the screen makes by chance: the effect's is told from its best probe. None: not told.
@@ -243,10 +243,10 @@ def explain_effect(
     Explanation
         The effect, and costs of every record without and with it.
     """
-    training, member = evidence.of_training(), probes[0].member
-    starts = _starts(probes, int(evidence.criteria.screening.starts))
+    training, member = residual.of_training(), probes[0].member
+    starts = _starts(probes, int(residual.criteria.screening.starts))
     effect = min((_fitted(member, start, training) for start in starts), key=lambda fit: fit[1])[0]
-    found = explanation(effect, member, evidence)
+    found = explanation(effect, member, residual)
     return found if largest is None else replace(found, p_value=p_value(probes[0].gain, largest))
 
 
@@ -287,21 +287,21 @@ def _sizes(effect: ModelCorrection, names: Sequence[str], member: Member) -> Flo
 
 
 def _fitted(
-    member: Member, effect: ModelCorrection, evidence: WhitenedResidual
+    member: Member, effect: ModelCorrection, residual: WhitenedResidual
 ) -> tuple[ModelCorrection, float]:
     """Levenberg-Marquardt steps in an effect's numbers, those of the model taken out at every step."""
     names = free_numbers(effect, member)
-    left = evidence.beyond(evidence.residual - output_of(effect, evidence))
+    left = residual.beyond(residual.residual - output_of(effect, residual))
     cost, damping = float(left @ left), 1e-4
     for _ in range(_ITERATIONS):
-        slopes = _slopes(effect, names, member, evidence)
+        slopes = _slopes(effect, names, member, residual)
         matrix, right = slopes.T @ slopes, slopes.T @ left
         trial = None
         for _ in range(6):
             step = np.linalg.lstsq(matrix + damping * np.diag(np.diag(matrix)), right, rcond=1e-12)[0]
             moved = dict(zip(names, step * _sizes(effect, names, member), strict=True))
             trial = cut_to_bounds(effect, {n: effect.parameters[n].value + moved[n] for n in names})
-            after = evidence.beyond(evidence.residual - output_of(trial, evidence))
+            after = residual.beyond(residual.residual - output_of(trial, residual))
             if float(after @ after) < cost:
                 break
             trial, damping = None, max(damping * 10, 1e-6)
@@ -315,35 +315,35 @@ def _fitted(
 
 
 def _slopes(
-    effect: ModelCorrection, names: Sequence[str], member: Member, evidence: WhitenedResidual
+    effect: ModelCorrection, names: Sequence[str], member: Member, residual: WhitenedResidual
 ) -> FloatArray:
     """Slopes of the output by an effect's numbers in their sizes, the model's taken off: (rows, numbers)."""
-    return evidence.beyond(slopes_of(effect, names, _sizes(effect, names, member), evidence))
+    return residual.beyond(slopes_of(effect, names, _sizes(effect, names, member), residual))
 
 
-def explanation(effect: ModelCorrection, member: Member, evidence: WhitenedResidual) -> Explanation:
+def explanation(effect: ModelCorrection, member: Member, residual: WhitenedResidual) -> Explanation:
     """Costs with an effect and without, and its numbers with their limits."""
     names = free_numbers(effect, member)
-    rows = evidence.residual - output_of(effect, evidence)
-    beyond = evidence.beyond(rows)
+    rows = residual.residual - output_of(effect, residual)
+    beyond = residual.beyond(rows)
     spread = max(float(beyond @ beyond) / len(beyond), 1.0)
-    slopes = _slopes(effect, names, member, evidence)
+    slopes = _slopes(effect, names, member, residual)
     inverse = np.asarray(np.linalg.pinv(slopes.T @ slopes, rcond=1e-12, hermitian=True), dtype=float)
-    errors = standard_errors(inverse, _by_record(slopes, beyond, evidence), spread)
+    errors = standard_errors(inverse, _by_record(slopes, beyond, residual), spread)
     errors *= _sizes(effect, names, member)
     return Explanation(
         effect=limited(effect, dict(zip(names, errors.tolist(), strict=True))),
-        before=evidence.costs(evidence.left_over(evidence.residual)),
-        after=evidence.costs(evidence.left_over(rows)),
-        samples=evidence.samples,
-        hold_out=frozenset(t.settings.file for t in evidence.traces if t.settings.hold_out),
+        before=residual.costs(residual.left_over(residual.residual)),
+        after=residual.costs(residual.left_over(rows)),
+        samples=residual.samples,
+        hold_out=frozenset(t.settings.file for t in residual.traces if t.settings.hold_out),
         free_numbers=len(names),
         at_bound=tuple(n for n in names if effect.parameters[n].value in effect.parameters[n].bounds),
     )
 
 
-def _by_record(slopes: FloatArray, left: FloatArray, evidence: WhitenedResidual) -> FloatArray:
+def _by_record(slopes: FloatArray, left: FloatArray, residual: WhitenedResidual) -> FloatArray:
     """Slopes times what is left over, summed over the rows of every record, (records, numbers)."""
-    owner, records = evidence.owner[evidence.training], len(evidence.traces)
+    owner, records = residual.owner[residual.training], len(residual.traces)
     products = (slopes * left[:, None])[: len(owner)]
     return np.stack([np.bincount(owner, weights=one, minlength=records) for one in products.T], axis=1)

@@ -16,45 +16,45 @@ from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
 _REFITS, _DAMPINGS, _SETTLED = 5, (0.0, 1e-4, 1e-2, 1.0), 1e-4
 
 
-def refit(evidence: WhitenedResidual) -> WhitenedResidual:
+def refit(residual: WhitenedResidual) -> WhitenedResidual:
     """Gauss-Newton steps in all numbers of a model, those of its effects among them, on training records.
 
     Damped ones where a free one does not lower the cost, none where that does not help either.
     """
     for _ in range(_REFITS):
-        beside = with_effects(evidence)
-        trials = (evidence.at(evidence.baseline.moved(beside.steps(beside.residual, d))) for d in _DAMPINGS)
-        better = next((one for one in trials if cost(one) < cost(evidence)), None)
+        beside = with_effects(residual)
+        trials = (residual.at(residual.baseline.stepped(beside.steps(beside.residual, d))) for d in _DAMPINGS)
+        better = next((one for one in trials if cost(one) < cost(residual)), None)
         if better is None:
             return beside
-        done = cost(evidence) - cost(better) < _SETTLED * cost(better)
-        evidence = better
+        done = cost(residual) - cost(better) < _SETTLED * cost(better)
+        residual = better
         if done:
             break
-    return with_effects(evidence)
+    return with_effects(residual)
 
 
-def linearised_start(evidence: WhitenedResidual, effect: Effect) -> WhitenedResidual:
-    """Return the evidence with an effect in its model, whose numbers suit training records as slopes tell."""
-    rows = evidence.residual - output_of(effect, evidence)
-    here = float(np.sum(rows[evidence.training] ** 2))
+def linearised_start(residual: WhitenedResidual, effect: Effect) -> WhitenedResidual:
+    """Return the residual with an effect in its model, whose numbers suit training records as slopes tell."""
+    rows = residual.residual - output_of(effect, residual)
+    here = float(np.sum(rows[residual.training] ** 2))
     for damping in _DAMPINGS:
-        moved = evidence.baseline.moved(evidence.steps(rows, damping))
-        beside = evidence.at(replace(moved, model=effect.added_to(moved.model)))
+        moved = residual.baseline.stepped(residual.steps(rows, damping))
+        beside = residual.at(replace(moved, model=effect.added_to(moved.model)))
         if cost(beside) < here:
             return beside
-    same = replace(evidence.baseline, model=effect.added_to(evidence.baseline.model))
-    return evidence.at(same)
+    same = replace(residual.baseline, model=effect.added_to(residual.baseline.model))
+    return residual.at(same)
 
 
-def refit_fault(evidence: WhitenedResidual, fault: SensorFault) -> FreeParameters:
+def refit_fault(residual: WhitenedResidual, fault: SensorFault) -> FreeParameters:
     """Return the baseline with a fault of its model moved to where the records that it corrects want it.
 
     What is left of a fault that is small adds to it; from afar, slopes by all numbers are off.
     """
-    member, baseline = CATALOGUE[fault.name], evidence.baseline
+    member, baseline = CATALOGUE[fault.name], residual.baseline
     none = fault.with_values(**dict.fromkeys(member.strengths, 0.0))
-    more = explain_effect([Probe(member, none, 0.0, 1.0, 1.0)], evidence).effect
+    more = explain_effect([Probe(member, none, 0.0, 1.0, 1.0)], residual).effect
     values = {
         name: float(np.clip(p.value + more.parameters[name].value, *p.bounds))
         for name, p in fault.parameters.items()
@@ -65,21 +65,21 @@ def refit_fault(evidence: WhitenedResidual, fault: SensorFault) -> FreeParameter
     return replace(baseline, model=replace(baseline.model, effects=effects))
 
 
-def reestimate_noise(evidence: WhitenedResidual) -> WhitenedResidual:
+def reestimate_noise(residual: WhitenedResidual) -> WhitenedResidual:
     """Refit beside the noise of bodies struck alone as it is now, where an effect had passed for it."""
-    floors = noise_of(evidence.baseline, evidence.traces)
-    both = evidence.floors.keys() & floors.keys()  # none of a group's records may be simulable any more
+    floors = noise_of(residual.baseline, residual.traces)
+    both = residual.floors.keys() & floors.keys()  # none of a group's records may be simulable any more
     if all(
-        evidence.floors[one].sensor.max() < evidence.criteria.closing.noise_ratio * floors[one].sensor.max()
+        residual.floors[one].sensor.max() < residual.criteria.closing.noise_ratio * floors[one].sensor.max()
         for one in both
     ):
-        return evidence
-    return refit(whiten(evidence.traces, evidence.baseline, floors, evidence.criteria))
+        return residual
+    return refit(whiten(residual.traces, residual.baseline, floors, residual.criteria))
 
 
-def residual_without(evidence: WhitenedResidual, effect: Effect) -> WhitenedResidual:
+def residual_without(residual: WhitenedResidual, effect: Effect) -> WhitenedResidual:
     """What a model leaves over without one of its effects, all other numbers as they are."""
-    return evidence.at(without_effect(evidence.baseline, effect))
+    return residual.at(without_effect(residual.baseline, effect))
 
 
 def without_effect(baseline: FreeParameters, effect: ModelCorrection) -> FreeParameters:
@@ -88,14 +88,14 @@ def without_effect(baseline: FreeParameters, effect: ModelCorrection) -> FreePar
     return replace(baseline, model=replace(baseline.model, effects=kept))
 
 
-def with_effects(evidence: WhitenedResidual) -> WhitenedResidual:
+def with_effects(residual: WhitenedResidual) -> WhitenedResidual:
     """The same with slopes by the numbers of the model's own forces."""
-    columns, names = [evidence.jacobian], list(evidence.names)
-    for effect in evidence.baseline.model.effects:
+    columns, names = [residual.jacobian], list(residual.names)
+    for effect in residual.baseline.model.effects:
         if isinstance(effect, Effect):
             member = CATALOGUE.get(effect.name)
             free = tuple(effect.parameters) if member is None else free_numbers(effect, member)
             sizes = np.array([size_of(effect.parameters[name].value) for name in free])
-            columns.append(slopes_of(effect, free, sizes, evidence))
+            columns.append(slopes_of(effect, free, sizes, residual))
             names += [effect_number(effect, name) for name in free]
-    return replace(evidence, jacobian=np.concatenate(columns, axis=1), names=tuple(names))
+    return replace(residual, jacobian=np.concatenate(columns, axis=1), names=tuple(names))

@@ -112,27 +112,27 @@ class Place:
         return out
 
 
-def training_lines(evidence: WhitenedResidual) -> tuple[Lines, ...]:
+def training_lines(residual: WhitenedResidual) -> tuple[Lines, ...]:
     """Return the whitened lines of all parts of the training records."""
     found, first = [], 0
-    for trace, part, linear in evidence.parts:
+    for trace, part, linear in residual.parts:
         count = 2 * part.motion.size
-        rows = evidence.residual[first : first + count].reshape(2, *part.motion.shape)
+        rows = residual.residual[first : first + count].reshape(2, *part.motion.shape)
         first += len(linear.residual)
         if not trace.settings.hold_out:
             found.append(Lines(trace, part, linear, rows))
     return tuple(found)
 
 
-def places(evidence: WhitenedResidual) -> tuple[Place, ...]:
+def places(residual: WhitenedResidual) -> tuple[Place, ...]:
     """Return the places that a missing force may have: bolted links, then bodies."""
-    model = evidence.baseline.model
+    model = residual.baseline.model
     links = [
         Place(link.name, (link.first, link.second), bolted=True)
         for link in model.structure.links
         if link.law == "bolted"
     ]
-    bodies = dict.fromkeys(body for trace in evidence.traces for body in trace.bodies)
+    bodies = dict.fromkeys(body for trace in residual.traces for body in trace.bodies)
     return (*links, *(Place(f"body {body}", (body, _GROUND), bolted=False) for body in bodies))
 
 

@@ -105,7 +105,7 @@ class Localisation:
 
 
 def localise(
-    evidence: WhitenedResidual,
+    residual: WhitenedResidual,
     numbers: Mapping[str, float] | None = None,
     courses: Mapping[str, Profile] | None = None,
     criteria: Localising = CRITERIA.localisation,
@@ -114,7 +114,7 @@ def localise(
 
     Parameters
     ----------
-    evidence : WhitenedResidual
+    residual : WhitenedResidual
         What the model leaves over.
     numbers : mapping of str to float, optional
         Other errors, kept as they are.
@@ -123,9 +123,9 @@ def localise(
     criteria : Localising
         The numbers that decide.
     """
-    parts = training_lines(evidence)
+    parts = training_lines(residual)
     squares = [(one.trace, one.part.frequency, one.rows) for one in parts]
-    where = places(evidence)
+    where = places(residual)
     forces = tuple(force_maps(where, parts, criteria))
     return Localisation(
         by_channel=_mean_squares(

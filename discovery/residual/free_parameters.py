@@ -78,7 +78,7 @@ class FreeParameters:
             found[f"{term}:{parameter}"] = (float(moved(tension)) - here) / here * size / step
         return found
 
-    def moved(self, steps: Mapping[str, float]) -> FreeParameters:
+    def stepped(self, steps: Mapping[str, float]) -> FreeParameters:
         """The same with its numbers moved, by the names of ``slopes`` and in their units."""
         model, corners = self.model, dict(self.corners)
         for name, step in steps.items():

@@ -277,16 +277,20 @@ def noise_of(baseline: FreeParameters, traces: Sequence[MeasuredTrajectory]) -> 
     quiet = []
     for t in traces:
         force = lasting_force(t, baseline.model.effects, int(seconds * t.measurement.rate_hz))
-        quiet.append(before_hit(t.seen(), t.bodies, t.parts[0], baseline.values(t.parts[0], t.level), force))
+        quiet.append(
+            before_hit(
+                t.in_double_precision(), t.bodies, t.parts[0], baseline.values(t.parts[0], t.level), force
+            )
+        )
     floors = noise_floors(quiet)
     alone = [trace for trace in traces if trace.measurement.test == "uncoupled"]
     if not alone:
         return floors
-    evidence = whiten(alone, baseline, floors)
-    left = evidence.left_over(evidence.residual)
+    residual = whiten(alone, baseline, floors)
+    left = residual.left_over(residual.residual)
     lift: dict[Group, float] = {}
     for place, trace in enumerate(alone):
-        level = float(np.median(left[evidence.owner == place] ** 2)) / _MEDIAN_SQUARE
+        level = float(np.median(left[residual.owner == place] ** 2)) / _MEDIAN_SQUARE
         lift[trace.group] = max(level, 1.0, lift.get(trace.group, 1.0))
     return {group: floor.raised(lift.get(group, 1.0)) for group, floor in floors.items()}
 

@@ -68,7 +68,7 @@ class MeasuredTrajectory:
     token: object = field(default_factory=object, init=False, repr=False)
     """What tells this record along this motion from all others."""
 
-    def seen(self) -> Measurement:
+    def in_double_precision(self) -> Measurement:
         """The measurement in double precision, to calculate with."""
         return self.measurement.as_type(np.float64)
 

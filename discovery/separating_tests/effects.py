@@ -47,7 +47,7 @@ class _Test:
 def separating_tests(
     best: ModelCorrection,
     rivals: Sequence[ModelCorrection],
-    evidence: WhitenedResidual,
+    residual: WhitenedResidual,
     enough: float,
     near: float,
     rules: Separating = CRITERIA.separating,
@@ -59,10 +59,10 @@ def separating_tests(
     Parameters
     ----------
     best : ModelCorrection
-        The effect in the evidence's model.
+        The effect in the model of the residual.
     rivals : sequence of ModelCorrection
         With their fitted numbers.
-    evidence : WhitenedResidual
+    residual : WhitenedResidual
         The refined model on the records at hand.
     enough, near : float
         Difference in cost that tells two effects apart: so much, and such a share of what the best explains.
@@ -77,11 +77,11 @@ def separating_tests(
     in_motion = [one.kind in ("force", "sensor fault") for one in (best, *rivals)]
     if not in_motion[0] or not any(in_motion[1:]):
         return [""] * len(rivals)
-    tests = list(_tests(evidence, rules))
+    tests = list(_tests(residual, rules))
     if not tests:
         return [""] * len(rivals)
-    traced = with_effects(whiten([test.trace for test in tests], evidence.baseline, evidence.floors))
-    here = evidence.of_training()
+    traced = with_effects(whiten([test.trace for test in tests], residual.baseline, residual.floors))
+    here = residual.of_training()
     repeats = _repeats(rules)
     needed = np.maximum(enough, near * _gains(best, None, here, traced, repeats))
     return [
@@ -95,18 +95,18 @@ def _repeats(rules: Separating) -> list[int]:
     return [*(times for times in _REPEATS if times < most), most]
 
 
-def _tests(evidence: WhitenedResidual, rules: Separating) -> Iterator[_Test]:
+def _tests(residual: WhitenedResidual, rules: Separating) -> Iterator[_Test]:
     """Tests like those at hand, with harder hits, from the other side and on the other bodies too."""
     sizes = [*(size for size in _FACTORS if size < rules.effect_hardest), rules.effect_hardest]
     factors = [side * size for size in sizes for side in (1, -1)]  # below 0: from the other side
-    masses = {body.name: body.mass for body in evidence.baseline.model.structure.bodies}
-    for trace in _at_hand(evidence.of_training().traces, int(rules.effect_preloads)):
+    masses = {body.name: body.mass for body in residual.baseline.model.structure.bodies}
+    for trace in _at_hand(residual.of_training().traces, int(rules.effect_preloads)):
         alone = trace.measurement.test == "uncoupled"
         where = "alone, bolt out," if alone else f"at {trace.level:.3g} N of tension"
         struck, peak = _hit(trace)
         for body, factor in product(trace.bodies, factors):
             times = factor * masses[body] / masses[struck]  # as fast a motion of either body
-            imagined = _imagined(trace, evidence, body, times)
+            imagined = _imagined(trace, residual, body, times)
             if imagined is not None:
                 side = "" if factor > 0 else " from the other side"
                 yield _Test(f"hit {body} {where} with {abs(times) * peak:.3g} N{side}", abs(factor), imagined)
@@ -131,12 +131,12 @@ def _hit(trace: MeasuredTrajectory) -> tuple[str, float]:
 
 
 def _imagined(
-    trace: MeasuredTrajectory, evidence: WhitenedResidual, body: str, times: float
+    trace: MeasuredTrajectory, residual: WhitenedResidual, body: str, times: float
 ) -> MeasuredTrajectory | None:
     """The record as the model has it, its force on a body and multiplied; None where the model diverges."""
-    seen, (struck, _) = trace.seen(), _hit(trace)
+    seen, (struck, _) = trace.in_double_precision(), _hit(trace)
     hit = replace(seen, force={body: times * seen.force[struck]})
-    response = replay(evidence.baseline.model, hit).response
+    response = replay(residual.baseline.model, hit).response
     if response.status != "ok":
         return None
     motion = {
@@ -158,19 +158,19 @@ def _imagined(
 def _struck(part: SpectralRecord, here: int, there: int, times: float) -> SpectralRecord:
     """Spectra of a force that goes from one body to another and is multiplied; the hammer's noise stays."""
 
-    def moved(columns: ComplexArray) -> ComplexArray:
+    def relocated(columns: ComplexArray) -> ComplexArray:
         out = np.zeros_like(columns)
         out[:, there] = columns[:, here]
         return out
 
-    errors = None if part.force_errors is None else moved(part.force_errors)
-    return replace(part, force=times * moved(part.force), force_errors=errors, motion=times * part.motion)
+    errors = None if part.force_errors is None else relocated(part.force_errors)
+    return replace(part, force=times * relocated(part.force), force_errors=errors, motion=times * part.motion)
 
 
 def _gains(
     best: ModelCorrection,
     rival: ModelCorrection | None,
-    evidence: WhitenedResidual,
+    residual: WhitenedResidual,
     tests: WhitenedResidual,
     numbers: Sequence[int],
 ) -> FloatArray:
@@ -181,8 +181,8 @@ def _gains(
     the two apart: that may rest on what the model has a little wrong, and does not count for a rival.
     """
     gone = {effect_number(best, name) for name in best.parameters}
-    names = [name for name in evidence.names if name not in gone]
-    here = _normals(best, rival, evidence, names)
+    names = [name for name in residual.names if name not in gone]
+    here = _normals(best, rival, residual, names)
     now = sum(here[1:], here[0])
     left = now.remainder()
     every = _normals(best, rival, tests, names)
@@ -196,23 +196,23 @@ def _gains(
 
 
 def _normals(
-    best: ModelCorrection, rival: ModelCorrection | None, evidence: WhitenedResidual, names: Sequence[str]
+    best: ModelCorrection, rival: ModelCorrection | None, residual: WhitenedResidual, names: Sequence[str]
 ) -> list[NormalSums]:
     """The sums of every record."""
-    place = {name: k for k, name in enumerate(evidence.names)}
-    none = np.zeros(len(evidence.residual))
+    place = {name: k for k, name in enumerate(residual.names)}
+    none = np.zeros(len(residual.residual))
     columns = np.column_stack(
-        [evidence.jacobian[:, place[name]] if name in place else none for name in names]
+        [residual.jacobian[:, place[name]] if name in place else none for name in names]
     )
-    difference = -output_of(best, evidence)
+    difference = -output_of(best, residual)
     if rival is not None:
         free = free_numbers(rival, CATALOGUE[rival.name])
         sizes = np.array([size_of(rival.parameters[name].value) for name in free])
-        columns = np.column_stack([columns, slopes_of(rival, free, sizes, evidence)])
-        difference += output_of(rival, evidence)
+        columns = np.column_stack([columns, slopes_of(rival, free, sizes, residual)])
+        difference += output_of(rival, residual)
     found = []
-    for record in range(len(evidence.traces)):
-        rows = evidence.owner == record
+    for record in range(len(residual.traces)):
+        rows = residual.owner == record
         mine, d = columns[rows], difference[rows]
         found.append(NormalSums(mine.T @ mine, mine.T @ d, float(d @ d)))
     return found

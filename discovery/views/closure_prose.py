@@ -191,7 +191,7 @@ def _remains(data: Data) -> Iterator[str]:
     before, after = data["residual"]["before"], data["residual"]["after"]
     start = f"was {_number(before['total'])} and " if data["effects"] else ""
     size = f"the mean square of the residual {start}is {_number(after['total'])} times that of noise."
-    rest = [*(_left(after) if data["verdict"] == "unexplained" else _like_noise(after))]
+    rest = [*(_remaining(after) if data["verdict"] == "unexplained" else _like_noise(after))]
     yield " ".join([size, *rest, *_on_courses(before, after)])
 
 
@@ -215,7 +215,7 @@ def _like_noise(after: Data) -> Iterator[str]:
         yield f"What is left is small, but shows more dependence than noise would (p {_chance(p)})."
 
 
-def _left(after: Data) -> Iterator[str]:
+def _remaining(after: Data) -> Iterator[str]:
     places = list(lives_in(after))
     where = f"It is largest at: {'; '.join(places)}" if places else "It stands out in no view"
     yield f"What is left is more than noise. {where}."

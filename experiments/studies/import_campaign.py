@@ -61,7 +61,7 @@ def run(
     with tempfile.TemporaryDirectory() as fetched:
         collected = collect(name, source or fetch(name, Path(fetched)), channel_map)
         with _appearing(new_dir) as folder:
-            write_campaign(folder, collected.settings, _told(collected, progress))
+            write_campaign(folder, collected.settings, _with_progress(collected, progress))
             read_campaign(folder, jobs)
     return collected.notes()
 
@@ -99,7 +99,9 @@ def places(first: Path, second: Path | None, download: bool) -> tuple[Path | Non
     return existing(first), second
 
 
-def _told(collected: Collected, progress: Progress | None) -> Iterator[tuple[str, Mapping[str, Channel]]]:
+def _with_progress(
+    collected: Collected, progress: Progress | None
+) -> Iterator[tuple[str, Mapping[str, Channel]]]:
     for done, record in enumerate(collected.records, start=1):
         yield record
         if progress is not None:

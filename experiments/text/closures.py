@@ -81,7 +81,7 @@ def answer(data: Data) -> Answer:
     verdict = str(data.get("verdict"))
     return Answer(
         _QUESTION,
-        _verdict(verdict, effects_of(data), _left(data)),
+        _verdict(verdict, effects_of(data), _remaining(data)),
         tuple(_sentences(data)),
         tuple(_headlines(data)),
         _GOOD.get(verdict),
@@ -93,7 +93,7 @@ def effects_of(data: Data) -> list[Data]:
     return mappings(data.get("effects"))
 
 
-def _left(data: Data) -> str:
+def _remaining(data: Data) -> str:
     """Return what a closed loop leaves, in words: noise alone, or a share of the residual's mean square."""
     before, after = (side.get("total") for side in sides(data))
     if (

@@ -100,11 +100,11 @@ def effect_equations(text: str, enters: str) -> list[Markup]:
         left, equals, right = part.partition(" = ")
         if not equals:
             left, right = ("dT/dt" if enters == "tension" else "F"), part
-        lines.append(equation(_left(left.strip()), right.strip()))
+        lines.append(equation(_left_side(left.strip()), right.strip()))
     return lines
 
 
-def _left(text: str) -> Markup:
+def _left_side(text: str) -> Markup:
     """Return the left side of an equation: a symbol, the rate of one, or an expression."""
     rate = _RATE.match(text)
     if rate:

@@ -106,14 +106,14 @@ def overview(references: Mapping[str, Data]) -> str:
             rows.append([name, "no result yet", NONE, NONE, NONE])
             continue
         found = ", ".join(f"{e['name']} ({place_words(e['enters'])})" for e in effects_of(closure))
-        key = _told(closure)
+        key = _main_measure(closure)
         errors = closure["errors"]["hold_out"]
         before, after = (_percent(errors[when].get(key), key) for when in ("before", "after"))
         rows.append([name, str(closure["verdict"]), found or NONE, before, after])
     return table(("set", "verdict", "effects found", "error before, held out", "after"), rows)
 
 
-def _told(closure: Data) -> str:
+def _main_measure(closure: Data) -> str:
     """Return the first error measure that the set has: of motion, or of a link's force."""
     before = closure["errors"]["hold_out"]["before"]
     return next((key for key in MEASURES if isinstance(before.get(key), float)), "")

@@ -89,7 +89,10 @@ def _means(
         result = _cases(assembly, coefficients, task)
     else:
         result = np.concatenate(
-            [_cases(assembly, coefficients[i : i + 1], _one(task, i, rest)) for i, rest in enumerate(rests)]
+            [
+                _cases(assembly, coefficients[i : i + 1], _of_case(task, i, rest))
+                for i, rest in enumerate(rests)
+            ]
         )
     if np.isnan(result).any():  # looked for here alone, to read the records once
         finite("forces", force)
@@ -115,7 +118,7 @@ def _rests(
     return rests if rests.any() else None
 
 
-def _one(task: Task, case: int, rest: FloatArray) -> Task:
+def _of_case(task: Task, case: int, rest: FloatArray) -> Task:
     """The task of one case, from where it rests."""
     one = slice(case, case + 1)
     return task._replace(y0=rest, force=task.force[one], tensions=task.tensions[one], edges=task.edges[one])

@@ -37,7 +37,7 @@ def _model_summary(model: Model) -> str:
         lines.append(f"{effect.name} in {effect.enters}: {effect.equation}")
         lines += [f"    {name} = {with_limits(p)}" for name, p in effect.parameters.items()]
     found = _identification(model)
-    return "\n".join([*lines, *(() if found is None else _found(found))])
+    return "\n".join([*lines, *(() if found is None else _identification_lines(found))])
 
 
 def _law_lines(letter: str, law: Law) -> Iterator[str]:
@@ -57,7 +57,7 @@ def _identification(model: Model) -> Identification | None:
     return model.identification if isinstance(model.identification, Identification) else None
 
 
-def _found(found: Identification) -> Iterator[str]:
+def _identification_lines(found: Identification) -> Iterator[str]:
     aside = len({doubt.file for doubt in found.set_aside})
     yield f"identified from {len(found.records)} training records, {aside} set aside"
     yield from (f"  note: {text}" for text in found.warnings)

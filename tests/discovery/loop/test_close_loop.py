@@ -141,7 +141,7 @@ def test_what_the_model_s_numbers_imitate_is_no_evidence() -> None:
 
 def test_a_step_along_the_measured_motion_is_right_from_afar_where_one_along_the_model_s_is_not() -> None:
     near = evidence()
-    far = whiten(near.traces, near.baseline.moved({"flexure_lo.stiffness": 0.3}), near.floors)
+    far = whiten(near.traces, near.baseline.stepped({"flexure_lo.stiffness": 0.3}), near.floors)
     back, short = (
         replace(far, from_afar=along).steps(far.residual)["flexure_lo.stiffness"] for along in (True, False)
     )

@@ -82,7 +82,7 @@ def test_what_a_tie_holds_is_not_taken_off_a_residual() -> None:
 
 def test_moved_numbers_keep_their_ties() -> None:
     baseline = evidence(0.0).baseline
-    assert baseline.moved({NAMES[0]: 0.1}).ties == baseline.ties
+    assert baseline.stepped({NAMES[0]: 0.1}).ties == baseline.ties
 
 
 def test_what_a_link_s_own_test_says_of_it_holds_only_where_no_effect_acts_in_it() -> None:
@@ -102,7 +102,7 @@ def test_what_a_link_s_own_test_says_of_it_holds_only_where_no_effect_acts_in_it
 
 def test_an_effect_s_numbers_that_are_the_stiffness_law_s_own_move_with_it() -> None:
     effect = CATALOGUE["oscillating-tension-stiffness"].at("joint")
-    moved = FreeParameters(effect.added_to(rom.paper_model()), {}).moved({"joint.stiffness:alpha": 0.1})
+    moved = FreeParameters(effect.added_to(rom.paper_model()), {}).stepped({"joint.stiffness:alpha": 0.1})
     law = moved.model.link_laws["joint"].stiffness.parameters
     (own,) = (one.parameters for one in moved.model.effects)
     assert own["alpha"].value == law["alpha"].value == pytest.approx(0.9 * effect.parameters["alpha"].value)
@@ -111,7 +111,7 @@ def test_an_effect_s_numbers_that_are_the_stiffness_law_s_own_move_with_it() -> 
 
 def test_a_step_beyond_all_numbers_is_none() -> None:
     baseline = FreeParameters(rom.paper_model(), {})
-    moved = baseline.moved({"joint.stiffness:alpha": np.inf, "joint.stiffness:beta": 0.1})
+    moved = baseline.stepped({"joint.stiffness:alpha": np.inf, "joint.stiffness:beta": 0.1})
     before, after = (one.model.link_laws["joint"].stiffness.parameters for one in (baseline, moved))
     assert after["alpha"].value == before["alpha"].value
     assert after["beta"].value == pytest.approx(1.1 * before["beta"].value)
