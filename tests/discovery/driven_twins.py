@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +25,15 @@ def nothing(_x: FloatArray, v: FloatArray) -> FloatArray:
     return np.zeros_like(v)
 
 
-def campaign_of(folder: Path, body: str, link: str, law: str, records: Records) -> rom.Campaign:
-    """Write and read a campaign of one body of unknown mass on one link to ground."""
+def campaign_of(
+    folder: Path, body: str, link: str, law: str, records: Records, mass_kg: float | None = None
+) -> rom.Campaign:
+    """Write and read a campaign of one body on one link to ground; its mass is unknown by default."""
     rates = {rate for *_, rate in records.values()}
     settings: dict[str, Any] = {
         "format": "boltlaw-campaign/1",
         "name": folder.name,
-        "body": [{"name": body}],
+        "body": [{"name": body} if mass_kg is None else {"name": body, "mass_kg": mass_kg}],
         "link": [{"name": link, "between": [body, "ground"], "law": law}],
         "sampling": {"motion_rate_hz": max(rates), "tension_rate_hz": max(rates), "pretrigger_s": 0.0},
         "record": [
@@ -47,23 +49,40 @@ def campaign_of(folder: Path, body: str, link: str, law: str, records: Records) 
 
 
 def driven(
-    folder: Path, *, stiffness: float = 8000.0, offset: float = 0.0, extra: Extra = nothing, seed: int = 1
+    folder: Path,
+    *,
+    stiffness: float = 8000.0,
+    offset: float = 0.0,
+    extra: Extra = nothing,
+    seed: int = 1,
+    sizes: Sequence[float] = (1.0,) * RECORDS,
+    given_kg: float | None = None,
+    gain: float = 0.0,
+    noise_m: float = 2e-6,
 ) -> rom.Campaign:
-    """A body of 2 kg, 6 N s/m and some stiffness under multisines of 1 to 40 Hz, noise of 2 um and 0.02 N."""
+    """A body of 2 kg, 6 N s/m and some stiffness under multisines of 1 to 40 Hz.
+
+    Sensors have noise of 0.02 N and ``noise_m``.
+    The last record is held out. Forces are ``sizes`` times the usual one, record by record; the force sensor
+    shows ``gain`` too much, and the campaign tells the mass where one is given.
+    """
+    count = len(sizes)
     rng, fine_s = np.random.default_rng(seed), 1 / (RATE_HZ * SUBSTEPS)
     steps = int(SECONDS * RATE_HZ) * SUBSTEPS
     time = np.arange(2 * steps + 1) * fine_s / 2
     lines = np.arange(1.0, 40.0, 0.5)
-    phases = rng.uniform(0, 2 * np.pi, (RECORDS, len(lines)))
+    phases = rng.uniform(0, 2 * np.pi, (count, len(lines)))
     force = (
-        np.stack([np.cos(2 * np.pi * np.outer(time, lines) + p).sum(axis=1) for p in phases], axis=1) * 3.0
+        np.stack([np.cos(2 * np.pi * np.outer(time, lines) + p).sum(axis=1) for p in phases], axis=1)
+        * 3.0
+        * np.asarray(sizes)
     )
 
     def rates(x: FloatArray, v: FloatArray, at: int) -> tuple[FloatArray, FloatArray]:
         return v, (force[at] + offset - 6.0 * v - stiffness * x - extra(x, v)) / 2.0
 
-    x, v = np.zeros(RECORDS), np.zeros(RECORDS)
-    shown = np.empty((steps // SUBSTEPS, RECORDS))
+    x, v = np.zeros(count), np.zeros(count)
+    shown = np.empty((steps // SUBSTEPS, count))
     for step in range(steps):
         if step % SUBSTEPS == 0:
             shown[step // SUBSTEPS] = x
@@ -74,17 +93,17 @@ def driven(
         x, v = (
             y + fine_s / 6 * (p + 2 * q + 2 * r + s) for y, p, q, r, s in zip((x, v), a, b, c, d, strict=True)
         )
-    shown += 2e-6 * rng.normal(size=shown.shape)
-    forces = force[: 2 * steps : 2 * SUBSTEPS] + 0.02 * rng.normal(size=shown.shape)
+    shown += noise_m * rng.normal(size=shown.shape)
+    forces = (1 + gain) * force[: 2 * steps : 2 * SUBSTEPS] + 0.02 * rng.normal(size=shown.shape)
     records = {
         f"run_{k}.h5": (
-            "driven", k == RECORDS - 1,
+            "driven", k == count - 1,
             {"force_mass": forces[:, k], "displacement_mass": shown[:, k]}, RATE_HZ,
         )
-        for k in range(RECORDS)
+        for k in range(count)
     }  # fmt: skip
     law = "linear" if stiffness else "dashpot"
-    return campaign_of(folder, "mass", "guide", law, records)
+    return campaign_of(folder, "mass", "guide", law, records, given_kg)
 
 
 def cycled(folder: Path, friction: float, seed: int = 1) -> rom.Campaign:

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.explain.force_balance import fitted, screen, starts_of
+from discovery.loop.balance_refits import BalanceRefits
 from discovery.loop.close_loop import close_loop
 from discovery.loop.result import Closure
 from discovery.options import Options
@@ -74,6 +76,59 @@ def test_cubic_stiffness_of_a_driven_oscillator_is_named(tmp_path: Path) -> None
     assert before is not None
     assert after is not None
     assert after < before / 5
+
+
+def test_chance_is_drawn_from_blocks_of_driven_records_where_these_are_enough(tmp_path: Path) -> None:
+    campaign = twins.driven(tmp_path / "cubic", extra=cubic, sizes=(0.3,) * 4)
+    few = Criteria().changed(chance={"blocks": 2})
+    (drawn,), (nominal,) = (close_loop(campaign, criteria=one).effects for one in (CRITERIA, few))
+    assert (drawn.effect.name, nominal.effect.name) == ("cubic-stiffness", "cubic-stiffness")
+    assert (drawn.chance, nominal.chance) == ("drawn", "likelihood ratio")
+    assert drawn.p_value == 0.001
+    assert nominal.p_value < 1e-6
+
+
+def test_criteria_that_are_handed_over_decide_what_is_named(tmp_path: Path) -> None:
+    campaign = twins.driven(tmp_path / "cubic", extra=cubic, sizes=(0.3,) * 4)
+    none = close_loop(campaign, criteria=Criteria().changed(acceptance={"training_gain_motion": 1e9}))
+    assert (none.verdict, none.effects, len(none.steps)) == ("unexplained", (), 1)
+    anything = close_loop(campaign, criteria=Criteria().changed(acceptance={"noise_level": 1e3}))
+    assert anything.verdict == "closed"
+    assert none.residual_before.total == anything.residual_before.total
+
+
+def test_a_gain_of_the_force_sensor_is_named_where_the_mass_is_given(tmp_path: Path) -> None:
+    found = close_loop(twins.driven(tmp_path / "gain", given_kg=2.0, gain=-0.1))
+    (one,) = found.effects
+    assert (one.effect.name, one.effect.enters) == ("force-gain", "sensor:force_mass")
+    gain = one.effect.parameters["g"]
+    assert gain.value == pytest.approx(-0.1, abs=2e-3)
+    assert gain.low is not None
+    assert gain.high is not None
+    assert gain.low < -0.1 < gain.high
+    assert found.verdict == "closed"
+    assert found.model.parameters["guide.stiffness.k"].value == pytest.approx(8000.0, rel=5e-3)
+
+
+def test_a_gain_that_an_added_mass_imitates_is_among_what_cannot_be_told_from_it(tmp_path: Path) -> None:
+    (one,) = close_loop(twins.driven(tmp_path / "gain", given_kg=2.0, gain=0.1)).effects
+    assert "force-gain" in {one.effect.name, *(other.name for other in one.look_alikes)}
+
+
+def test_no_gain_of_the_force_sensor_is_offered_where_all_numbers_are_free(tmp_path: Path) -> None:
+    free, given = (
+        BalanceRefits.of(twins.driven(tmp_path / name, given_kg=mass, gain=-0.1), Options())
+        for name, mass in (("free", None), ("given", 2.0))
+    )
+    offered = [
+        {probes[0].effect.name for probes in refits.screen(refits.start().residual)}
+        for refits in (free, given)
+    ]
+    assert "force-gain" not in offered[0]
+    assert "force-gain" in offered[1]
+    found = close_loop(free.campaign)
+    assert (found.verdict, found.effects) == ("no-effect", ())
+    assert found.model.structure.bodies[0].mass == pytest.approx(1.8, rel=5e-3)
 
 
 def test_coulomb_friction_of_a_floating_mass_is_named(tmp_path: Path) -> None:

@@ -1,0 +1,99 @@
+"""What effects explain of the forces that a driven twin leaves unbalanced, and what they do by chance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rom
+from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.decide.acceptance import is_accepted
+from discovery.decide.chance import p_value
+from discovery.explain.force_balance import explain, screen
+from discovery.explain.motion import by_chance
+from discovery.loop.balance_refits import BalanceRefits
+from discovery.options import Options
+from discovery.residual.force_balance import ForceBalanceResidual
+from rom.campaign.channels import FloatArray
+from tests.discovery import driven_twins as twins
+from tests.shared import Shared, once_per_run
+
+DRAWS = 20
+
+
+def cubic(x: FloatArray, _v: FloatArray) -> FloatArray:
+    return 2e7 * x**3
+
+
+def campaign_of(kind: str) -> rom.Campaign:
+    folder = Shared.here.new_folder() / "twin"
+    if kind == "clean":
+        return twins.driven(folder)
+    return twins.driven(folder, extra=cubic, sizes=(0.3,) * 4)
+
+
+@once_per_run
+def residual_of(kind: str) -> ForceBalanceResidual:
+    residual = BalanceRefits.of(campaign_of(kind), Options()).start().residual
+    assert isinstance(residual, ForceBalanceResidual)
+    return residual
+
+
+def with_noise(residual: ForceBalanceResidual, seed: int) -> ForceBalanceResidual:
+    """The same motion under a model that lacks nothing, forces with noise drawn anew."""
+    balances = residual.balances
+    numbers = np.array([residual.values[name] for name in balances.names])
+    noise = balances.noise * np.random.default_rng(seed).normal(size=len(balances.noise))
+    drawn = replace(balances, force=balances.columns @ numbers + noise)
+    return replace(residual, balances=drawn).with_numbers()
+
+
+def test_blocks_are_runs_of_rows_of_one_record_each() -> None:
+    residual = residual_of("clean")
+    pieces, records = residual.pieces, residual.owner[residual.training]
+    assert len(np.unique(pieces)) == CRITERIA.chance.blocks * len(np.unique(records))
+    for piece in np.unique(pieces):
+        mine = np.flatnonzero(pieces == piece)
+        assert np.array_equal(mine, np.arange(mine[0], mine[-1] + 1))
+        assert len(np.unique(records[mine])) == 1
+    sizes = np.bincount(pieces)
+    assert sizes.max() - sizes.min() <= 1
+    four = replace(residual, criteria=Criteria().changed(chance={"blocks": 4}))
+    assert len(np.unique(four.pieces)) == 4 * len(np.unique(records))
+
+
+def test_scores_of_blocks_add_up_to_what_a_probe_explains() -> None:
+    residual = residual_of("cubic")
+    best = next(
+        probes[0] for probes in screen(residual, Options()) if probes[0].effect.name == "cubic-stiffness"
+    )
+    assert best.scores is not None
+    assert len(best.scores) == 3 * CRITERIA.chance.blocks
+    assert float(best.scores.sum()) ** 2 == pytest.approx(best.gain, rel=1e-6)
+
+
+def test_chance_is_drawn_from_blocks_where_there_are_enough() -> None:
+    found = {one.effect.name: one for one in explain(residual_of("cubic"), Options())}
+    assert found["cubic-stiffness"].p_value == 0.001
+    assert is_accepted(found["cubic-stiffness"])
+
+
+@pytest.mark.parametrize("changed", [{"blocks": 2}, {"fewest_pieces": 49}])
+def test_chance_is_that_of_the_likelihood_ratio_where_there_are_fewer(changed: dict[str, float]) -> None:
+    criteria = Criteria().changed(chance=changed)
+    residual = replace(residual_of("cubic"), criteria=criteria)
+    found = explain(residual, Options(criteria=criteria))
+    assert found
+    assert [one.p_value for one in found] == [None] * len(found)
+
+
+def test_false_alarms_of_the_whole_catalogue_in_noise_are_as_many_as_are_asked() -> None:
+    alarms = 0
+    for seed in range(DRAWS):
+        probes = screen(with_noise(residual_of("clean"), seed), Options())
+        largest = by_chance(probes)
+        assert largest is not None
+        alarms += p_value(probes[0][0].gain, largest) <= CRITERIA.chance.false_alarms
+    assert alarms <= 4  # binomial: more come with a chance below 1 %
