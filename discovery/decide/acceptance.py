@@ -24,6 +24,11 @@ def at_noise_floor(level: float, first: float, criteria: Criteria = CRITERIA) ->
         Mean squares of the whitened residual with the effects and without; 1 is noise.
     criteria : Criteria
         The numbers that decide.
+
+    Returns
+    -------
+    bool
+        True for noise, or next to nothing of the first residual.
     """
     rules = criteria.acceptance
     return level - 1 <= max(rules.noise_level - 1, rules.explained_remainder * (first - 1))
@@ -89,7 +94,22 @@ def in_tension(one: Explanation) -> bool:
 
 
 def is_indistinguishable(one: Explanation, best: Explanation, criteria: Criteria = CRITERIA) -> bool:
-    """Whether an effect's cost is within chance of the best one's, or of a slightly wrong form of it."""
+    """Whether an effect's cost is within chance of the best one's, or of a slightly wrong form of it.
+
+    Parameters
+    ----------
+    one : Explanation
+        The effect that is asked about.
+    best : Explanation
+        The effect that explains most.
+    criteria : Criteria
+        The numbers that decide.
+
+    Returns
+    -------
+    bool
+        True where both cost about the same, on training records too for effects in the tension.
+    """
     rules, spread = criteria.acceptance, spread_of(best)
     held = bool(best.hold_out & set(best.before))
     # few tests that are held out tell anything of the tension: what they cannot tell apart training tests may
@@ -127,6 +147,11 @@ def is_material(
         of it.
     criteria : Criteria
         The numbers that decide.
+
+    Returns
+    -------
+    bool
+        False where no error is known on either side.
     """
     rules = criteria.acceptance
     least = (0.0 if closes else rules.material_error) if least is None else least
@@ -147,6 +172,18 @@ def harms(before: ErrorsByKind, after: ErrorsByKind, criteria: Criteria = CRITER
     What suits courses each with a rate of its own can still ruin the law that all share. Losses scatter from
     test to test by about a factor of two, so the few that are held out may be met well by chance before: the
     mean over training and held-out records counts, and may rise a little; none may be lost.
+
+    Parameters
+    ----------
+    before, after : mapping of str to Errors
+        Errors by kind of record, without the effect and with it.
+    criteria : Criteria
+        The numbers that decide.
+
+    Returns
+    -------
+    bool
+        True where more records fail, or a mean error rises by more than the factor allowed.
     """
     if any(after[kind]["failed"] > before[kind]["failed"] for kind in before):
         return True

@@ -28,7 +28,24 @@ _SEED: Numerical[int] = 0  # numbers of a closure are the same on every run
 def by_record(
     output: FloatArray, residual: FloatArray, owner: npt.NDArray[np.int64], records: int
 ) -> FloatArray:
-    """Return a_i of one effect, (records,); rows past those of the records, as of ties, tell nothing."""
+    """Return a_i of one effect, (records,); rows past those of the records, as of ties, tell nothing.
+
+    Parameters
+    ----------
+    output : ndarray, shape (rows or more,)
+        Output of the effect over the noise, what the model's numbers imitate taken off.
+    residual : ndarray, shape (rows or more,)
+        Whitened residual, the same taken off.
+    owner : ndarray of int, shape (rows,)
+        Place of each row's record.
+    records : int
+        Number of records.
+
+    Returns
+    -------
+    ndarray, shape (records,)
+        a_i; NaN for an output that is zero.
+    """
     product = output[: len(owner)] * residual[: len(owner)]
     return np.asarray(np.bincount(owner, weights=product, minlength=records) / np.linalg.norm(output))
 
@@ -61,6 +78,11 @@ def largest_of_noise(
         Mean square of the numbers: what is left over may be more than noise.
     criteria : Criteria
         For the number of draws.
+
+    Returns
+    -------
+    ndarray, shape (draws,)
+        In the units of the cost.
     """
     rules = criteria.chance
     drawn = np.random.default_rng(_SEED).standard_normal((effects[0].shape[1], rules.draws))

@@ -105,6 +105,11 @@ def standard_errors(inverse: FloatArray, scores: FloatArray, spread: float = 1.0
         g_i.
     spread : float
         s^2, mean square of what is left over.
+
+    Returns
+    -------
+    ndarray, shape (numbers,)
+        In the units of the numbers.
     """
     count = int(np.any(scores != 0, axis=1).sum())
     by_record = inverse @ (scores.T @ scores) @ inverse * (count / max(count - 1, 1))

@@ -94,6 +94,11 @@ def slopes_of(
         What each is counted in, in its own unit.
     residual : WhitenedResidual
         The records, and the model beside which it is.
+
+    Returns
+    -------
+    ndarray, shape (rows, numbers)
+        Change of the whitened output by one size of each number.
     """
     if not names:
         return np.zeros((len(residual.residual), 0))

@@ -182,6 +182,11 @@ def explanation(
         What the catalogue says of it.
     before, after : ForceBalanceResidual
         Without it and with it, all other numbers fitted.
+
+    Returns
+    -------
+    Explanation
+        Costs by record, and the numbers that lie at an end of their range.
     """
     free = free_numbers(effect, member)
     return Explanation(

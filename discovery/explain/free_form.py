@@ -95,6 +95,11 @@ def terms_at(x: float, v: float, *, tension: bool, criteria: Tension = CRITERIA.
         Whether terms with the tension are among them.
     criteria : Tension
         Share of the velocity at which a sign turns.
+
+    Returns
+    -------
+    mapping
+        From each term, as text, to the exponents of N, m and s of its coefficient.
     """
     x, v = float(f"{x:.2g}"), float(f"{v:.2g}")
     terms = {**_TERMS, **(_OF_TENSION if tension else {})}
@@ -131,6 +136,11 @@ def sparse_sum(
         Of the ensembles.
     criteria : Tension
         Most terms, and the price of each.
+
+    Returns
+    -------
+    Effect or None
+        The sum as a force on the link.
     """
     spread = max(float(left @ left) / len(left), 1.0)
     sums = sparse_sums(columns, left, seed, criteria)
@@ -176,6 +186,11 @@ def sparse_sums(
         As for `discovery.search.optimizers.sparse_supports`.
     singles : bool
         Whether every column is tried by itself too.
+
+    Returns
+    -------
+    list of SparseSum
+        In the order of their columns; empty with fewer than two columns that differ.
     """
     sound = [k for k in range(columns.shape[1]) if np.isfinite(columns[:, k]).all()]
     kept, _ = usable(columns[:, sound], [str(k) for k in sound])

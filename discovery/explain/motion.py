@@ -211,6 +211,11 @@ def explain_screened(
         Of the model so far, on all records.
     options : Options
         Threads, progress and criteria.
+
+    Returns
+    -------
+    list of Explanation
+        One for each effect that was fitted, in the order of the screen.
     """
     remainder, criteria = residual.beyond(residual.residual), options.criteria
     promising = worth_fitting(probes, float(remainder @ remainder), criteria)
@@ -322,7 +327,22 @@ def _slopes(
 
 
 def explanation(effect: ModelCorrection, member: Member, residual: WhitenedResidual) -> Explanation:
-    """Costs with an effect and without, and its numbers with their limits."""
+    """Costs with an effect and without, and its numbers with their limits.
+
+    Parameters
+    ----------
+    effect : ModelCorrection
+        With its fitted numbers.
+    member : Member
+        What the catalogue says of it.
+    residual : WhitenedResidual
+        Of the model without the effect, on all records.
+
+    Returns
+    -------
+    Explanation
+        With 95 % limits, and costs of every record without and with the effect.
+    """
     names = free_numbers(effect, member)
     rows = residual.residual - output_of(effect, residual)
     beyond = residual.beyond(rows)

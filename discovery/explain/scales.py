@@ -89,6 +89,11 @@ def at_scale(
         Whether it acts between a body and the ground.
     criteria : Tension
         How much wider than the scaled ranges they may be.
+
+    Returns
+    -------
+    Effect
+        At the same place, with other numbers.
     """
     wider = criteria.wider_range
     known = OF_GROUND if ground else OF_JOINT

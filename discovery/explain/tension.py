@@ -72,6 +72,11 @@ def explain_one(residual: TensionResidual, options: Options, path: str) -> Expla
         As for `explain`.
     path : str
         Path of the effect.
+
+    Returns
+    -------
+    Explanation or None
+        Of the effect with this path.
     """
     return next((e for e in findings(residual, options, path).explanations if e.effect.path == path), None)
 
@@ -87,6 +92,11 @@ def findings(residual: TensionResidual, options: Options, path: str = "") -> Ten
         As for `explain`.
     path : str
         Of an effect: no other that shows in the courses is fitted then. All are by default.
+
+    Returns
+    -------
+    TensionFindings
+        Without explanations where the residual holds no data.
     """
     held = {effect.path for effect in residual.model.effects}
     effects = [
@@ -113,6 +123,11 @@ def compared(
         Effects that show in the courses, and those that show in the fast part alone.
     options : Options
         As for `explain`.
+
+    Returns
+    -------
+    TensionFindings
+        Without explanations where the residual holds no data.
     """
     data, base = residual.data, residual.baseline
     if data is None or base is None:

@@ -56,6 +56,13 @@ class LawSearch:
             The law alone.
         report : callable
             Called after every effect.
+
+        Returns
+        -------
+        gains : list of TensionGain
+            One for each effect.
+        baseline : CourseFit
+            The law alone, at least as good as `base`.
         """
         shared = [pair for pair in effects if not per_record_names(pair[1])]
         screened: list[tuple[ModelCorrection, CourseFit]] = []

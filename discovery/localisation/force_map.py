@@ -113,6 +113,11 @@ def courses_at(
         Whitened lines of all records.
     criteria : Localising
         Which lines are faded.
+
+    Returns
+    -------
+    tuple of Course
+        One for each record with lines that show it.
     """
     records: dict[int, list[Lines]] = {}
     for one in parts:
@@ -187,6 +192,11 @@ def force_map(
         Force and motion there, one for each record.
     criteria : Localising
         Blocks, folds and the quantile of the chance level.
+
+    Returns
+    -------
+    ForceMap
+        Mean force [N] in bins of displacement [m] and velocity [m/s]; levels over noise, shares, cosines.
     """
     edges = _edges([one.displacement for one in courses]), _edges([one.velocity for one in courses])
     sums = _Sums(courses, edges, criteria)
@@ -344,6 +354,11 @@ def force_maps(
         Whitened lines of all records.
     criteria : Localising
         As for `courses_at` and `force_map`.
+
+    Yields
+    ------
+    ForceMap
+        As from `force_map`.
     """
     for place in where:
         courses = courses_at(place, parts, criteria)

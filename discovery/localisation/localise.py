@@ -122,6 +122,11 @@ def localise(
         Views of the tension's misfit, kept as they are.
     criteria : Localising
         The numbers that decide.
+
+    Returns
+    -------
+    Localisation
+        Mean squares over noise by each view; 1 is noise.
     """
     parts = training_lines(residual)
     squares = [(one.trace, one.part.frequency, one.rows) for one in parts]
@@ -193,6 +198,11 @@ def class_label(place: int, edges: Sequence[float], unit: str) -> str:
         Edges between the classes.
     unit : str
         Of the edges.
+
+    Returns
+    -------
+    str
+        Such as ``"10 to 30 N"``.
     """
     if place == 0:
         return f"0 to {edges[0]:g} {unit}"

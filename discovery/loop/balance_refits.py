@@ -89,7 +89,22 @@ class BalanceRefits:
         return State(model, balance, errors_of(evaluations), material, least, None, evaluations, lines)
 
     def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:  # noqa: ARG002
-        """All effects fitted together."""
+        """All effects fitted together.
+
+        Parameters
+        ----------
+        state : State
+            The model so far.
+        explanation : Explanation
+            Of the effect that is added.
+        renew_noise : bool
+            Without effect: noise comes from the channels alone.
+
+        Returns
+        -------
+        Residual
+            Of the model with the effect.
+        """
         residual = _balance(state.residual)
         if explanation.residual is None:
             return fitted(residual, (explanation.effect,))[0]

@@ -42,6 +42,11 @@ def describe(
         Whose sensors may be at fault: so many more effects were tried.
     limited, separating : callable
         Limits and tests by the kind of campaign.
+
+    Returns
+    -------
+    FoundEffect
+        As it stands in the result.
     """
     best, rivals = selection.best, selection.rivals
     effect = next((e for e in state.model.effects if e.path == best.effect.path), best.effect)

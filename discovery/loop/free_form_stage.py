@@ -24,6 +24,11 @@ def or_free_form(refits: Refits, history: LoopHistory, start: LoopHistory) -> Lo
         With what the catalogue named in the motion.
     start : LoopHistory
         The same before the first of these effects.
+
+    Returns
+    -------
+    LoopHistory
+        The history that was given, or one from the start with the free form.
     """
     criteria = refits.options.criteria
     if history.last.level <= criteria.acceptance.noise_level:

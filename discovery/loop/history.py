@@ -181,6 +181,11 @@ def indistinguishable(
         Whether hold-out records count, or what training records say alone.
     criteria : Criteria
         The numbers that decide.
+
+    Returns
+    -------
+    tuple of Explanation
+        Without the best; empty where it has no rival.
     """
 
     def of_kind(explanation: Explanation) -> Explanation:

@@ -77,6 +77,11 @@ class ImpactRefits:
         warnings : tuple of str
             What is already known of the campaign.
 
+        Returns
+        -------
+        ImpactRefits
+            With the campaign's identification.
+
         Raises
         ------
         ValueError
@@ -163,6 +168,20 @@ class ImpactRefits:
         """Add an effect, follow all records anew and refit everything together.
 
         ``renew_noise``: what was in the noise before the hits is not any more.
+
+        Parameters
+        ----------
+        state : State
+            The model so far.
+        explanation : Explanation
+            Of the effect that is added.
+        renew_noise : bool
+            Whether the noise before the hits is estimated anew: what was in it is not any more.
+
+        Returns
+        -------
+        Residual
+            Of the model with the effect, on all records.
         """
         residual = _impact(state.residual)
         effect, near = explanation.effect, residual.baseline

@@ -25,7 +25,22 @@ Candidate = tuple[Selection, Residual]
 def with_later_disturbances(
     refits: Refits, history: LoopHistory, given: Selection | None = None
 ) -> LoopHistory:
-    """Add effects in the motion; then what shows before the hits once more, examined after them."""
+    """Add effects in the motion; then what shows before the hits once more, examined after them.
+
+    Parameters
+    ----------
+    refits : Refits
+        Of the campaign.
+    history : LoopHistory
+        The loop so far.
+    given : Selection or None
+        Effect that is added first, without another screen.
+
+    Returns
+    -------
+    LoopHistory
+        With all effects in the motion that were accepted.
+    """
     after = in_motion(refits, history, given)
     if after.names == history.names:
         return after
@@ -34,7 +49,22 @@ def with_later_disturbances(
 
 
 def in_motion(refits: Refits, history: LoopHistory, given: Selection | None = None) -> LoopHistory:
-    """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance."""
+    """Add effects in the motion, ``given`` the first, until none of the catalogue helps beyond chance.
+
+    Parameters
+    ----------
+    refits : Refits
+        Of the campaign.
+    history : LoopHistory
+        The loop so far.
+    given : Selection or None
+        Effect that is added first, without another screen.
+
+    Returns
+    -------
+    LoopHistory
+        With all effects in the motion that were accepted.
+    """
     criteria = refits.options.criteria
     if given is not None:
         after = by_itself(refits, history.last, given)
@@ -65,7 +95,22 @@ def in_motion(refits: Refits, history: LoopHistory, given: Selection | None = No
 
 
 def by_itself(refits: Refits, state: State, selection: Selection) -> State:
-    """The state with one more effect, everything refitted, beside the noise as it is then."""
+    """The state with one more effect, everything refitted, beside the noise as it is then.
+
+    Parameters
+    ----------
+    refits : Refits
+        Of the campaign.
+    state : State
+        The model so far.
+    selection : Selection
+        The effect that is added.
+
+    Returns
+    -------
+    State
+        With its errors.
+    """
     return refits.evaluated(refits.with_present_noise(refits.refit_with(state, selection.best)))
 
 
@@ -126,5 +171,18 @@ def _remaining(candidate: Candidate) -> tuple[int, float]:
 
 
 def between(explanation: Explanation, before: Residual, after: Residual) -> Explanation:
-    """What an effect explains by fits of everything without it and with it."""
+    """What an effect explains by fits of everything without it and with it.
+
+    Parameters
+    ----------
+    explanation : Explanation
+        Of the effect.
+    before, after : Residual
+        Without the effect and with it, everything refitted.
+
+    Returns
+    -------
+    Explanation
+        The same effect with the costs of these two fits.
+    """
     return replace(explanation, before=before.costs(before.residual), after=after.costs(after.residual))

@@ -34,6 +34,11 @@ def without_redundant_in_tension(refits: Refits, history: LoopHistory, first: in
         Its effects from the ``first`` on are in the tension or its gauge.
     first : int
         Place of the first of these.
+
+    Returns
+    -------
+    LoopHistory
+        The same object where none is redundant.
     """
     for place in range(first, len(history.selections) - 1):
         shorter = _over_again(refits, history, place)

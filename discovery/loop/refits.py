@@ -51,7 +51,22 @@ class Refits(Protocol):
         ...
 
     def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:
-        """What is left over with one more effect, everything refitted; ``renew_noise``: the noise too."""
+        """What is left over with one more effect, everything refitted; ``renew_noise``: the noise too.
+
+        Parameters
+        ----------
+        state : State
+            The model so far.
+        explanation : Explanation
+            Of the effect that is added.
+        renew_noise : bool
+            Whether the noise is estimated anew.
+
+        Returns
+        -------
+        Residual
+            Of the model with the effect.
+        """
         ...
 
     def refit_from(self, residual: Residual, effect: ModelCorrection) -> Residual | None:

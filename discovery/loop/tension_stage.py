@@ -71,7 +71,22 @@ def _named(refits: Refits, history: LoopHistory) -> LoopHistory:
 
 
 def adopted(refits: Refits, state: State, explanation: Explanation) -> State:
-    """The state with one more effect, everything refitted."""
+    """The state with one more effect, everything refitted.
+
+    Parameters
+    ----------
+    refits : Refits
+        Of the campaign.
+    state : State
+        The model so far.
+    explanation : Explanation
+        Of the effect that is added.
+
+    Returns
+    -------
+    State
+        With its errors.
+    """
     residual = refits.refit_with(state, explanation)
     return refits.evaluated(residual, law_is_fitted=bool(explanation.beside))
 

@@ -129,6 +129,11 @@ class CourseFits:
             Corrections by re-simulation [N], those of the start by default.
         roughly : bool
             Whether few steps are enough.
+
+        Returns
+        -------
+        CourseFit
+            At the likelihood's maximum over the training records.
         """
         train = self.data.part(hold_out=False)
         if offsets is None:

@@ -96,6 +96,20 @@ def lasting_force(trace: MeasuredTrajectory, effects: Sequence[ModelCorrection],
     """Force [N] of a record's first samples on its bodies that acts all the time, (samples, bodies).
 
     That of effects with numbers of each record's own; others wait for the hit.
+
+    Parameters
+    ----------
+    trace : MeasuredTrajectory
+        The record, with its own numbers of the effects.
+    effects : sequence of ModelCorrection
+        All of the model.
+    samples : int
+        Samples at the record's own rate.
+
+    Returns
+    -------
+    ndarray, shape (samples, bodies)
+        Force [N], zero where no effect has numbers of the record's own.
     """
     out = np.zeros((samples, len(trace.bodies)))
     for effect in effects:
@@ -134,6 +148,11 @@ def lines_from_start(
         Forces on one body, each by itself.
     segment : SpectralRecord
         Part of the record.
+
+    Returns
+    -------
+    ndarray of complex, shape (lines, effects)
+        Spectra of the forces [N s].
     """
     key = (_grid(trace, segment), *_equations(effects))
     held = _RECENT.get(key)

@@ -66,6 +66,11 @@ def project_readings(
         The readings [N].
     criteria : Tension
         Window, slowest frequency, and the share of the peaks that is no finding.
+
+    Returns
+    -------
+    Projected
+        The whitened tension, and a column for every trial.
     """
     found = _after_hit(record, nodes, columns, criteria)
     peaks = [np.abs(column[_window(record, 0.0, criteria.fast_window_s)]).max() for column in columns]
@@ -108,6 +113,11 @@ def project_fault(
         One fault of several sizes.
     least : int
         Place of the size that is no finding.
+
+    Returns
+    -------
+    Projected
+        The whitened tension, and a column for every trial.
     """
     window = _window(record, -_LEAD_S, _EARLY_S)
     time = (np.arange(window.start, window.stop) / record.rate_hz) - record.course.impact_s
@@ -139,6 +149,11 @@ def project_disturbance(
         Columns of each group [N].
     criteria : Tension
         Window and slowest frequency.
+
+    Returns
+    -------
+    Projected
+        The whitened tension, its columns, and the coefficients of each group from before the hit.
     """
     after = _after_hit(record, nodes, [unit for group in groups for unit in group], criteria)
     window = _window(record, -10.0, -2e-3)

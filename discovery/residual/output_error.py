@@ -254,6 +254,11 @@ def whitened_residual_of(
         Called as ``progress(done, total)``.
     criteria : Criteria
         The numbers that decide.
+
+    Returns
+    -------
+    WhitenedResidual
+        Of all records that can be followed, held out or not.
     """
     traces = trace_records(campaign, baseline, measurements, progress, criteria)
     floors = noise_of(baseline, traces) if floors is None else floors
@@ -313,6 +318,11 @@ def whiten(
         By kind of test and moving bodies.
     criteria : Criteria
         The numbers that decide.
+
+    Returns
+    -------
+    WhitenedResidual
+        Rows in the order of the records and their parts.
     """
     parts, columns = [], []
     for trace in traces:

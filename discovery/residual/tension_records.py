@@ -63,6 +63,11 @@ def read_tensions(
         Processes.
     criteria : Tension
         The band of the gauge's noise.
+
+    Returns
+    -------
+    tuple of TensionObservation
+        In the order of the campaign.
     """
     band_hz = criteria.noise_from_hz, criteria.noise_to_hz
     records = [r for r in campaign.settings.record if r.test in ("coupled", "loosening")]
@@ -257,6 +262,11 @@ def frozen_of(records: Sequence[TensionObservation], noise: CourseNoise, model: 
         Noise of their courses.
     model : Model
         Its forces act; changes of the law, readings and faults of the gauge are left out.
+
+    Returns
+    -------
+    FrozenMotion
+        A case for each record.
     """
     courses = [replace(s.course, covariance=noise.covariance(s.bins)) for s in records]
     moving = model.without_effects_of("law change", "reading", "sensor fault")
@@ -299,6 +309,11 @@ def drifted(
         Noise of the courses.
     drift : float
         Of the gauge [N/s].
+
+    Returns
+    -------
+    FrozenMotion
+        With other changes [N] and covariances [N^2].
     """
     bins = frozen.change.shape[1]
     more = [(new.covariance(s.bins) - old.covariance(s.bins))[:bins, :bins] for s in records]

@@ -37,6 +37,11 @@ def separating_runs(
         With their fitted numbers.
     residual : ForceBalanceResidual
         Of the refined model.
+
+    Returns
+    -------
+    list of str
+        One for each rival, in their order.
     """
     rules, balances = residual.criteria.acceptance, residual.balances
     runs = [
