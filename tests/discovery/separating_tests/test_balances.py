@@ -17,7 +17,7 @@ from discovery.residual.base import cost
 from discovery.residual.force_balance import ForceBalanceResidual
 from discovery.separating_tests.balances import separating_runs
 from rom.campaign.channels import FloatArray
-from rom.effects import CATALOGUE
+from rom.effects import CATALOGUE, Effect
 from tests.discovery import driven_twins as twins
 from tests.shared import Shared, once_per_run
 
@@ -80,6 +80,7 @@ def test_a_run_is_named_for_each_rival_by_itself() -> None:
 def test_a_scaled_run_has_the_forces_of_its_motion(factor: float) -> None:
     balances = at_hand()[0][TRUE][1].balances
     spring = CATALOGUE[TRUE].at("guide", ground=True).with_values(k3=2e7)
+    assert isinstance(spring, Effect)
     rows = balances.owner == 0
     scaled = balances.scaled(0, factor)
     assert len(scaled.records) == 1
