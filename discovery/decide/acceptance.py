@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.explanation import Explanation
 from rom.evaluation.error_measures import Errors, ErrorsByKind, Kind
 
-MaterialErrors = Mapping[str, float | None]
+MaterialErrors = Sequence[Mapping[str, float | None]]
+"""Errors by name, one mapping a kind of record: of the first kind that has any are two models compared."""
 
 
 def at_noise_floor(level: float, first: float, criteria: Criteria = CRITERIA) -> bool:
@@ -135,8 +136,9 @@ def is_material(
 
     Parameters
     ----------
-    before, after : mapping of str to float or None
-        Errors of the motion or of the forces by name, on hold-out records where there are any.
+    before, after : sequence of mapping of str to float or None
+        Errors of the motion or of the forces by name, on hold-out records first. Of the first kind that has
+        any before are they compared; where none of its records can be simulated after, nothing is lowered.
     least : float or None
         Share by which an error must fall, where that is not the usual one: more than noise is left, but next
         to nothing of what was; a force that is a per cent wrong leaves as much, and an effect that only mends
@@ -156,14 +158,17 @@ def is_material(
     rules = criteria.acceptance
     least = (0.0 if closes else rules.material_error) if least is None else least
     rise = rules.error_rise_closing if closes else rules.material_error
-    ratios = [new / old for name, old in before.items() if old and (new := after[name]) is not None]
+    known = (pair for pair in zip(before, after, strict=True) if any(pair[0].values()))
+    was, now = next(known, ({}, {}))
+    ratios = [new / old for name, old in was.items() if old and (new := now[name]) is not None]
     return bool(ratios) and min(ratios) <= 1 - least and max(ratios) <= 1 + rise
 
 
-def motion_errors(errors: ErrorsByKind) -> dict[str, float | None]:
-    """Errors of the motion that an effect there has to lower: on hold-out records where there are any."""
-    kind: Kind = "hold_out" if errors["hold_out"]["motion_nrmse"] is not None else "training"
-    return {name: _error(errors[kind], name) for name in ("motion_nrmse", "relative_motion_nrmse")}
+def motion_errors(errors: ErrorsByKind) -> MaterialErrors:
+    """Errors of the motion that an effect there has to lower, of hold-out and of training records."""
+    kinds: tuple[Kind, ...] = ("hold_out", "training")
+    names = ("motion_nrmse", "relative_motion_nrmse")
+    return tuple({name: _error(errors[kind], name) for name in names} for kind in kinds)
 
 
 def harms(before: ErrorsByKind, after: ErrorsByKind, criteria: Criteria = CRITERIA) -> bool:

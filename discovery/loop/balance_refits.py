@@ -84,7 +84,7 @@ class BalanceRefits:
         records = [r for r in self.campaign.settings.record if r.file not in self.doubtful]
         options = self.options
         evaluations = evaluate([model], self.campaign, records, options.jobs, options.stage("errors"))
-        material = {"force_error": balance.force_error()}
+        material = ({"force_error": balance.force_error()},)
         least = options.criteria.acceptance.material_error
         return State(model, balance, errors_of(evaluations), material, least, None, evaluations, lines)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from discovery.decide.acceptance import MaterialErrors
 from discovery.residual.base import Residual, level
@@ -23,7 +23,7 @@ class State:
         On all sound records.
     errors : mapping
         By kind of record, from free simulations.
-    material : mapping of str to float or None
+    material : sequence of mapping of str to float or None
         The errors that an effect in the motion must lower: of the motion where hits are simulated, of the
         forces where bodies or links are driven.
     least_improvement : float
@@ -39,7 +39,7 @@ class State:
     model: Model
     residual: Residual
     errors: ErrorsByKind
-    material: MaterialErrors = field(default_factory=dict)
+    material: MaterialErrors = ()
     least_improvement: float = 0.0
     identification: Identification | None = None
     evaluations: tuple[Evaluation, ...] = ()

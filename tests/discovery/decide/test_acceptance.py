@@ -205,3 +205,14 @@ def test_criteria_that_are_handed_over_decide() -> None:
     assert not is_indistinguishable(rival, best, near)
     assert at_noise_floor(1.19, 1.0)
     assert not at_noise_floor(1.19, 1.0, Criteria().changed(acceptance={"noise_level": 1.1}))
+
+
+def test_errors_are_compared_on_records_of_one_kind() -> None:
+    def of(held_out: float | None, training: float) -> MaterialErrors:
+        kinds = {"hold_out": held_out, "training": training}
+        shown = {kind: {"motion_nrmse": e, "relative_motion_nrmse": e} for kind, e in kinds.items()}
+        return motion_errors(cast(ErrorsByKind, shown))
+
+    assert is_material(of(1.0, 0.5), of(0.9, 0.6))
+    assert not is_material(of(1.0, 0.5), of(None, 0.4))  # no hold-out record can be simulated any more
+    assert is_material(of(None, 0.5), of(0.9, 0.4))  # none could before: training records tell

@@ -67,7 +67,7 @@ def fake_state(residual: FakeResidual, *, tension: float = 1.0, motion: float | 
     """A model of the paper with errors of its tension [N] and its motion; that is the level by default."""
     shown = {"tension_rmse_n": tension, "motion_nrmse": 0.02, "relative_motion_nrmse": 0.02}
     errors: Any = {kind: {**shown, "records": 3, "failed": 0} for kind in ("hold_out", "training")}
-    material = {"motion_nrmse": residual.level if motion is None else motion}
+    material = ({"motion_nrmse": residual.level if motion is None else motion},)
     return State(rom.paper_model(), residual, errors, material, least_improvement=0.1)
 
 
