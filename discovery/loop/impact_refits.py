@@ -39,7 +39,7 @@ from discovery.separating_tests.effects import separating_tests
 from rom.campaign.campaign import Campaign
 from rom.effects import CATALOGUE, Effect, LawChange, ModelCorrection, Reading, SensorFault, with_stiffness
 from rom.evaluation.evaluate import evaluate
-from rom.identification.identify import Identification, identify_campaign, reidentified, relearned
+from rom.identification.identify import Identification, identify_campaign
 from rom.identification.noise_spectrum import Group, NoiseFloor
 from rom.identification.spectral_model import SpectralRecord
 from rom.identification.uncoupled_priors import as_uncoupled, unlikely
@@ -153,7 +153,7 @@ class ImpactRefits:
         found = (
             replace(self.identification, model=model)
             if law_is_fitted
-            else relearned(self.identification, model)
+            else self.identification.with_model(model)
         )
         model = replace(found.model, identification=None)
         records = [r for r in self.campaign.settings.record if r.file not in self._doubtful]
@@ -214,7 +214,7 @@ class ImpactRefits:
         near, parts = after.baseline.model, [tuple(parts) for parts in records.values()]
         places = {effect.enters for effect in near.effects}
         try:
-            anew = reidentified(self.identification, parts, self.campaign.settings, places)
+            anew = self.identification.refitted_to(parts, self.campaign.settings, places)
         except np.linalg.LinAlgError:  # forces along a motion that is nowhere near the measured one
             return after
         effects = tuple(with_stiffness(effect, anew) for effect in near.effects)

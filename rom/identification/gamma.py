@@ -19,8 +19,11 @@ from scipy.optimize import elementwise
 from rom.campaign.channels import FloatArray
 from rom.effects import LawChange
 from rom.identification.curve_fits import LawFit, covariance_of, gamma_curve, with_limits
+from rom.model.effect import SensorFault
 from rom.model.laws import Parameter, power_loosening
 from rom.model.model import Model
+from rom.signals.sensor_correction import true_hit
+from rom.signals.tension_bins import TensionCourse
 
 GAMMA_BOUND = 1e10
 _REFINEMENTS = 3
@@ -45,6 +48,13 @@ class LooseningCase:
     initial: float
     final: float
     loss_error: float
+
+    @classmethod
+    def of(cls, course: TensionCourse, hammer_faults: Sequence[SensorFault]) -> LooseningCase:
+        """The case of a tension history, its hit [N] without faults of the hammer."""
+        force, error = true_hit(course.force, course.rate_hz, hammer_faults), course.final_error
+        final = max(course.final, error)
+        return cls(course.file, course.body, force, course.rate_hz, course.initial, final, error)
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ from rom.model.structure import Body, Link, Structure
 from rom.one_thread import one_threaded
 from rom.signals.measured_records import with_stored_records
 from rom.signals.quality import Doubt
-from rom.signals.sensor_correction import faults_of, true_hit
+from rom.signals.sensor_correction import faults_of
 from rom.signals.tension_bins import CourseNoise, TensionCourse, course_noise
 from rom.viewed import Viewed
 
@@ -66,10 +66,8 @@ class Identification(Viewed):
     """All that an identification found; `model` is what it was for.
 
     `unsettled` are reasons to doubt that its numbers are near those of the structure, none for a sound one:
-    numbers that the uncoupled tests contradict, or much misfit without such tests. Misfit alone is none
-    (`linear.misfits` tells it): a good start may lack an effect.
-    `rom.identification.uncoupled_priors.unlikely` asks the same of a
-    later model.
+    numbers that the uncoupled tests contradict, or much misfit without such tests. Misfit alone is none: a
+    good start may lack an effect. `rom.identification.uncoupled_priors.unlikely` asks it of a later model.
     """
 
     model: Model
@@ -92,6 +90,64 @@ class Identification(Viewed):
     def settled(self) -> bool:
         """Whether nothing speaks against the numbers as a start."""
         return not self.unsettled
+
+    def with_model(self, model: Model) -> Identification:
+        """The same with another model, gamma(T) fitted anew beside what changes it there.
+
+        Hits are those without the faults that the model has beyond the identification, alike in all records.
+        """
+        changed = replace(self, model=model)
+        if len(model.structure.bolted_links) != 1 or not self.courses:
+            return changed
+        out = {effect.path for effect in self.model.effects}
+        faults = [f for f in faults_of(model) if f.path not in out and not CATALOGUE[f.name].by_record]
+        cases = [
+            LooseningCase.of(course, [f for f in faults if f.channel == f"force_{course.body}"])
+            for course in self.courses
+            if not course.hold_out
+        ]
+        return _with_loosening(changed, cases, self.courses[0].final_window)
+
+    def refitted_to(
+        self,
+        records: Sequence[tuple[SpectralRecord, ...]],
+        settings: CampaignSettings,
+        acted_in: Collection[str] = (),
+    ) -> Model:
+        """The model with linear links and joint curves fitted anew, started from records, priors as here.
+
+        Parameters
+        ----------
+        records : sequence of tuple of SpectralRecord
+            Parts of every record; their forces may be more than measured, such as an effect's beside.
+        settings : CampaignSettings
+            Settings of the campaign.
+        acted_in : collection of str
+            Links and bodies in or on which effects act: not tied to their own modes.
+
+        Returns
+        -------
+        Model
+            With the same law of the tension.
+        """
+        assert self.linear is not None
+        parts = with_starts(records, settings)
+        linear = fit_near(parts, without_modes(self.linear.ties, acted_in))
+        files = {part.file for part in parts}
+        joint = [estimate for estimate in self.joint if estimate.file in files]
+        curves = joint_curves(joint, linear, settings)
+        laws, alone = dict(self.model.link_laws), dict(self.model.uncoupled_laws)
+        for link in settings.link:
+            if settings.bolt is not None and link.name == settings.bolt.link:
+                fitted = bolted_laws(link, curves, ())
+                if fitted is not None:
+                    laws[link.name] = replace(fitted, tension_rate=laws[link.name].tension_rate)
+            elif link.law != "bolted":
+                laws[link.name] = linear_laws(link, linear, (), bolted_in=True) or laws[link.name]
+                if link.name in alone:
+                    alone[link.name] = linear_laws(link, linear, (), bolted_in=False) or alone[link.name]
+        structure = replace(self.model.structure, bodies=_bodies(settings, linear)[0])
+        return replace(self.model, structure=structure, link_laws=laws, uncoupled_laws=alone)
 
 
 def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None) -> Model:
@@ -135,6 +191,16 @@ def identify_campaign(
         As for `identify`.
     faults : sequence of SensorFault
         Faults of sensors that are known: taken out of impact tests, and in the model.
+
+    Returns
+    -------
+    Identification
+        `Identification.with_model` and `Identification.refitted_to` go on from it.
+
+    Raises
+    ------
+    ValueError
+        As for `identify`.
     """
     if is_driven(campaign) and (driven := _of_driven(campaign)) is not None:
         return driven
@@ -286,71 +352,6 @@ def _bodies(
             unknown.append(f"body {body.name}: no training record tells its mass; 1 kg stands in")
         bodies.append(Body(body.name, mass or 1.0))
     return tuple(bodies), tuple(unknown)
-
-
-def relearned(found: Identification, model: Model) -> Identification:
-    """Return an identification with another model, gamma(T) fitted anew beside what changes it there.
-
-    Hits are those without the faults that the model has beyond the identification, alike in all records.
-    """
-    moved = replace(found, model=model)
-    if len(model.structure.bolted_links) != 1 or not found.courses:
-        return moved
-    out = {effect.path for effect in found.model.effects}
-    faults = [f for f in faults_of(model) if f.path not in out and not CATALOGUE[f.name].by_record]
-    cases = []
-    for c in (course for course in found.courses if not course.hold_out):
-        force = true_hit(c.force, c.rate_hz, [f for f in faults if f.channel == f"force_{c.body}"])
-        cases.append(
-            LooseningCase(
-                c.file, c.body, force, c.rate_hz, c.initial, max(c.final, c.final_error), c.final_error
-            )
-        )
-    return _with_loosening(moved, cases, found.courses[0].final_window)
-
-
-def reidentified(
-    found: Identification,
-    records: Sequence[tuple[SpectralRecord, ...]],
-    settings: CampaignSettings,
-    acted_in: Collection[str] = (),
-) -> Model:
-    """Return the model with its linear links and joint curves fitted anew, started from the records alone.
-
-    Parameters
-    ----------
-    found : Identification
-        The identification: ties, tensions and the rest are its own.
-    records : sequence of tuple of SpectralRecord
-        Parts of every record; their forces may be more than measured, such as an effect's beside.
-    settings : CampaignSettings
-        Settings of the campaign.
-    acted_in : collection of str
-        Links and bodies in or on which effects act: not tied to their own modes.
-
-    Returns
-    -------
-    Model
-        The model fitted anew.
-    """
-    assert found.linear is not None
-    parts = with_starts(records, settings)
-    linear = fit_near(parts, without_modes(found.linear.ties, acted_in))
-    files = {part.file for part in parts}
-    joint = [estimate for estimate in found.joint if estimate.file in files]
-    curves = joint_curves(joint, linear, settings)
-    laws, alone = dict(found.model.link_laws), dict(found.model.uncoupled_laws)
-    for link in settings.link:
-        if settings.bolt is not None and link.name == settings.bolt.link:
-            fitted = bolted_laws(link, curves, ())
-            if fitted is not None:
-                laws[link.name] = replace(fitted, tension_rate=laws[link.name].tension_rate)
-        elif link.law != "bolted":
-            laws[link.name] = linear_laws(link, linear, (), bolted_in=True) or laws[link.name]
-            if link.name in alone:
-                alone[link.name] = linear_laws(link, linear, (), bolted_in=False) or alone[link.name]
-    structure = replace(found.model.structure, bodies=_bodies(settings, linear)[0])
-    return replace(found.model, structure=structure, link_laws=laws, uncoupled_laws=alone)
 
 
 def _without_loosening(found: Identification) -> Identification:

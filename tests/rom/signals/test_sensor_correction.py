@@ -10,7 +10,7 @@ import pytest
 from rom.effects import CATALOGUE, SensorFault, candidates
 from rom.evaluation.error_measures import Comparison, compare, compare_all
 from rom.identification.curve_fits import gamma_curve
-from rom.identification.identify import Identification, relearned
+from rom.identification.identify import Identification
 from rom.model.model import Model
 from rom.parameters.he_2025 import paper_model
 from rom.signals.processing import Measurement
@@ -127,7 +127,7 @@ def test_gamma_is_learned_again_on_hits_without_the_fault_of_their_hammer(
     shown = replace(found, courses=tuple(replace(c, force=1.1 * c.force) for c in found.courses))
 
     def gamma(of: Identification, model: Model) -> float:
-        law = relearned(of, model).model.link_laws["joint"].tension_rate
+        law = of.with_model(model).model.link_laws["joint"].tension_rate
         assert law is not None
         return float(gamma_curve(law, np.array([100.0]))[0])
 
