@@ -13,7 +13,7 @@ demo: .venv/installed  ## a small campaign from the virtual rig, its model, its 
 	$(BIN)/boltlaw discover $(DEMO)/campaign --out $(DEMO)/results
 	$(BIN)/boltlaw report $(DEMO)/results
 
-# in twelve minutes on two cores: one thread a process, for two processes on two cores would only wait for more
+# one thread a process: two processes on two cores would only wait for more
 test: .venv/installed-test  ## every check: style, walls between packages, types, tests
 	$(MAKE) --no-print-directory --jobs 2 --output-sync=target style compiled
 	$(PYTEST)
