@@ -39,12 +39,10 @@ def found(name: str, enters: str, *alike: str, source: str = "catalogue", **valu
 
 def hidden(name: str, enters: str, nearest: str | None = None, motion: float = 20.0, **values: float) -> Row:
     return {
-        "name": name,
-        "enters": enters,
-        "nearest": nearest,
+        "name": name, "enters": enters, "nearest": nearest,
         "parameters": {key: {"value": value, "unit": "1"} for key, value in values.items()},
         "influence_percent": {"motion": motion, "loss": 1.0, "reading": 2.0, "percent": max(motion, 3.0)},
-    }
+    }  # fmt: skip
 
 
 def errors(motion: float, tension: float = 0.5) -> Row:

@@ -17,6 +17,7 @@ from discovery.laws.candidate import BASELINE, Candidate, rivals_always_in_the_r
 from discovery.ranking.confidence_sets import ExponentProfile, MotionProfile
 from discovery.ranking.result import RankedLaw, Ranking
 from discovery.separating_tests.hits import Proposal
+from discovery.views.closure_section import parameter_row
 from experiments.studies import discover
 from rom.model.laws import Parameter
 from rom.model_file import load_model
@@ -248,7 +249,7 @@ def test_few_loosening_records_are_refused_before_the_work(
 
 
 def test_a_parameter_without_limits_has_none() -> None:
-    assert discover._parameter_row(Parameter(4.0, "1")) == {
+    assert parameter_row(Parameter(4.0, "1")) == {
         "value": 4.0,
         "low": None,
         "high": None,
