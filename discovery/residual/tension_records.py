@@ -279,7 +279,8 @@ def thinned(frozen: FrozenMotion, small: Sequence[bool]) -> FrozenMotion:
     end_s = float(frozen.courses[0].edges_s[-1] - frozen.courses[0].impact_s)
     parts = [_thinned(frozen.of_case(i), end_s, few) for i, few in enumerate(small)]
     starts = np.cumsum([0, *(part.shape[1] for part in parts)])
-    return replace(frozen, nodes=np.concatenate(parts, axis=1), starts=starts)
+    apart = frozen.without_cache()  # exposures are integrals between nodes
+    return replace(apart, nodes=np.concatenate(parts, axis=1), starts=starts)
 
 
 def _thinned(nodes: FloatArray, end_s: float, small: bool) -> FloatArray:

@@ -17,6 +17,7 @@ from discovery.explain.tension import explain
 from discovery.explain.tension_gain import at_bounds
 from discovery.explain.tension_law import LawSearch
 from discovery.laws.candidate import baseline
+from discovery.laws.factors import velocity_power
 from discovery.options import Options
 from discovery.residual.course_fit import CourseFits, Misfit
 from discovery.residual.tension import TensionResidual
@@ -68,6 +69,16 @@ def with_samples(of: TensionData, samples: list[FloatArray]) -> TensionData:
     return replace(
         of, records=tuple(replace(s, tension=new) for s, new in zip(of.records, samples, strict=True))
     )
+
+
+def test_thinned_motion_leaves_the_exposures_of_the_whole_alone() -> None:
+    made, factor = frozen().without_cache(), velocity_power()
+    expected = made.exposure(factor)
+    fresh = frozen().without_cache()
+    thin = whole(fresh).exposure(factor)
+    assert not np.array_equal(thin, expected)
+    np.testing.assert_allclose(thin[:, -1], expected[:, -1], rtol=0.01)
+    np.testing.assert_array_equal(fresh.exposure(factor), expected)
 
 
 def test_a_general_law_is_followed_as_its_exposures_are() -> None:
