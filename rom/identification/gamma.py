@@ -31,7 +31,6 @@ _PROBE = 100.0  # loosens by a small share, yet far above rounding
 _LEAST_EXPOSURE = 1e-30  # a touch so weak that the probe's loss is lost in rounding
 _LEAST_LOSS_ERROR = 1e-9  # [N]
 _LEAST_SCATTER, _LARGEST_SCATTER = 1e-6, 10.0  # of ln gamma
-_SECANTS, _FIRST_STEP = 8, 0.02  # of asinh(gamma), of which a step is one at most
 _BRACKETS, _HALVINGS = 40, 80  # at most
 _LOSS_TOLERANCE = 1e-10  # [N]
 _NEVER = 1e12  # stands for the tension of a simulation that tightened beyond all bounds [N]
@@ -164,9 +163,7 @@ def matching_gammas(
     exponent: float = 4.0,
     tolerance: float = 1e-10,
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Return gammas [s^3/m^4] to a tolerance of asinh(gamma), (cases,), and which are none.
-
-    Those are at a bound, or where the case could not be simulated at the small-loss guess, which stands.
+    """Return gammas [s^3/m^4] to a tolerance of asinh(gamma), (cases,), and which of them are at a bound.
 
     Parameters
     ----------
@@ -184,7 +181,7 @@ def matching_gammas(
     Returns
     -------
     tuple
-        Gammas, shape (cases,), and whether each is none.
+        Gammas, shape (cases,), and whether each is at a bound.
     """
     trial = _with_power(model, exponent)
     return _matching(trial, None, cases, window_s, _small_loss_gamma(trial, cases, window_s), tolerance)
@@ -230,7 +227,7 @@ def _matching(
     tolerance: float,
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Return the values at a path near some with which the final tensions are the measured ones."""
-    measured, near = np.array([case.final for case in cases]), np.array(near)
+    measured = np.array([case.final for case in cases])
 
     def miss(place: FloatArray, index: FloatArray) -> FloatArray:
         rows = index.astype(int).ravel()
@@ -238,58 +235,22 @@ def _matching(
         final = np.where(np.isfinite(final), final, _NEVER)
         return np.asarray((final - measured[rows]).reshape(place.shape))
 
+    index = np.arange(len(cases), dtype=float)
     guess, limit = np.arcsinh(near), float(np.arcsinh(GAMMA_BOUND))
-    place, found, given_up = _by_secants(miss, guess, tolerance)
-    at_bound = given_up.copy()
-    open_ones = ~found & ~given_up
-    left = np.flatnonzero(open_ones).astype(np.float64)
-    if left.size:
-        start = guess[open_ones]
-        bracket = elementwise.bracket_root(
-            miss, np.clip(start - 1, -limit, limit - 1), np.clip(start + 1, 1 - limit, limit), xmin=-limit,
-            xmax=limit, args=(left,), maxiter=_BRACKETS,
-        )  # fmt: skip
-        root = elementwise.find_root(
-            miss,
-            bracket.bracket,
-            args=(left,),
-            tolerances={"xatol": 0.0, "xrtol": tolerance, "fatol": _LOSS_TOLERANCE, "frtol": 0.0},
-            maxiter=_HALVINGS,
-        )
-        at_bound[open_ones] = ~np.asarray(bracket.success)
-        place[open_ones] = np.where(bracket.success, root.x, np.where(start > 0, limit, -limit))
-    return np.sinh(place), at_bound
-
-
-def _by_secants(
-    miss: Callable[[FloatArray, FloatArray], FloatArray], guess: FloatArray, tolerance: float
-) -> tuple[FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Return where a miss vanishes, (cases,), in which cases secants settled, and which are given up.
-
-    Near a good guess they take half the simulations of brackets. A case is given up that cannot be simulated
-    while it loosens: the model is far off, and brackets would only look for the end of what can be.
-    """
-    place, found = guess.copy(), np.zeros(len(guess), dtype=bool)
-    before, now, every = guess - _FIRST_STEP, guess.copy(), np.arange(len(guess), dtype=np.float64)
-    old, here = miss(before, every), miss(now, every)
-    limit = float(np.arcsinh(GAMMA_BOUND))
-    active = (here < _NEVER / 2) & (old < _NEVER / 2) & (np.abs(guess) < limit)
-    given_up = (guess > 0) & (here > _NEVER / 2) & (old > _NEVER / 2)
-    for _ in range(_SECANTS):
-        with np.errstate(divide="ignore", invalid="ignore"):
-            step = np.clip(-here * (now - before) / (here - old), -1.0, 1.0)
-        active &= np.isfinite(step) & (here < _NEVER / 2) & (np.abs(now + step) < limit)
-        settled = active & ((np.abs(step) <= tolerance * np.abs(now)) | (np.abs(here) <= _LOSS_TOLERANCE))
-        place[settled] = (now + step)[settled]
-        found |= settled
-        active &= ~settled
-        index = np.flatnonzero(active)
-        if not index.size:
-            break
-        before[index], old[index] = now[index], here[index]
-        now[index] += step[index]
-        here[index] = miss(now[index], index.astype(np.float64))
-    return place, found, given_up
+    bracket = elementwise.bracket_root(
+        miss, np.clip(guess - 1, -limit, limit - 1), np.clip(guess + 1, 1 - limit, limit), xmin=-limit,
+        xmax=limit, args=(index,), maxiter=_BRACKETS,
+    )  # fmt: skip
+    root = elementwise.find_root(
+        miss,
+        bracket.bracket,
+        args=(index,),
+        tolerances={"xatol": 0.0, "xrtol": tolerance, "fatol": _LOSS_TOLERANCE, "frtol": 0.0},
+        maxiter=_HALVINGS,
+    )
+    at_bound = ~np.asarray(bracket.success)
+    ends = np.where(guess > 0, limit, -limit)
+    return np.sinh(np.where(at_bound, ends, root.x)), at_bound
 
 
 def _with_power(model: Model, exponent: float) -> Model:
