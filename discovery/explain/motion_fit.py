@@ -13,15 +13,15 @@ from discovery.residual.free_parameters import FreeParameters, effect_number, si
 from discovery.residual.output_error import WhitenedResidual, noise_of, whiten
 from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
 
-_REFITS, _DAMPINGS, _SETTLED = 5, (0.0, 1e-4, 1e-2, 1.0), 1e-4
+_REFITS, _FROM_AFAR, _DAMPINGS, _SETTLED = 5, 40, (0.0, 1e-4, 1e-2, 1.0), 1e-4
 
 
-def refit(residual: WhitenedResidual) -> WhitenedResidual:
+def refit(residual: WhitenedResidual, most: int = _REFITS) -> WhitenedResidual:
     """Gauss-Newton steps in all numbers of a model, those of its effects among them, on training records.
 
     Damped ones where a free one does not lower the cost, none where that does not help either.
     """
-    for _ in range(_REFITS):
+    for _ in range(most):
         beside = with_effects(residual)
         trials = (residual.at(residual.baseline.stepped(beside.steps(beside.residual, d))) for d in _DAMPINGS)
         better = next((one for one in trials if cost(one) < cost(residual)), None)
@@ -32,6 +32,11 @@ def refit(residual: WhitenedResidual) -> WhitenedResidual:
         if done:
             break
     return with_effects(residual)
+
+
+def refit_from_afar(residual: WhitenedResidual) -> WhitenedResidual:
+    """The same with as many steps as it takes: small ones, of a start that may be far from the plant."""
+    return refit(residual, _FROM_AFAR)
 
 
 def linearised_start(residual: WhitenedResidual, effect: Effect) -> WhitenedResidual:

@@ -17,6 +17,7 @@ from discovery.explain.motion_fit import (
     linearised_start,
     reestimate_noise,
     refit,
+    refit_from_afar,
     refit_fault,
     residual_without,
     with_effects,
@@ -119,7 +120,8 @@ class ImpactRefits:
 
         An effect may pass for damping in the identification, which is free to scale what it weighs.
         """
-        residual = refit(self.followed(starting(self.identification, self.identification.model)))
+        first = self.followed(starting(self.identification, self.identification.model))
+        residual = refit_from_afar(first)
         return self.evaluated(self._nearer(residual))
 
     def _nearer(self, residual: WhitenedResidual) -> WhitenedResidual:
@@ -133,10 +135,10 @@ class ImpactRefits:
         if level(residual) <= rules.acceptance.noise_level or not priors:
             return residual
         parameters = starting(self.identification, as_uncoupled(self.identification.model, priors))
-        other = refit(self.followed(parameters, residual.floors))
+        other = refit_from_afar(self.followed(parameters, residual.floors))
         if level(other) >= rules.closing.far_less * level(residual):
             return residual
-        return refit(self.followed(other.baseline))
+        return refit_from_afar(self.followed(other.baseline))
 
     def followed(
         self, parameters: FreeParameters, floors: Mapping[Group, NoiseFloor] | None = None

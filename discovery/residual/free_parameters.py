@@ -18,7 +18,7 @@ from rom.model.model import LinkLaws, Model
 
 _DIFFERENCE = 1e-4
 _TINY = 1e-9
-_LARGEST_STEP = (0.3, 3.0)  # of a value at once
+_LARGEST_STEP = (0.3, 3.0)  # factors on a value at once: a start far away is found again by small steps alone
 _LEAST_CORNER = 1e-6
 Slopes = Mapping[str, float]
 _OF_EFFECT = "effect|"
@@ -116,6 +116,14 @@ def _within(law: Law, parameter: str, value: float) -> Law:
     return law.with_values(**{parameter: float(np.clip(value, low, high))})
 
 
+def _limited(value: float, step: float) -> float:
+    """A value moved by a step, a share of its size, by no more than the largest; zero may go anywhere."""
+    moved = value + step * size_of(value)
+    if abs(value) <= _TINY:
+        return moved
+    return value * float(np.clip(moved / value, *_LARGEST_STEP))
+
+
 def _with_step(model: Model, name: str, step: float) -> Model:
     path, _, parameter = name.partition(":")
     link, place, *rest = path.split(".")
@@ -129,7 +137,7 @@ def _with_step(model: Model, name: str, step: float) -> Model:
     law = laws.stiffness if place == "stiffness" else laws.damping
     if parameter:
         old = law.parameters[parameter].value
-        law = _within(law, parameter, old + step * size_of(old))
+        law = _within(law, parameter, _limited(old, step))
     else:
         factor = float(np.clip(1 + step, *_LARGEST_STEP))
         for constant, value in law.parameters.items():
