@@ -31,7 +31,7 @@ _PROBE = 100.0  # loosens by a small share, yet far above rounding
 _LEAST_EXPOSURE = 1e-30  # a touch so weak that the probe's loss is lost in rounding
 _LEAST_LOSS_ERROR = 1e-9  # [N]
 _LEAST_SCATTER, _LARGEST_SCATTER = 1e-6, 10.0  # of ln gamma
-_BRACKETS, _HALVINGS = 40, 80  # at most
+_BRACKETS, _HALVINGS = 16, 80  # at most; so many steps end within 1e-3 of the bound, in asinh(gamma)
 _LOSS_TOLERANCE = 1e-10  # [N]
 _NEVER = 1e12  # stands for the tension of a simulation that tightened beyond all bounds [N]
 

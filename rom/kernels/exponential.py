@@ -61,7 +61,7 @@ NEGLIGIBLE = 1e-9  # a change of tension, relative to it, below which errors are
 CHUNK = 16  # samples whose sizes stand for their running sum
 SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no hit above this share of the peak velocity
 PATIENCE, CALM = 32, 8  # blocks: the longest wait for a longer one; after so many more the next wait is short
-MOST_BLOCKS, LEAST_BUDGET = 3, 60_000  # tried a sample, and in a short record; the sharpest sliders take 1
+MOST_BLOCKS, LEAST_BUDGET = 6, 60_000  # tried a sample, of which the shortest take 4; and in a short record
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)

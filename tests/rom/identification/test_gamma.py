@@ -143,7 +143,7 @@ def test_a_final_tension_out_of_reach_is_flagged_at_the_bound() -> None:
     assert gained.gamma == pytest.approx(-GAMMA_BOUND)
 
 
-def test_a_case_that_cannot_be_simulated_while_it_loosens_is_given_up(
+def test_a_case_that_cannot_be_simulated_is_flagged_after_few_simulations(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = []
@@ -155,8 +155,8 @@ def test_a_case_that_cannot_be_simulated_while_it_loosens_is_given_up(
     monkeypatch.setattr("rom.identification.gamma.final_tensions", diverged)
     found, at_bound = matching_factors(MODEL, [case(152.7, 147.0)] * 3, WINDOW_S)
     assert at_bound.all()
-    np.testing.assert_allclose(found, 1.0)
-    assert asked == [3, 3]
+    np.testing.assert_allclose(found, GAMMA_BOUND)
+    assert len(asked) <= 20
 
 
 def test_cases_of_other_lengths_and_rates_go_together() -> None:
