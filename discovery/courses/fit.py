@@ -97,7 +97,7 @@ def fit(
         problem.offsets,
         state.u,
         converged,
-        rules=problem.rules,
+        criteria=problem.frozen.criteria,
     )
 
 

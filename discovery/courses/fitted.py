@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from discovery.courses.variability import tau
-from discovery.criteria.courses import Courses
-from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
 
@@ -34,8 +33,8 @@ class Fit:
         u at its mode.
     of_losses : bool
         Whether it was fitted to the losses alone, the courses left aside.
-    rules : Courses
-        The criteria of the fit.
+    criteria : Criteria
+        Those of the fit.
     """
 
     candidate: Candidate
@@ -47,15 +46,15 @@ class Fit:
     deviations: FloatArray
     converged: bool
     of_losses: bool = False
-    rules: Courses = CRITERIA.courses
+    criteria: Criteria = CRITERIA
 
     def tau(self, initial: FloatArray) -> FloatArray:
         """Between-test standard deviation of the log rate at tensions [N], (cases,)."""
-        return tau(np.array(self.scatter), initial, self.rules)
+        return tau(np.array(self.scatter), initial, self.criteria.courses)
 
     def limits(self, name: str) -> tuple[float, float]:
         """95 % limits of a fitted number."""
-        half = self.rules.standard_errors
+        half = self.criteria.chance.normal_quantile
         error = float(np.sqrt(max(self.covariance[self.free.index(name)][self.free.index(name)], 0.0)))
         value = self.candidate.parameters[name].value
         if name in self.candidate.coefficient_names and value > 0:

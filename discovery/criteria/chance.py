@@ -1,4 +1,4 @@
-"""The null distribution that is drawn from a campaign's own residuals."""
+"""What chance gives: a null distribution from a campaign's own residuals, and normal numbers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from discovery.criteria.number import Group, number
 
 @dataclass(frozen=True)
 class Chance(Group):
-    """The null distribution that is drawn from a campaign's own residuals."""
+    """What chance gives: a null distribution from a campaign's own residuals, and normal numbers."""
 
     false_alarms: float = number(
         0.05, "1", "share of campaigns without an effect in which chance passes this condition",
@@ -27,4 +27,8 @@ class Chance(Group):
     same_direction: float = number(
         0.1, "1", "tangent of half the angle between directions of an effect's numbers that count once",
         "chosen, not measured",
+    )  # fmt: skip
+    normal_quantile: float = number(
+        1.96, "1", "standard errors of 95 % limits, and of a correlation that is printed as chance",
+        "convention",
     )  # fmt: skip

@@ -11,11 +11,6 @@ from discovery.criteria.number import Group, number
 class Courses(Group):
     """Fits of laws to tension histories of many tests."""
 
-    standard_errors: float = number(
-        1.96, "1",
-        "half width of the 95 % limits of a normal estimate, in standard errors",
-        "convention",
-    )  # fmt: skip
     least_variability: float = number(
         0.01, "1",
         "lowest standard deviation of the log rate from test to test",

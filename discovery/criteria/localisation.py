@@ -26,12 +26,6 @@ class Localising(Group):
     chance: float = number(
         0.05, "1", "probability that white noise exceeds what is printed as chance", "convention"
     )
-    normal_quantile: float = number(
-        1.96,
-        "1",
-        "standard deviations that a normal number exceeds by that chance, to either side",
-        "convention",
-    )
     harmonic_width: float = number(
         0.2, "1", "distance of a line from a harmonic in dominant frequencies, which move, at most",
         "chosen, not measured",
@@ -66,3 +60,21 @@ class Localising(Group):
         "p-value below which what is left is said to be more regular than noise",
         "chosen, not measured",
     )
+    wrapped: float = number(
+        0.1,
+        "1",
+        "share of a record at its end, where what smears to before the hit comes round, that is put aside",
+        "chosen, not measured",
+    )
+    lags: float = number(
+        20, "1", "lags of the correlation from row to row that is compared with chance, at most",
+        "chosen, not measured",
+    )  # fmt: skip
+    stands_out: float = number(
+        1.3, "1", "largest mean square of a view over its smallest, above which its place is named",
+        "chosen, not measured",
+    )  # fmt: skip
+    function_of_motion: float = number(
+        0.1, "1", "share of a force that a map of the motion must predict to be put into words",
+        "chosen, not measured",
+    )  # fmt: skip

@@ -17,3 +17,7 @@ class Motion(Group):
         "share of the initial tension, below which a record's loss tells no rate",
         "chosen, not measured",
     )
+    quiet_samples: float = number(
+        64, "1", "samples before a hit, below which their noise is not taken off the motion",
+        "chosen, not measured",
+    )  # fmt: skip

@@ -57,6 +57,21 @@ class Tension(Group):
         "gain before the hits over what noise gives, above which a force is fitted",
         "chosen, not measured",
     )
+    disturbance_band: float = number(
+        2.0,
+        "1",
+        "upper end of the band before the hits where it is fitted, over its highest frequency",
+        "chosen, not measured",
+    )
+    line_reach_hz: float = number(
+        0.15, "Hz", "distance from its nominal frequency at which a line in a channel is looked for",
+        "chosen, not measured",
+    )  # fmt: skip
+    beside_from_hz: float = number(
+        5.0, "Hz", "distance from such a line from which the noise beside it is measured ...",
+        "chosen, not measured",
+    )  # fmt: skip
+    beside_to_hz: float = number(9.0, "Hz", "... and up to which", "chosen, not measured")
     loosening_tests: float = number(
         3,
         "1",
@@ -111,6 +126,13 @@ class Tension(Group):
     )
     fast_window_s: float = number(
         1.2, "s", "time after a hit whose fast part tells of the gauge", "chosen, not measured"
+    )
+    fault_lead_s: float = number(
+        0.005, "s", "time before a hit from which a fault of the gauge is judged ...", "chosen, not measured"
+    )
+    fault_window_s: float = number(0.06, "s", "... and time after it up to which", "chosen, not measured")
+    fault_directions: float = number(
+        5, "1", "directions of such a fault's sizes in a record that are kept", "chosen, not measured"
     )
     slowest_hz: float = number(
         6.0,

@@ -21,19 +21,18 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
+from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
 from discovery.decide.explanation import Explanation, limited
 from discovery.explain.motion import motion_channels
 from discovery.options import Options
-from discovery.residual.output_error import WhitenedResidual
+from discovery.residual.output_error import MEDIAN_SQUARE, WhitenedResidual
 from rom.campaign.channels import FloatArray
 from rom.effects import Member, ModelCorrection, SensorFault, candidates
 from rom.signals.per_record_parameters import as_measured, per_record_names, quiet_samples
 
-_STEP_HZ = 0.05
-_ABOUT_HZ = _STEP_HZ * np.arange(-3, 4)  # the mains are known so well
-_BESIDE_HZ = (-9.0, -7.0, -5.0, 5.0, 7.0, 9.0)
-_MEDIAN_SQUARE = 0.4549  # of a normal number
+_STEP_HZ: Numerical[float] = 0.05
+_BESIDE_STEP_HZ: Numerical[float] = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +62,26 @@ def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, 
             continue
         still = _before_hits(residual, effect.channel, criteria.quiet_s)
         if still is not None and still.training.sum() >= criteria.quiet_records:
-            fitted = (_of_each if per_record_names(effect) else _of_all)(member, effect, still)
+            fitted = (
+                _of_each(member, effect, still, criteria)
+                if per_record_names(effect)
+                else _of_all(member, effect, still)
+            )
             if _is_material(fitted.effect, member, residual, criteria):
                 found.append(fitted)
     return tuple(found)
+
+
+def about_hz(criteria: Tension) -> FloatArray:
+    """Distances from its nominal frequency at which a line is looked for [Hz], (frequencies,)."""
+    steps = round(criteria.line_reach_hz / _STEP_HZ)
+    return np.asarray(_STEP_HZ * np.arange(-steps, steps + 1), dtype=np.float64)
+
+
+def _beside_hz(criteria: Tension) -> FloatArray:
+    """Distances from a line at which noise alone is seen [Hz], on either side of it."""
+    above = np.arange(criteria.beside_from_hz, criteria.beside_to_hz + _BESIDE_STEP_HZ / 2, _BESIDE_STEP_HZ)
+    return np.concatenate([-above[::-1], above])
 
 
 def _shows(member: Member, effect: SensorFault) -> bool:
@@ -133,7 +148,7 @@ def _of_all(member: Member, effect: SensorFault, still: _Still) -> Explanation:
     return _explanation(member, limited(effect.with_values(**values), errors), still, before, after)
 
 
-def _of_each(member: Member, effect: SensorFault, still: _Still) -> Explanation:
+def _of_each(member: Member, effect: SensorFault, still: _Still, criteria: Tension) -> Explanation:
     own = per_record_names(effect)
     (inner,) = [name for name in effect.parameters if name not in own]
     level = replace(still, samples=still.samples - still.samples.mean(axis=1, keepdims=True))
@@ -150,15 +165,16 @@ def _of_each(member: Member, effect: SensorFault, still: _Still) -> Explanation:
         return float((without(at).var(axis=1) / variance)[still.training].sum())
 
     variance = level.samples.var(axis=1)
-    grid = [float(nominal + step) for nominal in member.inner[inner] for step in _ABOUT_HZ]
+    grid = [float(nominal + step) for nominal in member.inner[inner] for step in about_hz(criteria)]
     rough = min(grid, key=remaining)
     variance = without(rough).var(axis=1)
     reach = (rough - _STEP_HZ, rough + _STEP_HZ)
     at = float(optimize.minimize_scalar(remaining, bounds=reach, method="bounded").x)
     bare = replace(level, samples=without(at))
-    beside = np.concatenate([lines(bare, at + hz, slice(middle, None)) for hz in _BESIDE_HZ], axis=1)
-    noise = np.median(beside**2, axis=1) / _MEDIAN_SQUARE
-    first, second = (lines(level, at, part) for part in (slice(middle), slice(middle, None)))
+    ends, far = slice(middle, None), _beside_hz(criteria)
+    beside = np.concatenate([lines(bare, at + hz, ends) for hz in far], axis=1)
+    noise = np.median(beside**2, axis=1) / MEDIAN_SQUARE
+    first, second = (lines(level, at, part) for part in (slice(middle), ends))
     before, after = ((rows**2).sum(axis=1) / noise for rows in (second, second - first))
     typical = np.sqrt((first[still.training] ** 2).mean(axis=0))  # a phase is each record's own
     values = dict(zip(own, typical.tolist(), strict=True))

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
+from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
 from discovery.decide.explanation import Explanation, limited
 from discovery.options import Options
@@ -24,7 +25,7 @@ from rom.campaign.channels import FloatArray
 from rom.effects import Member, SensorFault, candidates
 from rom.signals.sensor_correction import moves_levels
 
-_LEAST_SCATTER = np.log([1e-3, 1e-4])  # [N], and of a preload
+_LEAST_SCATTER: Numerical[FloatArray] = np.log([1e-3, 1e-4])  # [N], and of a preload
 
 DISAGREE = (
     "the gauge and the preloads that the campaign declares disagree: the gauge is taken to be wrong, and all "

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from discovery.criteria.number import Numerical
 from discovery.residual.effect_forces import effect_lines
 from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import MeasuredTrajectory
@@ -16,7 +17,7 @@ from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
 from rom.identification.spectral_model import Linearised
 
-_DIFFERENCE = 1e-3  # of a parameter's size
+_DIFFERENCE: Numerical[float] = 1e-3  # of a parameter's size
 
 
 def output_of(effect: ModelCorrection, residual: WhitenedResidual) -> FloatArray:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from discovery.decide.explanation import limited, standard_errors
+from discovery.explain.at_rest import about_hz
 from discovery.explain.tension_gain import Pair, TensionGain, at_bounds
 from discovery.residual.fast_tension import Projected, project_disturbance, project_fault, project_readings
 from discovery.residual.tension_data import TensionData
@@ -14,8 +15,6 @@ from discovery.residual.tension_records import TensionObservation
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Member, ModelCorrection, Motion, Reading, SensorFault
 from rom.signals.per_record_parameters import per_record_names
-
-_LINE_HZ = np.arange(-0.15, 0.151, 0.05)  # about a line's nominal frequency
 
 
 def explained_by_gauge(data: TensionData, effects: Sequence[Pair]) -> tuple[list[TensionGain], FloatArray]:
@@ -89,7 +88,8 @@ def _fault(data: TensionData, member: Member, effect: SensorFault) -> tuple[Tens
     faults = [effect.with_values(**{name: float(value)}) for value in grid]
     least = int(np.argmin(np.abs(grid - data.criteria.gauge_fault * member.strengths[name])))
     rows = [
-        project_fault(record, data.nodes(case), faults, least) for case, record in enumerate(data.records)
+        project_fault(record, data.nodes(case), faults, least, data.criteria)
+        for case, record in enumerate(data.records)
     ]
     gains = np.array(
         [(row.target @ row.target) - ((row.target[:, None] - row.columns) ** 2).sum(axis=0) for row in rows]
@@ -106,7 +106,7 @@ def _line(data: TensionData, member: Member, effect: SensorFault) -> tuple[Tensi
     """A disturbance of each record's own size, told before the hit, at one frequency for all."""
     own = per_record_names(effect)
     (inner,) = [name for name in effect.parameters if name not in own]
-    grid = np.array([f + d for f in member.inner[inner] for d in _LINE_HZ])
+    grid = np.array([f + d for f in member.inner[inner] for d in about_hz(data.criteria)])
     none = effect.with_values(**dict.fromkeys(own, 0.0))
     gains, coefficients, before = [], [], []
     for case, record in enumerate(data.records):

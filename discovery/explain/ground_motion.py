@@ -15,6 +15,8 @@ import numpy as np
 from joblib import delayed
 from scipy import optimize
 
+from discovery.criteria.number import Numerical
+from discovery.criteria.tension import Tension
 from discovery.decide.explanation import Explanation
 from discovery.explain.motion import explanation, motion_channels
 from discovery.options import Options
@@ -28,9 +30,9 @@ from rom.identification.noise_spectrum import quiet_seconds, segment_before_hit
 from rom.identification.spectral_model import Linearised, SpectralRecord, linearise
 from rom.signals.per_record_parameters import per_record_names
 
-_STEPS_PER_LINE = 4  # of a spectrum before the hits
-_REACH_HZ, _STEP_HZ = 1.0, 0.1
-_BAND = 2.0  # times the highest frequency that is looked for
+_STEPS_PER_LINE: Numerical[int] = 4  # of a spectrum before the hits
+_REACH_HZ: Numerical[float] = 1.0  # of the finer grid about the best line
+_STEP_HZ: Numerical[float] = 0.1
 
 
 def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, ...]:
@@ -48,7 +50,7 @@ def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, 
     if seconds == 0:
         return ()
     tasks = (
-        delayed(_explained)(member, effect, residual, seconds, options.criteria.tension.disturbance)
+        delayed(_explained)(member, effect, residual, seconds, options.criteria.tension)
         for member, effect in candidates(residual.baseline.model, motion_channels(residual))
         if isinstance(effect, Effect) and _lasts(member, effect) and effect.path not in known
     )
@@ -56,9 +58,10 @@ def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, 
 
 
 def _explained(
-    member: Member, effect: Effect, residual: WhitenedResidual, seconds: float, least: float
+    member: Member, effect: Effect, residual: WhitenedResidual, seconds: float, criteria: Tension
 ) -> Explanation | None:
-    return _Disturbance(member, effect, residual, seconds).explained(least)
+    found = _Disturbance(member, effect, residual, seconds, criteria.disturbance_band)
+    return found.explained(criteria.disturbance)
 
 
 def _lasts(member: Member, effect: Effect) -> bool:
@@ -69,14 +72,16 @@ def _lasts(member: Member, effect: Effect) -> bool:
 class _Disturbance:
     """One effect at one place, and the motion before the hits of all records that it moves."""
 
-    def __init__(self, member: Member, effect: Effect, residual: WhitenedResidual, seconds: float) -> None:
+    def __init__(
+        self, member: Member, effect: Effect, residual: WhitenedResidual, seconds: float, band: float
+    ) -> None:
         self.member, self.residual, self.seconds = member, residual, seconds
         self.names = per_record_names(effect)
         self.effect = effect.with_values(**dict.fromkeys(self.names, 0.0))
         (self.inner,) = member.inner
         bounds = [effect.parameters[name].bounds for name in self.names]
         self.range = np.array(bounds).T
-        highest = _BAND * effect.parameters[self.inner].bounds[1]
+        highest = band * effect.parameters[self.inner].bounds[1]
         self.body = effect.enters.partition(":")[2]
         self.rest = [
             (trace, *_at_rest(residual, trace, seconds, highest))

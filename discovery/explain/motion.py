@@ -14,6 +14,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.criteria.number import Numerical
 from discovery.decide.chance import by_record, largest_by_chance, p_value
 from discovery.decide.explanation import Explanation, limited, standard_errors
 from discovery.explain.effect_outputs import cut_to_bounds, output_of, outputs_of, slopes_of
@@ -24,9 +25,9 @@ from rom.campaign.channels import FloatArray
 from rom.effects import Member, ModelCorrection, candidates, look_alikes
 from rom.signals.per_record_parameters import per_record_names
 
-_ITERATIONS = 12
-_AT_ONCE = 16  # probes
-_SETTLED = 1e-4  # of the cost
+_ITERATIONS: Numerical[int] = 12
+_AT_ONCE: Numerical[int] = 16  # probes
+_SETTLED: Numerical[float] = 1e-4  # of the cost
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from discovery.criteria.number import Numerical
 from discovery.explain.effect_outputs import output_of, slopes_of
 from discovery.explain.motion import Probe, explain_effect, free_numbers
 from discovery.residual.base import cost
@@ -13,7 +14,10 @@ from discovery.residual.free_parameters import FreeParameters, effect_number, si
 from discovery.residual.output_error import WhitenedResidual, noise_of, whiten
 from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
 
-_REFITS, _FROM_AFAR, _DAMPINGS, _SETTLED = 5, 40, (0.0, 1e-4, 1e-2, 1.0), 1e-4
+_REFITS: Numerical[int] = 5
+_FROM_AFAR: Numerical[int] = 40
+_DAMPINGS: Numerical[tuple[float, ...]] = (0.0, 1e-4, 1e-2, 1.0)
+_SETTLED: Numerical[float] = 1e-4  # of the cost
 
 
 def refit(residual: WhitenedResidual, most: int = _REFITS) -> WhitenedResidual:

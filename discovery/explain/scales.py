@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
 from rom.effects import Effect, Member
 from rom.identification.equation_error import Balance
@@ -39,7 +40,8 @@ class Scale:
         )
 
 
-OF_JOINT, OF_GROUND = Scale(30.0, 1e-4, 0.05), Scale(10.0, 1e-3, 0.1)
+OF_JOINT: Numerical[Scale] = Scale(30.0, 1e-4, 0.05)  # those that the catalogue's own numbers are given for
+OF_GROUND: Numerical[Scale] = Scale(10.0, 1e-3, 0.1)
 
 
 def scale_of(balances: Balances, enters: str) -> Scale | None:

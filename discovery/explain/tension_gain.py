@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from discovery.criteria.number import Numerical
 from discovery.residual.course_fit import CourseFit
 from rom.campaign.channels import FloatArray
 from rom.effects import Member, ModelCorrection
 from rom.model.laws import Parameter
 
 Pair = tuple[Member, ModelCorrection]
-_AT_BOUND = 1e-6  # of a range
+_AT_BOUND: Numerical[float] = 1e-6  # of a range
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from scipy import linalg
 
 from discovery.courses.tension_likelihood import LawCandidate, LawProblem, changes_of, law_candidate, names_of
 from discovery.courses.variability import tau
+from discovery.criteria.number import Numerical
 from discovery.decide.chance import largest_of_noise, p_value
 from discovery.decide.explanation import limited, limited_number
 from discovery.explain.tension_gain import Pair, TensionGain, at_bounds
@@ -27,8 +28,7 @@ from rom.effects import CATALOGUE, LawChange, Member, ModelCorrection
 from rom.model.laws import Parameter
 from rom.signals.per_record_parameters import per_record_names
 
-_STRENGTHS = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times a default
-_FRESH = np.array([np.log(0.5), 0.0])  # scatter to start from
+_STRENGTHS: Numerical[tuple[float, ...]] = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times a default
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +112,12 @@ class LawSearch:
     def _screened(self, member: Member, effect: ModelCorrection, base: CourseFit) -> CourseFit:
         """Fit with an effect from the best of several starts, corrected as the baseline is."""
         own = {name: p.value for name, p in base.candidate.parameters.items() if name in base.candidate.free}
-        count = len(self.data.part(hold_out=False))
-        fresh = replace(base, state=replace(base.state, u=np.zeros(count), scatter=_FRESH))
+        count, usual = (
+            len(self.data.part(hold_out=False)),
+            self.data.frozen.criteria.courses.usual_variability,
+        )
+        scatter = np.array([np.log(usual), 0.0])
+        fresh = replace(base, state=replace(base.state, u=np.zeros(count), scatter=scatter))
         pairs = []
         for sharing in self._sharings(effect, base):
             identified = law_candidate(self.data.model, effect, self.data.free, sharing)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from scipy import stats
 
+from discovery.criteria.number import Numerical
 from discovery.localisation.force_history import Course
 from discovery.localisation.force_map import ForceMap, force_map
 from discovery.localisation.localise import Localisation, Profile, sides_of
@@ -16,9 +17,8 @@ from rom.campaign.channels import FloatArray
 from rom.evaluation.evaluate import Evaluation
 from rom.identification.equation_error import Balance, ForceRecord
 
-_BANDS = 4
-_CLASSES = (0.0, 0.25, 0.5, 0.75, 1.0)
-_LAGS = 20
+_BANDS: Numerical[int] = 4
+_CLASSES: Numerical[tuple[float, ...]] = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 def numbers_of(state: ForceBalanceResidual, judged: Sequence[Evaluation]) -> tuple[tuple[str, float], ...]:
@@ -73,7 +73,7 @@ def localise_forces(state: ForceBalanceResidual, numbers: tuple[tuple[str, float
         by_amplitude=_by_amplitude(parts),
         by_place=tuple((one.place, one.level) for one in forces),
         by_sign=sides_of(forces[0]) if len(forces) == 1 else (),  # one link's, as with a bolt
-        whiteness_p=_whiteness([rows for _, _, rows in parts]),
+        whiteness_p=_whiteness([rows for _, _, rows in parts], int(state.criteria.localisation.lags)),
         total=float(squares.mean()),
         numbers=numbers,
         forces=forces,
@@ -89,7 +89,7 @@ def _force_maps(state: ForceBalanceResidual) -> Iterator[ForceMap]:
         time = np.arange(len(rows)) / record.smoothing.rate_hz(record.rate_hz)
         name = balance.place.replace("body:", "body ")
         found.setdefault(name, []).append(Course(time, noise * rows, x, v, noise**2))
-    yield from (force_map(name, courses) for name, courses in found.items())
+    yield from (force_map(name, courses, state.criteria) for name, courses in found.items())
 
 
 def _parts(
@@ -144,11 +144,11 @@ def _by_amplitude(parts: Sequence[tuple[ForceRecord, Balance, FloatArray]]) -> P
     return tuple(found)
 
 
-def _whiteness(parts: Sequence[FloatArray]) -> float:
+def _whiteness(parts: Sequence[FloatArray], most: int) -> float:
     """Chance of so much correlation from row to row in noise (G. Ljung, G. Box, Biometrika 65, 297, 1978)."""
     square, count = 0.0, 0
     for rows in parts:
-        n, lags = len(rows), min(_LAGS, len(rows) // 4)
+        n, lags = len(rows), min(most, len(rows) // 4)
         centred = rows - rows.mean()
         whole = float(centred @ centred)
         if whole <= 0 or lags < 1:

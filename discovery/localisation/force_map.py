@@ -22,16 +22,18 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft, interpolate
 
-from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.localisation import Localising
+from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.criteria.number import Numerical
 from discovery.localisation.force_history import Course, by_sign
-from discovery.localisation.lines import ROUND, Lines, Place
+from discovery.localisation.lines import Lines, Place
 from rom.campaign.channels import FloatArray
 
-_HALF_BINS, _PER_DECADE = 13, 6  # of displacement and of velocity, on either side of the middle one
-_TURNS, _SEED = 999, 0
-_LOOPS, _FINE = 3, 240
-_LEAST = 1e-9  # of a bin's weight to the largest
+_HALF_BINS: Numerical[int] = 13  # of displacement and of velocity, on either side of the middle one
+_PER_DECADE: Numerical[int] = 6
+_SEED: Numerical[int] = 0
+_LOOPS: Numerical[int] = 3  # cycles that are drawn
+_FINE: Numerical[int] = 240  # points of their line
+_LEAST: Numerical[float] = 1e-9  # of a bin's weight to the largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +99,7 @@ class ForceMap:
         }
 
 
-def courses_at(
-    place: Place, parts: Sequence[Lines], criteria: Localising = CRITERIA.localisation
-) -> tuple[Course, ...]:
+def courses_at(place: Place, parts: Sequence[Lines], criteria: Criteria = CRITERIA) -> tuple[Course, ...]:
     """Return the unbalanced force at a place along every record that can show it.
 
     At a link it is told from all lines, as long as all last; on a body from the first part's alone, those
@@ -111,7 +111,7 @@ def courses_at(
         A bolted link or a body.
     parts : sequence of Lines
         Whitened lines of all records.
-    criteria : Localising
+    criteria : Criteria
         Which lines are faded.
 
     Returns
@@ -127,7 +127,7 @@ def courses_at(
     return tuple(course for course in found if course.variance.any())
 
 
-def _course(place: Place, ones: Sequence[Lines], criteria: Localising) -> Course:
+def _course(place: Place, ones: Sequence[Lines], criteria: Criteria) -> Course:
     trace = ones[0].trace
     first = ones[0].part.samples[0]
     count = min(last - first for _, last in (one.part.samples for one in ones)) // trace.stride
@@ -147,19 +147,19 @@ def _course(place: Place, ones: Sequence[Lines], criteria: Localising) -> Course
     start = first // trace.stride
     x, v = (motion[start : start + count] for motion in trace.relative(place.ends))
     time = ones[0].span_s[0] + np.arange(count) / trace.rate_hz
-    after = (time >= 0.0) & (np.arange(count) < (1 - ROUND) * count)
+    after = (time >= 0.0) & (np.arange(count) < (1 - criteria.localisation.wrapped) * count)
     return Course(time[after], force[after], x[after], v[after], np.maximum(variance[after], 0.0))
 
 
-def _usual(noise: Sequence[FloatArray], ones: Sequence[Lines], criteria: Localising) -> float:
+def _usual(noise: Sequence[FloatArray], ones: Sequence[Lines], criteria: Criteria) -> float:
     """Power of noise that a line may have and still pass, over all lines of a record."""
     every, frequency = np.concatenate(noise), np.concatenate([one.part.frequency for one in ones])
     near = (
         np.abs(frequency - (ones[0].trace.measurement.strongest_hz or 0.0))
-        < criteria.dominant_width * frequency
+        < criteria.localisation.dominant_width * frequency
     )
     middle = [float(np.median(lines)) for lines in (every, every[near]) if lines.size]
-    return criteria.loud_line * max(middle)
+    return criteria.localisation.loud_line * max(middle)
 
 
 def _response(one: Lines, place: Place) -> npt.NDArray[np.complexfloating]:
@@ -179,9 +179,7 @@ def _in_time(lines: npt.NDArray[np.complexfloating], one: Lines) -> FloatArray:
     return np.asarray(fft.irfft(spectrum, count, axis=0) * trace.rate_hz)
 
 
-def force_map(
-    place: str, courses: Sequence[Course], criteria: Localising = CRITERIA.localisation
-) -> ForceMap:
+def force_map(place: str, courses: Sequence[Course], criteria: Criteria = CRITERIA) -> ForceMap:
     """Return what the unbalanced force at a place is of the motion there, as a map and in numbers.
 
     Parameters
@@ -190,7 +188,7 @@ def force_map(
         Name of the place.
     courses : sequence of Course
         Force and motion there, one for each record.
-    criteria : Localising
+    criteria : Criteria
         Blocks, folds and the quantile of the chance level.
 
     Returns
@@ -238,9 +236,9 @@ class _Sums:
     """
 
     def __init__(
-        self, courses: Sequence[Course], edges: tuple[FloatArray, FloatArray], criteria: Localising
+        self, courses: Sequence[Course], edges: tuple[FloatArray, FloatArray], criteria: Criteria
     ) -> None:
-        self._courses, self._criteria, self._blocks = courses, criteria, int(criteria.blocks)
+        self._courses, self._criteria, self._blocks = courses, criteria, int(criteria.localisation.blocks)
         self.shape = (len(edges[1]) - 1, len(edges[0]) - 1)
         sums = [self._sums_of(one, edges) for one in courses]
         self._force = np.concatenate([force for force, _ in sums])
@@ -284,7 +282,7 @@ class _Sums:
 
     def predicted(self) -> float:
         """Share of the force's square that means of the other blocks predict; 0 where that is none."""
-        folds = int(self._criteria.folds)
+        folds = int(self._criteria.localisation.folds)
         fold = np.arange(len(self._force)) % folds
         left = 0.0
         for number in range(folds):
@@ -298,11 +296,11 @@ class _Sums:
 
     def chance(self) -> float:
         """Chance of so large means in the bins where the signs of blocks are a matter of chance."""
-        count = np.maximum(self._count.sum(axis=0), 1e-300)
-        signs = np.random.default_rng(_SEED).choice((-1.0, 1.0), (_TURNS, len(self._force)))
+        count, turns = np.maximum(self._count.sum(axis=0), 1e-300), int(self._criteria.chance.draws)
+        signs = np.random.default_rng(_SEED).choice((-1.0, 1.0), (turns, len(self._force)))
         turned = np.sum((signs @ self._force) ** 2 / count, axis=1)
         found = float(np.sum(self._force.sum(axis=0) ** 2 / count))
-        return float((1 + np.sum(turned >= found)) / (1 + _TURNS))
+        return float((1 + np.sum(turned >= found)) / (1 + turns))
 
     def cosine(self, quantity: str) -> tuple[float, float]:
         """Cosine of the angle between force and motion, and what noise exceeds in one case of twenty."""
@@ -314,7 +312,8 @@ class _Sums:
         size, every = np.sqrt(self.square * motion), np.concatenate(product)
         if not size:
             return float("nan"), float("nan")
-        return float(every.sum() / size), float(self._criteria.normal_quantile * np.linalg.norm(every) / size)
+        by_chance = self._criteria.chance.normal_quantile * np.linalg.norm(every)
+        return float(every.sum() / size), float(by_chance / size)
 
 
 def _loop(one: Course) -> tuple[Mapping[str, FloatArray], float]:
@@ -342,7 +341,7 @@ def _rounded(values: FloatArray) -> list[float | None]:
 
 
 def force_maps(
-    where: Sequence[Place], parts: Sequence[Lines], criteria: Localising = CRITERIA.localisation
+    where: Sequence[Place], parts: Sequence[Lines], criteria: Criteria = CRITERIA
 ) -> Iterator[ForceMap]:
     """Yield the map of every place that has moved.
 
@@ -352,7 +351,7 @@ def force_maps(
         Bolted links and bodies.
     parts : sequence of Lines
         Whitened lines of all records.
-    criteria : Localising
+    criteria : Criteria
         As for `courses_at` and `force_map`.
 
     Yields

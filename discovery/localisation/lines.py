@@ -19,8 +19,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft, stats
 
-from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.criteria.localisation import Localising
+from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
 from rom.identification.spectral_model import ComplexArray, Linearised, SpectralRecord
 
@@ -29,11 +30,9 @@ if TYPE_CHECKING:
     from discovery.residual.trajectory import MeasuredTrajectory
 
 Profile = tuple[tuple[str, float], ...]  # label and residual's mean square over that of the noise floor
-_SECONDS = (0.0, 0.1, 0.35, 1.0, 3.0, np.inf)
+_SECONDS: Numerical[tuple[float, ...]] = (0.0, 0.1, 0.35, 1.0, 3.0, np.inf)
 _HARMONICS = ("1st harmonic", "2nd harmonic", "3rd harmonic")
 _ELSEWHERE = "other lines"
-ROUND = 0.1
-"""Of the spectra's length, where what smears to before the hit comes round."""
 _GROUND = "ground"
 
 
@@ -136,7 +135,7 @@ def places(residual: WhitenedResidual) -> tuple[Place, ...]:
     return (*links, *(Place(f"body {body}", (body, _GROUND), bolted=False) for body in bodies))
 
 
-def by_time(parts: Iterable[Lines]) -> Profile:
+def by_time(parts: Iterable[Lines], criteria: Criteria = CRITERIA) -> Profile:
     """Return the mean square by time since the impact.
 
     The inverse Fourier transform of K lines side by side is K complex numbers, D/K apart for spectra over D
@@ -153,13 +152,13 @@ def by_time(parts: Iterable[Lines]) -> Profile:
         start, length = one.span_s
         along = np.arange(len(samples)) / len(samples)
         place = np.searchsorted(_SECONDS, start + length * along, "right")
-        place[along > 1 - ROUND] = 0
+        place[along > 1 - criteria.localisation.wrapped] = 0
         for number, label in enumerate(classes, 1):
             tally.add(label, samples[place == number], noise[place == number])
     return tally.profile()
 
 
-def by_harmonic(parts: Iterable[Lines], criteria: Localising = CRITERIA.localisation) -> Profile:
+def by_harmonic(parts: Iterable[Lines], criteria: Criteria = CRITERIA) -> Profile:
     """Return the mean square of lines at the record's dominant frequency, its harmonics, and elsewhere."""
     tally = _MeanSquares((*_HARMONICS, _ELSEWHERE))
     for one in parts:
@@ -167,7 +166,7 @@ def by_harmonic(parts: Iterable[Lines], criteria: Localising = CRITERIA.localisa
         if not strongest:
             continue
         order = one.part.frequency / strongest
-        near = np.abs(order - np.rint(order)) < criteria.harmonic_width
+        near = np.abs(order - np.rint(order)) < criteria.localisation.harmonic_width
         number = np.where(near & (np.rint(order) <= len(_HARMONICS)), np.rint(order), 0).astype(np.intp)
         noise = 2.0 - one.projected_variance(one.projected)
         for harmonic, label in enumerate((_ELSEWHERE, *_HARMONICS)):
@@ -192,7 +191,7 @@ def by_place(parts: Sequence[Lines], where: Iterable[Place]) -> Profile:
     return tally.profile()
 
 
-def repeatability(parts: Sequence[Lines], criteria: Localising = CRITERIA.localisation) -> Profile:
+def repeatability(parts: Sequence[Lines], criteria: Criteria = CRITERIA) -> Profile:
     """Return how alike the residuals of tests are that repeat each other; nothing where none does.
 
     ``repeatability`` is the correlation of their lines, of all pairs together: 0 for noise, and (m - 1) / m
@@ -210,7 +209,7 @@ def repeatability(parts: Sequence[Lines], criteria: Localising = CRITERIA.locali
         at = hits[id(first.trace)], hits[id(second.trace)]
         if (
             first.trace is not second.trace
-            and at[0].repeats(at[1], criteria)
+            and at[0].repeats(at[1], criteria.localisation)
             and _side_by_side(first, second)
         ):
             a, b = _from_hit(first, at[0].body), _from_hit(second, at[1].body)
@@ -226,14 +225,14 @@ def repeatability(parts: Sequence[Lines], criteria: Localising = CRITERIA.locali
     noise, count = np.sum(list(apart.values()), axis=0)
     return (
         ("repeatability", product / size),
-        ("repeatability_chance", criteria.normal_quantile / float(np.sqrt(count))),
+        ("repeatability_chance", criteria.chance.normal_quantile / float(np.sqrt(count))),
         ("repeatability_noise", float(noise / count)),
         *((f"repeatability_noise_{body}", square / n) for body, (square, n) in apart.items()),
         ("repeatability_pairs", float(len(pairs))),
     )
 
 
-def line_correlation(parts: Sequence[Lines], criteria: Localising = CRITERIA.localisation) -> Profile:
+def line_correlation(parts: Sequence[Lines], criteria: Criteria = CRITERIA) -> Profile:
     """Return how alike lines side by side are, by kind of test: a test of whiteness.
 
     rho^2 = sum |sum_k conj(r_k) r_(k+1)|^2 / sum (sum_k |r_k|^2)^2 over records and channels. White lines
@@ -249,7 +248,7 @@ def line_correlation(parts: Sequence[Lines], criteria: Localising = CRITERIA.loc
         count = np.concatenate([np.full(r.shape[1], float(len(r))) for r in white])
         mean, size = 4 * (count - 1), 4 * count**2
         scale = float(np.sum(mean**2) / np.sum(mean))
-        largest = float(stats.gamma.isf(criteria.chance, np.sum(mean) / scale, scale=scale))
+        largest = float(stats.gamma.isf(criteria.localisation.chance, np.sum(mean) / scale, scale=scale))
         found += [
             (f"line_correlation_{test}", float(np.sqrt(alike / whole)) if whole > 0 else 0.0),
             (f"line_correlation_{test}_chance", float(np.sqrt(largest / np.sum(size)))),

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.localisation import Localising
+from discovery.criteria.number import Numerical
 from discovery.localisation.force_map import ForceMap, force_maps
 from discovery.localisation.lines import (
     Profile,
@@ -33,14 +32,14 @@ if TYPE_CHECKING:
 
 __all__ = ["COURSES", "PRELOADS_N", "Localisation", "Profile", "localise"]
 
-_BANDS = (
+_BANDS: Numerical[tuple[tuple[str, float, float], ...]] = (
     ("0 to 30 Hz", 0.0, 30.0),
     ("30 to 100 Hz", 30.0, 100.0),
     ("100 to 300 Hz", 100.0, 300.0),
     ("300 Hz and more", 300.0, np.inf),
 )
-PRELOADS_N = (30.0, 100.0, 300.0, 1000.0)  # [N]
-_AMPLITUDES = (10.0, 50.0, 100.0, 200.0)  # [um]
+PRELOADS_N: Numerical[tuple[float, ...]] = (30.0, 100.0, 300.0, 1000.0)  # [N]
+_AMPLITUDES: Numerical[tuple[float, ...]] = (10.0, 50.0, 100.0, 200.0)  # [um]
 COURSES = "tension_courses"
 
 
@@ -108,7 +107,6 @@ def localise(
     residual: WhitenedResidual,
     numbers: Mapping[str, float] | None = None,
     courses: Mapping[str, Profile] | None = None,
-    criteria: Localising = CRITERIA.localisation,
 ) -> Localisation:
     """Return where the residual on training records lives.
 
@@ -120,15 +118,13 @@ def localise(
         Other errors, kept as they are.
     courses : mapping of str to tuple of (str, float), optional
         Views of the tension's misfit, kept as they are.
-    criteria : Localising
-        The numbers that decide.
 
     Returns
     -------
     Localisation
         Mean squares over noise by each view; 1 is noise.
     """
-    parts = training_lines(residual)
+    parts, criteria = training_lines(residual), residual.criteria
     squares = [(one.trace, one.part.frequency, one.rows) for one in parts]
     where = places(residual)
     forces = tuple(force_maps(where, parts, criteria))
@@ -142,7 +138,7 @@ def localise(
         ),
         by_preload=_mean_squares((_class(t.level, PRELOADS_N, "N"), m) for t, _, m in squares),
         by_amplitude=_mean_squares((_class(_peak(t), _AMPLITUDES, "um"), m) for t, _, m in squares),
-        by_time=by_time(parts),
+        by_time=by_time(parts, criteria),
         by_harmonic=by_harmonic(parts, criteria),
         by_place=by_place(parts, where),
         by_sign=_by_sign(forces, [place.name for place in where if place.bolted]),

@@ -8,17 +8,16 @@ import numpy as np
 
 from discovery.courses.tension_likelihood import bin_edges
 from discovery.courses.variability import tau
-from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.localisation import Localising
+from discovery.criteria.number import Numerical
 from discovery.localisation.localise import PRELOADS_N, Profile, class_label
 from discovery.residual.course_fit import CourseFit, Misfit
 from rom.campaign.channels import FloatArray
 
-_SPEEDS = (1.0, 3.0, 10.0, 30.0, 100.0)  # [mm/s]
-_TIMES = (10.0, 30.0, 100.0, 300.0, 1000.0)  # [ms]
+_SPEEDS: Numerical[tuple[float, ...]] = (1.0, 3.0, 10.0, 30.0, 100.0)  # [mm/s]
+_TIMES: Numerical[tuple[float, ...]] = (10.0, 30.0, 100.0, 300.0, 1000.0)  # [ms]
 
 
-def tension_views(misfit: Misfit, criteria: Localising = CRITERIA.localisation) -> Mapping[str, Profile]:
+def tension_views(misfit: Misfit) -> Mapping[str, Profile]:
     """Mean square of what a law leaves over of the training courses, 1 being noise, along three views.
 
     Whitened residuals are those of each bin given the bins before it, so that they belong to what the rate
@@ -29,8 +28,6 @@ def tension_views(misfit: Misfit, criteria: Localising = CRITERIA.localisation) 
     ----------
     misfit : Misfit
         With the law's fit to the training courses; there are no views without it.
-    criteria : Localising
-        Least numbers of a class.
 
     Returns
     -------
@@ -45,14 +42,14 @@ def tension_views(misfit: Misfit, criteria: Localising = CRITERIA.localisation) 
     frozen = slow.problem.frozen
     squares, numbers = slow.state.residual**2, _free_numbers(slow)
     bins = bin_edges(frozen)
-    middle = 0.5 * (bins[1:] + bins[:-1]) * 1e3
+    fewest, middle = frozen.criteria.localisation.class_numbers, 0.5 * (bins[1:] + bins[:-1]) * 1e3
     views = {
         "tension_by_preload": (np.broadcast_to(frozen.initial[:, None], squares.shape), PRELOADS_N, "N"),
         "tension_by_velocity": (_speeds(slow) * 1e3, _SPEEDS, "mm/s"),
         "tension_by_time": (np.broadcast_to(middle, squares.shape), _TIMES, "ms"),
     }
     return {
-        name: _profile(values, edges, unit, squares, numbers, criteria.class_numbers)
+        name: _profile(values, edges, unit, squares, numbers, fewest)
         for name, (values, edges, unit) in views.items()
     }
 

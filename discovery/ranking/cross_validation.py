@@ -130,7 +130,8 @@ def refit(fitted: Fit, part: FrozenMotion, index: Index) -> Fit:
 
 def lost(found: Fit, deviance: float) -> bool:
     """Whether a fit ended far above a deviance that it started near."""
-    return not found.deviance < found.rules.lost_times * deviance + found.rules.lost_beyond
+    rules = found.criteria.courses
+    return not found.deviance < rules.lost_times * deviance + rules.lost_beyond
 
 
 def estimate(fitted: Fit) -> FloatArray:
@@ -159,7 +160,8 @@ def limits(
     drawn = rng.multinomial(count, np.full(count, 1 / count), int(rules.resamples))
     steps = problem.resampled(state, drawn[:, groups].astype(float))
     low, high = np.quantile(steps, _tails(rules), axis=0)
-    half = fitted.rules.standard_errors * np.sqrt(spread * np.maximum(np.diag(fitted.covariance), 0.0))
+    errors = np.sqrt(spread * np.maximum(np.diag(fitted.covariance), 0.0))
+    half = fitted.criteria.chance.normal_quantile * errors
     widest = np.stack([np.minimum(low, -half), np.maximum(high, half)], axis=1)
     found = {}
     for name, value, ends in zip(fitted.free, estimate(fitted), widest, strict=True):

@@ -24,13 +24,14 @@ from discovery.courses.tension_likelihood import (
 )
 from discovery.courses.variability import tau
 from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
 from discovery.residual.tension_data import TensionData
 from rom.campaign.channels import FloatArray
 
-_ROUGH_STEPS = (0.5, 8)  # gain of a step and number of steps: enough to screen by
-_ROUNDS = 2  # of correction by re-simulation
-_U_STARTS = (0.0, -1.0, 1.0, -3.0)
+_ROUGH_STEPS: Numerical[tuple[float, int]] = (0.5, 8)  # gain of a step, number of steps: to screen by
+_ROUNDS: Numerical[int] = 2  # of correction by re-simulation
+_U_STARTS: Numerical[tuple[float, ...]] = (0.0, -1.0, 1.0, -3.0)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 
+from discovery.criteria.number import Numerical
 from discovery.residual.recent import Recent
 from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
@@ -17,7 +18,7 @@ from rom.model.laws import Law
 from rom.model.model import Model
 from rom.signals.per_record_parameters import per_record_names
 
-_SUBSTEPS = 2  # of the states, from sample to sample
+_SUBSTEPS: Numerical[int] = 2  # of the states, from sample to sample
 _RECENT = Recent(300_000_000)
 
 

@@ -14,15 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
+from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
 from discovery.residual.tension_records import TensionObservation
 from rom.campaign.channels import FloatArray
 from rom.effects import SensorFault
 
-_EARLY_S, _LEAD_S = 0.06, 0.005
-_LOSSES_S = (1e-3, 4e-3, 1.5e-2, 5e-2)
-_SAME = 1e-8
-_RANK = 5
+# any loss is nearly a sum of these
+_LOSSES_S: Numerical[tuple[float, ...]] = (1e-3, 4e-3, 1.5e-2, 5e-2)
+_SAME: Numerical[float] = 1e-8  # of the largest singular value: directions that are none
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,11 @@ def _allowing(found: Projected, allowed: FloatArray) -> Projected:
 
 
 def project_fault(
-    record: TensionObservation, nodes: FloatArray, faults: Sequence[SensorFault], least: int
+    record: TensionObservation,
+    nodes: FloatArray,
+    faults: Sequence[SensorFault],
+    least: int,
+    criteria: Tension,
 ) -> Projected:
     """Project the part about the hit on what faults would make of the course, a column for every fault.
 
@@ -113,19 +117,22 @@ def project_fault(
         One fault of several sizes.
     least : int
         Place of the size that is no finding.
+    criteria : Tension
+        Window about the hit, and directions that are kept.
 
     Returns
     -------
     Projected
         The whitened tension, and a column for every trial.
     """
-    window = _window(record, -_LEAD_S, _EARLY_S)
+    window = _window(record, -criteria.fault_lead_s, criteria.fault_window_s)
     time = (np.arange(window.start, window.stop) / record.rate_hz) - record.course.impact_s
     course = np.interp(time, nodes[0], nodes[5])
     columns = np.stack([fault.apply(course, record.rate_hz) - course for fault in faults], axis=1)
     x = record.displacement[window]
     nuisance = np.stack([np.ones_like(time), course, x, x**2], axis=1)
-    found = _projected(rest_of(record, nodes)[window], columns, nuisance, record.white, _RANK)
+    rank = int(criteria.fault_directions)
+    found = _projected(rest_of(record, nodes)[window], columns, nuisance, record.white, rank)
     return _allowing(found, found.columns[:, [least]])
 
 

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from discovery.criteria.number import Numerical
 from rom.effects import ModelCorrection, with_stiffness
 from rom.identification.priors import PriorConstraint
 from rom.identification.record_spectra import UNCOUPLED
@@ -16,10 +17,11 @@ from rom.identification.uncoupled_priors import without_modes
 from rom.model.laws import Law
 from rom.model.model import LinkLaws, Model
 
-_DIFFERENCE = 1e-4
-_TINY = 1e-9
-_LARGEST_STEP = (0.3, 3.0)  # factors on a value at once: a start far away is found again by small steps alone
-_LEAST_CORNER = 1e-6
+_DIFFERENCE: Numerical[float] = 1e-4  # of a number's size
+_TINY: Numerical[float] = 1e-9
+# factors on a value at once: a start far away is found again by small steps alone
+_LARGEST_STEP: Numerical[tuple[float, float]] = (0.3, 3.0)
+_LEAST_CORNER: Numerical[float] = 1e-6  # [Hz]
 Slopes = Mapping[str, float]
 _OF_EFFECT = "effect|"
 
@@ -119,7 +121,7 @@ def _within(law: Law, parameter: str, value: float) -> Law:
 def _limited(value: float, step: float) -> float:
     """A value moved by a step, a share of its size, by no more than the largest; zero may go anywhere."""
     moved = value + step * size_of(value)
-    if abs(value) <= _TINY:
+    if abs(value) <= _TINY or not np.isfinite(moved):
         return moved
     return value * float(np.clip(moved / value, *_LARGEST_STEP))
 

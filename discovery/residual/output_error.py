@@ -27,6 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.criteria.number import Numerical
 from discovery.residual.base import Kind
 from discovery.residual.effect_forces import lasting_force, lines_beyond_linear
 from discovery.residual.free_parameters import FreeParameters
@@ -49,8 +50,8 @@ from rom.identification.spectral_model import (
 from rom.identification.uncoupled_priors import constants, of_stiffness
 from rom.model.model import Model
 
-_SAME = 1e-9  # of the largest singular value: directions that the slopes do not tell
-_MEDIAN_SQUARE = 0.4549  # of a normal number
+_SAME: Numerical[float] = 1e-9  # of the largest singular value: directions that the slopes do not tell
+MEDIAN_SQUARE: Numerical[float] = 0.4549  # of a normal number
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,7 +296,7 @@ def noise_of(baseline: FreeParameters, traces: Sequence[MeasuredTrajectory]) -> 
     left = residual.left_over(residual.residual)
     lift: dict[Group, float] = {}
     for place, trace in enumerate(alone):
-        level = float(np.median(left[residual.owner == place] ** 2)) / _MEDIAN_SQUARE
+        level = float(np.median(left[residual.owner == place] ** 2)) / MEDIAN_SQUARE
         lift[trace.group] = max(level, 1.0, lift.get(trace.group, 1.0))
     return {group: floor.raised(lift.get(group, 1.0)) for group, floor in floors.items()}
 

@@ -9,7 +9,8 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from discovery.courses.frozen_motion import FrozenMotion, freeze
-from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import FloatArray
@@ -28,8 +29,8 @@ from rom.signals.tension_bins import (
     course_noise,
 )
 
-_EARLY_S = 0.06
-_MEDIAN_OF_EXPONENTIAL = 0.6931
+_EARLY_S: Numerical[float] = 0.06
+_MEDIAN_OF_EXPONENTIAL: Numerical[float] = 0.6931
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,7 +252,9 @@ def _truncated(bins: TensionBins, count: int, change: FloatArray) -> TensionBins
     return replace(bins, edges_s=edges, change=change, counts=bins.counts[:count], lag_s=bins.lag_s[:count])
 
 
-def frozen_of(records: Sequence[TensionObservation], noise: CourseNoise, model: Model) -> FrozenMotion:
+def frozen_of(
+    records: Sequence[TensionObservation], noise: CourseNoise, model: Model, criteria: Criteria = CRITERIA
+) -> FrozenMotion:
     """Return the motion of all records, frozen, thinned to what a law's course needs.
 
     Parameters
@@ -262,6 +265,8 @@ def frozen_of(records: Sequence[TensionObservation], noise: CourseNoise, model: 
         Noise of their courses.
     model : Model
         Its forces act; changes of the law, readings and faults of the gauge are left out.
+    criteria : Criteria
+        The numbers that decide; they travel with the motion.
 
     Returns
     -------
@@ -270,7 +275,7 @@ def frozen_of(records: Sequence[TensionObservation], noise: CourseNoise, model: 
     """
     courses = [replace(s.course, covariance=noise.covariance(s.bins)) for s in records]
     moving = model.without_effects_of("law change", "reading", "sensor fault")
-    frozen = freeze(replace(moving, identification=None), courses)
+    frozen = freeze(replace(moving, identification=None), courses, criteria=criteria)
     return thinned(frozen, [s.settings.test == "coupled" for s in records])
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import fft, ndimage
 
 from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.criteria.number import Numerical
 from discovery.residual.free_parameters import FreeParameters
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import MOTIONS, FloatArray
@@ -27,10 +28,9 @@ from rom.signals.per_record_parameters import per_record_names
 from rom.signals.processing import Measurement
 from rom.signals.sensor_correction import faults_of, without_faults
 
-_SAMPLES = 4.0  # at the highest line of a spectrum: what else folds back there is below the noise
-_AS_MEASURED = 1e-6  # of asinh(gamma): noise tells a loss less closely
-_FEWEST_QUIET = 64  # samples before the hit
-_LINES = 9  # so many tell the power to a third
+_SAMPLES: Numerical[float] = 4.0  # at a spectrum's highest line: what else folds back is below the noise
+_AS_MEASURED: Numerical[float] = 1e-6  # of asinh(gamma): noise tells a loss less closely
+_LINES: Numerical[int] = 9  # so many tell the power to a third
 _MOTION_TESTS = ("uncoupled", "coupled", "loosening")
 Progress = Callable[[int, int], None]
 Measurements = Sequence[tuple[RecordSettings, Measurement]]
@@ -183,14 +183,19 @@ def trace_records(
         run = replay(own.get(settings.file, baseline.model), given)
         if run.response.status == "ok":
             kept = stored if run.measurement is given else run.measurement.as_type(np.float32)
-            traces.append(_traced(campaign, baseline, settings, run, kept))
+            traces.append(_traced(campaign, baseline, settings, run, kept, criteria))
         if progress is not None:
             progress(done, len(measurements))
     return tuple(traces)
 
 
 def _traced(
-    campaign: Campaign, baseline: FreeParameters, settings: RecordSettings, run: Replay, stored: Measurement
+    campaign: Campaign,
+    baseline: FreeParameters,
+    settings: RecordSettings,
+    run: Replay,
+    stored: Measurement,
+    criteria: Criteria,
 ) -> MeasuredTrajectory:
     seen, response = run.measurement, run.response
     tension = np.asarray(response.tension) if isinstance(response.tension, np.ndarray) else np.zeros(0)
@@ -202,9 +207,10 @@ def _traced(
     bodies = [body for body in campaign.settings.body_names if body in seen.motion]
     stride = _stride(parts, seen.rate_hz)
     kept = slice(parts[0].samples[0] % stride, None, stride)
-    displacement, velocity = {}, {}
+    displacement, velocity, fewest = {}, {}, criteria.motion.quiet_samples
     for body in bodies:
-        displacement[body], velocity[body] = (m[kept].copy() for m in _motion_of(seen, run, body, corner))
+        moves = _motion_of(seen, run, body, corner, fewest)
+        displacement[body], velocity[body] = (m[kept].copy() for m in moves)
     return MeasuredTrajectory(
         settings, stored, parts, displacement, velocity, tension[kept].copy(), level, stride, _own(run.model)
     )
@@ -226,7 +232,9 @@ def _stride(parts: Sequence[SpectralRecord], rate_hz: float) -> int:
     return max(fits, default=1)
 
 
-def _motion_of(seen: Measurement, run: Replay, body: str, corner: float) -> tuple[FloatArray, FloatArray]:
+def _motion_of(
+    seen: Measurement, run: Replay, body: str, corner: float, fewest: float
+) -> tuple[FloatArray, FloatArray]:
     """Displacement and velocity: the model's, and what the sensor shows beyond it, integrated."""
     motion, response = seen.motion[body], run.response
     simulated = getattr(response, motion.kind)[body]
@@ -234,7 +242,7 @@ def _motion_of(seen: Measurement, run: Replay, body: str, corner: float) -> tupl
         simulated = ac_coupled(simulated, seen.rate_hz, corner)
     beyond = motion.samples - simulated
     quiet = beyond[: max(int((seen.impact_s or 0.0) * 0.8 * seen.rate_hz), 1)]
-    beyond = quiet.mean() + _above_noise(beyond - quiet.mean(), quiet - quiet.mean())
+    beyond = quiet.mean() + _above_noise(beyond - quiet.mean(), quiet - quiet.mean(), fewest)
     times = {"acceleration": 2, "velocity": 1, "displacement": 0}[motion.kind]
     found = []
     for quantity, integrations in (("displacement", times), ("velocity", times - 1)):
@@ -248,13 +256,13 @@ def _motion_of(seen: Measurement, run: Replay, body: str, corner: float) -> tupl
     return found[0], found[1]
 
 
-def _above_noise(samples: FloatArray, quiet: FloatArray) -> FloatArray:
+def _above_noise(samples: FloatArray, quiet: FloatArray, fewest: float) -> FloatArray:
     """What samples show beyond the noise that ``quiet`` has, by Wiener's filter max(0, 1 - 2 N / S).
 
     Forces of a stiff gap or a slider along a motion with all its noise would be mostly noise. N is white, the
     median line of what is quiet: neither the mains nor a mode that rings raise it. S is a mean of lines.
     """
-    if len(quiet) < _FEWEST_QUIET:
+    if len(quiet) < fewest:
         return samples
     noise = float(np.median(np.abs(fft.rfft(quiet)[1:]) ** 2)) / np.log(2) / len(quiet) * len(samples)
     lines = fft.rfft(samples)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from discovery.criteria.number import Numerical
 from discovery.views.closure_prose import view_words
 from discovery.views.force import FORCE, Units, draw_loop, draw_map, pair, scale_of, units_of
 from discovery.views.palette import AFTER, BACKGROUND, BEFORE, GREY
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 Data = Mapping[str, Any]
-FORCE_HEIGHT_MM = 105.0
+FORCE_HEIGHT_MM: Numerical[float] = 105.0
 _WHENS = ("Before", "After")
 
 

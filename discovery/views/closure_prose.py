@@ -53,10 +53,8 @@ _CHANCES = {
     "likelihood ratio": "the chance of that were noise alone left, independent from row to row, times the "
     "number of effects tried",
 }
-_STANDS_OUT: Numerical[float] = 1.3  # times the smallest of its view
 _NAMED: Numerical[int] = 3
 _SAME: Numerical[float] = 0.02
-_TELLS: Numerical[float] = 0.1  # of the force's variance: a map that explains less is not worth words
 
 
 def sections(data: Data) -> dict[str, str]:
@@ -227,10 +225,10 @@ def _remaining(after: Data) -> Iterator[str]:
 
 def _as_force(after: Data) -> Iterator[str]:
     """Say how much of the force that is left is a function of the motion, where it is most."""
-    one = max(after.get("forces", ()), key=explained_level, default=None)
-    if one is None or not _known(one["explained_p"]) or one["explained"] < _TELLS:
+    one, rules = max(after.get("forces", ()), key=explained_level, default=None), CRITERIA.localisation
+    if one is None or not _known(one["explained_p"]) or one["explained"] < rules.function_of_motion:
         return
-    if one["explained_p"] > CRITERIA.localisation.regular:
+    if one["explained_p"] > rules.regular:
         return
     kind = "even" if one["elastic"] >= 0.5 else "odd"
     share = _percent(max(one["elastic"], 1 - one["elastic"]))
@@ -244,6 +242,7 @@ def _as_force(after: Data) -> Iterator[str]:
 
 def lives_in(residual: Data) -> Iterator[str]:
     """Yield where a residual stands out, a phrase for each view in which it does."""
+    least = CRITERIA.localisation.stands_out
     for view, profile in residual.items():
         if not isinstance(profile, Mapping):
             continue
@@ -251,7 +250,7 @@ def lives_in(residual: Data) -> Iterator[str]:
         if len(known) < 2:
             continue
         label = max(known, key=lambda name: float(known[name]))
-        if known[label] > 1.0 and known[label] > _STANDS_OUT * min(known.values()):
+        if known[label] > 1.0 and known[label] > least * min(known.values()):
             along = view_words(view)
             words = f"{_PLACED.get(view, along[:1].lower() + along[1:])} {label}".strip()
             yield f"{words} ({_number(known[label])} times noise)"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
 
 if TYPE_CHECKING:
@@ -16,11 +17,12 @@ if TYPE_CHECKING:
 
 Data = Mapping[str, Any]
 FORCE = "Force [N]"
-_LENGTHS = ((2e-3, "µm", 1e6), (2.0, "mm", 1e3), (np.inf, "m", 1.0))  # below [m] or [m/s], unit, factor
-_SPEEDS = ((2.0, "mm/s", 1e3), (np.inf, "m/s", 1.0))
+_Units = tuple[tuple[float, str, float], ...]  # below [m] or [m/s], unit, factor
+_LENGTHS: Numerical[_Units] = ((2e-3, "µm", 1e6), (2.0, "mm", 1e3), (np.inf, "m", 1.0))
+_SPEEDS: Numerical[_Units] = ((2.0, "mm/s", 1e3), (np.inf, "m/s", 1.0))
 _COLOURS, _NOWHERE = "RdBu_r", "0.93"
-_MOST = 95.0  # percentile of a map that has the deepest colour: single bins may be far off
-_MIDDLE = 0.15  # of a decade, on either side of rest
+_MOST: Numerical[float] = 95.0  # percentile of a map that has the deepest colour: single bins may be far off
+_MIDDLE: Numerical[float] = 0.15  # of a decade, on either side of rest
 
 
 def pair(before: Sequence[Data], after: Sequence[Data]) -> tuple[Data, Data] | None:

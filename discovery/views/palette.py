@@ -1,5 +1,9 @@
 """Look of all figures; colours that the colour-blind tell apart: M. Okabe and K. Ito (2008)."""
 
+from __future__ import annotations
+
+from discovery.criteria.number import Numerical
+
 BLACK = "#000000"
 BLUE = "#0072B2"
 VERMILLION = "#D55E00"
@@ -10,5 +14,6 @@ GREY = "#8c8c8c"
 MEASURED, MODEL, BACKGROUND = BLACK, VERMILLION, GREY
 BEFORE, AFTER = VERMILLION, BLUE
 
-WIDTH = 6.0  # of a figure on a screen [inch]
-INCH_PER_MM = 1.4 / 25.4  # of its height: letters are larger there than in a column of print
+WIDTH: Numerical[float] = 6.0  # of a figure on a screen [inch]
+# of its height: letters are larger there than in a column of print
+INCH_PER_MM: Numerical[float] = 1.4 / 25.4

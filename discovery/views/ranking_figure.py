@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from discovery.criteria.number import Numerical
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.views.palette import BLUE, GREY, VERMILLION
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 Data = Mapping[str, Any]
 OWN_COLOURS = {BASELINE: VERMILLION, NO_LOOSENING: GREY}  # in every figure
-_ROWS = 10
+_ROWS: Numerical[int] = 10
 _LAW_WORDS = {BASELINE: "γ(T), the paper's law"}
 _NUMBER = r"[\w.+-]+"
 _LAW_PATTERNS = (

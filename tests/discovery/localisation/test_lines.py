@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from discovery.criteria.criteria import CRITERIA
 from discovery.localisation.lines import by_harmonic, by_place, by_time, line_correlation, repeatability
 from rom.campaign.channels import FloatArray
 from tests.discovery.synthetic_lines import (
@@ -48,6 +49,13 @@ def test_a_force_that_acts_for_a_while_is_told_when_it_acts(start: float, label:
     assert max(found, key=lambda name: found[name]) == label
     assert found[label] > 8
     assert found["1 to 3 s"] < 0.1 * found[label]
+
+
+def test_what_comes_round_from_before_the_hit_is_put_aside_as_the_criteria_say() -> None:
+    late = tone(5.0, 1.5, 1.9)
+    parts = [record(lambda *_: late, seed=seed) for seed in range(5)]
+    more = CRITERIA.changed(localisation={"wrapped": 0.5})
+    assert dict(by_time(parts))["1 to 3 s"] > 2 * dict(by_time(parts, more)).get("1 to 3 s", 1.0)
 
 
 @pytest.mark.parametrize(("order", "label"), [(1, "1st harmonic"), (3, "3rd harmonic"), (2.5, "other lines")])

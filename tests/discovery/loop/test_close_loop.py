@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import rom
+from discovery.criteria.criteria import CRITERIA
 from discovery.explain.effect_outputs import output_of
 from discovery.explain.motion import explain_effect, explanation, screen
 from discovery.explain.motion_fit import reestimate_noise, refit, with_effects
@@ -64,6 +65,13 @@ def test_nothing_but_noise_is_left_where_nothing_is_missing() -> None:
     left = found.left_over(found.residual)
     assert np.mean(left[found.training] ** 2) == pytest.approx(1.0, abs=0.2)
     assert np.mean(left[~found.training] ** 2) == pytest.approx(1.0, abs=0.2)
+
+
+def test_where_a_residual_lives_is_told_by_the_criteria_that_it_carries() -> None:
+    found = evidence()
+    often = replace(found, criteria=CRITERIA.changed(localisation={"chance": 0.5}))
+    usual, told = (dict(localise(one).white) for one in (found, often))
+    assert told["line_correlation_coupled_chance"] < usual["line_correlation_coupled_chance"]
 
 
 def test_a_missing_effect_stands_out_where_it_acts() -> None:

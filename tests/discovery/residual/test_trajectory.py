@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from discovery.criteria.criteria import CRITERIA
 from discovery.residual.trajectory import MeasuredTrajectory, _above_noise
 from rom.identification.spectral_model import spectrum
 
 _RATE_HZ, _QUIET, _ALL = 4800.0, 2000, 12000
+_FEWEST = CRITERIA.motion.quiet_samples
 
 
 def _noisy(amplitude: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -24,25 +26,25 @@ def _noisy(amplitude: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 def test_noise_alone_is_hardly_let_through() -> None:
     _, seen = _noisy(0.0)
-    assert np.mean(_above_noise(seen, seen[:_QUIET]) ** 2) < 0.02 * np.mean(seen**2)
+    assert np.mean(_above_noise(seen, seen[:_QUIET], _FEWEST) ** 2) < 0.02 * np.mean(seen**2)
 
 
 def test_what_is_far_above_the_noise_passes_and_most_noise_does_not() -> None:
     ringing, seen = _noisy(2.0)
-    found = _above_noise(seen, seen[:_QUIET])
+    found = _above_noise(seen, seen[:_QUIET], _FEWEST)
     assert np.std(found - ringing) < 0.4 * np.std(seen - ringing)
 
 
 def test_the_mains_before_the_hit_do_not_raise_the_noise() -> None:
     ringing, seen = _noisy(2.0)
     mains = 0.5 * np.sin(2 * np.pi * 50 * np.arange(_ALL) / _RATE_HZ)
-    found = _above_noise(seen + mains, (seen + mains)[:_QUIET])
+    found = _above_noise(seen + mains, (seen + mains)[:_QUIET], _FEWEST)
     assert np.std(found - ringing - mains) < 0.5 * np.std(seen - ringing)
 
 
 def test_nothing_is_taken_off_where_nothing_precedes_the_hit() -> None:
     _, seen = _noisy(1.0)
-    np.testing.assert_array_equal(_above_noise(seen, seen[:10]), seen)
+    np.testing.assert_array_equal(_above_noise(seen, seen[:10], _FEWEST), seen)
 
 
 @pytest.mark.parametrize("frequency_hz", [28.4, 5.3])
