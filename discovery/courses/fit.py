@@ -32,6 +32,20 @@ def refine(candidate: Candidate, frozen: FrozenMotion, rounds: int = ROUNDS) -> 
     """Fit, re-simulate in full, correct the frozen courses by the difference, and fit again.
 
     Until the corrections stay the same, to a small part of the noise.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        Its numbers are the start.
+    frozen : FrozenMotion
+        Motion and measured courses.
+    rounds : int
+        Corrections at most.
+
+    Returns
+    -------
+    Fit
+        Not converged where a re-simulation diverged.
     """
     found = fit(candidate, frozen)
     for _ in range(rounds if candidate.terms else 0):
@@ -51,7 +65,22 @@ def correction(found: Fit, frozen: FrozenMotion) -> FloatArray:
 
 
 def unchanged(offsets: FloatArray, found: Fit, frozen: FrozenMotion) -> bool:
-    """Whether corrections are those of a fit, to a small part of the noise or of the change."""
+    """Whether corrections are those of a fit, to a small part of the noise or of the change.
+
+    Parameters
+    ----------
+    offsets : ndarray, shape (cases, bins)
+        Corrections to the frozen courses [N].
+    found : Fit
+        With the corrections that it was made with.
+    frozen : FrozenMotion
+        Motion and measured courses.
+
+    Returns
+    -------
+    bool
+        True if they are the same.
+    """
     noise = np.sqrt(np.stack([np.diag(c.covariance)[-frozen.change.shape[1] :] for c in frozen.courses]))
     change = predict(found.candidate, frozen, found.offsets, found.deviations)
     near = _SAME_NOISE * noise + _SAME_CHANGE * np.abs(change)
@@ -106,6 +135,20 @@ def fit_losses(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray |
 
     For a law whose courses are not those measured: the shape of the courses, which it cannot follow, would
     otherwise decide its numbers, at the cost of the losses. The deviance is still that of the courses.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        Its numbers are the start.
+    frozen : FrozenMotion
+        Motion and measured courses.
+    offsets : ndarray, shape (cases, bins), optional
+        Corrections to every predicted course [N]; zero if not given.
+
+    Returns
+    -------
+    Fit
+        With ``of_losses``.
     """
     whole = Problem(candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
     found = fit(candidate, frozen.last_bin(), whole.offsets[:, -1:])
@@ -115,7 +158,22 @@ def fit_losses(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray |
 
 
 def log_predictive(fitted: Fit, frozen: FrozenMotion, offsets: FloatArray | None = None) -> FloatArray:
-    """Log marginal density of the courses of each case under a fitted law, (cases,): also of unseen cases."""
+    """Log marginal density of the courses of each case under a fitted law, (cases,): also of unseen cases.
+
+    Parameters
+    ----------
+    fitted : Fit
+        The law, and its scatter from test to test.
+    frozen : FrozenMotion
+        Motion and measured courses of the cases.
+    offsets : ndarray, shape (cases, bins), optional
+        Corrections to every predicted course [N]; zero if not given.
+
+    Returns
+    -------
+    ndarray, shape (cases,)
+        Natural logarithm of the density.
+    """
     problem = Problem(fitted.candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
     state = problem.solve(problem.theta0, np.array(fitted.scatter), np.zeros(len(frozen)), steps=12)
     normal = problem.log_determinant + frozen.change.shape[1] * np.log(2 * np.pi)

@@ -76,8 +76,7 @@ class Problem:
 
     def _vector(self, candidate: Candidate) -> FloatArray:
         """Free numbers: of a coefficient the log of the typical relative loss it makes; inner as they are."""
-        values = candidate.parameters
-        scales = self._scales(candidate)
+        values, scales = candidate.parameters, self._scales(candidate)
         out = []
         for name in candidate.free:
             value = values[name].value
@@ -180,7 +179,24 @@ class Problem:
         return -np.log(np.maximum(1 - loss / initial, 1e-3)) / exposure, told
 
     def solve(self, theta: FloatArray, scatter: FloatArray, u: FloatArray, steps: int = 4) -> State:
-        """Modes of u by Newton steps, all cases at once, and the likelihood there."""
+        """Modes of u by Newton steps, all cases at once, and the likelihood there.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (numbers,)
+            The law's free numbers.
+        scatter : ndarray, shape (2,)
+            a and b of ``ln tau = a + b ln(T / 100 N)``.
+        u : ndarray, shape (cases,)
+            Deviations to start from.
+        steps : int
+            Newton steps at most.
+
+        Returns
+        -------
+        State
+            At the modes.
+        """
         candidate = self.at(theta)
         tau2 = tau(scatter, self.frozen.initial, self.rules) ** 2
         for step in range(steps + 1):
@@ -310,7 +326,22 @@ class Problem:
 
 
 def step(problem: Problem, state: State, damping: float) -> tuple[State | None, float]:
-    """One accepted Levenberg-Marquardt step, or None where none lowers the deviance."""
+    """One accepted Levenberg-Marquardt step, or None where none lowers the deviance.
+
+    Parameters
+    ----------
+    problem : Problem
+        The fit.
+    state : State
+        Where it is.
+    damping : float
+        Of the first trial, in diagonal elements of the normal equations.
+
+    Returns
+    -------
+    tuple of (State or None, float)
+        The better place, and the damping of the next step.
+    """
     if not len(state.theta):
         return None, damping
     matrix, right = problem.normal_equations(state)
@@ -347,6 +378,18 @@ def least_within(matrix: FloatArray, right: FloatArray, low: FloatArray, high: F
     """The change d within a range that makes d' M d - 2 r' d least.
 
     Were the free one clipped instead, numbers beside one at its end would make up for what it may not do.
+
+    Parameters
+    ----------
+    matrix, right : ndarray, shapes (numbers, numbers) and (numbers,)
+        M, positive definite, and r.
+    low, high : ndarray, shape (numbers,)
+        Ends of the range of d.
+
+    Returns
+    -------
+    ndarray, shape (numbers,)
+        d.
     """
     change = np.linalg.solve(matrix, right)
     if not ((change < low) | (change > high)).any():  # nor where it is not finite

@@ -18,7 +18,24 @@ def predict(
     offsets: FloatArray | None = None,
     deviations: FloatArray | None = None,
 ) -> FloatArray:
-    """Changes of tension [N] in every bin along the frozen motion, (cases, bins)."""
+    """Changes of tension [N] in every bin along the frozen motion, (cases, bins).
+
+    Parameters
+    ----------
+    candidate : Candidate
+        The law.
+    frozen : FrozenMotion
+        Motion along which it is followed.
+    offsets : ndarray, shape (cases, bins), optional
+        Corrections that are added [N].
+    deviations : ndarray, shape (cases,), optional
+        Deviation u of every case's rate; typical rates if not given.
+
+    Returns
+    -------
+    ndarray, shape (cases, bins)
+        Mean tension in the bin less that before the hit [N].
+    """
     if not candidate.terms:
         return np.zeros_like(frozen.change)
     from rom.kernels.exposures import follow_exposures
@@ -45,7 +62,22 @@ def predict(
 def resimulate(
     candidate: Candidate, frozen: FrozenMotion, deviations: FloatArray | None = None
 ) -> FloatArray:
-    """Changes of tension [N] by full coupled re-simulation, (cases, bins); nan where it diverged."""
+    """Changes of tension [N] by full coupled re-simulation, (cases, bins); nan where it diverged.
+
+    Parameters
+    ----------
+    candidate : Candidate
+        The law.
+    frozen : FrozenMotion
+        The model and the forces of all cases.
+    deviations : ndarray, shape (cases,), optional
+        Deviation u of every case's rate; typical rates if not given.
+
+    Returns
+    -------
+    ndarray, shape (cases, bins)
+        Mean tension in the bin less that before the hit [N].
+    """
     if not candidate.terms:
         return np.zeros_like(frozen.change)
     link, law = frozen.link, candidate.law()

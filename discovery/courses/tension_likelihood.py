@@ -165,7 +165,22 @@ class LawProblem(Problem):
         )
 
     def fitted(self, state: State, settled: float = SETTLED, most: int = ITERATIONS) -> State:
-        """The best place that steps from a state lead to, each lowering the deviance by more than asked."""
+        """The best place that steps from a state lead to, each lowering the deviance by more than asked.
+
+        Parameters
+        ----------
+        state : State
+            The start.
+        settled : float
+            Gain in deviance below which a step is the last.
+        most : int
+            Steps at most.
+
+        Returns
+        -------
+        State
+            With the scatter that suits it.
+        """
         damping = 1e-3
         for _ in range(most):
             state = self.scattered(state)
@@ -179,7 +194,22 @@ class LawProblem(Problem):
 
 
 def course(candidate: LawCandidate, frozen: FrozenMotion, u: FloatArray) -> FloatArray:
-    """Changes of the measured tension [N] in every bin along the frozen motion, (cases, bins)."""
+    """Changes of the measured tension [N] in every bin along the frozen motion, (cases, bins).
+
+    Parameters
+    ----------
+    candidate : LawCandidate
+        The law, and what the gauge adds.
+    frozen : FrozenMotion
+        Motion along which it is followed.
+    u : ndarray, shape (cases,)
+        Logarithm of every case's own rate.
+
+    Returns
+    -------
+    ndarray, shape (cases, bins)
+        Mean reading in the bin less the tension before the hit [N].
+    """
     from rom.kernels.law_courses import follow_courses
 
     law, effect, initial = candidate.acting, candidate.effect, frozen.initial
@@ -218,7 +248,24 @@ def acts_at_rest(reading: Reading) -> bool:
 
 
 def resimulated(candidate: LawCandidate, frozen: FrozenMotion, u: FloatArray, model: Model) -> FloatArray:
-    """Changes of the measured tension [N] by full simulation, (cases, bins); nan where it diverged."""
+    """Changes of the measured tension [N] by full simulation, (cases, bins); nan where it diverged.
+
+    Parameters
+    ----------
+    candidate : LawCandidate
+        The law, and what the gauge adds.
+    frozen : FrozenMotion
+        Forces and bins of all cases.
+    u : ndarray, shape (cases,)
+        Logarithm of every case's own rate.
+    model : Model
+        Its forces act; its own tension law and what its gauge adds do not.
+
+    Returns
+    -------
+    ndarray, shape (cases, bins)
+        Mean reading in the bin less the tension before the hit [N].
+    """
     link, effect = frozen.link, candidate.effect
     own = model.without_effects_of("law change", "reading", "sensor fault")
     own = own.with_tension_law(candidate.acting, link)

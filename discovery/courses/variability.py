@@ -37,6 +37,21 @@ def log_tension(initial: FloatArray) -> FloatArray:
 
 
 def of_logs(scatter: FloatArray, logs: FloatArray, low: float, high: float) -> FloatArray:
-    """The same as `tau` from ``ln(T / 100 N)`` and the logarithms of the limits."""
+    """The same as `tau` from ``ln(T / 100 N)`` and the logarithms of the limits.
+
+    Parameters
+    ----------
+    scatter : ndarray, shape (2,)
+        a and b of ``ln tau = a + b ln(T / 100 N)``.
+    logs : ndarray, shape (cases,)
+        ``ln(T / 100 N)``.
+    low, high : float
+        Lowest and highest ln tau.
+
+    Returns
+    -------
+    ndarray, shape (cases,)
+        tau.
+    """
     logs = scatter[0] + scatter[1] * logs
     return np.asarray(np.exp(np.minimum(np.maximum(logs, low), high)))

@@ -111,7 +111,20 @@ class Factor:
         )
 
     def of_motion(self, x: FloatArray, v: FloatArray, F: FloatArray, D: FloatArray) -> FloatArray:
-        """Evaluate a motion factor at relative displacement [m], velocity [m/s], force and damping [N]."""
+        """Evaluate a motion factor at relative displacement [m], velocity [m/s], force and damping [N].
+
+        Parameters
+        ----------
+        x, v : ndarray, shape (samples,)
+            Relative displacement [m] and velocity [m/s] of the link.
+        F, D : ndarray, shape (samples,)
+            Its force and the damping's part of it [N].
+
+        Returns
+        -------
+        ndarray, shape (samples,)
+            The factor, in the unit of `dimension`.
+        """
         return free_form_law("factor", self.text, "tension rate", self.parameters).rate(0.0, x, v, F, D)
 
     @property
@@ -164,14 +177,44 @@ def force_power(m: float = 4.0) -> Factor:
 
 
 def velocity_threshold(v_th: float, highest: float, n: float = 4.0) -> Factor:
-    """``max(|v| - v_th, 0)^n``: nothing happens below a velocity; ``highest`` [m/s] bounds v_th."""
+    """``max(|v| - v_th, 0)^n``: nothing happens below a velocity; ``highest`` [m/s] bounds v_th.
+
+    Parameters
+    ----------
+    v_th : float
+        The velocity [m/s].
+    highest : float
+        Upper bound of v_th [m/s]; shares of it are the grid.
+    n : float
+        The exponent.
+
+    Returns
+    -------
+    Factor
+        With v_th and n as inner parameters.
+    """
     grid = tuple(highest * share for share in (0.1, 0.2, 0.3, 0.45, 0.6))
     inner = {"v_th": Inner(v_th, 0.0, highest, "m/s", grid=grid)} | _power("n", n, (1.0, 2.0, 3.0, 4.0))
     return Factor("max(abs(v) - v_th, 0) ** n", inner, (("v", "n"),))
 
 
 def displacement_threshold(x_th: float, highest: float, q: float = 2.0) -> Factor:
-    """``max(|x| - x_th, 0)^q``: nothing happens below a displacement; ``highest`` [m] bounds x_th."""
+    """``max(|x| - x_th, 0)^q``: nothing happens below a displacement; ``highest`` [m] bounds x_th.
+
+    Parameters
+    ----------
+    x_th : float
+        The displacement [m].
+    highest : float
+        Upper bound of x_th [m]; shares of it are the grid.
+    q : float
+        The exponent.
+
+    Returns
+    -------
+    Factor
+        With x_th and q as inner parameters.
+    """
     grid = tuple(highest * share for share in (0.1, 0.2, 0.3, 0.45, 0.6))
     inner = {"x_th": Inner(x_th, 0.0, highest, "m", grid=grid)} | _power("q", q, (1.0, 2.0, 4.0))
     return Factor("max(abs(x) - x_th, 0) ** q", inner, (("x", "q"),))

@@ -12,7 +12,8 @@ from discovery.courses.fit import Fit, log_predictive, predict
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.criteria import CRITERIA
 from discovery.criteria.number import Numerical
-from discovery.ranking.cross_validation import Index, beyond_chance, paired, preload_groups
+from discovery.ranking.cross_validation import preload_groups
+from discovery.ranking.ordering import Index, beyond_chance, paired
 from rom.campaign.channels import FloatArray
 
 _STEP: Numerical[float] = 1e-4  # of ln rate
@@ -110,6 +111,18 @@ def separation(a: Fit, b: Fit, frozen: FrozenMotion) -> float:
     """Expected log likelihood ratio of two fitted laws over all cases, if the one or the other were true.
 
     The smaller of both ways, of normal courses whose covariance holds noise and scatter of the rate.
+
+    Parameters
+    ----------
+    a, b : Fit
+        Fitted to the cases of ``frozen``.
+    frozen : FrozenMotion
+        Motion and measured courses.
+
+    Returns
+    -------
+    float
+        Natural logarithm of the ratio.
     """
     (mean_a, cov_a), (mean_b, cov_b) = (_marginal(found, frozen) for found in (a, b))
     return min(_divergence(mean_a, cov_a, mean_b, cov_b), _divergence(mean_b, cov_b, mean_a, cov_a))

@@ -92,7 +92,22 @@ class Curve:
         return replace(self, anchors=(*self.anchors, *found))
 
     def sides(self, best: Fit, values: FloatArray, jobs: int) -> tuple[Side, Side]:
-        """Fits at the values below the best and above, outwards, each from its neighbour."""
+        """Fits at the values below the best and above, outwards, each from its neighbour.
+
+        Parameters
+        ----------
+        best : Fit
+            With the exponent free.
+        values : ndarray, shape (values,)
+            Exponents, increasing.
+        jobs : int
+            Processes; two are of use.
+
+        Returns
+        -------
+        below, above : list of (float, Fit)
+            Exponents and fits, the nearest first; a side ends where the deviance is far beyond any limit.
+        """
         centre = self.value(best)
         below, above = values[values <= centre][::-1], values[values > centre]
         bare = replace(self, frozen=self.frozen.without_cache()) if jobs > 1 else self
@@ -127,7 +142,24 @@ class Curve:
         return float(np.sqrt(total))
 
     def end(self, best: Fit, side: Side, threshold: float, close: float = _CLOSE) -> float:
-        """Where the deviance crosses the threshold for the last time on a side; nan where the values end."""
+        """Where the deviance crosses the threshold for the last time on a side; nan where the values end.
+
+        Parameters
+        ----------
+        best : Fit
+            With the exponent free.
+        side : list of (float, Fit)
+            One of `sides`.
+        threshold : float
+            Deviance above the best.
+        close : float
+            Tolerance of the exponent.
+
+        Returns
+        -------
+        float
+            The exponent.
+        """
         known = [(self.value(best), best)] + [pair for pair in side if pair[0] != self.value(best)]
         above = [found.deviance - best.deviance - threshold for _, found in known]
         last = max(place for place, size in enumerate(above) if size <= 0)

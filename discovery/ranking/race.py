@@ -16,7 +16,9 @@ from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import BASELINE, Candidate, rivals_always_in_the_race
 from discovery.laws.names import names_of
 from discovery.ranking import cross_validation as validation
+from discovery.ranking import ordering
 from discovery.ranking.cross_validation import CrossValidation, Fold
+from discovery.ranking.ordering import Index
 from discovery.ranking.result import RankedLaw, Ranking, with_law
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
@@ -68,7 +70,7 @@ def race(
     Returns
     -------
     tuple of RankedLaw
-        The laws of full re-simulation, in the order of `discovery.ranking.cross_validation.order`.
+        The laws of full re-simulation, in the order of `discovery.ranking.ordering.order`.
 
     Raises
     ------
@@ -266,7 +268,7 @@ def _merged(fits: Sequence[Fit], frozen: FrozenMotion) -> list[tuple[Fit, tuple[
 
 
 def _ranked(
-    entrants: Sequence[_Entrant], frozen: FrozenMotion, groups: validation.Index, rng: np.random.Generator
+    entrants: Sequence[_Entrant], frozen: FrozenMotion, groups: Index, rng: np.random.Generator
 ) -> tuple[RankedLaw, ...]:
     rules = frozen.criteria.ranking
     fits = [entrant.fit for entrant in entrants]
@@ -274,13 +276,13 @@ def _ranked(
     scores = np.stack([check.scores for check in checks])
     numbers = [len(found.free) for found in fits]
     base = next(k for k, found in enumerate(fits) if found.candidate.name == BASELINE)
-    p_values = validation.p_values(scores, scores[base], groups, rng, rules)
+    p_values = ordering.p_values(scores, scores[base], groups, rng, rules)
     spread = validation.dispersion(min(fits, key=lambda found: found.deviance), frozen)
     criteria = [validation.information_criterion(found, frozen, spread) for found in fits]
     worth = np.stack([validation.evidence(found, frozen, spread) for found in fits])
     complexity = [(len(found.free), len(found.candidate.equation)) for found in fits]
-    shares = validation.chosen(scores, worth, complexity, groups, rng, rules)
-    places = validation.order(scores, worth, complexity, groups, rules)
+    shares = ordering.chosen(scores, worth, complexity, groups, rng, rules)
+    places = ordering.order(scores, worth, complexity, groups, rules)
     names = names_of([fits[k].candidate for k in places])
     return tuple(
         RankedLaw(
@@ -307,7 +309,7 @@ def _ranked(
 
 
 def _parameters(
-    found: Fit, frozen: FrozenMotion, groups: validation.Index, rng: np.random.Generator, spread: float
+    found: Fit, frozen: FrozenMotion, groups: Index, rng: np.random.Generator, spread: float
 ) -> dict[str, Parameter]:
     """Numbers with 95 % limits."""
     limits = validation.limits(found, frozen, groups, rng, spread)

@@ -277,7 +277,22 @@ def motion_factors(scales: Scales, rules: Search = CRITERIA.search) -> tuple[Fac
 
 
 def tension_factors(scales: Scales, *fitted: Factor, rules: Search = CRITERIA.search) -> tuple[Factor, ...]:
-    """All tension factors of `LIBRARIES`, T alone first, and those that are fitted already."""
+    """All tension factors of `LIBRARIES`, T alone first, and those that are fitted already.
+
+    Parameters
+    ----------
+    scales : Scales
+        The campaign's.
+    *fitted : Factor
+        Come last, unless they are there.
+    rules : Search
+        The criteria of the libraries.
+
+    Returns
+    -------
+    tuple of Factor
+        Each once.
+    """
     points = [*_of_all("tension", scales, rules), *fitted]
     proportional = tension_power(1.0, free=True).key
     unique = {factor.key: factor for factor in points if factor.key != proportional}

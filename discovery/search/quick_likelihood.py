@@ -72,6 +72,20 @@ def single_terms(rows: Rows, source: str, *, signed: bool = False) -> list[Found
     """Every column alone that is not zero, with the coefficient and the scatter that suit it best.
 
     With ``signed`` the coefficient may have either sign.
+
+    Parameters
+    ----------
+    rows : Rows
+        Whitened by the noise.
+    source : str
+        Where the columns come from.
+    signed : bool
+        Whether coefficients may have either sign.
+
+    Returns
+    -------
+    list of Found
+        One for each such column, in their order.
     """
     found = _of_one_sign(rows, source)
     if not signed:
@@ -141,7 +155,26 @@ def fitted_sum(
     sources: tuple[str, ...],
     rules: Courses = CRITERIA.courses,
 ) -> Found:
-    """A sum of columns with the coefficients (of the signs of ``start``) and scatter that suit it best."""
+    """A sum of columns with the coefficients (of the signs of ``start``) and scatter that suit it best.
+
+    Parameters
+    ----------
+    rows : Rows
+        Whitened by the noise.
+    members : sequence of int
+        Places of the columns.
+    start : ndarray, shape (members,)
+        Coefficients to start from, none of them zero.
+    sources : tuple of str
+        Where the sum comes from.
+    rules : Courses
+        Between-test variability to start from.
+
+    Returns
+    -------
+    Found
+        With coefficients and deviance.
+    """
     columns = rows.columns[:, :, list(members)] * start
     gram = np.einsum("cbj,cbk->cjk", columns, columns)
     product = np.einsum("cbj,cb->cj", columns, rows.target)

@@ -93,7 +93,22 @@ def whitener(frozen: FrozenMotion, smooth: FloatArray, tau: FloatArray | None = 
 
 
 def weighted(columns: FloatArray, frozen: FrozenMotion, roots: FloatArray) -> Rows:
-    """Rows whitened by ``whitener``; the target is the loss, so that loosening has positive coefficients."""
+    """Rows whitened by ``whitener``; the target is the loss, so that loosening has positive coefficients.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (cases, bins, ...)
+        Integrals of the columns [s].
+    frozen : FrozenMotion
+        Courses of the cases.
+    roots : ndarray, shape (cases, bins, bins)
+        As from `whitener` [1/N].
+
+    Returns
+    -------
+    Rows
+        Their last axes as one.
+    """
     flat = roots @ columns.reshape(*columns.shape[:2], -1)
     # numbers so small that their squares leave the normal range cost a hundred times the time of others
     flat[np.abs(flat) < _NOTHING * np.abs(flat).max(axis=(0, 1))] = 0.0
@@ -160,7 +175,22 @@ def forward(
 
 
 def least_squares(theta: FloatArray, target: FloatArray, signed: bool = False) -> FloatArray:
-    """Coefficients that are positive or, where ``signed``, of either sign; what is left out starts small."""
+    """Coefficients that are positive or, where ``signed``, of either sign; what is left out starts small.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (rows, columns)
+        Whitened columns, none of them zero.
+    target : ndarray, shape (rows,)
+        Whitened losses.
+    signed : bool
+        Whether coefficients may have either sign.
+
+    Returns
+    -------
+    ndarray, shape (columns,)
+        None of them zero: what is left out has a small share of the largest.
+    """
     norms = np.linalg.norm(theta, axis=0)
     unit = theta / norms
     found = np.linalg.lstsq(unit, target, rcond=None)[0] if signed else optimize.nnls(unit, target)[0]

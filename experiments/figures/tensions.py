@@ -13,7 +13,8 @@ from experiments.figures.style import FloatArray, panels, styled, tension_axis
 from rom.campaign.campaign import WindowSettings
 from rom.evaluation.error_measures import Comparison
 from rom.model.assembly import Response
-from rom.signals.processing import Measurement, TensionRecord, displacement
+from rom.signals.filters import displacement
+from rom.signals.processing import Measurement, TensionRecord
 
 _LINES = 500  # a trace is drawn as the extremes of so many pieces: no wider than a printer's line
 _SHOWN_S = 0.6

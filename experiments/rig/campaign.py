@@ -41,7 +41,24 @@ class Laboratory:
     def test(
         self, case: Case, plant: Plant, streams: list[np.random.Generator]
     ) -> tuple[Motion, dict[str, Channel]]:
-        """Run one test on the rig as it then stands; return its motion and its channels."""
+        """Run one test on the rig as it then stands; return its motion and its channels.
+
+        Parameters
+        ----------
+        case : Case
+            The test.
+        plant : Plant
+            The rig, its effects as they are in this record.
+        streams : list of numpy.random.Generator
+            Six: of the floor, three channels of motion and force, drift, and the gauge's noise.
+
+        Returns
+        -------
+        motion : Motion
+            What truly happened.
+        channels : dict of str to Channel
+            What was read.
+        """
         start = -np.ceil(self.instruments.lead * STEP_RATE_HZ) / STEP_RATE_HZ
         motion = run(
             plant,
@@ -65,7 +82,24 @@ class Laboratory:
         streams: list[np.random.Generator],
         effects: tuple[Undeclared, ...] = (),
     ) -> dict[str, Channel]:
-        """Return force and accelerations as the data acquisition reads them, of the bodies that move."""
+        """Return force and accelerations as the data acquisition reads them, of the bodies that move.
+
+        Parameters
+        ----------
+        case : Case
+            The test; without a bolt only the body that is struck moves.
+        motion : Motion
+            What truly happened.
+        streams : list of numpy.random.Generator
+            Noise of the force and of the accelerations.
+        effects : tuple of Undeclared
+            Among them faults of these channels.
+
+        Returns
+        -------
+        dict of str to Channel
+            Force [N] and accelerations [m/s2].
+        """
         kit, body = self.instruments, case.hit.body
         accelerometer = kit.sensitive if case.hit.strength < 100.0 else kit.robust
 
@@ -88,7 +122,24 @@ class Laboratory:
     def strain_channel(
         self, case: Case, motion: Motion, streams: list[np.random.Generator], plant: Plant
     ) -> Channel:
-        """Return the bolt's strain [mm/m]: Eq. 1 backwards from tension, its oscillating part and drift."""
+        """Return the bolt's strain [mm/m]: Eq. 1 backwards from tension, its oscillating part and drift.
+
+        Parameters
+        ----------
+        case : Case
+            The test.
+        motion : Motion
+            What truly happened.
+        streams : list of numpy.random.Generator
+            Drift and noise.
+        plant : Plant
+            With effects on the reading and faults of the gauge.
+
+        Returns
+        -------
+        Channel
+            Strain [mm/m].
+        """
         kit = self.instruments
         share = kit.oscillation * np.exp(-motion.tension / kit.oscillation_tension)
         apparent = motion.tension + share * (motion.displacement_lo - motion.displacement_so)
@@ -106,6 +157,24 @@ class Laboratory:
         """Run every test in order, `jobs` at a time, holding a few records only.
 
         Threads suffice: integrator and filters release the interpreter.
+
+        Parameters
+        ----------
+        cases : tuple of Case
+            The tests in order.
+        seeds : list of numpy.random.SeedSequence
+            One for each.
+        jobs : int
+            Threads.
+
+        Yields
+        ------
+        case : Case
+            The test.
+        channels : dict of str to Channel
+            What was read.
+        truth : dict
+            What no sensor tells.
         """
         pool = Parallel(n_jobs=jobs, prefer="threads")
         for first in range(0, len(cases), 2 * jobs):
@@ -120,7 +189,26 @@ class Laboratory:
 def faulty(
     analog: FloatArray, channel: str, time: FloatArray, other: FloatArray, effects: tuple[Undeclared, ...]
 ) -> FloatArray:
-    """Return what a channel with undeclared faults makes of a signal, in the order of the faults."""
+    """Return what a channel with undeclared faults makes of a signal, in the order of the faults.
+
+    Parameters
+    ----------
+    analog : ndarray, shape (steps,)
+        The signal before it is sampled.
+    channel : str
+        Such as ``"sensor:force_lo"``.
+    time : ndarray, shape (steps,)
+        Times [s].
+    other : ndarray, shape (steps,)
+        The signal that a fault may mix in.
+    effects : tuple of Undeclared
+        All of the rig; those of other places are left out.
+
+    Returns
+    -------
+    ndarray, shape (steps,)
+        The signal with its faults.
+    """
     for effect in effects:
         if effect.enters == channel:
             analog = effect.kind.function(analog, time, effect.values, other)
@@ -128,7 +216,22 @@ def faulty(
 
 
 def seen_by_gauge(case: Case, motion: Motion, plant: Plant) -> Seen:
-    """Collect what the gauge of the bolt might show besides its tension."""
+    """Collect what the gauge of the bolt might show besides its tension.
+
+    Parameters
+    ----------
+    case : Case
+        The test, with the instant of its hit.
+    motion : Motion
+        What truly happened.
+    plant : Plant
+        Stiffness and damping of the joint.
+
+    Returns
+    -------
+    Seen
+        Time, time since the hit, relative motion, force in the joint, and displacement of LO.
+    """
     c = plant.constants()
     x, v = motion.displacement_lo - motion.displacement_so, motion.velocity_lo - motion.velocity_so
     stiffness = c.k_i / (1.0 + np.exp(c.alpha * (motion.tension - c.beta)))
@@ -138,7 +241,22 @@ def seen_by_gauge(case: Case, motion: Motion, plant: Plant) -> Seen:
 
 
 def truth_of(case: Case, motion: Motion, plant: Plant) -> Truth:
-    """Return what no sensor tells about one test."""
+    """Return what no sensor tells about one test.
+
+    Parameters
+    ----------
+    case : Case
+        The test.
+    motion : Motion
+        What truly happened.
+    plant : Plant
+        With effects as they were in this record.
+
+    Returns
+    -------
+    dict
+        The case, first and last tension [N], and numbers of each record's own.
+    """
     bolted = case.preload is not None
     own = {
         f"{effect.name}@{effect.enters}": dict(effect.parameters)
@@ -153,7 +271,24 @@ def truth_of(case: Case, motion: Motion, plant: Plant) -> Truth:
 
 
 def settings(name: str, cases: tuple[Case, ...], plant: Plant, instruments: Instruments) -> CampaignSettings:
-    """Return campaign.toml: what the operator knows, and nothing of the truth."""
+    """Return campaign.toml: what the operator knows, and nothing of the truth.
+
+    Parameters
+    ----------
+    name : str
+        Of the campaign.
+    cases : tuple of Case
+        The tests.
+    plant : Plant
+        Of which only the masses are told.
+    instruments : Instruments
+        Of which only the sampling rates are told.
+
+    Returns
+    -------
+    CampaignSettings
+        Checked.
+    """
     return CampaignSettings.model_validate(
         {
             "format": "boltlaw-campaign/1",

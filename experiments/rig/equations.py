@@ -42,7 +42,22 @@ class Table(NamedTuple):
 
 @njit(nogil=True, cache=True, error_model="numpy")
 def tension_rate(x: float, v: float, tension: float, terms: Any) -> float:
-    """Sum of the terms of the tension law [N/s]; `terms` holds one `LooseningTerm.row` each."""
+    """Sum of the terms of the tension law [N/s]; `terms` holds one `LooseningTerm.row` each.
+
+    Parameters
+    ----------
+    x, v : float
+        Relative displacement [m] and velocity [m/s] of the joint.
+    tension : float
+        In the bolt [N].
+    terms : tuple of tuple
+        One `LooseningTerm.row` each.
+
+    Returns
+    -------
+    float
+        Negative where it loosens.
+    """
     rate = 0.0
     for factor, gamma_d, gamma_i, rho, p, q, v_0, x_0 in terms:
         speed, shift = abs(v) - v_0, abs(x) - x_0
@@ -136,7 +151,24 @@ def changed_rate(rate: float, tension: float, motion: Any, terms: Any, table: Ta
 
 @njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
 def derivative(time: float, state: Any, inner: Any, slopes: Any, system: Any) -> Any:
-    """Slope of (x_LO, v_LO, x_SO, v_SO, T): Eqs. 2, 5, 11, 12 and the undeclared; fills that of `inner`."""
+    """Slope of (x_LO, v_LO, x_SO, v_SO, T): Eqs. 2, 5, 11, 12 and the undeclared; fills that of `inner`.
+
+    Parameters
+    ----------
+    time : float
+        [s].
+    state : tuple of float
+        Displacements [m], velocities [m/s] and tension [N], in the order of the slope.
+    inner, slopes : ndarray, shape (states,), or None
+        The effects' own states, and where their slopes go.
+    system : tuple
+        Constants, terms of the tension law, floor, pulse, table of the undeclared.
+
+    Returns
+    -------
+    tuple of float
+        Slope of the state.
+    """
     x_lo, v_lo, x_so, v_so, tension = state
     constants, terms, floor, pulse, table = system
     c = constants
@@ -211,6 +243,26 @@ def integrate(start: float, rate: float, state: Any, inner: Any, system: Any, ou
 
     `inner`, the effects' own states, is advanced in place; None where nothing is undeclared: then what is not
     needed is not compiled either.
+
+    Parameters
+    ----------
+    start : float
+        Time of the first step [s].
+    rate : float
+        Steps a second [Hz].
+    state : tuple of float
+        x_LO, v_LO, x_SO, v_SO [m], [m/s] and T [N] at the start.
+    inner : ndarray, shape (states,), or None
+        The effects' own states at the start.
+    system : tuple
+        As for `derivative`.
+    out : ndarray, shape (7, steps)
+        Where the motion goes.
+
+    Returns
+    -------
+    tuple of float
+        The state at the end.
     """
     pulse = system[3]
     s = scratch(inner)

@@ -54,6 +54,20 @@ def floor_motion(rms: float, start: float, end: float, rng: np.random.Generator)
 
     Noise between 2 and 30 Hz whose displacement spectrum falls with the square of frequency, as floors do.
     Knots lie at `FLOOR_RATE_HZ` from `start` to at least `end` [s].
+
+    Parameters
+    ----------
+    rms : float
+        Of the displacement [m].
+    start, end : float
+        Times between which it is needed [s].
+    rng : numpy.random.Generator
+        Source of the noise.
+
+    Returns
+    -------
+    ndarray, shape (2, knots)
+        Displacement [m] and velocity [m/s].
     """
     knots = int(np.ceil((end - start) * FLOOR_RATE_HZ)) + 2
     frequency = np.fft.rfftfreq(knots, 1.0 / FLOOR_RATE_HZ)

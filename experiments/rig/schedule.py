@@ -66,13 +66,43 @@ def gamma_deviation(tension: float) -> float:
 
 
 def gamma_factor(tension: float, scatter: float, rng: np.random.Generator) -> float:
-    """Draw a test's factor on gamma: lognormal, cut at 1.5 deviations: no test emptied its bolt."""
+    """Draw a test's factor on gamma: lognormal, cut at 1.5 deviations: no test emptied its bolt.
+
+    Parameters
+    ----------
+    tension : float
+        Preload [N].
+    scatter : float
+        Factor on `gamma_deviation`.
+    rng : numpy.random.Generator
+        Source of the draw.
+
+    Returns
+    -------
+    float
+        Positive.
+    """
     normal = float(np.clip(rng.standard_normal(), -1.5, 1.5))
     return float(10.0 ** (scatter * gamma_deviation(tension) * normal))
 
 
 def tightening_cases(nominal: FloatArray, count: int, rng: np.random.Generator) -> list[int]:
-    """Draw the preloads at which a test tightened and had to be repeated: below 1100 N, rarer the tighter."""
+    """Draw the preloads at which a test tightened and had to be repeated: below 1100 N, rarer the tighter.
+
+    Parameters
+    ----------
+    nominal : ndarray, shape (preloads,)
+        Preloads [N].
+    count : int
+        Draws; a preload may be drawn again.
+    rng : numpy.random.Generator
+        Source of the draws.
+
+    Returns
+    -------
+    list of int
+        Places of the preloads, in order.
+    """
     weight = np.where(nominal < 1100.0, np.exp(-nominal / 500.0), 0.0)
     if count == 0 or not weight.any():
         return []
@@ -80,13 +110,43 @@ def tightening_cases(nominal: FloatArray, count: int, rng: np.random.Generator) 
 
 
 def hammer(body: str, strength: float, rng: np.random.Generator) -> Hit:
-    """Return a blow with trigger jitter (2 ms) and a contact time that varies by 2 %."""
+    """Return a blow with trigger jitter (2 ms) and a contact time that varies by 2 %.
+
+    Parameters
+    ----------
+    body : str
+        ``"lo"`` or ``"so"``.
+    strength : float
+        Peak force [N].
+    rng : numpy.random.Generator
+        Source of jitter and contact time.
+
+    Returns
+    -------
+    Hit
+        About `IMPACT_TIME`.
+    """
     start = IMPACT_TIME + rng.uniform(-0.002, 0.002)
     return Hit(body, strength, start, contact_time(strength) * np.exp(0.02 * rng.standard_normal()))
 
 
 def held_out(index: int, count: int, every: int) -> bool:
-    """Whether a preload's records are kept back: one in `every`, never the lowest or highest."""
+    """Whether a preload's records are kept back: one in `every`, never the lowest or highest.
+
+    Parameters
+    ----------
+    index : int
+        Place of the preload.
+    count : int
+        Preloads in all.
+    every : int
+        0: none is held out.
+
+    Returns
+    -------
+    bool
+        True if kept back.
+    """
     return every > 0 and 0 < index < count - 1 and index % every == every // 2
 
 

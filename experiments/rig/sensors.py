@@ -52,7 +52,22 @@ class Transducer:
 
 
 def chain(noise: float, full_scale: float, time_constant: float | None = None) -> Transducer:
-    """Return a transducer read by a 24-bit converter."""
+    """Return a transducer read by a 24-bit converter.
+
+    Parameters
+    ----------
+    noise : float
+        RMS of its white noise, in the unit measured.
+    full_scale : float
+        Largest reading.
+    time_constant : float or None
+        Of the AC coupling [s]; None where the chain passes DC.
+
+    Returns
+    -------
+    Transducer
+        Its steps those of the converter.
+    """
     return Transducer(noise, full_scale, 2.0 * full_scale / 2.0**24, time_constant)
 
 
@@ -140,7 +155,24 @@ def reach(rate_hz: float) -> float:
 
 
 def sample(analog: FloatArray, start: float, rate_hz: float, duration: float) -> FloatArray:
-    """Anti-alias and sample over [0, duration) what was integrated from `start` < 0 [s] on."""
+    """Anti-alias and sample over [0, duration) what was integrated from `start` < 0 [s] on.
+
+    Parameters
+    ----------
+    analog : ndarray, shape (steps,)
+        The signal at `STEP_RATE_HZ`, the anti-alias filter's reach longer on either side.
+    start : float
+        Time of its first step [s], negative.
+    rate_hz : float
+        Sampling rate.
+    duration : float
+        Of the record [s].
+
+    Returns
+    -------
+    ndarray, shape (samples,)
+        Without the filter's delay.
+    """
     ratio = round(STEP_RATE_HZ / rate_hz)
     taps = anti_alias(ratio)
     delay = taps.size // 2
@@ -178,7 +210,22 @@ def strain_of(tension: FloatArray) -> FloatArray:
 
 
 def drift(instruments: Instruments, time: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return the slow drift of the apparent tension [N] at increasing times [s]."""
+    """Return the slow drift of the apparent tension [N] at increasing times [s].
+
+    Parameters
+    ----------
+    instruments : Instruments
+        Largest steady rate [N/s] and random walk [N/sqrt(s)].
+    time : ndarray, shape (steps,)
+        Times [s].
+    rng : numpy.random.Generator
+        Source of both.
+
+    Returns
+    -------
+    ndarray, shape (steps,)
+        Apparent tension [N].
+    """
     knots = np.arange(time[0], time[-1] + 0.2, 0.1)
     walk = np.cumsum(instruments.drift_walk * np.sqrt(0.1) * rng.standard_normal(knots.size))
     steady = instruments.drift_rate * rng.uniform(-1.0, 1.0)

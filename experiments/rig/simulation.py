@@ -67,6 +67,24 @@ def at_rest(system: Any, time: float, tension: float, states: int) -> tuple[Floa
     """Return where an undeclared force lets the rig rest, and a rate at which it settles stably [Hz].
 
     Both from the slopes about zero: x_0 = -J^-1 f(0), and a step under 2 of the fastest time constant.
+
+    Parameters
+    ----------
+    system : tuple
+        As for `derivative`.
+    time : float
+        [s].
+    tension : float
+        In the bolt [N].
+    states : int
+        Number of the effects' own states.
+
+    Returns
+    -------
+    rest : ndarray, shape (4 + states,)
+        x_LO, v_LO, x_SO, v_SO [m], [m/s] and the effects' states.
+    rate : float
+        Steps a second [Hz].
     """
 
     def slope(y: FloatArray) -> FloatArray:

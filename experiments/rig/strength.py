@@ -59,7 +59,27 @@ class Trial:
 
 
 def trial(plant: Plant, preload: float, strength: float) -> Trial:
-    """Run one trial test without noise."""
+    """Run one trial test without noise.
+
+    Parameters
+    ----------
+    plant : Plant
+        The rig.
+    preload : float
+        Tension before the hit [N].
+    strength : float
+        Peak force on LO [N].
+
+    Returns
+    -------
+    Trial
+        Signals from the hit on.
+
+    Raises
+    ------
+    ValueError
+        If the motion diverges.
+    """
     kit = Instruments().scaled(0.0)
     hit = Hit("lo", strength, IMPACT, contact_time(strength))
     case = Case("", "loosening", hit, preload, preload)
@@ -209,6 +229,15 @@ def drawn(number: Number, rng: np.random.Generator) -> float:
 
 def scaled_to(strongest: Undeclared, percent: float, plant: Plant | None = None) -> tuple[Undeclared, float]:
     """Weaken an effect until its influence is so many percent, to a tenth of that; or leave it as it is.
+
+    Parameters
+    ----------
+    strongest : Undeclared
+        The effect at its strongest.
+    percent : float
+        Influence that is wanted [%].
+    plant : Plant or None
+        The rig to which it is added; None: that of the paper.
 
     Returns
     -------

@@ -132,7 +132,22 @@ class Undeclared:
 
 
 def unknown(what: str, got: str, known: Mapping[str, object] | tuple[str, ...]) -> str:
-    """Say in one line what was not found, and the nearest right name or all of them."""
+    """Say in one line what was not found, and the nearest right name or all of them.
+
+    Parameters
+    ----------
+    what : str
+        Kind of name.
+    got : str
+        The name.
+    known : mapping or tuple of str
+        Right names.
+
+    Returns
+    -------
+    str
+        For a message.
+    """
     near = get_close_matches(got, list(known), 1, 0.5)
     if near:
         return f"got {what} {got!r}, did you mean {near[0]!r}?"

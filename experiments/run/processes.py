@@ -110,7 +110,29 @@ class Processes(ParallelBackendBase):  # type: ignore[misc]
     def configure(
         self, n_jobs: int = 1, parallel: object = None, prefer: str | None = None, **_: object
     ) -> int:
-        """Prepare for one call of joblib; a thread waits for each process; where preferred, it works."""
+        """Prepare for one call of joblib; a thread waits for each process; where preferred, it works.
+
+        Parameters
+        ----------
+        n_jobs : int
+            Processes; negative ones count from the number of processors.
+        parallel : object
+            joblib's own, kept for its callbacks.
+        prefer : str, optional
+            ``"threads"``: tasks run in threads of this process.
+        **_ : object
+            Other settings of joblib, of no use here.
+
+        Returns
+        -------
+        int
+            Number of processes.
+
+        Raises
+        ------
+        ValueError
+            If `n_jobs` is 0.
+        """
         count = self.effective_n_jobs(n_jobs)
         self.parallel = parallel
         share = str(max(cpu_count() // count, 1))

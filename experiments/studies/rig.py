@@ -169,7 +169,19 @@ def truth_path(folder: Path) -> Path:
 
 
 def write_truth(path: Path, options: Truth, laboratory: Laboratory, truths: list[Truth]) -> None:
-    """Write all that was hidden from the campaign, at once or not at all."""
+    """Write all that was hidden from the campaign, at once or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    options : dict
+        What the campaign was asked for with.
+    laboratory : Laboratory
+        Rig, instruments and duration.
+    truths : list of dict
+        Of every record.
+    """
     plant = {
         key: value for key, value in vars(laboratory.plant).items() if key not in ("loosening", "effects")
     }
@@ -200,7 +212,30 @@ def check(
     scatter: float,
     hold_out_every: int,
 ) -> None:
-    """Refuse what cannot be, before anything is computed."""
+    """Refuse what cannot be, before anything is computed.
+
+    Parameters
+    ----------
+    folder : Path
+        Must not exist.
+    cases : int or None
+        Preloads, at least 2; None: the paper's.
+    noise, scatter : float
+        Factors of 0 or more.
+    jobs : int
+        1 or more.
+    duration_s : float or None
+        Length of a record, at least 2.5 s.
+    strengths : tuple of float
+        Shares of the full hit, above 0.
+    hold_out_every : int
+        0 or more.
+
+    Raises
+    ------
+    ValueError
+        With a line for every demand that is not met.
+    """
     demands = [
         (
             not folder.exists(),

@@ -19,11 +19,11 @@ from rom.effects.observation import motion_of
 from rom.model.assembly import Response
 from rom.model.model import Model
 from rom.model.structure import GROUND, Structure
+from rom.signals.filters import displacement
 from rom.signals.per_record_parameters import at_rest, own_numbers
 from rom.signals.processing import (
     Measurement,
     TensionRecord,
-    displacement,
     driven_displacement,
     non_oscillatory,
 )

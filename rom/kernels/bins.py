@@ -47,6 +47,32 @@ def add(
     """Add the tension changes at the samples of the block that ends at ``tick`` to the bins from ``bin`` on.
 
     The sample at a block's start belongs to the block before. Returns the bin of the next sample.
+
+    Parameters
+    ----------
+    block : Block
+        Solved.
+    level : int
+        Of its sub-blocks.
+    tick : int
+        Where it ends, in ticks.
+    d : float
+        Length of a sub-block [s].
+    edges : ndarray, shape (bins + 1,)
+        Samples at which bins begin and end.
+    every : int
+        Only multiples of so many samples count.
+    sums : ndarray, shape (level, phase, NODES + 1)
+        As from `sums_of_blocks`.
+    bin : int
+        Bin of the first sample.
+    total : ndarray, shape (bins, tensions)
+        Added to.
+
+    Returns
+    -------
+    int
+        Bin of the next sample.
     """
     start, last = (tick - (4 << level)) // TICKS, tick // TICKS
     sample = max(start + 1, edges[bin]) if bin < edges.size - 1 else last + 1

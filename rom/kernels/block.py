@@ -32,7 +32,19 @@ class Block(NamedTuple):
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def linearise(program: Program, p: Any, block: Block, tables: Propagators) -> None:
-    """Take the linear part at the tensions of node 0."""
+    """Take the linear part at the tensions of node 0.
+
+    Parameters
+    ----------
+    program : Program
+        The structure.
+    p : ndarray, shape (coefficients,)
+        Its numbers.
+    block : Block
+        Takes stiffness and damping of the linear part.
+    tables : Propagators
+        Takes their matrix; none of its levels is up to date then.
+    """
     n = program.size[0]
     A, laws = tables.A, program.laws
     for i in range(2 * n):
@@ -62,7 +74,23 @@ def linearise(program: Program, p: Any, block: Block, tables: Propagators) -> No
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def evaluate(program: Program, p: Any, block: Block, from_node: int, t: float, d: float) -> None:
-    """Forces beyond the linear part and rates at the nodes from ``from_node`` on."""
+    """Forces beyond the linear part and rates at the nodes from ``from_node`` on.
+
+    Parameters
+    ----------
+    program : Program
+        The structure.
+    p : ndarray, shape (coefficients,)
+        Its numbers.
+    block : Block
+        With motion, tensions and states; takes forces, rates, and how much the forces changed.
+    from_node : int
+        First node.
+    t : float
+        Time of node 0 [s].
+    d : float
+        Length of a sub-block [s].
+    """
     n, tensions, _ = program.size
     laws, change, width = program.laws, block.change, block.r.shape[1]
     for node in range(from_node, NODES):
@@ -111,7 +139,17 @@ def evaluate(program: Program, p: Any, block: Block, from_node: int, t: float, d
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def evaluate_rates(program: Program, p: Any, block: Block) -> None:
-    """Rates of the tensions at nodes 1 to 4 without effects, from the stiffness and damping known so far."""
+    """Rates of the tensions at nodes 1 to 4 without effects, from the stiffness and damping known so far.
+
+    Parameters
+    ----------
+    program : Program
+        The structure.
+    p : ndarray, shape (coefficients,)
+        Its numbers.
+    block : Block
+        With motion, tensions and stiffness; takes the rates.
+    """
     n, width = program.size[0], block.r.shape[1]
     for node in range(1, NODES):
         for i in range(width):
@@ -168,7 +206,23 @@ def _long_response(forced: Any, weights: Any, force: Any, count: int) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def free_motion(free: Any, y: Any, E: Any, W: Any, force: Any, level: int, tick: int) -> None:
-    """Linear motion at nodes 1 to 4 from the motion ``y`` at node 0."""
+    """Linear motion at nodes 1 to 4 from the motion ``y`` at node 0.
+
+    Parameters
+    ----------
+    free : ndarray, shape (NODES, 2 bodies)
+        Filled.
+    y : ndarray, shape (NODES, 2 bodies)
+        Motion, of which node 0 is read.
+    E, W : ndarray
+        As in `Propagators`.
+    force : ndarray, shape (driven bodies, samples)
+        Forces [N].
+    level : int
+        Of the sub-blocks.
+    tick : int
+        Where the block starts, in ticks.
+    """
     forced = free[1:]
     for i in range(free.shape[1]):
         free[0, i] = y[0, i]

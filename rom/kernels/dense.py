@@ -13,7 +13,23 @@ from rom.kernels.propagators import INTEGRAL_AT, NODES, SAMPLE, TICKS, VALUE_AT,
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_sample(block: Block, tables: Propagators, force: Any, node: int, out: Any, sample: int) -> None:
-    """Write the sample at a node: motion, tensions and states, accelerations."""
+    """Write the sample at a node: motion, tensions and states, accelerations.
+
+    Parameters
+    ----------
+    block : Block
+        Solved.
+    tables : Propagators
+        Matrix and inputs of the linear part.
+    force : ndarray, shape (driven bodies, samples)
+        Forces [N].
+    node : int
+        The node.
+    out : ndarray, shape (3 bodies + tensions + states, samples)
+        Filled: displacements, velocities, tensions, states, accelerations.
+    sample : int
+        The sample.
+    """
     size, width, driven = block.y.shape[1], block.z.shape[1], force.shape[0]
     for i in range(size):
         out[i, sample] = block.y[node, i]
@@ -34,7 +50,25 @@ def fill_sample(block: Block, tables: Propagators, force: Any, node: int, out: A
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill(block: Block, tables: Propagators, force: Any, level: int, tick: int, d: float, out: Any) -> None:
-    """Write the samples of the block that ends at ``tick``."""
+    """Write the samples of the block that ends at ``tick``.
+
+    Parameters
+    ----------
+    block : Block
+        Solved.
+    tables : Propagators
+        Tables of the linear part.
+    force : ndarray, shape (driven bodies, samples)
+        Forces [N].
+    level : int
+        Of the sub-blocks.
+    tick : int
+        Where the block ends, in ticks.
+    d : float
+        Length of a sub-block [s].
+    out : ndarray, shape (3 bodies + tensions + states, samples)
+        Filled as by `fill_sample`.
+    """
     samples = (4 << level) // TICKS
     if samples > 2:
         _fill_long(block, tables, force, level, tick // TICKS - samples, d, out)

@@ -33,7 +33,25 @@ class Program(NamedTuple):
 def derivative(  # noqa: C901 - one flat pass over the links
     program: Program, p: Any, t: float, force: Any, y: Any, dy: Any, spare: Any
 ) -> None:
-    """Time derivative ``dy`` of the state ``y`` under the forces on the bodies [N], link by link."""
+    """Time derivative ``dy`` of the state ``y`` under the forces on the bodies [N], link by link.
+
+    Parameters
+    ----------
+    program : Program
+        The structure.
+    p : ndarray, shape (coefficients,)
+        Its numbers; masses [kg] come first.
+    t : float
+        Time [s].
+    force : ndarray, shape (bodies,)
+        Forces [N].
+    y : ndarray, shape (2 bodies + tensions + states,)
+        The state.
+    dy : ndarray, of the same shape
+        Filled.
+    spare : ndarray, shape (1,)
+        Where an effect puts its tension rate.
+    """
     n, tensions, _ = program.size
     ends, laws = program.ends, program.laws
     for i in range(n):

@@ -12,7 +12,22 @@ from rom.kernels.calling import invoke
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def evaluate(address: int, table: Any, p: Any) -> Any:
-    """A law at every column of ``table``, shape (arguments, points) -> (points,)."""
+    """A law at every column of ``table``, shape (arguments, points) -> (points,).
+
+    Parameters
+    ----------
+    address : int
+        Of the compiled law: of the tension alone, or of five arguments.
+    table : ndarray, shape (1 or 5, points)
+        The arguments.
+    p : ndarray, shape (parameters,)
+        The law's numbers.
+
+    Returns
+    -------
+    ndarray, shape (points,)
+        Its values.
+    """
     result = np.empty(table.shape[1])
     for i in range(table.shape[1]):
         if table.shape[0] == 1:

@@ -315,6 +315,24 @@ def integrate(program: Program, coefficients: Any, tasks: Task, reports: Any, ou
     ``reports`` (cases, 6 + states) and, unless it holds no samples, ``out``, shape (cases, 3 bodies +
     tensions + states, samples): displacements, velocities, tensions, states, accelerations.
     The one door to the integrator: another function that calls it would have all of it compiled again.
+
+    Parameters
+    ----------
+    program : Program
+        The structure.
+    coefficients : ndarray, shape (cases, coefficients)
+        Its numbers.
+    tasks : Task
+        What is asked; forces, tensions and edges with a first axis of cases.
+    reports : ndarray, shape (cases, 6 + states)
+        Filled, by the places STEPS to STATES.
+    out : ndarray, shape (cases, 3 bodies + tensions + states, samples)
+        Filled, unless it holds no samples.
+
+    Returns
+    -------
+    ndarray, shape (cases, bins, tensions)
+        Mean tensions [N].
     """
     cases = coefficients.shape[0]
     result = np.full((cases, tasks.edges.shape[1] - 1, program.size[1]), np.nan)

@@ -29,6 +29,26 @@ def follow_exposures(
     the signed coefficients w; ``exposures``, (terms, cases, knots): the cumulative integrals M of the motion
     factors. ``ln T`` is advanced by the trapezoidal rule, so that T stays positive; cut at ``highest``. Its
     factors are evaluated once a step, at the predicted end, and not at all while T hardly changes.
+
+    Parameters
+    ----------
+    addresses : ndarray, shape (terms,)
+        Of the compiled tension factors g.
+    p : ndarray, shape (terms, parameters)
+        Their numbers.
+    weights : ndarray, shape (cases, terms)
+        Signed coefficients w.
+    exposures : ndarray, shape (terms, cases, knots)
+        Cumulative integrals M of the motion factors.
+    starts : ndarray, shape (cases,)
+        Initial tensions [N].
+    highest : float
+        Where T is cut [N].
+
+    Returns
+    -------
+    ndarray, shape (cases, knots)
+        Tensions [N].
     """
     terms, cases, knots = exposures.shape
     result = np.empty((cases, knots))

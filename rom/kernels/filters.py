@@ -76,6 +76,26 @@ def filter_and_integrate(
     """Filter signals (rows, samples) to and fro, then integrate and filter again, ``times`` times.
 
     Each pass extends the signals by even reflection over ``padding`` samples at both ends.
+
+    Parameters
+    ----------
+    signals : ndarray, shape (rows, samples)
+        The signals.
+    sections : ndarray, shape (sections, 6)
+        Second-order sections, as SciPy has them.
+    start : ndarray, shape (sections, 2)
+        Their steady state for a signal of 1.
+    padding : int
+        Samples, fewer than those of a signal.
+    step_s : float
+        Time from sample to sample [s].
+    times : int
+        Integrations.
+
+    Returns
+    -------
+    ndarray, shape (rows, samples)
+        New arrays; the signals stay.
     """
     rows, samples = signals.shape
     out = np.empty((rows, samples))

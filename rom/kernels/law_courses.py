@@ -18,6 +18,25 @@ def follow_courses(
 
     Heun's rule between nodes, the rate at a predicted tension taken for that at the node; ``p`` has a row of
     parameters for every case, ``edges`` [s] are those of the bins of all. NaN where a tension is not finite.
+
+    Parameters
+    ----------
+    address : int
+        Of the compiled tension rate.
+    p : ndarray, shape (cases, parameters)
+        Its numbers.
+    nodes : ndarray, shape (5, nodes of all cases)
+        Time from the hit [s], x [m], v [m/s], F and D [N].
+    starts : ndarray, shape (cases + 1,)
+        First node of every case.
+    edges : ndarray, shape (bins + 1,)
+        Of the bins, from the hit [s].
+    initial : ndarray, shape (cases,)
+        Tensions at the first node [N].
+    highest : float
+        Where a tension is cut [N].
+    result : ndarray, shape (cases, bins)
+        Filled [N].
     """
     for case in range(starts.size - 1):
         i, last = starts[case], starts[case + 1] - 1

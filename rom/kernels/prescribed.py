@@ -41,6 +41,28 @@ def force_of_effects(
 
     The states follow by the classical Runge-Kutta method, ``substeps`` steps from sample to sample; ``state``
     holds those at the last sample when it returns.
+
+    Parameters
+    ----------
+    effects : ndarray, shape (effects, 3)
+        Address, place of the first parameter, place of the first state, one link's in order.
+    p : ndarray, shape (coefficients,)
+        Parameters.
+    motion : ndarray, shape (5, samples)
+        x [m], v [m/s], T [N], k [N/m], c [N s/m].
+    step_s : float
+        Time from sample to sample [s].
+    substeps : int
+        Steps from sample to sample.
+    state : ndarray, shape (states + 1,)
+        At the first sample; at the last one afterwards.
+    start_s : float
+        Time of the first sample [s].
+
+    Returns
+    -------
+    ndarray, shape (samples,)
+        Force [N].
     """
     samples = motion.shape[1]
     out, at, spare, h = np.zeros(samples), np.zeros(5), np.zeros(1), step_s / substeps
@@ -76,6 +98,24 @@ def forces_of_effects(effects: Any, p: Any, motion: Any, step_s: float, substeps
     """Force (effects, samples) of every effect by itself along one motion, its states zero at the start.
 
     Rows of ``effects``: address, place of the first parameter, number of states.
+
+    Parameters
+    ----------
+    effects : ndarray, shape (effects, 3)
+        Address, place of the first parameter, number of states.
+    p : ndarray, shape (coefficients,)
+        Parameters.
+    motion : ndarray, shape (5, samples)
+        x [m], v [m/s], T [N], k [N/m], c [N s/m].
+    step_s : float
+        Time from sample to sample [s].
+    substeps : int
+        Steps from sample to sample.
+
+    Returns
+    -------
+    ndarray, shape (effects, samples)
+        Forces [N].
     """
     out = np.zeros((effects.shape[0], motion.shape[1]))
     for e in range(effects.shape[0]):

@@ -201,7 +201,17 @@ def _node_weights(tables: Propagators, level: int) -> None:
 
 @njit(cache=True, nogil=True)
 def build(tables: Propagators, level: int, sample: float) -> None:
-    """Bring the tables up to date as far as ``level``; ``sample`` is the length of a sample [s]."""
+    """Bring the tables up to date as far as ``level``; ``sample`` is the length of a sample [s].
+
+    Parameters
+    ----------
+    tables : Propagators
+        With the matrix and the inputs; filled.
+    level : int
+        Highest level that is needed.
+    sample : float
+        Time from sample to sample [s].
+    """
     while tables.built[0] <= level:
         now = tables.built[0]
         if now == 0:

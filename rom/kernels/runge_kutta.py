@@ -128,7 +128,26 @@ def _add(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def integrate_links(program: Program, p: Any, task: Task, report: Any, out: Any) -> Any:
-    """As ``exponential.integrate``, without an estimate of the error; sample by sample to fill ``out``."""
+    """As ``exponential.integrate``, without an estimate of the error; sample by sample to fill ``out``.
+
+    Parameters
+    ----------
+    program : Program
+        The structure.
+    p : ndarray, shape (coefficients,)
+        Its numbers.
+    task : Task
+        What is asked, of one case.
+    report : ndarray, shape (6 + states,)
+        Filled; errors and sizes of states stay zero.
+    out : ndarray, shape (3 bodies + tensions + states, samples)
+        Filled, unless it is empty.
+
+    Returns
+    -------
+    ndarray, shape (bins, tensions)
+        Sums over a bin's samples of the changes of tension from the start [N].
+    """
     n, tensions = program.size[0], program.size[1]
     y, total = np.zeros(2 * n + tensions + program.size[2]), np.zeros((task.edges.size - 1, tensions))
     work, forces, before = np.zeros((5, y.size)), np.zeros((3, n)), np.zeros((2, y.size))

@@ -131,7 +131,22 @@ def _next_tension(block: Block, moved: float, span: float, mobility: float) -> f
 def solve_laws(
     program: Program, p: Any, block: Block, H: Any, level: int, d: float, goal: Any, mobility: float
 ) -> bool:
-    """As ``solve`` for links with laws alone: first the tensions along the motion, then forces and motion."""
+    """As ``solve`` for links with laws alone: first the tensions along the motion, then forces and motion.
+
+    Parameters
+    ----------
+    program, p, block, H, level, d
+        As for `solve`.
+    goal : tuple of float
+        Impulse [N s] and tension [N] below which the next change is small enough.
+    mobility : float
+        Twice the inverse of the smallest mass [1/kg]: relative velocity for an impulse, at most.
+
+    Returns
+    -------
+    bool
+        False where the sweeps do not settle.
+    """
     for node in range(1, NODES):
         for a in range(block.active.size):
             block.beyond[node, a, 0], block.beyond[node, a, 1] = block.beyond[0, a, 0], block.beyond[0, a, 1]
@@ -160,7 +175,32 @@ def solve_laws(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def solve(program: Program, p: Any, block: Block, H: Any, level: int, t: float, d: float, goal: Any) -> bool:
-    """Sweep until the next change would be below the goals: impulse [N s], tension [N], state (relative)."""
+    """Sweep until the next change would be below the goals: impulse [N s], tension [N], state (relative).
+
+    Parameters
+    ----------
+    program : Program
+        The structure.
+    p : ndarray, shape (coefficients,)
+        Its numbers.
+    block : Block
+        With node 0 and the free motion; takes the rest.
+    H : ndarray
+        As in `Propagators`.
+    level : int
+        Of the sub-blocks.
+    t : float
+        Time of node 0 [s].
+    d : float
+        Length of a sub-block [s].
+    goal : tuple of float
+        The goals.
+
+    Returns
+    -------
+    bool
+        False where the sweeps do not settle.
+    """
     _guess_changes(block, 0.0)
     _guess_forces(program, block)
     change, before = block.change, 0.0

@@ -12,6 +12,7 @@ from scipy import integrate, ndimage, signal
 
 FloatArray = npt.NDArray[np.float64]
 
+INTEGRATIONS = {"acceleration": 2, "velocity": 1, "displacement": 0}
 _LONGEST_PULSE_S = 0.02  # a hammer's pulse is over within this time; anything longer is a driven force
 _MANY_ROWS = 4  # fewer are filtered one by one as fast
 _SHORTEST_PULSE_S = 5e-4  # a pulse this long must survive the removal of single-sample spikes
@@ -132,6 +133,29 @@ class FilterChain:
     def displacement(self, acceleration: FloatArray, rate_hz: float) -> FloatArray:
         """Displacement [m] of an acceleration [m/s2]: HP, integrate, HP, integrate, HP."""
         return self.integrated(acceleration, rate_hz, 2)
+
+
+def displacement(kind: str, samples: FloatArray, rate_hz: float, chain: FilterChain) -> FloatArray:
+    """Return displacement [m] from samples of a motion quantity; measured displacement is not filtered.
+
+    Parameters
+    ----------
+    kind : str
+        ``"acceleration"``, ``"velocity"`` or ``"displacement"``.
+    samples : ndarray, shape (..., samples)
+        In its SI unit.
+    rate_hz : float
+        Sampling rate.
+    chain : FilterChain
+        Of the record.
+
+    Returns
+    -------
+    ndarray, shape (..., samples)
+        Displacement [m].
+    """
+    times = INTEGRATIONS[kind]
+    return chain.integrated(samples, rate_hz, times) if times else samples
 
 
 @lru_cache(maxsize=64)

@@ -18,10 +18,17 @@ from rom.campaign.campaign import CampaignSettings, Record, WindowSettings
 from rom.campaign.channels import BOLT_CHANNELS, Channel, FloatArray
 from rom.campaign.channels import Motion as MotionKind
 from rom.signals.calibration import Calibration
-from rom.signals.filters import FilterChain, decimate, find_impact, for_straight_lines, split_tension
+from rom.signals.filters import (
+    INTEGRATIONS,
+    FilterChain,
+    decimate,
+    displacement,
+    find_impact,
+    for_straight_lines,
+    split_tension,
+)
 
 IMPACT_TESTS = ("uncoupled", "coupled", "loosening")
-INTEGRATIONS = {"acceleration": 2, "velocity": 1, "displacement": 0}
 CUTOFF_HZ = {"uncoupled": 2.0}
 COUPLED_CUTOFF_HZ = 5.0
 _CUTOFF_BELOW_FIRST_MODE = 0.45
@@ -104,8 +111,7 @@ class Measurement:
         """Return the measured displacement [m] of a body after the filter chain, worked out once."""
         if body not in self._displacements:
             motion = self.motion[body]
-            found = displacement(motion.kind, motion.samples, self.rate_hz, self.chain)
-            self._displacements[body] = found
+            self._displacements[body] = displacement(motion.kind, motion.samples, self.rate_hz, self.chain)
         return self._displacements[body]
 
     def with_cutoff(self, cutoff_hz: Mapping[str, float]) -> Measurement:
@@ -130,12 +136,6 @@ class Measurement:
     def __getstate__(self) -> dict[str, object]:
         kept = {name: value for name, value in self.__dict__.items() if name != "applied_force"}
         return {**kept, "_displacements": {}}  # to be worked out again: they would double what is sent
-
-
-def displacement(kind: str, samples: FloatArray, rate_hz: float, chain: FilterChain) -> FloatArray:
-    """Return displacement [m] from samples of a motion quantity; measured displacement is not filtered."""
-    times = INTEGRATIONS[kind]
-    return chain.integrated(samples, rate_hz, times) if times else samples
 
 
 def driven_displacement(motion: Channel) -> FloatArray:

@@ -12,7 +12,8 @@ import pytest
 
 import discovery
 from discovery.criteria.criteria import CRITERIA
-from discovery.ranking.cross_validation import order, preload_groups
+from discovery.ranking.cross_validation import preload_groups
+from discovery.ranking.ordering import order
 from tests.discovery.synthetic import small
 
 ROOT = Path(discovery.__file__).parent

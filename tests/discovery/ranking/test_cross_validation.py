@@ -11,6 +11,7 @@ from discovery.courses.marginal_likelihood import Problem
 from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import BASELINE, CONSTANT_QUARTIC, baseline, rivals_always_in_the_race
 from discovery.ranking import cross_validation as validation
+from discovery.ranking import ordering
 from rom import paper_model
 from tests.discovery.synthetic import measured
 
@@ -95,12 +96,12 @@ def test_evidence_decides_among_laws_that_cross_validation_does_not_tell_apart()
     better = simple + 1.0 + 0.5 * rng.standard_normal(48)
     none, much = np.zeros(48), np.full(48, 0.2)
     sizes = [(4, 20), (2, 10)]
-    assert validation.order(np.stack([rich, simple]), np.stack([none, much]), sizes, GROUPS) == [1, 0]
-    assert validation.order(np.stack([rich, simple]), np.stack([much, none]), sizes, GROUPS) == [0, 1]
-    assert validation.order(np.stack([better, simple]), np.stack([none, much]), sizes, GROUPS) == [0, 1]
+    assert ordering.order(np.stack([rich, simple]), np.stack([none, much]), sizes, GROUPS) == [1, 0]
+    assert ordering.order(np.stack([rich, simple]), np.stack([much, none]), sizes, GROUPS) == [0, 1]
+    assert ordering.order(np.stack([better, simple]), np.stack([none, much]), sizes, GROUPS) == [0, 1]
     of_three = np.stack([simple, better, better - 0.01])
     of_all = np.stack([much, none, 0.5 * much])
-    assert validation.order(of_three, of_all, [(1, 9), (3, 9), (2, 9)], GROUPS) == [2, 1, 0]
+    assert ordering.order(of_three, of_all, [(1, 9), (3, 9), (2, 9)], GROUPS) == [2, 1, 0]
 
 
 @pytest.mark.parametrize(("errors", "first"), [(1.6, 1), (2.6, 0)])
@@ -110,14 +111,14 @@ def test_a_lead_counts_where_it_is_beyond_chance(errors: float, first: int) -> N
     rich = np.zeros(48) + swing + lead / 48
     worth = np.stack([np.zeros(48), np.full(48, 0.2)])
     assert lead > 5  # odds far beyond 20 to 1
-    assert validation.order(np.stack([rich, np.zeros(48)]), worth, [(9, 20), (3, 9)], GROUPS)[0] == first
+    assert ordering.order(np.stack([rich, np.zeros(48)]), worth, [(9, 20), (3, 9)], GROUPS)[0] == first
 
 
 def test_of_laws_of_as_many_numbers_and_nearly_the_same_evidence_the_shortest_goes_first() -> None:
     scores = np.random.default_rng(0).standard_normal(48) + np.zeros((3, 1))
     worth = np.stack([np.full(48, 2.0 / 48), np.zeros(48), np.full(48, 1.0 / 48)])
-    assert validation.order(scores, worth, [(4, 20), (4, 10), (3, 5)], GROUPS) == [1, 0, 2]
-    assert validation.order(scores, 2 * worth, [(4, 20), (4, 10), (3, 5)], GROUPS) == [0, 2, 1]
+    assert ordering.order(scores, worth, [(4, 20), (4, 10), (3, 5)], GROUPS) == [1, 0, 2]
+    assert ordering.order(scores, 2 * worth, [(4, 20), (4, 10), (3, 5)], GROUPS) == [0, 2, 1]
 
 
 def test_one_record_does_not_make_a_law_the_best() -> None:
@@ -125,10 +126,10 @@ def test_one_record_does_not_make_a_law_the_best() -> None:
     steady, lucky = base + 0.5, base.copy()
     lucky[7] += 1e4
     scores, sizes = np.stack([lucky, steady, base]), [(3, 9)] * 3
-    assert validation.order(scores, scores, sizes, GROUPS) == [1, 0, 2]
-    assert validation.chosen(scores, scores, sizes, GROUPS, np.random.default_rng(1))[1] > 0.95
+    assert ordering.order(scores, scores, sizes, GROUPS) == [1, 0, 2]
+    assert ordering.chosen(scores, scores, sizes, GROUPS, np.random.default_rng(1))[1] > 0.95
     worth = np.stack([steady, lucky])
-    assert validation.order(np.stack([base, base]), worth, sizes[:2], GROUPS) == [0, 1]
+    assert ordering.order(np.stack([base, base]), worth, sizes[:2], GROUPS) == [0, 1]
 
 
 def test_evidence_is_the_information_criterion_case_by_case(frozen: FrozenMotion) -> None:
@@ -143,7 +144,7 @@ def test_no_single_record_decides() -> None:
     calm = np.zeros(48)
     lucky = calm.copy()
     lucky[0] = 1e4
-    p = validation.p_values(lucky[None], calm, GROUPS, np.random.default_rng(0))
+    p = ordering.p_values(lucky[None], calm, GROUPS, np.random.default_rng(0))
     assert p[0] == pytest.approx(0.5)
 
 
@@ -151,7 +152,7 @@ def test_steady_gain_is_beyond_chance_and_loss_is_not() -> None:
     rng = np.random.default_rng(1)
     base = rng.standard_normal(48)
     scores = np.stack([base + 0.5 + 0.3 * rng.standard_normal(48), base - 1.0, base])
-    p = validation.p_values(scores, base, GROUPS, rng)
+    p = ordering.p_values(scores, base, GROUPS, rng)
     assert p[0] < 1e-3
     assert p[1] == 1.0
     assert p[2] == 1.0
@@ -165,7 +166,7 @@ def test_best_of_many_equal_laws_is_rarely_called_better(laws: int) -> None:
     for _ in range(200):
         shared = rng.standard_normal(30)
         scores = 0.5 * shared + rng.standard_normal((laws, 30))
-        called += bool(validation.p_values(scores, np.zeros(30), groups, rng).min() < 0.05)
+        called += bool(ordering.p_values(scores, np.zeros(30), groups, rng).min() < 0.05)
     assert called / 200 < 0.10
 
 
@@ -173,7 +174,7 @@ def test_many_preloads_are_flipped_at_random() -> None:
     rng = np.random.default_rng(3)
     groups = np.arange(24)
     gain = 0.5 + 0.5 * rng.standard_normal(24)
-    p = validation.p_values(gain[None], np.zeros(24), groups, rng)
+    p = ordering.p_values(gain[None], np.zeros(24), groups, rng)
     assert 0 < p[0] < 0.01
 
 
@@ -181,6 +182,6 @@ def test_share_of_resamples_sums_to_one_and_favours_the_better() -> None:
     rng = np.random.default_rng(4)
     base = rng.standard_normal(48)
     scores = np.stack([base, base + 1.0 + 0.2 * rng.standard_normal(48)])
-    share = validation.chosen(scores, np.zeros_like(scores), [(1, 9), (1, 9)], GROUPS, rng)
+    share = ordering.chosen(scores, np.zeros_like(scores), [(1, 9), (1, 9)], GROUPS, rng)
     assert share.sum() == pytest.approx(1.0)
     assert share[1] > 0.95
