@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from discovery.criteria.acceptance import Acceptance
+from discovery.criteria.at_rest import AtRest
 from discovery.criteria.chance import Chance
 from discovery.criteria.closing import Closing
 from discovery.criteria.courses import Courses
@@ -37,6 +38,7 @@ class Criteria:
     screening: Screening = field(default_factory=Screening)
     motion: Motion = field(default_factory=Motion)
     tension: Tension = field(default_factory=Tension)
+    at_rest: AtRest = field(default_factory=AtRest)
     localisation: Localising = field(default_factory=Localising)
     search: Search = field(default_factory=Search)
     courses: Courses = field(default_factory=Courses)

@@ -14,10 +14,10 @@ MaterialErrors = Sequence[Mapping[str, float | None]]
 """Errors by name, one mapping a kind of record: of the first kind that has any are two models compared."""
 
 
-def at_noise_floor(level: float, first: float, criteria: Criteria = CRITERIA) -> bool:
+def at_noise_floor(level: float, first: float, criteria: Criteria = CRITERIA, by_chance: float = 1.0) -> bool:
     """Whether a mean square is that of noise, or next to nothing of what was ``first`` beyond it.
 
-        level - 1 <= max(noise_level - 1, explained_remainder (first - 1))
+        level - 1 <= max(noise_level - 1, by_chance - 1, explained_remainder (first - 1))
 
     Parameters
     ----------
@@ -25,6 +25,8 @@ def at_noise_floor(level: float, first: float, criteria: Criteria = CRITERIA) ->
         Mean squares of the whitened residual with the effects and without; 1 is noise.
     criteria : Criteria
         The numbers that decide.
+    by_chance : float
+        What noise alone leaves at times, where the mean is of few rows.
 
     Returns
     -------
@@ -32,7 +34,8 @@ def at_noise_floor(level: float, first: float, criteria: Criteria = CRITERIA) ->
         True for noise, or next to nothing of the first residual.
     """
     rules = criteria.acceptance
-    return level - 1 <= max(rules.noise_level - 1, rules.explained_remainder * (first - 1))
+    most = max(rules.noise_level, by_chance) - 1
+    return level - 1 <= max(most, rules.explained_remainder * (first - 1))
 
 
 def is_exact(errors: ErrorsByKind, criteria: Criteria = CRITERIA) -> bool:

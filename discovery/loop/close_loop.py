@@ -10,6 +10,7 @@ from discovery.loop.history import LoopHistory
 from discovery.loop.impact_refits import ImpactRefits
 from discovery.loop.motion_stage import with_later_disturbances
 from discovery.loop.refits import Refits
+from discovery.loop.rest_refits import RestRefits
 from discovery.loop.rest_stage import before_hits, gauged
 from discovery.loop.result import Closure, Step
 from discovery.loop.tension_stage import in_tension, law_first, redundant_along_law
@@ -31,7 +32,7 @@ def close_loop(
 ) -> Closure:
     """Find what a campaign's declared model lacks, add it, and report the errors before and after.
 
-    Impact tests, driven bodies and cycled links go through one loop (`discovery.loop.refits`).
+    Impact tests, driven bodies, cycled links and bolts at rest go through one loop (`discovery.loop.refits`).
 
     Parameters
     ----------
@@ -57,15 +58,26 @@ def close_loop(
         If nothing can be identified from the campaign.
     """
     options = Options(jobs, progress or no_progress, seed, criteria)
-    refits: Refits = (
-        BalanceRefits.of(campaign, options) if is_driven(campaign) else ImpactRefits.of(campaign, options)
-    )
+    refits = refits_of(campaign, options)
     refits, history = gauged(refits, LoopHistory((refits.start(),), criteria=criteria))
     start = law_first(refits, before_hits(refits, history))
     history = with_later_disturbances(refits, start)
     history = or_free_form(refits, history, start)
     history = in_tension(refits, history)
     return _closure(refits, redundant_along_law(refits, history))
+
+
+def refits_of(campaign: Campaign, options: Options) -> Refits:
+    """Return the fits of a kind of campaign.
+
+    Raises
+    ------
+    ValueError
+        If nothing can be identified from the campaign.
+    """
+    if campaign.settings.is_at_rest:
+        return RestRefits.of(campaign, options)
+    return BalanceRefits.of(campaign, options) if is_driven(campaign) else ImpactRefits.of(campaign, options)
 
 
 def _closure(refits: Refits, history: LoopHistory) -> Closure:

@@ -90,7 +90,7 @@ class LoopHistory:
     @property
     def at_noise_floor(self) -> bool:
         """Whether noise alone is left, or next to nothing of what was beyond it."""
-        return at_noise_floor(self.last.level, self.states[0].level, self.criteria)
+        return at_noise_floor(self.last.level, self.states[0].level, self.criteria, self.last.by_chance)
 
     @property
     def is_explained(self) -> bool:

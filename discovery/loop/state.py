@@ -34,6 +34,8 @@ class State:
         Errors of single records.
     warnings : tuple of str
         What to know of the model's numbers.
+    by_chance : float
+        Mean square that noise alone leaves of so few rows at times; 1 of many.
     """
 
     model: Model
@@ -44,6 +46,7 @@ class State:
     identification: Identification | None = None
     evaluations: tuple[Evaluation, ...] = ()
     warnings: tuple[str, ...] = ()
+    by_chance: float = 1.0
 
     @property
     def level(self) -> float:

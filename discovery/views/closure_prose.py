@@ -27,7 +27,7 @@ MEASURES = {
     "motion_nrmse": Measure("the displacement", "Displacement", "%", 100.0),
     "relative_motion_nrmse": Measure("the relative displacement of the joint", "Relative motion", "%", 100.0),
     "tension_loss_error_percent_median": Measure("the loss of tension (median)", "Loss of tension", "%", 1.0),
-    "tension_rmse_n": Measure("the tension after the impact", "Tension", "N", 1.0),
+    "tension_rmse_n": Measure("the tension", "Tension", "N", 1.0),
     "link_force_nrmse": Measure("the link force", "Link force", "%", 100.0),
 }
 _VIEWS = {  # others are said as they are named

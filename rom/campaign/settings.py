@@ -108,14 +108,18 @@ class CampaignSettings(_Settings):
 
     @model_validator(mode="before")
     @classmethod
-    def _no_bolt_no_tension(cls, data: Any) -> Any:
-        """Windows average a tension: without a bolt they may be left out, and so may its rate."""
-        if not isinstance(data, dict) or "bolt" in data:
+    def _only_what_is_needed(cls, data: Any) -> Any:
+        """Fill in what a campaign without a bolt, or one of bolts at rest alone, has no use for."""
+        if not isinstance(data, dict):
             return data
-        sampling = data.get("sampling")
-        if isinstance(sampling, dict) and "motion_rate_hz" in sampling:
-            data = {**data, "sampling": {"tension_rate_hz": sampling["motion_rate_hz"], **sampling}}
-        return {"windows": USUAL_WINDOWS, **data}
+        if _only_rests(data.get("record")):
+            return _at_rest(data)
+        return data if "bolt" in data else _without_bolt(data)
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether nothing moves in any record: bolts watched at rest."""
+        return all(record.test == "hold" for record in self.record)
 
     @property
     def body_names(self) -> tuple[str, ...]:
@@ -126,6 +130,39 @@ class CampaignSettings(_Settings):
     def link_names(self) -> tuple[str, ...]:
         """Names of the links, in the file's order."""
         return tuple(link.name for link in self.link)
+
+
+def _only_rests(records: Any) -> bool:
+    rest = [isinstance(record, dict) and record.get("test") == "hold" for record in _sequence(records)]
+    return bool(rest) and all(rest)
+
+
+def _sequence(value: Any) -> tuple[Any, ...]:
+    return tuple(value) if isinstance(value, list | tuple) else ()
+
+
+def _without_bolt(data: dict[str, Any]) -> dict[str, Any]:
+    """Windows average a tension: without a bolt they may be left out, and so may its rate."""
+    sampling = data.get("sampling")
+    if isinstance(sampling, dict) and "motion_rate_hz" in sampling:
+        data = {**data, "sampling": {"tension_rate_hz": sampling["motion_rate_hz"], **sampling}}
+    return {"windows": USUAL_WINDOWS, **data}
+
+
+def _at_rest(data: dict[str, Any]) -> dict[str, Any]:
+    """Where nothing moves there may be no body, no rate of a motion, no hit, and no windows beside it."""
+    sampling = data.get("sampling")
+    if isinstance(sampling, dict) and "tension_rate_hz" in sampling:
+        rate = sampling["tension_rate_hz"]
+        data = {**data, "sampling": {"motion_rate_hz": rate, "pretrigger_s": 0.0, **sampling}}
+    if "link" not in data and not (isinstance(data.get("bolt"), dict) and "link" in data["bolt"]):
+        body = {"name": "part"}
+        first = next((one for one in _sequence(data.get("body")) if isinstance(one, dict)), body)
+        link = {"name": "joint", "between": [first.get("name", "part"), GROUND], "law": "bolted"}
+        bolt = data.get("bolt", {})
+        named = {**bolt, "link": link["name"]} if isinstance(bolt, dict) else bolt
+        data = {"body": [body], **data, "link": [link], "bolt": named}
+    return {"windows": USUAL_WINDOWS, **data}
 
 
 _TABLES: dict[str, type[_Settings]] = {

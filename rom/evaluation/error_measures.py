@@ -14,6 +14,7 @@ import numpy as np
 
 from rom.campaign.campaign import WindowSettings
 from rom.campaign.channels import FloatArray
+from rom.evaluation.at_rest import held_tension
 from rom.evaluation.replay import (
     Replay,
     displacements,
@@ -139,6 +140,8 @@ def compare_all(
     nothing = Comparison(measurement.file, measurement.test, True, {})
     if measurement.test == "cycled":
         return tuple(_of_cycled(nothing, model, measurement) for model in models)
+    if measurement.test == "hold":
+        return tuple(_of_rest(nothing, model, measurement, windows) for model in models)
     groups = [models[first : first + _SIDE_BY_SIDE] for first in range(0, len(models), _SIDE_BY_SIDE)]
     return tuple(found for group in groups for found in _of_motion(nothing, group, measurement, windows))
 
@@ -183,11 +186,15 @@ def _with_motion(
 
 
 def summarise(comparisons: Iterable[Comparison]) -> Errors:
-    """Return the error measures over a set of records; a simulation that failed is counted, not averaged."""
+    """Return the error measures over a set of records; a simulation that failed is counted, not averaged.
+
+    The tension's is that of loosening records, or of bolts at rest where no record loosens.
+    """
     every = list(comparisons)
     done = [c for c in every if c.finished]
     loosening = [c for c in done if c.test == "loosening" and np.isfinite(c.measured_final)]
     final = [c.final_error_percent for c in loosening]
+    tensions = loosening or [c for c in done if c.test == "hold"]
     return Errors(
         motion_nrmse=_finite_mean([value for c in done for value in c.motion_nrmse.values()]),
         relative_motion_nrmse=_finite_mean([c.relative_motion_nrmse for c in done]),
@@ -196,7 +203,7 @@ def summarise(comparisons: Iterable[Comparison]) -> Errors:
         final_tension_error_percent_max=max((v for v in final if np.isfinite(v)), default=None),
         tension_loss_error_percent_median=_finite_median([c.loss_error_percent for c in loosening]),
         link_force_nrmse=_finite_mean([c.link_force_nrmse for c in done]),
-        tension_rmse_n=_finite_mean([c.tension_rmse for c in loosening]),
+        tension_rmse_n=_finite_mean([c.tension_rmse for c in tensions]),
         records=len(every),
         failed=len(every) - len(done),
     )
@@ -227,6 +234,21 @@ def _of_cycled(comparison: Comparison, model: Model, measurement: Measurement) -
     forces = driven_forces(model, measurement)
     values = [_nrmse(simulated, measured) for simulated, measured in forces.values()]
     return replace(comparison, link_force_nrmse=float(np.mean(values)) if values else np.nan)
+
+
+def _of_rest(
+    comparison: Comparison, model: Model, measurement: Measurement, windows: WindowSettings
+) -> Comparison:
+    if measurement.tension is None:
+        return comparison
+    shown, tension = held_tension(model, measurement)
+    return replace(
+        comparison,
+        initial_tension=tension.initial,
+        measured_final=tension.final,
+        simulated_final=window_mean(shown, tension.rate_hz, windows.final_s),
+        tension_rmse=float(np.sqrt(np.mean((shown - tension.samples) ** 2))),
+    )
 
 
 def _coupled_pair(model: Model) -> tuple[str, str] | None:

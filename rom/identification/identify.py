@@ -15,6 +15,7 @@ import numpy as np
 
 from rom.campaign.campaign import Campaign, CampaignSettings
 from rom.effects import CATALOGUE
+from rom.identification.at_rest import STILL, model_at_rest
 from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
 from rom.identification.force_balance import SOUND, balances_of, declared_model, is_driven, noise_share
 from rom.identification.gamma import GammaEstimate, LooseningCase, identify_gamma, refine_gamma_law
@@ -26,9 +27,10 @@ from rom.identification.joint import (
     joint_estimates,
     tension_levels,
 )
+from rom.identification.left_open import undetermined, untensioned
 from rom.identification.link_laws import UNDETERMINED, bolted_laws, linear_laws, mean_laws
 from rom.identification.output_error import OutputErrorFit
-from rom.identification.record_spectra import UNCOUPLED, LinearNames, with_starts
+from rom.identification.record_spectra import LinearNames, with_starts
 from rom.identification.reduce import (
     Progress,
     ReducedRecord,
@@ -38,7 +40,7 @@ from rom.identification.reduce import (
     reduce_records,
     tension_courses,
 )
-from rom.identification.spectral_model import CORNER, SpectralRecord
+from rom.identification.spectral_model import SpectralRecord
 from rom.identification.uncoupled_priors import fit_near, flexure_ties, unsettled, without_modes
 from rom.model.description import LinkLaws
 from rom.model.effect import SensorFault
@@ -202,6 +204,10 @@ def identify_campaign(
     ValueError
         As for `identify`.
     """
+    if campaign.settings.is_at_rest:
+        files = tuple(record.file for record in campaign.select(hold_out=False))
+        model = model_at_rest(campaign)
+        return _without_spectra(Identification(model, None, warnings=(STILL,), records=files))
     if is_driven(campaign) and (driven := _of_driven(campaign)) is not None:
         return driven
     settings = campaign.settings
@@ -217,7 +223,7 @@ def identify_campaign(
         )
     joint = joint_estimates(records, linear, settings)
     stiffness_fit, damping_fit = joint_curves(joint, linear, settings)
-    doubtful = _doubtful(linear)
+    doubtful = undetermined(linear)
     if linear is not None and stiffness_fit is not None and damping_fit is not None:
         linear = given_curves(parts, linear, joint, (stiffness_fit, damping_fit))
     model, missing = _model(campaign, records, linear, (stiffness_fit, damping_fit))
@@ -236,7 +242,7 @@ def identify_campaign(
         courses=tension_courses(records, noise, settings),
         course_noise=noise,
         set_aside=set_aside,
-        warnings=(*warnings, *missing, *doubtful, *far_off, *_untensioned(records, settings)),
+        warnings=(*warnings, *missing, *doubtful, *far_off, *untensioned(records, settings)),
         unsettled=far_off,
         records=tuple(record.settings.file for record in records),
     )
@@ -260,7 +266,12 @@ def _of_driven(campaign: Campaign) -> Identification | None:
     model, lines = declared_model(balances)
     files = tuple(r.settings.file for r in balances.records if not r.settings.hold_out)
     found = Identification(model, None, set_aside=doubts, warnings=lines, records=files)
-    return replace(found, model=replace(model, identification=found))
+    return _without_spectra(found)
+
+
+def _without_spectra(found: Identification) -> Identification:
+    """Return an identification that no motion was followed for, its model with all that is behind it."""
+    return replace(found, model=replace(found.model, identification=found))
 
 
 def _started(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[SpectralRecord, ...]:
@@ -310,34 +321,6 @@ def _model(
         uncoupled_laws=uncoupled,
     )
     return model, (*unknown, *missing)
-
-
-def _doubtful(linear: OutputErrorFit | None) -> tuple[str, ...]:
-    """Return a line for every shared value that the records leave open, and for a fit that did not end."""
-    if linear is None:
-        return ()
-    shared = [name for name in linear.names if "@" not in name and not name.startswith(CORNER)]
-    lines = [
-        f"{name}: the records do not tell it from what lies beside it; its value has no limits"
-        for name in shared
-        if linear.relative_error(name) > UNDETERMINED
-    ]
-    if not linear.converged:
-        lines.append("the fit of the linear links had not settled when it ended")
-    return tuple(lines)
-
-
-def _untensioned(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[str, ...]:
-    """Return a line for every record whose joint has no place on the curves."""
-    return tuple(
-        f"{r.settings.file}: no strain, tension or preload_n places its joint on the curves over tension"
-        for r in records
-        if settings.bolt is not None
-        and r.spectra
-        and r.settings.test != UNCOUPLED
-        and r.tensions is None
-        and r.settings.preload_n is None
-    )
 
 
 def _bodies(

@@ -392,9 +392,8 @@ def non_oscillatory(
 
 def _window_mean(tension: FloatArray, rate_hz: float, window_s: tuple[float, float]) -> tuple[float, float]:
     """Return mean and its standard error from batch means, which hold for coloured noise too."""
-    inside = tension[int(window_s[0] * rate_hz) : int(window_s[1] * rate_hz)]
-    if not len(inside):
-        inside = tension[-1:]
+    start = min(int(window_s[0] * rate_hz), len(tension) - 1)
+    inside = tension[start : max(int(window_s[1] * rate_hz), start + 1)]  # one sample where the rate is low
     batches = np.array([part.mean() for part in np.array_split(inside, min(_BATCHES, len(inside)))])
     error = float(batches.std(ddof=1) / np.sqrt(len(batches))) if len(batches) > 1 else 0.0
     return float(inside.mean()), error

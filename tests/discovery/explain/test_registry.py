@@ -11,12 +11,15 @@ import pytest
 
 from discovery.explain.registry import EXPLAINERS
 from discovery.options import Options
+from discovery.residual.at_rest import RestResidual
 from discovery.residual.base import Kind
 from discovery.residual.force_balance import ForceBalanceResidual
 from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.tension import TensionResidual
 
-_RESIDUALS = {one.kind: one.__name__ for one in (WhitenedResidual, TensionResidual, ForceBalanceResidual)}
+_RESIDUALS = {
+    one.kind: one.__name__ for one in (WhitenedResidual, TensionResidual, ForceBalanceResidual, RestResidual)
+}
 _OTHERS = [
     (name, kind)
     for name, explainer in EXPLAINERS.items()

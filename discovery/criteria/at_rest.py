@@ -1,0 +1,36 @@
+"""Bolts that were watched at rest: what of their tension is slow, and what is noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from discovery.criteria.number import Group, number
+
+_TRIED = "120 clean synthetic campaigns, 1 Hz to 1 kHz, noise white, filtered, flicker, quantised: "
+
+
+@dataclass(frozen=True)
+class AtRest(Group):
+    """Bolts that were watched at rest: what of their tension is slow, and what is noise."""
+
+    slow_lines: int = number(
+        16, "1", "first lines of a record, half-waves over its length, that tell of effects",
+        _TRIED + "32 take noise that is filtered at the 20th line for an effect, 16 do not",
+    )  # fmt: skip
+    noise_span: int = number(
+        16, "1", "times as many lines, from those on, that tell the gauge's noise",
+        _TRIED + "no name, 2 of 100 unexplained without noise that is slower than these lines",
+    )  # fmt: skip
+    lines_of_record: int = number(8, "1", "lines of a short record for each slow one", "chosen, not measured")
+    outlier: float = number(
+        16.0, "1", "power of a line over the noise, above which it is a disturbance and no noise",
+        "normal noise is above it in one line of 16,000",
+    )  # fmt: skip
+    shortest_time: float = number(
+        0.1, "1", "shortest time constant in intervals between samples", "chosen, not measured"
+    )
+    longest_time: float = number(
+        10.0, "1", "longest time constant in lengths of the longest record",
+        "slower ones are a straight line in any record",
+    )  # fmt: skip
+    times: int = number(9, "1", "time constants between these that are tried", "chosen, not measured")

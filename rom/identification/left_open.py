@@ -1,0 +1,40 @@
+"""What records leave open of the numbers that were identified from them, a line each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rom.campaign.campaign import CampaignSettings
+from rom.identification.link_laws import UNDETERMINED
+from rom.identification.output_error import OutputErrorFit
+from rom.identification.record_spectra import UNCOUPLED
+from rom.identification.reduce import ReducedRecord
+from rom.identification.spectral_model import CORNER
+
+
+def undetermined(linear: OutputErrorFit | None) -> tuple[str, ...]:
+    """Return a line for every shared value that the records leave open, and for a fit that did not end."""
+    if linear is None:
+        return ()
+    shared = [name for name in linear.names if "@" not in name and not name.startswith(CORNER)]
+    lines = [
+        f"{name}: the records do not tell it from what lies beside it; its value has no limits"
+        for name in shared
+        if linear.relative_error(name) > UNDETERMINED
+    ]
+    if not linear.converged:
+        lines.append("the fit of the linear links had not settled when it ended")
+    return tuple(lines)
+
+
+def untensioned(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[str, ...]:
+    """Return a line for every record whose joint has no place on the curves."""
+    return tuple(
+        f"{r.settings.file}: no strain, tension or preload_n places its joint on the curves over tension"
+        for r in records
+        if settings.bolt is not None
+        and r.spectra
+        and r.settings.test != UNCOUPLED
+        and r.tensions is None
+        and r.settings.preload_n is None
+    )
