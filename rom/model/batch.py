@@ -83,7 +83,8 @@ def _means(
     driven = forces_on(structure, {body or structure.body_names[0]: np.zeros(2)})[0]
     still = np.zeros(2 * len(structure.bodies))
     records = fixed(force[:, None])
-    task = Task(rate, driven, assembly.active, records, still, tension, edges, every, tolerance)
+    own = edges.copy()  # writable: kernels are compiled for one kind of array
+    task = Task(rate, driven, assembly.active, records, still, tension, own, every, tolerance)
     rests = _rests(assembly, tension, coefficients, varied)
     if rests is None:
         result = _cases(assembly, coefficients, task)
