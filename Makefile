@@ -8,7 +8,7 @@ PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --durations
 demo: .venv/installed  ## a small campaign from the virtual rig, its model, its tension laws, a page of figures
 	rm -rf $(DEMO)
 	mkdir $(DEMO)
-	$(BIN)/boltlaw rig $(DEMO)/campaign --cases 12 --strengths 1,0.8,0.6 --duration-s 4 --seed 1
+	$(BIN)/boltlaw rig $(DEMO)/campaign --cases 10 --strengths 1,0.8,0.6 --duration-s 3 --seed 1
 	$(BIN)/boltlaw identify $(DEMO)/campaign --out $(DEMO)/results
 	$(BIN)/boltlaw discover $(DEMO)/campaign --out $(DEMO)/results
 	$(BIN)/boltlaw report $(DEMO)/results
