@@ -26,7 +26,7 @@ from rom.signals.per_record_parameters import per_record_names
 _RENEWED: Numerical[int] = 3  # times that noise and numbers are fitted in turn
 _EVALUATIONS: Numerical[int] = 40
 _INSIDE: Numerical[float] = 1e-9
-_FEWEST = 2  # records that tell by how much they differ
+_FEWEST: Numerical[int] = 3  # records that tell by how much they differ
 
 
 @dataclass(frozen=True)

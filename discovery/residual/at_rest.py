@@ -56,7 +56,7 @@ class RestResidual:
         """Noise of every record's gauge by lines [N^2]."""
         limit = self.criteria.at_rest.outlier
         return tuple(
-            gauge_noise(lines, record.slow, limit) + record.floor
+            gauge_noise(lines, record.slow, limit, record.floor)
             for record, lines in zip(self.records, self.left, strict=True)
         )
 

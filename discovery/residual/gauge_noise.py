@@ -21,11 +21,10 @@ from rom.campaign.channels import FloatArray
 _STEPS: Numerical[int] = 12
 _ROUGH_STEPS: Numerical[int] = 3  # before lines are left out
 _MEDIAN_SQUARE: Numerical[float] = 0.4549  # of a normal number
-_TINY: Numerical[float] = 1e-300
 _DECADES: Numerical[FloatArray] = np.arange(-6.0, 14.0)
 
 
-def gauge_noise(lines: FloatArray, slow: int, outlier: float) -> FloatArray:
+def gauge_noise(lines: FloatArray, slow: int, outlier: float, floor: float) -> FloatArray:
     """Return S_k [N^2] of all lines from those above the slow ones.
 
     The likelihood's maximum is where sum (p - S) / S^2 dS = 0, so least squares weighted by the last S lead
@@ -39,22 +38,24 @@ def gauge_noise(lines: FloatArray, slow: int, outlier: float) -> FloatArray:
         Number of slow lines.
     outlier : float
         Power over the noise above which a line is left out.
+    floor : float
+        Least noise of a line [N^2].
 
     Returns
     -------
     ndarray, shape (lines,)
-        a + b / k.
+        a + b / k and the least noise.
     """
     columns = np.stack([np.ones(len(lines)), slow / np.arange(1.0, len(lines) + 1)], axis=1)
     power, among = lines[slow:] ** 2, columns[slow:]
-    noise = np.full(len(power), np.median(power) / _MEDIAN_SQUARE + _TINY)
+    noise = np.full(len(power), np.median(power) / _MEDIAN_SQUARE + floor)
     kept, numbers = np.ones(len(power), dtype=bool), np.zeros(2)
     for step in range(_STEPS):
         if step >= _ROUGH_STEPS:
             kept = power < outlier * noise
         numbers = optimize.nnls((among / noise[:, None])[kept], (power / noise)[kept])[0]
-        noise = np.maximum(among @ numbers, 1e-6 * noise)
-    return np.asarray(columns @ numbers)
+        noise = among @ numbers + floor
+    return np.asarray(columns @ numbers + floor)
 
 
 def wander_of(powers: FloatArray, shapes: FloatArray) -> float:

@@ -16,6 +16,7 @@ from rom.effects import Motion, Reading
 
 _MOST: Numerical[int] = 4096  # means of a record; its lines are far fewer
 _ROUNDING: Numerical[float] = 1e-9  # of a tension
+_LEAST: Numerical[float] = 1e-18  # [N^2], of a tension of zero
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +98,7 @@ def rest_record(
         np.asarray((np.arange(len(means)) * each + 0.5 * (each - 1)) / rate_hz, dtype=np.float64),
         _lines(means, count),
         slow,
-        max(_of_steps(samples, slow) / each, (_ROUNDING * float(np.abs(samples).max())) ** 2, 1e-300),
+        max(_of_steps(samples, slow) / each, (_ROUNDING * float(np.abs(samples).max())) ** 2, _LEAST),
         float(np.median(samples)),
         len(samples) / rate_hz,
         1 / rate_hz,

@@ -14,6 +14,7 @@ from experiments.datasets.channel_map import FILE, ChannelMap, Rule, read_map, r
 from experiments.datasets.collected import Collected, SourceError, unreadable
 from experiments.datasets.signals import Signal, timed
 from experiments.datasets.units import known_units, quantity, si_factor
+from rom.campaign.campaign import SamplingSettings
 from rom.campaign.channels import MOST_CHOICES, Channel, default_rate, one_of
 
 Read = Callable[[Path], list[Signal]]
@@ -78,7 +79,9 @@ def collect(source: Path, form: str, map_path: Path | None) -> Collected:
         raise SourceError(_without_map(path, files[0], form))
     channel_map, told = read_map(path), _Told()
     records, sources = _matched(files, folder, channel_map, told)
-    return Collected(channel_map.settings(records), _records(sources, form, channel_map, told), told.notes)
+    settings = channel_map.settings(records)
+    channels = _records(sources, form, channel_map, settings.sampling, told)
+    return Collected(settings, channels, told.notes)
 
 
 def _matched(
@@ -110,12 +113,12 @@ def _matched(
 
 
 def _records(
-    sources: Sources, form: str, channel_map: ChannelMap, told: _Told
+    sources: Sources, form: str, channel_map: ChannelMap, sampling: SamplingSettings, told: _Told
 ) -> Iterator[tuple[str, dict[str, Channel]]]:
     for record, (path, rules) in sources.items():
         signals = signals_of(path, form)
         told.names |= {signal.name for signal in signals}
-        yield record, _cut(path.name, _channels(path.name, signals, rules, channel_map, told), told)
+        yield record, _cut(path.name, _channels(path.name, signals, rules, sampling, told), told)
     if missing := {name for entry in channel_map.entries for name in entry.rules} - told.used:
         raise SourceError(
             *(
@@ -145,11 +148,10 @@ def signals_of(path: Path, form: str) -> list[Signal]:
 
 
 def _channels(
-    file: str, signals: list[Signal], rules: Mapping[str, Rule], channel_map: ChannelMap, told: _Told
+    file: str, signals: list[Signal], rules: Mapping[str, Rule], sampling: SamplingSettings, told: _Told
 ) -> dict[str, Channel]:
     channels: dict[str, Channel] = {}
     starts: dict[str, float] = {}
-    sampling = channel_map.campaign["sampling"]
     for signal in signals:
         rule = rules.get(signal.name)
         if rule is None:
@@ -159,7 +161,7 @@ def _channels(
             raise SourceError(
                 f'{file}: {rule.channel}: found "{signal.name}" and another signal, expected one'
             )
-        usual = default_rate(rule.channel, sampling["motion_rate_hz"], sampling["tension_rate_hz"])
+        usual = default_rate(rule.channel, sampling.motion_rate_hz, sampling.tension_rate_hz)
         rate_hz = rule.rate_hz or signal.rate_hz or usual
         samples = np.asarray(signal.samples, dtype=np.float64) * _factor(file, signal, rule)
         channels[rule.channel] = Channel(rule.channel, samples, float(rate_hz))
