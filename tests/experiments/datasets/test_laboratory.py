@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.io import savemat
 
 import rom
 from experiments.datasets.catman import read as read_catman
@@ -39,6 +40,10 @@ FORMATS: dict[str, tuple[str, str, Write]] = {
     "tdms": ("tdms", ".tdms", write_tdms),
 }
 UNITLESS = ("matlab variables", "matlab 7.3")
+_CART = """
+body = [{name = "m"}]
+link = [{name = "spring", between = ["m", "ground"], law = "linear"}]
+"""
 MAP = """
 format = "boltlaw-import/1"
 name = "two oscillators"
@@ -171,6 +176,31 @@ def test_the_map_of_the_docs_does_what_they_say(boltlaw: Boltlaw, tmp_path: Path
     np.testing.assert_allclose(channels["force_lo"].samples, 1e3 * motion[0])
     np.testing.assert_allclose(channels["acceleration_so"].samples, -9.80665 * motion[0])
     assert (channels["strain"].rate_hz, channels["force_lo"].rate_hz) == (4800, pytest.approx(4000))
+
+
+@pytest.mark.parametrize(
+    ("test", "channel", "sampling", "body"),
+    [
+        ("hold", "tension", "{tension_rate_hz = 4800}", ""),
+        ("free", "displacement_m", "{motion_rate_hz = 4800, pretrigger_s = 0}", _CART),
+    ],
+)
+def test_what_a_campaign_need_not_tell_a_map_need_not_either(
+    test: str, channel: str, sampling: str, body: str, boltlaw: Boltlaw, tmp_path: Path
+) -> None:
+    (tmp_path / "lab").mkdir()
+    savemat(tmp_path / "lab" / "one.mat", {"shown": np.linspace(1.0, 2.0, 400)})
+    unit = "N" if test == "hold" else "m"
+    (tmp_path / "lab" / "import.toml").write_text(
+        f'format = "boltlaw-import/1"\nname = "plain"\nsampling = {sampling}\n{body}'
+        f'channels = {{shown = {{channel = "{channel}", unit = "{unit}"}}}}\n'
+        f'record = [{{file = "*.mat", test = "{test}"}}]\n'
+    )
+    ran = boltlaw("import", "matlab", tmp_path / "lab", tmp_path / "new", "--jobs", 1)
+    assert (ran.code, ran.err) == (0, "")
+    campaign = rom.read_campaign(tmp_path / "new")
+    (record,) = campaign.settings.record
+    assert campaign.load(record).channels[channel].rate_hz == 4800
 
 
 @pytest.mark.parametrize(("precision", "error"), [(8, 0.0), (4, 1e-6), (2, 5e-4)])
