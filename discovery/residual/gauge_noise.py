@@ -84,6 +84,21 @@ def deviances(powers: FloatArray, variances: FloatArray) -> FloatArray:
 
 
 def drawn_lines(variances: Sequence[FloatArray], draws: int, seed: int) -> FloatArray:
-    """Return lines as noise makes them, (rows, draws), records one after the other."""
+    """Return lines as noise makes them, records one after the other.
+
+    Parameters
+    ----------
+    variances : sequence of ndarray, shape (lines,)
+        Of the lines of every record.
+    draws : int
+        How often noise is drawn.
+    seed : int
+        Of what is drawn.
+
+    Returns
+    -------
+    ndarray, shape (rows, draws)
+        In the unit of the variances' roots.
+    """
     sizes = np.sqrt(np.concatenate(list(variances)))
     return np.asarray(sizes[:, None] * np.random.default_rng(seed).standard_normal((len(sizes), draws)))
