@@ -43,6 +43,17 @@ class Screening(Group):
     balance_start_share: float = number(
         0.5, "1", "share of the best point's gain, below which no such fit starts", "chosen, not measured"
     )
+    finest_shape: float = number(
+        0.01, "1", "least slip or gap over the largest motion that a slider is screened at",
+        "a cycled damper and twins: 0.003 to 0.3 is met from there",
+    )  # fmt: skip
+    coarsest_shape: float = number(
+        0.3, "1", "most slip or gap over the largest motion that a slider is screened at",
+        "chosen, not measured",
+    )  # fmt: skip
+    shape_steps: float = number(
+        4, "1", "slips and gaps from the least to the most, in equal ratios", "chosen, not measured"
+    )
     least_share: float = number(
         0.3,
         "1",

@@ -174,6 +174,14 @@ def motion_errors(errors: ErrorsByKind) -> MaterialErrors:
     return tuple({name: _error(errors[kind], name) for name in names} for kind in kinds)
 
 
+def meets_worse(before: Errors, after: Errors) -> bool:
+    """Whether the motion of some records is simulated worse with an effect than without, or not any more."""
+    if after["failed"] > before["failed"]:
+        return True
+    old, new = before["motion_nrmse"], after["motion_nrmse"]
+    return old is not None and (new is None or new > old)
+
+
 def harms(before: ErrorsByKind, after: ErrorsByKind, criteria: Criteria = CRITERIA) -> bool:
     """Whether an effect in the tension makes the model worse where it is simulated on.
 

@@ -2,39 +2,38 @@
 
 An effect's force along the measured motion is a column beside those of the model's numbers, which are taken
 off it and off the residual first (variable projection). Where an effect takes a share of a link's stiffness,
-that is fitted beside the effect's own numbers.
+that is fitted beside the effect's own numbers. Ranges that are scaled to a motion are rough: a number that
+ends where its range does away from zero is fitted again in a wider one.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize
 
-from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.criteria.number import Numerical
-from discovery.decide.chance import by_record, p_value
+from discovery.decide.chance import p_value
 from discovery.decide.explanation import Explanation
+from discovery.explain.force_balance_screen import Start, screen, starts_of
 from discovery.explain.free_form import member_of
 from discovery.explain.motion import Probe, by_chance, free_numbers, worth_fitting
-from discovery.explain.scales import at_scale, scale_of, sees_normal_force
 from discovery.options import Options
 from discovery.residual.base import cost
-from discovery.residual.force_balance import ForceBalanceResidual
+from discovery.residual.force_balance import ForceBalanceResidual, sees_stiffness
 from rom.campaign.channels import FloatArray
-from rom.effects import Effect, Member, ModelCorrection, SensorFault, candidates
-from rom.identification.force_balance import Balances, declared_model
+from rom.effects import Member, ModelCorrection
 from rom.model.laws import Z95, Parameter
-from rom.model.structure import GROUND
 
+Fit = tuple[ForceBalanceResidual, tuple[ModelCorrection, ...]]
 _EVALUATIONS: Numerical[int] = 15
+_SHORT: Numerical[int] = 4  # evaluations that tell which start is best
+_WIDENINGS: Numerical[int] = 2
+_AT_END: Numerical[float] = 1e-4  # of a number's size
 _STEP: Numerical[float] = 1e-3
-_OWN_STIFFNESS = re.compile(r"\bk\b")
 _WORST: Numerical[float] = 1e6  # of a row where an effect is no number
-_IMITATED: Numerical[float] = 1e-12  # share of an output that is left beyond the model's numbers: rounding
 
 
 def explain(residual: ForceBalanceResidual, options: Options) -> list[Explanation]:
@@ -48,91 +47,6 @@ def explain(residual: ForceBalanceResidual, options: Options) -> list[Explanatio
         Progress and criteria.
     """
     return explain_screened(screen(residual, options), residual, options)
-
-
-def screen(residual: ForceBalanceResidual, options: Options) -> tuple[tuple[Probe, ...], ...]:
-    """Try every force of the catalogue at every place over a grid of its inner numbers; the best first.
-
-    Members of a class beside its core too: here they cost little, and loops of slip tell them apart. Faults
-    of force sensors as well, which show where masses are given.
-    """
-    left = residual.beyond(residual.whitened(residual.force))
-    known, found = {effect.path for effect in residual.effects}, []
-    pairs = list(_candidates(residual))
-    tell = options.stage("screening effects")
-    for done, (member, effect) in enumerate(pairs, 1):
-        if effect.path not in known:
-            probed = [_probed(member, one, residual, left) for one in member.probes(effect)]
-            probes = sorted((one for one in probed if one is not None), key=lambda one: -one.gain)
-            found += [tuple(probes)] if probes else []
-        if tell is not None:
-            tell(done, len(pairs))
-    return tuple(sorted(found, key=lambda probes: -probes[0].gain))
-
-
-def _candidates(residual: ForceBalanceResidual) -> Iterator[tuple[Member, ModelCorrection]]:
-    """Effects at the scales of their places, and faults of the force sensors."""
-    balances = residual.balances
-    channels = dict.fromkeys(b.channel for r in balances.records for b in r.balances)
-    model = declared_model(balances)[0]
-    for member, added in candidates(model, channels, core=False):
-        if member.by_record:
-            continue
-        if isinstance(added, SensorFault):
-            if not added.other and member.core:
-                yield member, added
-        elif member.kind == "force":
-            effect = _at_place(member, added, balances)
-            if effect is not None:
-                yield member, effect
-
-
-def _at_place(member: Member, added: ModelCorrection, balances: Balances) -> Effect | None:
-    if not isinstance(added, Effect):
-        return None
-    scale = scale_of(balances, added.enters)
-    if scale is None:
-        return None
-    ends = {link.name: link.between for link in balances.settings.link}.get(added.enters, (GROUND,))
-    ground = GROUND in ends and not sees_normal_force(balances, added.enters)
-    return at_scale(member, added, scale, ground=ground)
-
-
-def _probed(
-    member: Member, probe: ModelCorrection, residual: ForceBalanceResidual, left: FloatArray
-) -> Probe | None:
-    force = residual.whitened(residual.force_of(probe, training=True))
-    output = force[residual.training]
-    if not np.isfinite(output).all() or not np.any(output):
-        return None
-    beyond = residual.beyond(force)
-    size, whole, along = float(beyond @ beyond), float(output @ output), float(beyond @ left)
-    if size <= _IMITATED * whole:
-        return None
-    amplitude = float(np.clip(along / size, *_reach(member, probe)))
-    scores = by_record(beyond, left, residual.pieces, int(residual.pieces.max(initial=0)) + 1)
-    gain = amplitude * (2 * along - amplitude * size)
-    return Probe(member, probe, gain, amplitude, np.sqrt(size / whole), scores)
-
-
-def _reach(member: Member, probe: ModelCorrection) -> tuple[float, float]:
-    numbers = [probe.parameters[name] for name in member.strengths if probe.parameters[name].value]
-    ends = [sorted(bound / number.value for bound in number.bounds) for number in numbers]
-    return max(low for low, _ in ends), min(high for _, high in ends)
-
-
-def starts_of(probes: Sequence[Probe], criteria: Criteria = CRITERIA) -> list[ModelCorrection]:
-    """The best probes, each at the strength that suits it."""
-    rules, found = criteria.screening, []
-    least = rules.balance_start_share * probes[0].gain
-    for probe in [one for one in probes[: int(rules.balance_starts)] if one.gain >= least]:
-        values = {
-            name: float(np.clip(number.value * probe.amplitude, *number.bounds))
-            for name in probe.member.strengths
-            if (number := probe.effect.parameters[name]).value
-        }
-        found.append(probe.effect.with_values(**values))
-    return found
 
 
 def explain_screened(
@@ -158,15 +72,29 @@ def explain_screened(
     largest = by_chance(probes, options.criteria)
     tell, found = options.stage("fitting effects"), []
     before = residual.with_numbers()
-    for ones in promising:
-        fits = [fitted(residual, (start,)) for start in starts_of(ones, options.criteria)]
-        after, effects = min(fits, key=lambda fit: cost(fit[0]))
+    for done, ones in enumerate(promising, 1):
+        after, effects = best_fit(starts_of(ones, residual, options.criteria))
         explained = explanation(effects[-1], ones[0].member, before, after)
         p_value_ = None if largest is None else p_value(ones[0].gain, largest)
-        found.append(replace(explained, p_value=p_value_, residual=after))
+        if not is_degenerate(effects[-1], ones[0].member):
+            found.append(replace(explained, p_value=p_value_, residual=after))
         if tell is not None:
-            tell(len(found), len(promising))
+            tell(done, len(promising))
     return found
+
+
+def best_fit(starts: Sequence[Start]) -> Fit:
+    """The best of short fits from all starts, fitted to its end."""
+    short = [fitted(*start, evaluations=_SHORT) for start in starts]
+    place = min(range(len(short)), key=lambda k: cost(short[k][0]))
+    after, effects = short[place]
+    return fitted(replace(after, effects=starts[place].state.effects), effects)
+
+
+def is_degenerate(effect: ModelCorrection, member: Member) -> bool:
+    """Whether a number that the effect is nothing without cannot be told from zero: no gap has no width."""
+    numbers = [effect.parameters[name] for name in member.needs]
+    return any(n.low is None or n.low <= max(n.bounds[0], 0.0) for n in numbers)
 
 
 def explanation(
@@ -213,13 +141,47 @@ class _Number:
 
 
 def fitted(
-    state: ForceBalanceResidual, new: Sequence[ModelCorrection]
-) -> tuple[ForceBalanceResidual, tuple[ModelCorrection, ...]]:
+    state: ForceBalanceResidual, new: Sequence[ModelCorrection], *, evaluations: int = _EVALUATIONS
+) -> Fit:
     """Fit new effects beside all numbers of the model, effects that are there already held.
 
-    By trust-region steps within the parameters' ranges. Returns the state with the effects at the end, and
-    the new effects with 95 % limits.
+    By trust-region steps within the parameters' ranges.
+
+    Parameters
+    ----------
+    state : ForceBalanceResidual
+        The model so far; a stiffness that an effect takes a share of starts at its value there.
+    new : sequence of ModelCorrection
+        Where the fit of the effects starts.
+    evaluations : int
+        Most steps.
+
+    Returns
+    -------
+    tuple
+        The state with the effects at the end, and the new effects with 95 % limits.
     """
+    after, effects = _fitted(state, new, evaluations)
+    for _ in range(_WIDENINGS if evaluations == _EVALUATIONS else 0):
+        wider = [_widened(effect, state.criteria.tension.wider_range) for effect in effects]
+        if all(new is old for new, old in zip(wider, effects, strict=True)):
+            break
+        after, effects = _fitted(replace(after, effects=state.effects), wider, evaluations)
+    return after, effects
+
+
+def _widened(effect: ModelCorrection, factor: float) -> ModelCorrection:
+    """The effect with wider ranges where a number that has a unit ended away from zero; itself otherwise."""
+    wider = {}
+    for name, number in effect.parameters.items():
+        end = next((bound for bound in number.bounds if bound == number.value != 0.0), None)
+        if end is not None and number.unit != "1" and abs(end) == max(map(abs, number.bounds)):
+            bounds = tuple(factor * bound if bound == end else bound for bound in number.bounds)
+            wider[name] = replace(number, bounds=bounds)
+    return replace(effect, parameters={**effect.parameters, **wider}) if wider else effect
+
+
+def _fitted(state: ForceBalanceResidual, new: Sequence[ModelCorrection], evaluations: int) -> Fit:
     numbers = _numbers(state, new)
     balances, rows = state.balances, state.balances.training
     own = [n.name for n in numbers if n.effect is None]
@@ -246,8 +208,9 @@ def fitted(
     inside = np.clip(at, low + margin, high - margin)
     steps = np.full(len(at), _STEP)
     found = optimize.least_squares(remainder, inside, bounds=(low, high), x_scale="jac", diff_step=steps,
-                                   max_nfev=_EVALUATIONS, ftol=1e-5)  # fmt: skip
-    at = np.where(np.abs(found.x - high) < 1e-6 * np.abs(high), high, found.x)
+                                   max_nfev=evaluations, ftol=1e-5)  # fmt: skip
+    at = np.where(np.abs(found.x - low) < _AT_END * np.maximum(np.abs(low), 1.0), low, found.x)
+    at = np.where(np.abs(at - high) < _AT_END * np.abs(high), high, at)
     values, effects = _at(state, new, numbers, at)
     spread = max(2 * found.cost / rows.sum(), 1.0)
     jacobian = np.asarray(found.jac, dtype=np.float64)
@@ -274,10 +237,10 @@ def _settled(state: ForceBalanceResidual, own: Sequence[str]) -> ForceBalanceRes
 
 
 def _numbers(state: ForceBalanceResidual, new: Sequence[ModelCorrection]) -> list[_Number]:
-    numbers, links = [], dict.fromkeys(e.enters for e in new if _OWN_STIFFNESS.search(e.equation))
+    numbers, links = [], dict.fromkeys(e.enters for e in new if sees_stiffness(e))
     for link in links:
         name = f"{link}.stiffness.k"
-        if name in state.balances.names and not _shared(state, link):
+        if name in state.balances.names and not state.shares_stiffness(link):
             value = max(state.values[name], 1e-12)
             numbers.append(_Number(None, name, value, value, 0.0, np.inf))
     for place, effect in enumerate(new):
@@ -303,11 +266,6 @@ def _shows(state: ForceBalanceResidual, effect: ModelCorrection, name: str, size
     )
 
 
-def _shared(state: ForceBalanceResidual, link: str) -> bool:
-    """Whether an effect that is held sees the stiffness of a link already."""
-    return any(e.enters == link and _OWN_STIFFNESS.search(e.equation) for e in state.effects)
-
-
 def _at(
     state: ForceBalanceResidual, new: Sequence[ModelCorrection], numbers: Sequence[_Number], at: FloatArray
 ) -> tuple[dict[str, float], list[ModelCorrection]]:
@@ -327,7 +285,13 @@ def _limited(
     parameters: dict[str, Parameter] = dict(effect.parameters)
     for number, error in zip(numbers, errors, strict=True):
         if number.effect == place:
-            old = parameters[number.name]
-            reach = Z95 * float(error)
-            parameters[number.name] = replace(old, low=old.value - reach, high=old.value + reach)
+            parameters[number.name] = _with_limits(parameters[number.name], Z95 * float(error))
     return replace(effect, parameters=parameters)
+
+
+def _with_limits(number: Parameter, reach: float) -> Parameter:
+    """The number with limits within its range; on the side of an end at which it lies there is none."""
+    (lowest, highest), value = number.bounds, number.value
+    low = None if value == lowest else max(value - reach, lowest)
+    high = None if value == highest else min(value + reach, highest)
+    return replace(number, low=low, high=high)

@@ -15,7 +15,7 @@ import numpy as np
 from discovery.criteria.criteria import CRITERIA
 from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
-from rom.effects import Effect, Member
+from rom.effects import Effect, Member, SensorFault
 from rom.identification.equation_error import Balance
 from rom.identification.force_balance import Balances
 from rom.model.laws import Parameter
@@ -104,9 +104,24 @@ def at_scale(
     for name, number in numbers.items():
         factor = scale.over(known, number.unit)
         low, high = (bound * factor for bound in number.bounds)
-        if number.unit != "1":
+        if name in member.ends:
+            low, high = member.ends[name]
+        elif number.unit != "1":
             low, high = low * (wider if low < 0 else 1 / wider), high * wider
         scaled[name] = replace(number, value=number.value * factor, bounds=(low, high))
     made = member.at(effect.enters, scaled)
     assert isinstance(made, Effect)
     return made
+
+
+def fault_at_scale(fault: SensorFault, scale: Scale) -> SensorFault:
+    """The fault of a force sensor with what it has in N at the scale of the force there."""
+    numbers = {
+        name: replace(
+            number,
+            value=number.value * (factor := scale.over(OF_JOINT, number.unit)),
+            bounds=(number.bounds[0] * factor, number.bounds[1] * factor),
+        )
+        for name, number in fault.parameters.items()
+    }
+    return replace(fault, parameters=numbers)

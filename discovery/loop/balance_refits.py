@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from discovery.decide.acceptance import is_accepted
+from discovery.decide.acceptance import is_accepted, meets_worse
 from discovery.decide.explanation import Explanation
 from discovery.explain import free_force
-from discovery.explain.force_balance import explain_screened, explanation, fitted, screen
+from discovery.explain.force_balance import explain_screened, explanation, fitted
+from discovery.explain.force_balance_screen import screen
 from discovery.localisation.force import localise_forces, numbers_of
 from discovery.localisation.localise import Localisation
 from discovery.loop.found_effects import describe
@@ -24,6 +25,7 @@ from discovery.residual.tension import TensionResidual
 from discovery.separating_tests.balances import separating_runs
 from rom.campaign.campaign import Campaign
 from rom.effects import CATALOGUE, ModelCorrection, SensorFault
+from rom.evaluation.error_measures import Kind, summarise
 from rom.evaluation.evaluate import evaluate
 from rom.identification.force_balance import (
     Balances,
@@ -33,6 +35,7 @@ from rom.identification.force_balance import (
     sign_warnings,
     standard_errors,
 )
+from rom.model.model import Model
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,17 +79,46 @@ class BalanceRefits:
 
     def evaluated(self, residual: Residual, *, law_is_fitted: bool = False) -> State:  # noqa: ARG002
         """Make the model of a residual, and simulate all sound records."""
-        balance, balances = _balance(residual), self.balances
-        values = [balance.values[name] for name in balances.names]
-        model, lines = model_of(balances, values, standard_errors(balances, balance.force, values))
-        for effect in balance.effects:
-            model = model.with_effect(effect)
+        balance = _balance(residual)
+        model, lines = self._model(balance)
         records = [r for r in self.campaign.settings.record if r.file not in self.doubtful]
         options = self.options
         evaluations = evaluate([model], self.campaign, records, options.jobs, options.stage("errors"))
-        material = ({"force_error": balance.force_error()},)
+        errors = errors_of(evaluations)
+        kind: Kind = "hold_out" if errors["hold_out"]["motion_nrmse"] is not None else "training"
+        force, motion = balance.force_error(), errors[kind]["motion_nrmse"]
+        material = ({"force_error": force, "motion_nrmse": motion},)
         least = options.criteria.acceptance.material_error
-        return State(model, balance, errors_of(evaluations), material, least, None, evaluations, lines)
+        return State(model, balance, errors, material, least, None, evaluations, lines)
+
+    def _model(self, residual: ForceBalanceResidual) -> tuple[Model, tuple[str, ...]]:
+        """The model of a residual with its effects, and what to know of it."""
+        balances = self.balances
+        values = [residual.values[name] for name in balances.names]
+        model, lines = model_of(balances, values, standard_errors(balances, residual.force, values))
+        for effect in residual.effects:
+            model = model.with_effect(effect)
+        return model, lines
+
+    def _sound(self, residual: Residual, found: Sequence[Explanation]) -> list[Explanation]:
+        """Explanations of effects with which free simulations meet the motion no worse than without.
+
+        On hold-out records where there are any that move bodies: forces along a measured motion may balance
+        better with a form that the motion itself refutes.
+        """
+        records = [r for r in self.campaign.settings.record if r.file not in self.doubtful]
+        moving = [r for r in records if r.test != "cycled"]
+        chosen = [r for r in moving if r.hold_out] or moving
+        if not chosen or not found:
+            return list(found)
+        options, after = self.options, [_balance(one.residual) for one in found if one.residual is not None]
+        models = [self._model(one)[0] for one in (_balance(residual), *after)]
+        judged = evaluate(models, self.campaign, chosen, options.jobs)
+        before, *errors = (
+            summarise(one.comparisons[place] for one in judged if one.comparisons)
+            for place in range(len(models))
+        )
+        return [one for one, error in zip(found, errors, strict=True) if not meets_worse(before, error)]
 
     def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:  # noqa: ARG002
         """All effects fitted together.
@@ -144,12 +176,12 @@ class BalanceRefits:
         return screen(_balance(residual), self.options)
 
     def explain(self, probes: Probes, residual: Residual) -> list[Explanation]:
-        """Fits of the effects that a screen promises."""
-        return explain_screened(probes, _balance(residual), self.options)
+        """Fits of the effects that a screen promises, but for those with which the motion is met worse."""
+        return self._sound(residual, explain_screened(probes, _balance(residual), self.options))
 
     def free_forms(self, state: State) -> Sequence[Explanation]:
         """The best sparse sum of terms in one link."""
-        return free_force.explain(_balance(state.residual), self.options)
+        return self._sound(state.residual, free_force.explain(_balance(state.residual), self.options))
 
     def tension(self, state: State) -> TensionResidual | None:  # noqa: ARG002
         """None: there is no bolt."""

@@ -21,6 +21,7 @@ from discovery.localisation.tension import tension_views
 from discovery.loop.result import Screened, Verdict
 from discovery.loop.state import State
 from discovery.residual.course_fit import Misfit
+from rom.effects import CATALOGUE
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,8 +159,21 @@ def best_explanation(explanations: Sequence[Explanation], criteria: Criteria = C
     accepted = [explanation for explanation in explanations if is_accepted(explanation, criteria)]
     if not accepted:
         return None
-    best = max(accepted, key=penalised_gain)
+    best = _simplest(accepted, max(accepted, key=penalised_gain), criteria)
     return Selection(best, indistinguishable(explanations, best, criteria=criteria))
+
+
+def _simplest(accepted: Sequence[Explanation], best: Explanation, criteria: Criteria) -> Explanation:
+    """A special case of the best effect in its place, where the records do not tell the two apart."""
+    special = CATALOGUE[best.effect.name].contains if best.effect.name in CATALOGUE else ()
+    found = [
+        one
+        for one in accepted
+        if one.effect.name in special
+        and one.effect.enters == best.effect.enters
+        and is_indistinguishable(one, best, criteria)
+    ]
+    return max(found, key=penalised_gain, default=best)
 
 
 def indistinguishable(

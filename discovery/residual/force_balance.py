@@ -10,6 +10,7 @@ Driven bodies, free decays beside them, and links that are cycled on their own h
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,6 +24,13 @@ from discovery.residual.base import Kind
 from rom.campaign.channels import FloatArray
 from rom.effects import Effect, ModelCorrection, SensorFault
 from rom.identification.force_balance import Balances
+
+_STIFFNESS = re.compile(r"\bk\b")
+
+
+def sees_stiffness(effect: ModelCorrection) -> bool:
+    """Whether an effect's equation holds the stiffness of its link."""
+    return _STIFFNESS.search(effect.equation) is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +56,15 @@ class ForceBalanceResidual:
     def constants(self, enters: str) -> tuple[float, float]:
         """Stiffness [N/m] and damping [N s/m] of a link; zero of a body."""
         return self.values.get(f"{enters}.stiffness.k", 0.0), self.values.get(f"{enters}.damping.c", 0.0)
+
+    def shares_stiffness(self, link: str) -> bool:
+        """Whether an effect that the model has already sees the stiffness of a link."""
+        return any(effect.enters == link and sees_stiffness(effect) for effect in self.effects)
+
+    def own_stiffness(self, effect: ModelCorrection) -> bool:
+        """Whether the stiffness that a new effect sees is fitted beside it."""
+        known = f"{effect.enters}.stiffness.k" in self.balances.names
+        return known and sees_stiffness(effect) and not self.shares_stiffness(effect.enters)
 
     def force_of(self, effect: ModelCorrection, *, training: bool = False) -> FloatArray:
         """Rows of an effect's force [N], (rows,); of a sensor's fault what it adds to the measured force."""

@@ -16,6 +16,8 @@ from rom.effects.member import Member, parameter
 
 Array = MutableSequence[float]
 _KAPPA = {"kappa": 0.1}
+_SHARE = {"kappa": (0.0, 1.0)}  # all of a link may slip
+_SLIDER = {**_SHARE, "mu": (0.0, math.inf)}
 
 
 def _coulomb(
@@ -129,6 +131,8 @@ MEMBERS = (
             "F_s": parameter(0.1, "N", 0.0, 100.0),
             "mu": parameter(0.0, "1", 0.0, 1.0),
         },
+        ends=_SLIDER,
+        limits=("F_s", "mu"),
     ),
     Member(
         "bouc-wen",
@@ -149,6 +153,7 @@ MEMBERS = (
         inner={"x_y": (2e-5, 6e-5, 1.5e-4)},
         passive=True,
         ground={"kappa": parameter(0.05, "1", 0.0, 0.8), "x_y": parameter(3e-4, "m", 1e-5, 1e-2)},
+        ends=_SHARE,
     ),
     Member(
         "lugre",
@@ -170,6 +175,7 @@ MEMBERS = (
         inner={"mu": (0.05, 0.15)},
         linear=False,
         core=False,
+        ends=_SHARE,
     ),
     Member(
         "valanis",

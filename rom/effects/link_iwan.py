@@ -92,5 +92,7 @@ MEMBERS = (
             "F_s": parameter(0.3, "N", 0.0, 100.0),
             "mu": parameter(0.0, "1", 0.0, 1.0),
         },
+        ends={"kappa": (0.0, 1.0), "mu": (0.0, math.inf)},
+        limits=("F_s", "mu"),
     ),
 )

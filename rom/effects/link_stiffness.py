@@ -145,6 +145,7 @@ MEMBERS = (
         _GAP,
         _two_sided_gap,
         inner=_CLEARANCE,
+        needs=("delta",),
         ground={"k_g": parameter(1e4, "N/m", 0.0, 1e6), "delta": parameter(4e-4, "m", 5e-6, 5e-3)},
     ),
     Member(
@@ -162,6 +163,7 @@ MEMBERS = (
         f"{_PAPER}; {_GAP}",
         _one_sided_gap,
         inner={**_CLEARANCE, "side": (-1.0, 1.0)},
+        needs=("delta",),
         ground={"k_g": parameter(1e4, "N/m", 0.0, 1e6), "delta": parameter(4e-4, "m", 5e-6, 5e-3)},
     ),
     Member(

@@ -63,6 +63,17 @@ class Member:
         Parameters that are those of the link's own stiffness law, where it has them.
     other : str
         Of a sensor's fault: the kind of channel, of another body, that disturbs it.
+    ends : mapping of str to tuple of float
+        Ends of the ranges of pure numbers that physics sets, where the plausible ones of a joint end before.
+    limits : tuple of str
+        Of a slider: the parameters that its limit is linear in. Force is of first degree in them and the
+        strength together.
+    needs : tuple of str
+        Parameters that are not strengths, and at zero leave another effect.
+    contains : tuple of str
+        Members that are special cases of this one.
+    springless : bool
+        Whether it is of use only where a link has no stiffness that it could take a share of.
     """
 
     name: str
@@ -83,6 +94,11 @@ class Member:
     by_record: tuple[str, ...] = ()
     of_stiffness: tuple[str, ...] = ()
     other: str = ""
+    ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    limits: tuple[str, ...] = ()
+    needs: tuple[str, ...] = ()
+    contains: tuple[str, ...] = ()
+    springless: bool = False
 
     @property
     def kind(self) -> Literal["force", "tension rate", "measured tension", "sensor"]:

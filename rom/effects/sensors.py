@@ -22,6 +22,26 @@ def _plus(y: float, factor: float, other: float) -> float:
 
 
 @elementwise
+def _by_sign(y: float, g: float) -> float:
+    return y * (1.0 + math.copysign(g, y))
+
+
+@elementwise
+def _without_sign(y: float, g: float) -> float:
+    return y / (1.0 + math.copysign(g, y))
+
+
+@elementwise
+def _beyond(y: float, f_0: float) -> float:
+    return y + (math.copysign(f_0, y) if y != 0.0 else 0.0)
+
+
+@elementwise
+def _within(y: float, f_0: float) -> float:
+    return math.copysign(max(abs(y) - f_0, 0.0), y)
+
+
+@elementwise
 def _line(sample: float, rate_hz: float, A: float, B: float, f: float) -> float:
     phase = 2.0 * math.pi * f / rate_hz * sample
     return A * math.cos(phase) + B * math.sin(phase)
@@ -44,6 +64,22 @@ def _gain(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noq
 
 def _no_gain(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
     return _over(samples, 1.0 + p[0])
+
+
+def _signed(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
+    return _by_sign(samples, p[0])
+
+
+def _unsigned(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
+    return _without_sign(samples, p[0])
+
+
+def _dead(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
+    return _beyond(samples, p[0])
+
+
+def _alive(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:  # noqa: ARG001
+    return _within(samples, p[0])
 
 
 def _late(samples: FloatArray, rate_hz: float, p: Numbers) -> FloatArray:
@@ -129,6 +165,30 @@ MEMBERS = (
         "A. Brandt, Noise and Vibration Analysis, Wiley (2011), chapter 7: sensitivity",
         _gain,
         _no_gain,
+    ),
+    Member(
+        "force-gain-signed",
+        ("sensor:force",),
+        "y = (1 + g * sign(y_true)) * y_true",
+        {"g": parameter(0.05, "1", -0.5, 0.5)},
+        {"g": 0.02},
+        ("signed gain",),
+        "constant of a motor that differs for the two directions of its current",
+        _signed,
+        _unsigned,
+        core=False,
+    ),
+    Member(
+        "force-dead-zone",
+        ("sensor:force",),
+        "y = y_true + f_0 * sign(y_true)",
+        {"f_0": parameter(5.0, "N", 0.0, 50.0)},
+        {"f_0": 0.5},
+        ("dead zone",),
+        "a drive that makes no force up to f_0",
+        _dead,
+        _alive,
+        core=False,
     ),
     Member(
         "acceleration-gain",

@@ -1,0 +1,108 @@
+# ruff: noqa: ARG001 - effects have the arguments of their place
+"""Friction, damping and stiffness of a link that differ for the two directions, or fall with the speed.
+
+Functions call none but those of ``math``, so that machine code on disk never outlives its source.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import MutableSequence
+
+from rom.effects.member import Member, parameter
+
+Array = MutableSequence[float]
+_OLSSON = "Olsson et al., European Journal of Control 4, 176 (1998)"
+
+
+def _asymmetric_friction(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    return (p[0] if v > 0.0 else p[1]) * math.tanh(v / p[2])
+
+
+def _stribeck(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    u = min(abs(v) / p[2], 20.0)
+    return (p[0] + (p[1] - p[0]) * math.exp(-u * u)) * math.tanh(v / p[3])
+
+
+def _asymmetric_damping(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    return p[0] * abs(v)
+
+
+def _bilinear(
+    t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
+) -> float:
+    return min(max(p[0], -0.9 * k), 0.9 * k) * abs(x)
+
+
+_LEVEL = parameter(1.0, "N", 0.0, 10.0)
+_LEVEL_AT_GROUND = parameter(0.1, "N", 0.0, 10.0)
+_TURN = parameter(1e-3, "m/s", 3e-4, 3e-3)
+_TURNS = (3e-4, 1e-3, 3e-3)
+
+MEMBERS = (
+    Member(
+        "asymmetric-friction",
+        ("joint", "ground"),
+        "F = where(v > 0, F_p, F_n) * tanh(v / v_s)",
+        {"F_p": _LEVEL, "F_n": parameter(0.5, "N", 0.0, 10.0), "v_s": _TURN},
+        {"F_p": 0.2, "F_n": 0.2},
+        ("friction",),
+        f"{_OLSSON}, levels by direction",
+        _asymmetric_friction,
+        inner={"v_s": _TURNS},
+        passive=True,
+        core=False,
+        ground={"F_p": _LEVEL_AT_GROUND, "F_n": parameter(0.05, "N", 0.0, 10.0)},
+        contains=("coulomb-friction",),
+    ),
+    Member(
+        "stribeck-friction",
+        ("joint", "ground"),
+        "u = min(abs(v) / v_b, 20); F = (F_c + (F_b - F_c) * exp(-u * u)) * tanh(v / v_s)",
+        {
+            "F_c": _LEVEL,
+            "F_b": parameter(1.5, "N", 0.0, 20.0),
+            "v_b": parameter(1e-2, "m/s", 1e-3, 0.1),
+            "v_s": _TURN,
+        },
+        {"F_c": 0.2, "F_b": 0.3},
+        ("friction",),
+        _OLSSON,
+        _stribeck,
+        inner={"v_b": (3e-3, 1e-2, 3e-2), "v_s": (3e-4, 1e-3)},
+        passive=True,
+        core=False,
+        ground={"F_c": _LEVEL_AT_GROUND, "F_b": parameter(0.15, "N", 0.0, 20.0)},
+        contains=("coulomb-friction",),
+    ),
+    Member(
+        "asymmetric-damping",
+        ("joint", "ground"),
+        "F = c_a * abs(v)",
+        {"c_a": parameter(50.0, "N s/m", -1e3, 1e3)},
+        {"c_a": 10.0},
+        ("asymmetric damping",),
+        f"{_OLSSON}, viscous part by direction",
+        _asymmetric_damping,
+        core=False,
+        ground={"c_a": parameter(5.0, "N s/m", -100.0, 100.0)},
+    ),
+    Member(
+        "bilinear-stiffness",
+        ("joint", "ground"),
+        "F = min(max(k_a, -0.9 * k), 0.9 * k) * abs(x)",
+        {"k_a": parameter(5e4, "N/m", -5e5, 5e5)},
+        {"k_a": 1e4},
+        ("even stiffness",),
+        "Shaw and Holmes, JSV 90, 129 (1983): two stiffnesses, no clearance",
+        _bilinear,
+        core=False,
+        ground={"k_a": parameter(1e3, "N/m", -1e4, 1e4)},
+    ),
+)
