@@ -35,7 +35,7 @@ class Screening(Group):
         "chosen, not measured",
     )
     balance_starts: float = number(
-        6,
+        3,
         "1",
         "points of an effect's grid from which a fit to balances of forces starts",
         "chosen, not measured",

@@ -176,8 +176,8 @@ def _widened(effect: ModelCorrection, factor: float) -> ModelCorrection:
     for name, number in effect.parameters.items():
         end = next((bound for bound in number.bounds if bound == number.value != 0.0), None)
         if end is not None and number.unit != "1" and abs(end) == max(map(abs, number.bounds)):
-            bounds = tuple(factor * bound if bound == end else bound for bound in number.bounds)
-            wider[name] = replace(number, bounds=bounds)
+            low, high = (factor * bound if bound == end else bound for bound in number.bounds)
+            wider[name] = replace(number, bounds=(low, high))
     return replace(effect, parameters={**effect.parameters, **wider}) if wider else effect
 
 

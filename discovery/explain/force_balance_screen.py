@@ -247,9 +247,7 @@ def starts_of(
 def _start(probe: Probe, residual: ForceBalanceResidual) -> Start:
     """A probe at its best strength; a slider slips where the probe did, whatever the stiffness beside it."""
     member, effect, amplitude = probe.member, probe.effect, probe.amplitude
-    scaled = {
-        name: effect.parameters[name].value * amplitude for name in (*member.strengths, *member.limits)
-    }
+    scaled = {name: effect.parameters[name].value * amplitude for name in (*member.strengths, *member.limits)}
     share = _share(member, effect, residual)
     if not share or not amplitude > 0:
         return Start(residual, (_cut(effect, scaled),))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from discovery.decide.acceptance import is_accepted, meets_worse
 from discovery.decide.explanation import Explanation
 from discovery.explain import free_force
@@ -24,6 +26,7 @@ from discovery.residual.force_balance import ForceBalanceResidual
 from discovery.residual.tension import TensionResidual
 from discovery.separating_tests.balances import separating_runs
 from rom.campaign.campaign import Campaign
+from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, ModelCorrection, SensorFault
 from rom.evaluation.error_measures import Kind, summarise
 from rom.evaluation.evaluate import evaluate
@@ -35,6 +38,7 @@ from rom.identification.force_balance import (
     sign_warnings,
     standard_errors,
 )
+from rom.model.laws import Z95
 from rom.model.model import Model
 
 
@@ -188,10 +192,17 @@ class BalanceRefits:
         return None
 
     def doubts(self, history: LoopHistory) -> tuple[str, ...]:
-        """Masses, stiffnesses and dampings that effects have driven to zero."""
-        before, after = (_balance(s.residual).values for s in (history.states[0], history.last))
-        names = [name for name in self.balances.names if before[name] > 0 and not after[name] > 0]
-        return tuple(f"{name}: zero with the effects, {before[name]:.4g} without them" for name in names)
+        """Masses, stiffnesses and dampings that effects would drive below zero, beyond chance.
+
+        Zero itself is none: friction may be all the damping that there is.
+        """
+        first, last = (_balance(state.residual) for state in (history.states[0], history.last))
+        least = _largest_plausible(last)
+        return tuple(
+            f"{name}: below zero with the effects, {first.values[name]:.4g} without them"
+            for name, value in zip(self.balances.names, least.tolist(), strict=True)
+            if first.values[name] > 0 and not last.values[name] > 0 and value < 0
+        )
 
     def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:  # noqa: ARG002
         """Where the forces left unbalanced live."""
@@ -209,6 +220,15 @@ class BalanceRefits:
             return separating_runs(effect, rivals, residual)
 
         return describe(selection, state, (), limited, separating)
+
+
+def _largest_plausible(residual: ForceBalanceResidual) -> FloatArray:
+    """Upper 95 % limits of the model's numbers, (numbers,), were they free to have either sign."""
+    balances, rows = residual.balances, residual.training
+    noise = balances.noise[rows]
+    free = np.linalg.lstsq(balances.columns[rows] / noise[:, None], residual.force[rows] / noise, rcond=None)
+    errors = standard_errors(balances, residual.force, free[0].tolist())
+    return np.asarray(free[0] + Z95 * errors)
 
 
 def _balance(residual: Residual) -> ForceBalanceResidual:

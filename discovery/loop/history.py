@@ -159,21 +159,43 @@ def best_explanation(explanations: Sequence[Explanation], criteria: Criteria = C
     accepted = [explanation for explanation in explanations if is_accepted(explanation, criteria)]
     if not accepted:
         return None
-    best = _simplest(accepted, max(accepted, key=penalised_gain), criteria)
+    best = simplest(accepted, max(accepted, key=penalised_gain), criteria=criteria)
     return Selection(best, indistinguishable(explanations, best, criteria=criteria))
 
 
-def _simplest(accepted: Sequence[Explanation], best: Explanation, criteria: Criteria) -> Explanation:
-    """A special case of the best effect in its place, where the records do not tell the two apart."""
+def simplest(
+    explanations: Sequence[Explanation],
+    best: Explanation,
+    *,
+    hold_out: bool = True,
+    criteria: Criteria = CRITERIA,
+) -> Explanation:
+    """A special case of an effect in its place, where the records do not tell the two apart; else itself.
+
+    They do where it leaves far more of the training records too.
+
+    Parameters
+    ----------
+    explanations : sequence of Explanation
+        Of one residual.
+    best : Explanation
+        One of them.
+    hold_out : bool
+        Whether hold-out records count, or what training records say alone.
+    criteria : Criteria
+        The numbers that decide.
+
+    Returns
+    -------
+    Explanation
+        One of them.
+    """
     special = CATALOGUE[best.effect.name].contains if best.effect.name in CATALOGUE else ()
-    found = [
-        one
-        for one in accepted
-        if one.effect.name in special
-        and one.effect.enters == best.effect.enters
-        and is_indistinguishable(one, best, criteria)
-    ]
-    return max(found, key=penalised_gain, default=best)
+    rivals = indistinguishable(explanations, best, hold_out=hold_out, criteria=criteria)
+    most = best.cost(hold_out=False) / criteria.closing.far_less
+    there = (one for one in rivals if one.effect.enters == best.effect.enters)
+    alike = (one for one in there if one.effect.name in special and one.cost(hold_out=False) <= most)
+    return next(alike, best)
 
 
 def indistinguishable(

@@ -10,7 +10,13 @@ import numpy as np
 from discovery.decide.acceptance import at_noise_floor, is_accepted
 from discovery.decide.explanation import Explanation
 from discovery.loop.found_effects import screened
-from discovery.loop.history import LoopHistory, Selection, best_explanation, indistinguishable
+from discovery.loop.history import (
+    LoopHistory,
+    Selection,
+    best_explanation,
+    indistinguishable,
+    simplest,
+)
 from discovery.loop.redundant import without_redundant
 from discovery.loop.refits import Refits
 from discovery.loop.rest_stage import before_hits
@@ -154,6 +160,8 @@ def _best_refitted(refits: Refits, state: State, explanations: Sequence[Explanat
     selection = best_explanation(explanations, criteria)
     found = [] if selection is None else [(selection, refits.refit_with(state, selection.best))]
     first = max(explanations, key=lambda e: float(e.gains(hold_out=False).sum()), default=None)
+    if first is not None:
+        first = simplest(explanations, first, hold_out=False, criteria=criteria)
     loud = state.level > criteria.acceptance.noise_level
     other = first is not None and (selection is None or first is not selection.best)
     if loud and other and first is not None and is_accepted(first.of_training(), criteria):

@@ -73,6 +73,12 @@ class FoundEffect:
     basis: str = "the residual"
     chance: Literal["drawn", "likelihood ratio"] = "drawn"
 
+    @property
+    def at_bound(self) -> tuple[str, ...]:
+        """Fitted parameters that lie at an end of their range."""
+        fitted = ((n, p) for n, p in self.effect.parameters.items() if (p.low, p.high) != (None, None))
+        return tuple(name for name, number in fitted if number.value in number.bounds)
+
 
 @dataclass(frozen=True)
 class Step:

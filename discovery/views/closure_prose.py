@@ -63,7 +63,7 @@ def sections(data: Data) -> dict[str, str]:
     Of several effects each has a line in its section; one about which there is nothing to say is left out.
     """
     parts: dict[str, tuple[str, Callable[[Data], Iterator[str]]]] = {
-        "missing": ("What was missing: ", _missing),
+        "missing": (_head(data), _missing),
         "numbers": ("", _numbers),
         "evidence": ("How one knows: ", _evidence),
         "changed": ("What changed: ", _changed),
@@ -71,6 +71,12 @@ def sections(data: Data) -> dict[str, str]:
     }
     said = {key: (head, "\n".join(say(data))) for key, (head, say) in parts.items()}
     return {key: head + text for key, (head, text) in said.items() if text}
+
+
+def _head(data: Data) -> str:
+    """Effects that leave more than noise helped; whether they were what was missing is not known."""
+    helped = data["effects"] and data["verdict"] == "unexplained"
+    return "What helped: " if helped else "What was missing: "
 
 
 def place_words(enters: object) -> str:
@@ -97,7 +103,16 @@ def _missing(data: Data) -> Iterator[str]:
     if effects:
         faults = any(effect["enters"].startswith("sensor:") for effect in effects)
         more = " A sensor's fault is taken out of the records; it is no force." if faults else ""
-        yield f"{' and '.join(map(_named, effects))}.{more}"
+        shares = [float(effect["share"]) for effect in effects]
+        named = [
+            f"{_named(effect)} ({_percent(share)} of what was left)"
+            if data["verdict"] == "unexplained"
+            else _named(effect)
+            for effect, share in zip(effects, shares, strict=True)
+        ]
+        it = "it" if len(effects) == 1 else "they"
+        doubt = f" More than noise is left: {it} may stand for something else."
+        yield f"{' and '.join(named)}.{doubt if data['verdict'] == 'unexplained' else ''}{more}"
     elif data["verdict"] == "unexplained":
         yield "something that no effect of the catalogue explains."
     else:
@@ -118,8 +133,12 @@ def _named(effect: Data) -> str:
 def _with_limits(name: str, parameter: Data) -> str:
     unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
     shown = f"{name} = {_number(parameter['value'])}{unit}"
-    if parameter["low"] is None or parameter["high"] is None:
+    low, high = parameter["low"], parameter["high"]
+    if low is None and high is None:
         return shown
+    if low is None or high is None:
+        side = f"at most {_number(high)}" if low is None else f"at least {_number(low)}"
+        return f"{shown} (at the end of its range; 95 %: {side})"
     of = "95 % of records" if parameter.get("of_records") else "95 %"
     return f"{shown} ({of}: {_number(parameter['low'])} to {_number(parameter['high'])})"
 

@@ -55,6 +55,7 @@ def _effect_row(found: FoundEffect) -> dict[str, Any]:
             {"name": a.name, "enters": a.enters, "hold_out_cost": a.hold_out_cost, "test": a.test}
             for a in found.look_alikes
         ],
+        "at_bound": list(found.at_bound),
         "source": found.source,
         "share": found.share,
         "p_value": found.p_value,

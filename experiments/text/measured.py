@@ -28,7 +28,14 @@ _VIEWS = {
     "simulation_rms_m": ("Simulated less measured displacement, RMS", "10⁻³ m, or mV", 1e3),
 }
 _SCREENED = 12
-_QUESTIONS = ("What was missing", "How one knows", "Of the other candidates", "What changed", "What remains")
+_QUESTIONS = (
+    "What was missing",
+    "What helped",
+    "How one knows",
+    "Of the other candidates",
+    "What changed",
+    "What remains",
+)
 
 
 @dataclass(frozen=True)

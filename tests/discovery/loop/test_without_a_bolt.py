@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.explain.force_balance import fitted, screen, starts_of
+from discovery.explain.force_balance import best_fit
+from discovery.explain.force_balance_screen import screen, starts_of
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.loop.close_loop import close_loop
 from discovery.loop.result import Closure
 from discovery.options import Options
-from discovery.residual.base import cost
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
@@ -272,7 +272,7 @@ def test_no_friction_without_memory_explains_the_tribometer(tmp_path: Path) -> N
         return float(np.linalg.norm(left) / np.linalg.norm(balances.force[unseen]))
 
     def best(name: str) -> ForceBalanceResidual:
-        return min((fitted(declared, (start,))[0] for start in starts_of(probes[name])), key=cost)
+        return best_fit(starts_of(probes[name], declared))[0]
 
     names = ("jenkins-slip", "coulomb-friction", "cubic-stiffness")
     errors = {name: error(best(name)) for name in names}

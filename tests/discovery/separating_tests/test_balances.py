@@ -10,10 +10,10 @@ import pytest
 
 from discovery.decide.acceptance import is_accepted, is_indistinguishable
 from discovery.decide.explanation import Explanation
-from discovery.explain.force_balance import explanation, fitted, screen, starts_of
+from discovery.explain.force_balance import best_fit, explanation
+from discovery.explain.force_balance_screen import screen, starts_of
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.options import Options
-from discovery.residual.base import cost
 from discovery.residual.force_balance import ForceBalanceResidual
 from discovery.separating_tests.balances import separating_runs
 from rom.campaign.channels import FloatArray
@@ -37,8 +37,7 @@ def fits_of(folder: Path, sizes: Sequence[float]) -> Fits:
     probes = {probed[0].effect.name: probed for probed in screen(declared, Options())}
     found: Fits = {}
     for name in (TRUE, *RIVALS):
-        starts = starts_of(probes[name])
-        after, (effect,) = min((fitted(declared, (start,)) for start in starts), key=lambda fit: cost(fit[0]))
+        after, (effect,) = best_fit(starts_of(probes[name], declared))
         found[name] = explanation(effect, CATALOGUE[name], declared, after), after
     return found
 
