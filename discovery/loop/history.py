@@ -172,7 +172,8 @@ def simplest(
 ) -> Explanation:
     """A special case of an effect in its place, where the records do not tell the two apart; else itself.
 
-    They do where it leaves far more of the training records too.
+    They do where it leaves far more of the training records too and the effect has a number, known to differ
+    from zero, that the special case lacks.
 
     Parameters
     ----------
@@ -190,9 +191,10 @@ def simplest(
     Explanation
         One of them.
     """
-    special = CATALOGUE[best.effect.name].contains if best.effect.name in CATALOGUE else ()
+    member = CATALOGUE.get(best.effect.name)
+    special, needs = (member.contains, member.needs) if member else ((), ())
     rivals = indistinguishable(explanations, best, hold_out=hold_out, criteria=criteria)
-    most = best.cost(hold_out=False) / criteria.closing.far_less
+    most = best.cost(hold_out=False) / criteria.closing.far_less if needs else float("inf")
     there = (one for one in rivals if one.effect.enters == best.effect.enters)
     alike = (one for one in there if one.effect.name in special and one.cost(hold_out=False) <= most)
     return next(alike, best)

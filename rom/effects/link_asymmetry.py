@@ -25,7 +25,7 @@ def _stribeck(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
     u = min(abs(v) / p[2], 20.0)
-    return (p[0] + (p[1] - p[0]) * math.exp(-u * u)) * math.tanh(v / p[3])
+    return (p[0] + p[1] * math.exp(-u * u)) * math.tanh(v / p[3])
 
 
 def _asymmetric_damping(
@@ -64,21 +64,21 @@ MEMBERS = (
     Member(
         "stribeck-friction",
         ("joint", "ground"),
-        "u = min(abs(v) / v_b, 20); F = (F_c + (F_b - F_c) * exp(-u * u)) * tanh(v / v_s)",
+        "u = min(abs(v) / v_b, 20); F = (F_c + F_d * exp(-u * u)) * tanh(v / v_s)",
         {
             "F_c": _LEVEL,
-            "F_b": parameter(1.5, "N", 0.0, 20.0),
+            "F_d": parameter(0.5, "N", 0.0, 10.0),
             "v_b": parameter(1e-2, "m/s", 1e-3, 0.1),
             "v_s": _TURN,
         },
-        {"F_c": 0.2, "F_b": 0.3},
+        {"F_c": 0.2, "F_d": 0.2},
         ("friction",),
         _OLSSON,
         _stribeck,
         inner={"v_b": (3e-3, 1e-2, 3e-2), "v_s": (3e-4, 1e-3)},
         passive=True,
         core=False,
-        ground={"F_c": _LEVEL_AT_GROUND, "F_b": parameter(0.15, "N", 0.0, 20.0)},
+        ground={"F_c": _LEVEL_AT_GROUND, "F_d": parameter(0.05, "N", 0.0, 10.0)},
         contains=("coulomb-friction",),
     ),
     Member(

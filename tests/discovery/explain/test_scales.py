@@ -31,7 +31,7 @@ def test_shares_and_coefficients_of_friction_stay() -> None:
     found = at_scale(member, member.at("contact"), Scale(2.0, 1e-2, 3.0), ground=False).parameters
     for name in ("kappa", "mu"):
         assert found[name].value == member.parameters[name].value
-        assert found[name].bounds == member.parameters[name].bounds
+        assert found[name].bounds == member.ends[name]
 
 
 @pytest.mark.parametrize(("drive", "expected"), [(0.0, 6.0), (5.0, 5.0)])
