@@ -17,6 +17,10 @@ class Closing(Group):
         "ratio of two residual levels that is no matter of chance",
         "chosen, not measured",
     )
+    special_case_share: float = number(
+        0.5, "1", "share of what a wider form explains, from which its special case comes first",
+        "chosen, not measured",
+    )  # fmt: skip
     closing_share: float = number(
         0.2, "1", "share of what was beyond noise: an effect that leaves no more closes the residual",
         "chosen, not measured",

@@ -170,10 +170,12 @@ def simplest(
     hold_out: bool = True,
     criteria: Criteria = CRITERIA,
 ) -> Explanation:
-    """A special case of an effect in its place, where the records do not tell the two apart; else itself.
+    """A special case of an effect in its place, where it serves for now; else the effect itself.
 
-    They do where it leaves far more of the training records too and the effect has a number, known to differ
-    from zero, that the special case lacks.
+    What else is missing may lend a wider form its further numbers, so that they are asked for when the special
+    case is in the model: it does for now where it leaves little more, and drops out where the wider form
+    makes it redundant. An effect whose further number is known to differ from zero gives way only where
+    records do not tell the two apart.
 
     Parameters
     ----------
@@ -191,12 +193,16 @@ def simplest(
     Explanation
         One of them.
     """
-    member = CATALOGUE.get(best.effect.name)
+    member, closing = CATALOGUE.get(best.effect.name), criteria.closing
     special, needs = (member.contains, member.needs) if member else ((), ())
-    rivals = indistinguishable(explanations, best, hold_out=hold_out, criteria=criteria)
-    most = best.cost(hold_out=False) / criteria.closing.far_less if needs else float("inf")
+    if needs:
+        rivals = indistinguishable(explanations, best, hold_out=hold_out, criteria=criteria)
+        least = best.share() - (1 / closing.far_less - 1) * (1 - best.share())
+    else:
+        rivals = tuple(one for one in explanations if is_accepted(one, criteria))
+        least = closing.special_case_share * best.share()
     there = (one for one in rivals if one.effect.enters == best.effect.enters)
-    alike = (one for one in there if one.effect.name in special and one.cost(hold_out=False) <= most)
+    alike = (one for one in there if one.effect.name in special and one.share() >= least)
     return next(alike, best)
 
 

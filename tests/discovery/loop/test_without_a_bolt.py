@@ -141,7 +141,6 @@ def test_coulomb_friction_of_a_floating_mass_is_named(tmp_path: Path) -> None:
     assert found.model.structure.bodies[0].mass == pytest.approx(2.0, rel=0.02)
 
 
-@pytest.mark.xfail(reason="while the cubic is missing friction is named stribeck-friction")
 def test_the_loop_goes_on_until_nothing_helps(tmp_path: Path) -> None:
     def four(x: FloatArray, v: FloatArray) -> FloatArray:
         return np.asarray(3e5 * x**2 + 200.0 * np.abs(v) * v + 3.0 * np.tanh(v / 2e-3) + cubic(x, v))
