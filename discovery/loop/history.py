@@ -172,9 +172,9 @@ def simplest(
 ) -> Explanation:
     """A special case of an effect in its place, where it serves for now; else the effect itself.
 
-    What else is missing may lend a wider form its further numbers. So they are asked for when the special case
-    is in the model: it does for now where it leaves little more, and drops out where the wider form makes it
-    redundant. An effect that is nothing without a further number gives way only where records do not tell the
+    What else is missing may lend a wider form its further numbers. So they are asked for once the special
+    case is in the model: it does for now where it leaves little more, and drops out where the wider form
+    makes it redundant. An effect that is nothing without a further number gives way only where records do not tell the
     two apart.
 
     Parameters
