@@ -174,8 +174,8 @@ def simplest(
 
     What else is missing may lend a wider form its further numbers. So they are asked for once the special
     case is in the model: it does for now where it leaves little more, and drops out where the wider form
-    makes it redundant. An effect that is nothing without a further number gives way only where records do not tell the
-    two apart.
+    makes it redundant. An effect that is nothing without a further number gives way only where
+    records do not tell the two apart.
 
     Parameters
     ----------
