@@ -179,7 +179,11 @@ def test_a_link_driven_on_its_own(tmp_path: Path, law: str) -> None:
 
 def test_nothing_to_identify_is_one_clear_line(tmp_path: Path) -> None:
     link = ("joint", ("m", "ground"), "bolted", 0.0, 0.0)
-    records = [({"file": "rest.h5", "test": "hold"}, {"tension": np.full(SAMPLES, 100.0)})]
+    swing = np.cos(2 * np.pi * 20.0 * np.arange(SAMPLES) / RATE_HZ)
+    records = [
+        ({"file": "rest.h5", "test": "hold"}, {"tension": np.full(SAMPLES, 100.0)}),
+        ({"file": "free.h5", "test": "free", "hold_out": True}, {"displacement_m": 1e-3 * swing}),
+    ]
     found = campaign(tmp_path / "c", {"m": 1.0}, [link], records, RATE_HZ, bolt={"link": "joint"})
     with pytest.raises(ValueError, match="found no training record of a moving body or a cycled link"):
         rom.identify(found)
