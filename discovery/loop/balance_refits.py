@@ -192,16 +192,18 @@ class BalanceRefits:
         return None
 
     def doubts(self, history: LoopHistory) -> tuple[str, ...]:
-        """Masses, stiffnesses and dampings that effects would drive below zero, beyond chance.
+        """Masses and stiffnesses that effects drive to zero, dampings that they drive below it beyond chance.
 
-        Zero itself is none: friction may be all the damping that there is.
+        A damping of zero is none: friction may be all that there is.
         """
         first, last = (_balance(state.residual) for state in (history.states[0], history.last))
-        least = _largest_plausible(last)
+        least = dict(zip(self.balances.names, _largest_plausible(last).tolist(), strict=True))
         return tuple(
-            f"{name}: below zero with the effects, {first.values[name]:.4g} without them"
-            for name, value in zip(self.balances.names, least.tolist(), strict=True)
-            if first.values[name] > 0 and not last.values[name] > 0 and value < 0
+            f"{name}: zero with the effects, {first.values[name]:.4g} without them"
+            for name in self.balances.names
+            if first.values[name] > 0
+            and not last.values[name] > 0
+            and (".damping." not in name or least[name] < 0)
         )
 
     def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:  # noqa: ARG002

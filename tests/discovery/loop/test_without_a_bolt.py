@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,13 @@ from discovery.explain.force_balance import best_fit
 from discovery.explain.force_balance_screen import screen, starts_of
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.loop.close_loop import close_loop
+from discovery.loop.history import LoopHistory
 from discovery.loop.result import Closure
 from discovery.options import Options
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
+from rom.effects import CATALOGUE, ModelCorrection
 from rom.identification.force_balance import balances_of
 from tests.discovery import driven_twins as twins
 from tests.shared import measured
@@ -279,3 +282,23 @@ def test_no_friction_without_memory_explains_the_tribometer(tmp_path: Path) -> N
     assert errors["jenkins-slip"] < 0.05
     assert errors["coulomb-friction"] == pytest.approx(error(declared), rel=0.01)
     assert errors["cubic-stiffness"] > 0.9 * error(declared)
+
+
+def test_a_mass_or_a_stiffness_at_zero_is_a_doubt_a_damping_only_if_it_would_be_negative(
+    tmp_path: Path,
+) -> None:
+    refits = BalanceRefits.of(twins.driven(tmp_path / "clean"), Options())
+    first = refits.start()
+    assert isinstance(first.residual, ForceBalanceResidual)
+
+    def doubts(name: str, *effects: ModelCorrection) -> list[str]:
+        values = {**first.residual.values, name: 0.0}  # type: ignore[attr-defined]
+        last = replace(first, residual=replace(first.residual, values=values, effects=effects))  # type: ignore[type-var]
+        return [line.partition(":")[0] for line in refits.doubts(LoopHistory((first, last)))]
+
+    friction = CATALOGUE["coulomb-friction"].at("guide", ground=True)
+    mass, stiffness, damping = "body.mass.mass", "guide.stiffness.k", "guide.damping.c"
+    assert doubts(mass) == [mass]
+    assert doubts(stiffness) == [stiffness]
+    assert doubts(damping) == []
+    assert doubts(damping, friction.with_values(F_c=10.0)) == [damping]
