@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from rom.evaluation.error_measures import ErrorsByKind
-from rom.viewed import Viewed
+from rom.result_views import HasViews
 
 if TYPE_CHECKING:
     from discovery.localisation.localise import Localisation
@@ -99,7 +99,7 @@ class Screened:
 
 
 @dataclass(frozen=True, eq=False)
-class Closure(Viewed):
+class Closure(HasViews):
     """Residual, effect, refined model, errors before and after.
 
     Attributes

@@ -15,8 +15,8 @@ from rom.campaign.channels import FloatArray
 from rom.evaluation.error_measures import Errors
 from rom.model.laws import Parameter, free_form_law
 from rom.model.model import Model
+from rom.result_views import HasViews
 from rom.signals.tension_bins import TensionCourse
-from rom.viewed import Viewed
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class RankedLaw:
 
 
 @dataclass(frozen=True, eq=False)
-class Ranking(Viewed):
+class Ranking(HasViews):
     """Tension laws in the order in which the records support them.
 
     Attributes

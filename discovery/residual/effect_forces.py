@@ -7,7 +7,7 @@ from collections.abc import Hashable, Sequence
 import numpy as np
 
 from discovery.criteria.number import Numerical
-from discovery.residual.recent import Recent
+from discovery.residual.array_cache import ArrayCache
 from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
 from rom.effects import Effect, ModelCorrection
@@ -19,7 +19,7 @@ from rom.model.model import Model
 from rom.signals.per_record_parameters import per_record_names
 
 _SUBSTEPS: Numerical[int] = 2  # of the states, from sample to sample
-_RECENT = Recent(300_000_000)
+_CACHE = ArrayCache(300_000_000)
 
 
 def effect_lines(
@@ -52,7 +52,7 @@ def effect_lines(
     ]
     place = (trace.token, effects[0].enters, *_laws(model, effects[0].enters))
     keys = [(*place, effect.equation, *effect.values.tolist()) for effect in own]
-    known = {key: lines for key in keys if (lines := _RECENT.get(key)) is not None}
+    known = {key: lines for key in keys if (lines := _CACHE.get(key)) is not None}
     new = {key: effect for key, effect in zip(keys, own, strict=True) if key not in known}
     if new:
         forces = _forces(
@@ -61,7 +61,7 @@ def effect_lines(
         parts = [trace.force_lines(forces, part) for part in range(len(trace.parts))]
         for row, key in enumerate(new):
             known[key] = [lines[row].copy() for lines in parts]
-            _RECENT.keep(key, known[key])
+            _CACHE.keep(key, known[key])
     lines = [
         np.stack([known[key][part] for key in keys], axis=1, dtype=np.complex128)
         for part in range(len(trace.parts))
@@ -128,11 +128,11 @@ def lasting_lines(trace: MeasuredTrajectory, effects: Sequence[Effect]) -> list[
     """Spectra of forces that depend on time alone, (lines, effects) by part; the same in records alike."""
     samples, places = len(trace.tension), range(len(trace.parts))
     key = (trace.stride, samples, *(_grid(trace, part) for part in trace.parts), *_equations(effects))
-    lines = _RECENT.get(key)
+    lines = _CACHE.get(key)
     if lines is None:
         forces = _forces(effects, trace.rate_hz, np.zeros((5, samples)))
         lines = [trace.force_lines(forces, place).T for place in places]
-        _RECENT.keep(key, lines)
+        _CACHE.keep(key, lines)
     return list(lines)
 
 
@@ -156,12 +156,12 @@ def lines_from_start(
         Spectra of the forces [N s].
     """
     key = (_grid(trace, segment), *_equations(effects))
-    held = _RECENT.get(key)
+    held = _CACHE.get(key)
     if held is None:
         motion = np.zeros((5, segment.samples[1]))
         forces = _forces(effects, trace.measurement.rate_hz, motion)
         held = [np.stack([trace.lines(force, segment) for force in forces], axis=1)]
-        _RECENT.keep(key, held)
+        _CACHE.keep(key, held)
     return np.asarray(held[0])
 
 
@@ -196,7 +196,7 @@ def _motion(
     trace: MeasuredTrajectory, enters: str, model: Model, ends: tuple[str, str], key: Hashable
 ) -> FloatArray:
     """Relative displacement and velocity, tension, stiffness and damping of the link, (5, samples)."""
-    held = _RECENT.get(key)
+    held = _CACHE.get(key)
     if held is not None:
         return np.asarray(held[0], dtype=np.float64)
     motion = np.zeros((5, len(trace.tension)))
@@ -205,7 +205,7 @@ def _motion(
     laws = model.link_laws.get(enters)
     if laws is not None:
         motion[3], motion[4] = laws.stiffness(trace.tension), laws.damping(trace.tension)
-    _RECENT.keep(key, [motion])
+    _CACHE.keep(key, [motion])
     return motion
 
 

@@ -15,20 +15,20 @@ from discovery.views.closure_figure import (
 )
 from discovery.views.closure_section import closure_section
 from discovery.views.palette import INCH_PER_MM, WIDTH
-from rom import viewed
+from rom import result_views
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
 
 
-@viewed.summary.register(Closure)
+@result_views.summary.register(Closure)
 def summary(closure: Closure) -> str:
     """Return the result for people: what was missing, how one knows, what changed, what remains."""
     return "\n".join(closure_section(closure)["summary"].values())
 
 
-@viewed.frame.register(Closure)
+@result_views.frame.register(Closure)
 def frame(closure: Closure) -> DataFrame:
     """Return errors before and after every step, a row each."""
     from pandas import DataFrame
@@ -41,7 +41,7 @@ def frame(closure: Closure) -> DataFrame:
     return DataFrame(rows)
 
 
-@viewed.figure.register(Closure)
+@result_views.figure.register(Closure)
 def figure(closure: Closure) -> Figure:
     """Draw the residual along every view, before and after; below, where known, the force left unbalanced."""
     from matplotlib.figure import Figure

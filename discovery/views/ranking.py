@@ -10,7 +10,7 @@ from discovery.ranking.result import RankedLaw, Ranking
 from discovery.views.palette import INCH_PER_MM, WIDTH
 from discovery.views.ranking_figure import draw_leader_board, leader_board_height_mm
 from discovery.views.ranking_section import ranking_section
-from rom import viewed
+from rom import result_views
 from rom.model.laws import Parameter
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-@viewed.summary.register(Ranking)
+@result_views.summary.register(Ranking)
 def summary(ranking: Ranking) -> str:
     """Return in plain words what won, how surely, and what it beats."""
     first = ranking.laws[0]
@@ -39,7 +39,7 @@ def summary(ranking: Ranking) -> str:
     return "\n".join(lines)
 
 
-@viewed.frame.register(Ranking)
+@result_views.frame.register(Ranking)
 def frame(ranking: Ranking) -> DataFrame:
     """Return the leader board, a row for each law."""
     from pandas import DataFrame
@@ -65,7 +65,7 @@ def frame(ranking: Ranking) -> DataFrame:
     return DataFrame(rows).set_index("rank")
 
 
-@viewed.figure.register(Ranking)
+@result_views.figure.register(Ranking)
 def figure(ranking: Ranking) -> Figure:
     """Draw the leader board: difference of BIC and cross-validated error of the first laws."""
     from matplotlib.figure import Figure

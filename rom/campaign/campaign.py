@@ -38,7 +38,7 @@ from rom.campaign.settings import (
     record_faults,
     structure_faults,
 )
-from rom.viewed import Viewed
+from rom.result_views import HasViews
 
 __all__ = [
     "FORMAT",
@@ -145,7 +145,7 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Campaign(Viewed):
+class Campaign(HasViews):
     """A checked campaign folder: `path`, its settings, and `digest` (SHA-256 of settings and records).
 
     `digests` holds that of each record by file: what is read later must be what was checked. A record without

@@ -23,7 +23,7 @@ from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Effect
 from rom.identification.equation_error import TESTS, Balance, ForceRecord, force_records
 from rom.model.description import LinkLaws
-from rom.model.laws import Law, Parameter, constant_damping, constant_stiffness
+from rom.model.laws import Z95, Law, Parameter, constant_damping, constant_stiffness
 from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
 from rom.signals.measured_records import measured_record
@@ -31,7 +31,6 @@ from rom.signals.quality import Doubt
 
 OFFSET = "constant-force"
 _TOLD = 3.0  # standard errors beyond which an offset is part of the model
-_Z95 = 1.96
 SOUND = 1e-3
 """Share of noise in a term, below which least squares on balances is as good as the output error."""
 _LEAST_NOISE = 1e-6  # of a force: rounding
@@ -318,7 +317,7 @@ def _of_mass(body: str, mass: float, error: float) -> str:
     if not mass > 0:
         return f"body {body}: no training record tells its mass; 1 kg stands in"
     return (
-        f"body {body}: its mass {mass:.4g} +- {_Z95 * error:.2g} kg is identified from the measured force; "
+        f"body {body}: its mass {mass:.4g} +- {Z95 * error:.2g} kg is identified from the measured force; "
         "where forces or displacements are not in N and m, only the ratios of all numbers to the mass are "
         "identifiable"
     )
@@ -334,7 +333,7 @@ def _limited(law: Law, found: tuple[float, float] | None) -> Law:
 
 
 def _limits(value: float, error: float) -> tuple[float, float]:
-    return float(value - _Z95 * error), float(value + _Z95 * error)
+    return float(value - Z95 * error), float(value + Z95 * error)
 
 
 def standard_errors(balances: Balances, force: FloatArray, values: Sequence[float]) -> FloatArray:

@@ -54,17 +54,17 @@ from rom.model.laws import (
 from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
 from rom.one_thread import one_threaded
+from rom.result_views import HasViews
 from rom.signals.measured_records import with_stored_records
 from rom.signals.quality import Doubt
 from rom.signals.sensor_correction import faults_of
 from rom.signals.tension_bins import CourseNoise, TensionCourse, course_noise
-from rom.viewed import Viewed
 
 _LOST = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Identification(Viewed):
+class Identification(HasViews):
     """All that an identification found; `model` is what it was for.
 
     `unsettled` are reasons to doubt that its numbers are near those of the structure, none for a sound one:

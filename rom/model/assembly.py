@@ -13,7 +13,7 @@ import numpy.typing as npt
 from rom.model.description import PLACES, LinkLaws, ModelDescription
 from rom.model.laws import constant_stiffness
 from rom.model.structure import Structure
-from rom.viewed import Viewed
+from rom.result_views import HasViews
 
 if TYPE_CHECKING:
     from rom.kernels.equations import Program
@@ -26,7 +26,7 @@ DENSE_BODIES = 60  # larger structures go link by link
 
 
 @dataclass(frozen=True)
-class Response(Viewed):
+class Response(HasViews):
     """The simulated response to a record of force, at the force's own samples.
 
     Attributes

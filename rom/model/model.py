@@ -15,7 +15,7 @@ from rom.model.batch import final_tension, mean_tensions
 from rom.model.description import LinkLaws, ModelDescription
 from rom.model.link_force import equilibrium, link_force
 from rom.model.writing import write_model
-from rom.viewed import Viewed
+from rom.result_views import HasViews
 
 __all__ = ["LinkLaws", "Model"]
 
@@ -23,7 +23,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Model(ModelDescription, Viewed):
+class Model(ModelDescription, HasViews):
     """A reduced-order model that simulates, draws and saves itself; parameters as of its description."""
 
     def __getstate__(self) -> dict[str, object]:

@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import integrate, ndimage, signal
 
+from rom.model.laws import Z95
+
 FloatArray = npt.NDArray[np.float64]
 
 INTEGRATIONS = {"acceleration": 2, "velocity": 1, "displacement": 0}
@@ -238,7 +240,7 @@ def find_impact(force: FloatArray, rate_hz: float) -> float | None:
     if not deviation.any():
         return None
     # A quantised quiet channel has a median deviation of zero, yet steps now and then.
-    noise = max(float(np.quantile(deviation, 0.95)) / 1.96, 1.4826 * float(np.median(deviation)))
+    noise = max(float(np.quantile(deviation, 0.95)) / Z95, 1.4826 * float(np.median(deviation)))
     above = deviation > max(8 * noise, 0.3 * float(deviation.max()))
     edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):

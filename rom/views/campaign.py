@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from rom import viewed
+from rom import result_views
 from rom.campaign.campaign import Campaign
 
 if TYPE_CHECKING:
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-@viewed.summary.register(Campaign)
+@result_views.summary.register(Campaign)
 def _summary(campaign: Campaign) -> str:
     """Return what a campaign holds: structure, records by kind, preloads."""
     settings = campaign.settings
@@ -28,7 +28,7 @@ def _summary(campaign: Campaign) -> str:
     return "\n".join(lines)
 
 
-@viewed.frame.register(Campaign)
+@result_views.frame.register(Campaign)
 def _frame(campaign: Campaign) -> DataFrame:
     """Return a row for each record, by file."""
     from pandas import DataFrame
@@ -37,7 +37,7 @@ def _frame(campaign: Campaign) -> DataFrame:
     return DataFrame(rows).set_index("file")[["test", "bodies", "preload_n", "hold_out"]]
 
 
-@viewed.figure.register(Campaign)
+@result_views.figure.register(Campaign)
 def _figure(campaign: Campaign) -> Figure:
     """Draw the nominal preload of every record over its kind of test; held-out records are hollow."""
     from matplotlib.figure import Figure

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rom import viewed
+from rom import result_views
 from rom.campaign.channels import FloatArray
 from rom.identification.identify import Identification
 from rom.model.laws import Law, Parameter
@@ -23,7 +23,7 @@ _SPEED = 0.1  # at which a tension law is drawn [m/s]
 _TENSIONS = (1.0, 3000.0)  # over which laws are drawn that no record belongs to [N]
 
 
-@viewed.summary.register(Model)
+@result_views.summary.register(Model)
 def _model_summary(model: Model) -> str:
     """Return bodies, laws with their numbers and 95 % limits, effects, and how the model was found."""
     masses = ", ".join(f"{body.name} {body.mass:.5g} kg" for body in model.structure.bodies)
@@ -64,7 +64,7 @@ def _identification_lines(found: Identification) -> Iterator[str]:
     yield from (f"  set aside: {doubt.file}: {doubt.message}" for doubt in found.set_aside)
 
 
-@viewed.frame.register(Model)
+@result_views.frame.register(Model)
 def _model_frame(model: Model) -> DataFrame:
     """Return a row for each parameter, by path."""
     from pandas import DataFrame
@@ -76,7 +76,7 @@ def _model_frame(model: Model) -> DataFrame:
     return DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
 
 
-@viewed.figure.register(Model)
+@result_views.figure.register(Model)
 def _model_figure(model: Model) -> Figure:
     """Draw stiffness, damping and loss rate of every bolted link over tension, with what was identified.
 
@@ -138,13 +138,13 @@ def _draw(
     axes.set_xscale("log")
 
 
-@viewed.summary.register(Identification)
+@result_views.summary.register(Identification)
 def _identification_summary(found: Identification) -> str:
     """Return the model found, and what to know of how it was."""
     return _model_summary(replace(found.model, identification=found))
 
 
-@viewed.frame.register(Identification)
+@result_views.frame.register(Identification)
 def _identification_frame(found: Identification) -> DataFrame:
     """Return what each training record told of the joint, a row each by file."""
     from pandas import DataFrame
@@ -163,7 +163,7 @@ def _identification_frame(found: Identification) -> DataFrame:
     return frame.reindex(columns=list(columns))
 
 
-@viewed.figure.register(Identification)
+@result_views.figure.register(Identification)
 def _identification_figure(found: Identification) -> Figure:
     """Draw stiffness, damping and loss rate over tension, with the estimates of each record."""
     return _model_figure(replace(found.model, identification=found))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from rom import viewed
+from rom import result_views
 from rom.campaign.channels import FloatArray
 from rom.model.assembly import Response
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-@viewed.summary.register(Response)
+@result_views.summary.register(Response)
 def _summary(response: Response) -> str:
     """Return status, length and what became of each tension."""
     lines = [f"{response.status}: {len(response.time)} samples to {response.time[-1]:.6g} s"]
@@ -23,7 +23,7 @@ def _summary(response: Response) -> str:
     return "\n".join(lines)
 
 
-@viewed.frame.register(Response)
+@result_views.frame.register(Response)
 def _frame(response: Response) -> DataFrame:
     """Return displacement [m], velocity [m/s], acceleration [m/s2] and tension [N] over time [s]."""
     from pandas import DataFrame, Index
@@ -42,7 +42,7 @@ def _tensions(response: Response) -> dict[str, FloatArray]:
     return {"tension": response.tension} if len(response.tension) else {}
 
 
-@viewed.figure.register(Response)
+@result_views.figure.register(Response)
 def _figure(response: Response) -> Figure:
     """Draw displacements and tensions over time."""
     from matplotlib.figure import Figure

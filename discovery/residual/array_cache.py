@@ -12,7 +12,7 @@ import numpy.typing as npt
 Arrays = Sequence[npt.NDArray[Any]]
 
 
-class Recent:
+class ArrayCache:
     """Sequences of arrays by key; the one that was asked for longest ago goes first.
 
     Parameters

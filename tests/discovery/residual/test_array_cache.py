@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from discovery.residual.recent import Recent
+from discovery.residual.array_cache import ArrayCache
 
 
 def test_what_was_asked_for_longest_ago_goes_first() -> None:
-    held, one = Recent(3 * 80), [np.zeros(10)]
+    held, one = ArrayCache(3 * 80), [np.zeros(10)]
     for key in "abc":
         held.keep(key, one)
     assert held.get("a") is one
@@ -18,7 +18,7 @@ def test_what_was_asked_for_longest_ago_goes_first() -> None:
 
 
 def test_what_is_kept_twice_counts_once() -> None:
-    held = Recent(2 * 80)
+    held = ArrayCache(2 * 80)
     for _ in range(5):
         held.keep("a", [np.zeros(10)])
     held.keep("b", [np.zeros(10)])
@@ -26,6 +26,6 @@ def test_what_is_kept_twice_counts_once() -> None:
 
 
 def test_what_is_larger_than_all_room_is_not_held() -> None:
-    held = Recent(80)
+    held = ArrayCache(80)
     held.keep("a", [np.zeros(100)])
     assert held.get("a") is None

@@ -1,18 +1,18 @@
 """Results that people look at: a summary, a table, a figure; what these show is registered elsewhere.
 
-A result class derives from `Viewed` and imports neither prose nor figures. Its views are functions that are
+A result class derives from `HasViews` and imports neither prose nor figures. Its views are functions that are
 registered for the class with `summary`, `frame` and `figure`, in modules below ``<package>.views``; the
 package is the top-level one of the class, so ``rom.views`` or ``discovery.views``. The ``__init__.py`` there
-imports these modules; `Viewed` imports ``<package>.views`` by name when a view is first asked for::
+imports these modules; `HasViews` imports ``<package>.views`` by name when a view is first asked for::
 
     # discovery/views/ranking.py
     from discovery.ranking.result import Ranking
-    from rom import viewed
+    from rom import result_views
 
-    @viewed.summary.register(Ranking)
+    @result_views.summary.register(Ranking)
     def _summary(result: Ranking) -> str: ...
 
-    @viewed.frame.register(Ranking)
+    @result_views.frame.register(Ranking)
     def _frame(result: Ranking) -> DataFrame: ...
 
     # discovery/views/__init__.py
@@ -36,7 +36,7 @@ _ROWS = 60  # of a table in a notebook; the middle is left out
 
 
 def _unregistered(view: str, result: object) -> NoReturn:
-    raise TypeError(f"no {view} is registered for {type(result).__name__}; see rom.viewed")
+    raise TypeError(f"no {view} is registered for {type(result).__name__}; see rom.result_views")
 
 
 @singledispatch
@@ -57,7 +57,7 @@ def figure(result: object) -> Figure:
     _unregistered("figure", result)
 
 
-class Viewed:
+class HasViews:
     """A result with a summary, a table and a figure; a notebook shows the first two."""
 
     def summary(self) -> str:
@@ -83,5 +83,5 @@ class Viewed:
 def _load_views(kind: type) -> None:
     """Import the views of every package that a result class derives from."""
     for base in kind.__mro__:
-        if issubclass(base, Viewed) and base is not Viewed:
+        if issubclass(base, HasViews) and base is not HasViews:
             importlib.import_module(f"{base.__module__.partition('.')[0]}.views")

@@ -21,8 +21,8 @@ from rom.model.laws import Parameter, constant_damping, constant_stiffness
 from rom.model.model import LinkLaws, Model
 from rom.model.structure import Body, Link, Structure
 from rom.parameters.he_2025 import nominal_impact
+from rom.result_views import HasViews
 from rom.signals.quality import Doubt
-from rom.viewed import Viewed
 from tests.discovery.sound_closure import closure, friction
 from tests.experiments.studies.test_discover import ranked
 from tests.rom.sound_campaign import write_sound_campaign
@@ -58,7 +58,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def shown(folder: Path) -> dict[str, Viewed]:
+def shown(folder: Path) -> dict[str, HasViews]:
     response = rom.paper_model().simulate({"lo": nominal_impact(1600.0, 4800.0, 1.0)}, 4800.0, 60.0)
     return {
         "campaign": rom.read_campaign(folder / "campaign"),
