@@ -31,6 +31,7 @@ from rom.identification.spectral_model import Linearised, SpectralRecord, linear
 from rom.signals.per_record_parameters import per_record_names
 
 _STEPS_PER_LINE: Numerical[int] = 4  # of a spectrum before the hits
+_SINGULAR: Numerical[float] = 1e-13  # share of the largest eigenvalue that counts as none
 _REACH_HZ: Numerical[float] = 1.0  # of the finer grid about the best line
 _STEP_HZ: Numerical[float] = 0.1
 
@@ -133,7 +134,8 @@ class _Disturbance:
             lines = lines_from_start(trace, units, segment)
             rows = linear.projected_forces(np.eye(len(trace.bodies))[place], -lines)
             tables = rows.T.reshape(len(at), len(self.names), -1)
-            found = linear.residual @ np.linalg.pinv(tables, rcond=np.finfo(float).eps * rows.shape[0])
+            gram = np.linalg.pinv(tables @ tables.swapaxes(1, 2), rcond=_SINGULAR, hermitian=True)
+            found = np.einsum("fn,fnm->fm", tables @ linear.residual, gram)
             numbers = own[trace.settings.file] = np.clip(found, *self.range)
             if not trace.settings.hold_out:
                 out = np.einsum("fn,fnr->fr", numbers, tables)

@@ -22,12 +22,14 @@ from discovery.decide.explanation import limited, limited_number
 from discovery.explain.tension_gain import Pair, TensionGain, at_bounds
 from discovery.residual.course_fit import CourseFit, CourseFits
 from discovery.residual.tension_data import TensionData
+from discovery.residual.tension_records import coarse
 from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, LawChange, Member, ModelCorrection
 from rom.model.laws import Parameter
 from rom.signals.per_record_parameters import per_record_names
 
+_COARSE: Numerical[int] = 3  # nodes that one stands for where starts are compared
 _STRENGTHS: Numerical[tuple[float, ...]] = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times a default
 
 
@@ -135,7 +137,7 @@ class LawSearch:
         self, candidate: LawCandidate, start: CourseFit, member: Member, effect: ModelCorrection
     ) -> LawCandidate:
         """The candidate with those numbers of the effect on its grid that leave least."""
-        names, train = names_of(effect), self.data.part(hold_out=False)
+        names, train = names_of(effect), coarse(self.data.part(hold_out=False), _COARSE)
         trials: list[tuple[float, int, LawCandidate]] = []
         for point in _starts(member, effect):
             trial = candidate.with_values({names[n]: v for n, v in point.items()})

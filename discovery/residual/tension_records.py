@@ -288,6 +288,16 @@ def thinned(frozen: FrozenMotion, small: Sequence[bool]) -> FrozenMotion:
     return replace(apart, nodes=np.concatenate(parts, axis=1), starts=starts)
 
 
+def coarse(frozen: FrozenMotion, stride: int) -> FrozenMotion:
+    """Frozen motion with one of so many nodes of a case, and its last: enough to compare starts of a fit."""
+    parts = [
+        part[:, sorted({*range(0, part.shape[1], stride), part.shape[1] - 1})]
+        for part in (frozen.of_case(i) for i in range(len(frozen)))
+    ]
+    starts = np.cumsum([0, *(part.shape[1] for part in parts)])
+    return replace(frozen.without_cache(), nodes=np.concatenate(parts, axis=1), starts=starts)
+
+
 def _thinned(nodes: FloatArray, end_s: float, small: bool) -> FloatArray:
     """Fewer nodes, fewest for a small hit, which loosens nothing; the last one where the last bin ends."""
     index, time = np.arange(nodes.shape[1]), nodes[0]

@@ -12,10 +12,10 @@ s, q and d are fitted by maximum likelihood to tests that leave the tension alon
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg, optimize
+from scipy import optimize
 
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import FloatArray
@@ -186,15 +186,41 @@ def _fitted(quiet: Sequence[TensionBins], of_tension: bool) -> tuple[float, Cour
         white, walk, drift = (float(v) for v in np.exp(np.clip(logs, start - 25, start + 25)))
         return CourseNoise(white, walk, drift, of_tension)
 
+    stacks = _stacked(quiet, of_tension)
+
     def deviance(logs: FloatArray) -> float:
-        total, trial = 0.0, noise(logs)
-        for bins in quiet:
-            root = linalg.cholesky(trial.covariance(bins), lower=True)
-            scaled = linalg.solve_triangular(root, bins.change, lower=True)
-            total += float(scaled @ scaled) + 2 * float(np.log(np.diag(root)).sum())
-        return total
+        trial = noise(logs)
+        return sum(stack.deviance(trial) for stack in stacks)
 
     found = optimize.minimize(
         deviance, start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.02, "maxiter": 400}
     )
     return float(found.fun), noise(np.asarray(found.x))
+
+
+@dataclass(frozen=True, eq=False)
+class _Stack:
+    """Changes of records with as many bins, and what variances of one make of their covariance."""
+
+    change: FloatArray  # (records, bins, 1)
+    units: FloatArray  # white, walk, drift and the floor, (4, records, bins, bins)
+
+    def deviance(self, noise: CourseNoise) -> float:
+        """Twice the negative logarithm of the likelihood, less a constant."""
+        variances = np.array([noise.white, noise.walk, noise.drift, 1.0])
+        root = np.linalg.cholesky(np.einsum("u,urij->rij", variances, self.units))
+        scaled = np.linalg.solve(root, self.change)
+        return float((scaled**2).sum()) + 2 * float(np.log(np.einsum("rii->ri", root)).sum())
+
+
+def _stacked(quiet: Sequence[TensionBins], of_tension: bool) -> list[_Stack]:
+    none = CourseNoise(0.0, 0.0, 0.0, of_tension)
+    ones = [replace(none, **{name: 1.0}) for name in ("white", "walk", "drift")]
+    stacks = []
+    for size in sorted({len(bins.change) for bins in quiet}):
+        alike = [bins for bins in quiet if len(bins.change) == size]
+        floor = np.stack([none.covariance(bins) for bins in alike])
+        units = [np.stack([one.covariance(bins) for bins in alike]) - floor for one in ones]
+        change = np.stack([bins.change for bins in alike])[:, :, None]
+        stacks.append(_Stack(change, np.stack([*units, floor])))
+    return stacks
