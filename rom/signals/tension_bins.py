@@ -12,7 +12,7 @@ s, q and d are fitted by maximum likelihood to tests that leave the tension alon
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import optimize
@@ -214,8 +214,7 @@ class _Stack:
 
 
 def _stacked(quiet: Sequence[TensionBins], of_tension: bool) -> list[_Stack]:
-    none = CourseNoise(0.0, 0.0, 0.0, of_tension)
-    ones = [replace(none, **{name: 1.0}) for name in ("white", "walk", "drift")]
+    none, *ones = (CourseNoise(*unit, of_tension) for unit in np.vstack([np.zeros(3), np.eye(3)]).tolist())
     stacks = []
     for size in sorted({len(bins.change) for bins in quiet}):
         alike = [bins for bins in quiet if len(bins.change) == size]
