@@ -12,7 +12,7 @@ s, q and d are fitted by maximum likelihood to tests that leave the tension alon
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import optimize
@@ -214,7 +214,8 @@ class _Stack:
 
 
 def _stacked(quiet: Sequence[TensionBins], of_tension: bool) -> list[_Stack]:
-    none, *ones = (CourseNoise(*unit, of_tension) for unit in np.vstack([np.zeros(3), np.eye(3)]).tolist())
+    none = CourseNoise(0.0, 0.0, 0.0, of_tension)
+    ones = replace(none, white=1.0), replace(none, walk=1.0), replace(none, drift=1.0)
     stacks = []
     for size in sorted({len(bins.change) for bins in quiet}):
         alike = [bins for bins in quiet if len(bins.change) == size]
