@@ -136,7 +136,8 @@ def import_(
         str,
         typer.Argument(
             metavar="SET",
-            help="Public set: emps, silverbox, tribometer. Lab files: catman, matlab, uff, tdms.",
+            help="Public set: emps, silverbox, tribometer. "
+            "Lab files: catman, matlab, uff, tdms, csv, xlsx, json.",
         ),
     ],
     source: Annotated[

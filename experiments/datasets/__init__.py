@@ -7,7 +7,7 @@ from pathlib import Path
 from experiments.datasets.collected import Collected, SourceError
 
 PUBLIC = ("emps", "silverbox", "tribometer")
-EXPORTS = ("catman", "matlab", "uff", "tdms")
+EXPORTS = ("catman", "matlab", "uff", "tdms", "csv", "xlsx", "json")
 SETS = (*PUBLIC, *EXPORTS)
 
 __all__ = ["EXPORTS", "PUBLIC", "SETS", "Collected", "SourceError", "collect"]

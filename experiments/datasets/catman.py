@@ -1,20 +1,22 @@
-"""Binary files of catman, the software of HBK's QuantumX amplifiers, through the package apread."""
+"""Files of catman, the software of HBK's QuantumX amplifiers: binary through apread, or text."""
 
 from __future__ import annotations
 
 import io
+import warnings
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
+from experiments.datasets import tables
 from experiments.datasets.collected import SourceError, optional
 from experiments.datasets.signals import Signal
 
-ENDINGS = (".bin",)
+ENDINGS = (".bin", *tables.ENDINGS)
 
 
 def read(path: Path) -> list[Signal]:
-    """Return the signals of a catman file.
+    """Return the signals of a catman file, binary or its ASCII export.
 
     The step of time in a channel's header is in ms; where there is a time channel as well, it goes before.
 
@@ -23,6 +25,8 @@ def read(path: Path) -> list[Signal]:
     SourceError
         If a channel is shorter than its header says, or apread is not installed.
     """
+    if path.suffix.lower() in tables.ENDINGS:
+        return tables.read(path)
     signals = []
     for channel in _channels(path):
         if len(channel.data) != channel.length:
@@ -45,5 +49,13 @@ def _channels(path: Path) -> list[Any]:
         def connect(self) -> None:
             """Leave the channels as they are."""
 
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):  # it prints as it goes
-        return list(Reader(str(path)).Channels)
+    said = io.StringIO()
+    with redirect_stdout(said), redirect_stderr(io.StringIO()):  # to the latter it draws a bar of progress
+        reader = Reader(str(path))
+    if text := said.getvalue().strip():  # it assumes a precision where a header is none that it knows
+        raise SourceError(
+            f"{path.name}: found a header that apread does not know, expected one it does ({text})"
+        )
+    if empty := reader.numChannels - len(reader.Channels):
+        warnings.warn(f"{empty} channels are empty or broken", stacklevel=2)
+    return list(reader.Channels)

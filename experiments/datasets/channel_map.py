@@ -16,6 +16,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from experiments.datasets.collected import SourceError
+from experiments.datasets.times import SHOWN, factor_of
 from rom.campaign.campaign import FORMAT as CAMPAIGN_FORMAT
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import channel_names, one_of
@@ -23,13 +24,17 @@ from rom.campaign.settings import parsing_faults, record_faults, structure_fault
 
 FORMAT = "boltlaw-import/1"
 FILE = "import.toml"
+TIME = "time"
 _RULE = {"channel": str, "unit": str, "scale": float, "rate_hz": float}
 _PRELOAD = "{preload_n}"
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Which channel of the campaign a signal becomes; `scale` gives SI, else `unit` or the file's unit."""
+    """Which channel of the campaign a signal becomes; `scale` gives SI, else `unit` or the file's unit.
+
+    The channel "time" is no channel of the campaign: it gives others their rate and start.
+    """
 
     signal: str
     channel: str
@@ -84,7 +89,7 @@ def read_map(path: Path) -> ChannelMap:
         for index, record in enumerate(records)
     ]
     settings = _checked(path, {**data, "format": CAMPAIGN_FORMAT, "record": stand_in})
-    known = channel_names(settings.body_names, settings.link_names)
+    known = (*channel_names(settings.body_names, settings.link_names), TIME)
     common, faults = _rules("channels", tables, known)
     entries = []
     for index, record in enumerate(records):
@@ -151,8 +156,17 @@ def _rule_faults(key: str, rule: Any, known: tuple[str, ...]) -> Iterator[str]:
             yield f"{key}.{name}: found {value!r}, expected a number {sign}"
     if isinstance(rule["channel"], str) and rule["channel"] not in known:
         yield f'{key}.channel: found "{rule["channel"]}", expected {one_of(rule["channel"], known)}'
+    if rule["channel"] == TIME:
+        yield from _time_faults(key, rule)
     if "scale" in rule and "unit" in rule:
         yield f"{key}: found scale and unit, expected one of them: scale alone gives SI"
+
+
+def _time_faults(key: str, rule: Mapping[str, Any]) -> Iterator[str]:
+    if "rate_hz" in rule:
+        yield f"{key}: found rate_hz of a time, expected it of a channel; give unit or scale of the time"
+    if isinstance(rule.get("unit", "s"), str) and factor_of(rule.get("unit", "s")) is None:
+        yield f'{key}.unit: found "{rule["unit"]}", expected a unit of time: {SHOWN}'
 
 
 def _is_factor(value: Any, *, negative: bool) -> bool:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import re
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from experiments.datasets import catman, matlab, tdms, universal
-from experiments.datasets.channel_map import FILE, ChannelMap, Rule, read_map, record_of
+from experiments.datasets import catman, json_signals, matlab, spreadsheet, tables, tdms, universal
+from experiments.datasets.channel_map import FILE, TIME, ChannelMap, Rule, read_map, record_of
 from experiments.datasets.collected import Collected, SourceError, unreadable
-from experiments.datasets.signals import Signal, timed
+from experiments.datasets.signals import Clocks, Signal, TimeRule, labelled
+from experiments.datasets.times import ABSOLUTE_S
 from experiments.datasets.units import known_units, quantity, si_factor
 from rom.campaign.campaign import SamplingSettings
 from rom.campaign.channels import MOST_CHOICES, Channel, default_rate, one_of
@@ -24,7 +28,11 @@ FORMATS: dict[str, tuple[str, tuple[str, ...], Read]] = {
     "matlab": ("MATLAB file", matlab.ENDINGS, matlab.read),
     "uff": ("universal file", universal.ENDINGS, universal.read),
     "tdms": ("TDMS file", tdms.ENDINGS, tdms.read),
+    "csv": ("table in text", tables.ENDINGS, tables.read),
+    "xlsx": ("spreadsheet", spreadsheet.ENDINGS, spreadsheet.read),
+    "json": ("JSON file", json_signals.ENDINGS, json_signals.read),
 }
+_ONE_RATE = 0.004  # decades: rates that are one but for the unit of time, within 1 %
 MOST_CUT = 0.01  # of a record: the tail in which the slower amplifier has stopped already
 
 
@@ -36,12 +44,23 @@ class _Told:
     names: set[str] = field(default_factory=set)
     cut: list[str] = field(default_factory=list)
     unmatched: list[str] = field(default_factory=list)
+    clocks: list[str] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+    other_rates: set[str] = field(default_factory=set)
+
+    def rates(self, channel: str, rate_hz: float, usual_hz: float) -> None:
+        """Keep a rate that is not that of [sampling]."""
+        if abs(rate_hz / usual_hz - 1) > 1e-3:
+            self.other_rates.add(f"{channel} {rate_hz:.6g} Hz (not {usual_hz:g})")
 
     def notes(self) -> tuple[str, ...]:
         """Return a line for each kind of thing that people should know."""
         lines = [
             ("files that no [[record]] of the map matches", self.unmatched),
+            ("warnings of a file's reader", self.said),
             ("records cut to their shortest channel", self.cut),
+            ("rates other than in [sampling], as files or map tell", sorted(self.other_rates)),
+            ("records whose channels state starts on different clocks, not compared", self.clocks),
         ]
         return tuple(f"{len(names)} {what}: {_some(names)}" for what, names in lines if names)
 
@@ -116,7 +135,7 @@ def _records(
     sources: Sources, form: str, channel_map: ChannelMap, sampling: SamplingSettings, told: _Told
 ) -> Iterator[tuple[str, dict[str, Channel]]]:
     for record, (path, rules) in sources.items():
-        signals = signals_of(path, form)
+        signals = signals_of(path, form, told.said)
         told.names |= {signal.name for signal in signals}
         yield record, _cut(path.name, _channels(path.name, signals, rules, sampling, told), told)
     if missing := {name for entry in channel_map.entries for name in entry.rules} - told.used:
@@ -129,8 +148,22 @@ def _records(
         )
 
 
-def signals_of(path: Path, form: str) -> list[Signal]:
-    """Return the signals of a file with their rates, times left out.
+def signals_of(path: Path, form: str, said: list[str]) -> list[Signal]:
+    """Return the signals of a file, times among them.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    form : str
+        A format of files.
+    said : list of str
+        Takes what the file's reader warns of.
+
+    Returns
+    -------
+    list of Signal
+        In the file's order.
 
     Raises
     ------
@@ -139,20 +172,26 @@ def signals_of(path: Path, form: str) -> list[Signal]:
     """
     kind, _, read = FORMATS[form]
     try:
-        signals = read(path)
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("always")
+            signals = read(path)
     except (SourceError, MemoryError):
         raise
     except Exception as cause:  # a parser of foreign bytes may fail in any way; each means an unreadable file
         raise unreadable(path, kind, cause) from None
-    return timed(path.name, signals)
+    said += [f"{path.name} ({' '.join(str(warning.message).split())})" for warning in heard]
+    return [labelled(signal) for signal in signals]
 
 
 def _channels(
     file: str, signals: list[Signal], rules: Mapping[str, Rule], sampling: SamplingSettings, told: _Told
 ) -> dict[str, Channel]:
+    given = {name: TimeRule(rule.unit, rule.scale) for name, rule in rules.items() if rule.channel == TIME}
+    clocks = Clocks(file, signals, given, rules)
+    told.used |= {time.name for time in clocks.times} & given.keys()
     channels: dict[str, Channel] = {}
-    starts: dict[str, float] = {}
-    for signal in signals:
+    starts: dict[str, float | None] = {}
+    for signal in clocks.signals:
         rule = rules.get(signal.name)
         if rule is None:
             continue
@@ -161,18 +200,71 @@ def _channels(
             raise SourceError(
                 f'{file}: {rule.channel}: found "{signal.name}" and another signal, expected one'
             )
-        usual = default_rate(rule.channel, sampling.motion_rate_hz, sampling.tension_rate_hz)
-        rate_hz = rule.rate_hz or signal.rate_hz or usual
+        usual_hz = default_rate(rule.channel, sampling.motion_rate_hz, sampling.tension_rate_hz)
+        rate_hz, starts[rule.channel] = _rate_and_start(file, signal, rule, clocks, usual_hz)
+        told.rates(rule.channel, rate_hz, usual_hz)
         samples = np.asarray(signal.samples, dtype=np.float64) * _factor(file, signal, rule)
-        channels[rule.channel] = Channel(rule.channel, samples, float(rate_hz))
-        starts[rule.channel] = signal.start_s
+        channels[rule.channel] = Channel(rule.channel, samples, rate_hz)
+    if faulty := next(
+        (s for s in signals if s.fault and _asked(s.name, rules, {t.name for t in signals})), None
+    ):
+        raise SourceError(f"{file}: {faulty.name}: {faulty.fault}")
     if not channels:
         held = _some([signal.described() for signal in signals])
         raise SourceError(f"{file}: found no signal of [channels], expected one; the file holds {held}")
-    late = max(starts.values()) - min(starts.values())
-    if late > 0.5 / min(channel.rate_hz for channel in channels.values()):
-        raise SourceError(f"{file}: found channels that start {late:g} s apart, expected one start for all")
+    _require_one_start(file, channels, starts, told)
     return channels
+
+
+def _asked(faulty: str, rules: Mapping[str, Rule], names: set[str]) -> bool:
+    """Return whether the map asks for a signal, or for a part of it: "T.force" of the table T."""
+    return any(
+        name == faulty or (name not in names and re.match(rf"{re.escape(faulty)}[.({{]", name))
+        for name in rules
+    )
+
+
+def _rate_and_start(
+    file: str, signal: Signal, rule: Rule, clocks: Clocks, usual_hz: float
+) -> tuple[float, float | None]:
+    """Return the rate by the map, by the file or by [sampling], in this order, and the start if stated."""
+    if rule.rate_hz is not None:
+        try:
+            clock = clocks.of(signal, usual_hz)
+        except SourceError:  # the map overrules what cannot be used
+            clock = None
+        return rule.rate_hz, None if clock is None or clock.readings else clock.start_s
+    clock = clocks.of(signal, usual_hz)
+    if clock is None:
+        return usual_hz, signal.start_s
+    nearest = min((clock.rate_hz, *clock.readings), key=lambda rate: abs(math.log(rate / usual_hz)))
+    decades = math.log10(clock.rate_hz / usual_hz)
+    if nearest != clock.rate_hz or (round(decades) and abs(decades - round(decades)) < _ONE_RATE):
+        unit = f", {nearest:g} Hz in another unit" if nearest != clock.rate_hz else ""
+        raise SourceError(
+            f"{file}: {signal.name}: found {clock.rate_hz:g} Hz from {clock.told_by}{unit}, "
+            f"expected a rate near {usual_hz:g} Hz of [sampling]; give rate_hz in [channels], "
+            'the time\'s unit ("NAME" = {channel = "time", unit = "ms"}), or another [sampling]'
+        )
+    return clock.rate_hz, clock.start_s
+
+
+def _require_one_start(
+    file: str, channels: Mapping[str, Channel], starts: Mapping[str, float | None], told: _Told
+) -> None:
+    """Compare starts that are stated on one clock: of the day, or of the record."""
+    stated = {name: start for name, start in starts.items() if start is not None}
+    tolerance = 0.5 / min(channel.rate_hz for channel in channels.values())
+    kinds = [[s for s in stated.values() if (s >= ABSOLUTE_S) is absolute] for absolute in (True, False)]
+    for own in filter(None, kinds):
+        late = max(own) - min(own)
+        if late > tolerance:
+            first, last = (min(stated, key=stated.__getitem__), max(stated, key=stated.__getitem__))
+            raise SourceError(
+                f"{file}: found {last} to start {late:g} s after {first}, expected one start for all channels"
+            )
+    if all(kinds):
+        told.clocks.append(file)
 
 
 def _factor(file: str, signal: Signal, rule: Rule) -> float:
@@ -205,7 +297,7 @@ def _cut(file: str, channels: dict[str, Channel], told: _Told) -> dict[str, Chan
 
 
 def _without_map(path: Path, file: Path, form: str) -> str:
-    held = _some([signal.described() for signal in signals_of(file, form)])
+    held = _some([signal.described() for signal in signals_of(file, form, [])])
     return (
         f"{path}: found no map of channels, expected one there or with --map (docs/import.md shows one); "
         f"{file.name} holds {held}"

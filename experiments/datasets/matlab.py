@@ -2,70 +2,160 @@
 software.
 
 An export holds `Channel_<n>_Data` with `Channel_<n>_Header` (SignalName, Unit) and `File_Header`
-(SampleFrequency). All else goes by the name that MATLAB would use: `force`, `run.force`, `data(:,2)`.
+(SampleFrequency). All else goes by the name that MATLAB would use: `force`, `run.force`, `runs(2).force`,
+`data(:,2)`, `cells{3}`.
 """
 
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from experiments.datasets.collected import optional
 from experiments.datasets.signals import Signal
+from experiments.datasets.times import stated_rate, unstated
 
 ENDINGS = (".mat",)
 _EXPORTED = re.compile(r"Channel_(\d+)_Data")
+_RATE = re.compile(r"fs|f_s|fa|srate|rate(_hz)?|(sampl\w*|abtast)_?(rate|freq\w*)(_hz)?", re.IGNORECASE)
+_STEP = re.compile(r"dt|delta_?t|t_?inc|sampl\w*_?(time|interval|period)", re.IGNORECASE)
+_PLAIN = (
+    "double",
+    "single",
+    "int",
+    "uint",
+    "char",
+    "logical",
+    "cell",
+    "struct",
+    "sparse",
+    "function",
+    "unknown",
+)
+_REMEDY = "S = table2struct(T, 'ToScalar', true) for a table, timetable2table before for a timetable"
 
 
 def read(path: Path) -> list[Signal]:
     """Return every vector and every column of a matrix of numbers.
+
+    A MATLAB table is an object that no reader opens: it is returned as a signal with a fault.
 
     Raises
     ------
     SourceError
         If pymatreader is not installed.
     """
-    content = optional("pymatreader", "matlab").read_mat(str(path))
-    rates = {name[8:]: _number(value) for name, value in content.items() if name.startswith("rate_hz_")}
+    package = optional("pymatreader", "matlab")
+    objects = _objects(path)
+    with warnings.catch_warnings():
+        if objects:  # of which it warns
+            warnings.filterwarnings("ignore", "Complex objects|pymatreader cannot import Matlab string")
+        content = package.read_mat(str(path))
+    rates = {name[8:]: rate for name, value in content.items() if (rate := _rate(name, value))}
     common = _common_rate(content.get("File_Header"))
-    signals = []
+    signals = [
+        Signal(
+            name, np.empty(0),
+            fault=f"found a MATLAB {kind}, expected numbers, cells or a structure; in MATLAB save {_REMEDY}",
+        )
+        for name, kind in objects.items()
+    ]  # fmt: skip
     for name, value in content.items():
         exported = _EXPORTED.fullmatch(name)
         header = content.get(f"Channel_{exported[1]}_Header") if exported else None
         if isinstance(header, Mapping):
             own = str(header.get("SignalName", "")).strip() or name
             unit = str(header.get("Unit", "")).strip()
-            signals += [Signal(own, array, unit, common) for _, array in _vectors(name, value)]
-        elif not name.startswith(("__", "rate_hz_")):
-            signals += [Signal(n, array, "", rates.get(n)) for n, array in _vectors(name, value)]
-    return signals
+            signals += [replace(found, name=own, unit=unit, **common) for found in _vectors(name, value, {})]
+        elif not name.startswith(("__", "rate_hz_", "#")) and name not in objects and name != "None":
+            signals += _vectors(name, value, {"": _told(content)})
+    return [replace(s, rate_hz=rates[s.name], readings=()) if s.name in rates else s for s in signals]
 
 
-def _vectors(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Yield the vectors in a variable, and in the fields of a structure, with their names."""
+def _objects(path: Path) -> dict[str, str]:
+    """Return the class of every variable that is an object, such as a table, by its name."""
+    from pymatreader import whosmat
+
+    kinds = {name: kind for name, _, kind in whosmat(str(path)) if not name.startswith("#")}
+    found = {name: kind for name, kind in kinds.items() if not kind.startswith(_PLAIN)}
+    return {
+        name: "table or other object" if kind in ("opaque", "object") else kind
+        for name, kind in found.items()
+    }
+
+
+def _told(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the rate that a field of a structure tells for all its vectors, if they are of one length."""
+    vectors = [
+        v
+        for v in fields.values()
+        if isinstance(v, np.ndarray) and v.dtype.kind in "iuf" and v.ndim and v.size > 1
+    ]
+    if len({max(vector.shape) for vector in vectors}) > 1:
+        return {}
+    for name, value in fields.items():
+        number = stated_rate(value) if isinstance(value, str) else _number(value)
+        if _RATE.fullmatch(name) and number:
+            rate, readings = number if isinstance(number, tuple) else (number, ())
+            return {"rate_hz": rate, "readings": readings} if rate > 0 else {}
+        if _STEP.fullmatch(name) and isinstance(number, float) and number > 0:
+            return {"rate_hz": 1 / number, "readings": unstated(1 / number)}
+    return {}
+
+
+def _vectors(name: str, value: Any, told: Mapping[str, Any]) -> Iterator[Signal]:
+    """Yield the vectors in a variable, in the fields of a structure and in cells, with MATLAB's names."""
+    own = told.get("", {})
     if isinstance(value, Mapping):
-        for field, item in value.items():
-            yield from _vectors(f"{name}.{field}", item)
-        return
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "iuf" or value.size < 2:
-        return
-    if max(value.shape) == value.size:
-        yield name, value.ravel()
-    elif value.ndim == 2:
+        length = _structures(value)
+        for index in range(length):
+            one = {field: items[index] for field, items in value.items()}
+            yield from _vectors(f"{name}({index + 1})", one, told)
+        for field, item in ({} if length else value).items():
+            yield from _vectors(f"{name}.{field}", item, {"": {**own, **_told(value)}})
+    elif isinstance(value, list):
+        for index, item in enumerate(value, start=1):
+            yield from _vectors(f"{name}{{{index}}}", item, told)
+    elif isinstance(value, np.ndarray) and value.size > 1:
+        yield from _of_array(name, value, own)
+
+
+def _structures(value: Mapping[str, Any]) -> int:
+    """Return the length of an array of structures, read as a list in each field; 0 for a single one."""
+    lengths = {len(items) if isinstance(items, list) else 0 for items in value.values()}
+    return lengths.pop() if len(lengths) == 1 and value else 0
+
+
+def _of_array(name: str, value: npt.NDArray[Any], own: Mapping[str, Any]) -> Iterator[Signal]:
+    if value.dtype.kind == "O":
+        for index, item in enumerate(value.ravel(), start=1):
+            yield from _vectors(f"{name}{{{index}}}", item, {"": own})
+    elif value.dtype.kind not in "iuf" or (value.ndim > 2 and max(value.shape) != value.size):
+        what = "an array of three dimensions" if value.ndim > 2 else "complex numbers or text"
+        yield Signal(name, np.empty(0), fault=f"found {what}, expected a vector or matrix of real numbers")
+    elif max(value.shape) == value.size:
+        yield Signal(name, value.ravel(), **own)
+    else:
         by_columns = value.shape[0] >= value.shape[1]
         for index, vector in enumerate(value.T if by_columns else value, start=1):
-            yield f"{name}(:,{index})" if by_columns else f"{name}({index},:)", vector
+            yield Signal(f"{name}(:,{index})" if by_columns else f"{name}({index},:)", vector, **own)
 
 
-def _common_rate(header: Any) -> float | None:
-    """Return the rate [Hz] that holds for the whole file, None where it names several or none."""
-    text = str(header.get("SampleFrequency", "")) if isinstance(header, Mapping) else ""
-    rates = {float(number.replace(",", ".")) for number in re.findall(r"\d+(?:[.,]\d+)?", text)}
-    return rates.pop() if len(rates) == 1 else None
+def _common_rate(header: Any) -> dict[str, Any]:
+    """Return the rate [Hz] that holds for the whole file, nothing where it names several or none."""
+    found = stated_rate(str(header.get("SampleFrequency", ""))) if isinstance(header, Mapping) else None
+    return {"rate_hz": found[0], "readings": found[1]} if found else {}
+
+
+def _rate(name: str, value: Any) -> float | None:
+    return _number(value) if name.startswith("rate_hz_") else None
 
 
 def _number(value: Any) -> float | None:

@@ -39,19 +39,33 @@ def mat_vectors(path: Path, names: tuple[str, ...]) -> dict[str, FloatArray]:
     return vectors
 
 
-def rate_of(where: str, time: FloatArray) -> float:
+def rate_of(where: str, time: FloatArray, rounding: FloatArray | float = 0.0) -> float:
     """Return the rate [Hz] of evenly spaced times [s].
+
+    Parameters
+    ----------
+    where : str
+        File and variable, for messages.
+    time : array
+        n times [s].
+    rounding : array or float
+        What each time may be off in print [s].
+
+    Returns
+    -------
+    float
+        Rate [Hz].
 
     Raises
     ------
     SourceError
-        If they do not rise evenly; `where` names the file and the variable.
+        If they do not rise evenly.
     """
     if len(time) < 2 or not np.isfinite(time).all() or time[-1] <= time[0]:
         raise SourceError(f"{where}: found no rising times, expected evenly spaced ones")
     step = (time[-1] - time[0]) / (len(time) - 1)
     even = time[0] + step * np.arange(len(time))
-    if np.abs(time - even).max() > STEP_TOLERANCE * step:
+    if (np.abs(time - even) > STEP_TOLERANCE * step + 2 * rounding).any():
         steps = np.diff(time)
         raise SourceError(
             f"{where}: found steps from {steps.min():.4g} to {steps.max():.4g} s, expected even steps"

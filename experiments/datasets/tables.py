@@ -1,0 +1,335 @@
+"""Tables of numbers in text: CSV, plain columns, catman's ASCII export.
+
+Encoding, separator, decimal mark, comments, names and units are found in the file, which is refused where two
+readings are left. The numbers are read by pandas.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from experiments.datasets.collected import SourceError
+from experiments.datasets.signals import Signal
+from experiments.datasets.times import factor_of, is_time, stated_rate
+from rom.model.units import parse_unit
+
+ENDINGS = (".csv", ".txt", ".tsv", ".asc", ".dat", ".prn", ".lvm")
+_HEAD = 400  # lines in which a header ends
+_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+_COMMENT = re.compile(r"^\s*(#+|%+|//+|!|\*)\s?")
+_NUMBER = {
+    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?$"),
+    ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eEdD][+-]?\d+)?$"),
+}
+_EMPTY = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf", "+inf"))
+_CLOCK = re.compile(
+    r"((\d{4}-\d\d-\d\d|\d{1,2}([./])\d{1,2}\3\d{4})[ T])?\d{1,2}:\d\d:\d\d([.,]\d+)?(Z|[+-]\d\d:?\d\d)?$"
+)
+_RATE_LINE = re.compile(r"sampl|rate|abtast|échantillon|muestreo|campion|freq|bemonster", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a table is written; an empty separator is white space."""
+
+    separator: str
+    decimal: str
+
+    def cells(self, line: str) -> list[str]:
+        """Return the cells of a line."""
+        if not self.separator:
+            return line.split()
+        return [
+            cell.strip()
+            for cell in next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
+        ]
+
+    def is_number(self, cell: str) -> bool:
+        """Return whether a cell may be one of a signal: a number, a time of day, or none."""
+        return bool(_NUMBER[self.decimal].match(cell)) or bool(_CLOCK.match(cell))
+
+
+_DIALECTS = tuple(
+    Dialect(separator, decimal) for separator in ("\t", ";", "|", ",", "") for decimal in (".", ",")
+)
+
+
+def read(path: Path) -> list[Signal]:
+    """Return the columns of a table in text.
+
+    Raises
+    ------
+    SourceError
+        If there is no table of numbers in it, or rows are of unequal length.
+    """
+    lines = decoded(path).splitlines()
+    dialect, start, width = _layout(path.name, lines)
+    above = [_COMMENT.sub("", line) for line in lines[:start]]
+    columns = _columns(path.name, lines[start:], dialect, width)
+    return named(path.name, [dialect.cells(line) for line in above], columns, _rate_above(above))
+
+
+def decoded(path: Path) -> str:
+    """Return the text of a file in UTF-8, UTF-16 or the Latin code page of Windows.
+
+    Raises
+    ------
+    SourceError
+        If it is none.
+    """
+    raw = path.read_bytes()
+    for mark, encoding in _MARKS:
+        if raw.startswith(mark):
+            return _strict(path, raw, encoding)
+    for offset, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
+        sample = raw[:2000]
+        if len(sample) > 7 and sample[offset::2].count(0) > 0.8 * len(sample[offset::2]):
+            return _strict(path, raw, encoding)
+    if b"\0" in raw:
+        raise SourceError(f"{path.name}: found zero bytes, expected a table in text")
+    try:
+        return raw.decode("utf-8")
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", errors="replace")
+
+
+def _strict(path: Path, raw: bytes, encoding: str) -> str:
+    try:
+        return raw.decode(encoding)
+    except UnicodeDecodeError as cause:
+        raise SourceError(f"{path.name}: found {cause.reason}, expected text in {encoding}") from None
+
+
+def _layout(name: str, lines: Sequence[str]) -> tuple[Dialect, int, int]:
+    """Return the dialect in which most lines are numbers, where these start, and cells in a row."""
+    found = []
+    for dialect in _DIALECTS:
+        widths = [_width(dialect, line) for line in lines[:_HEAD]]
+        if any(widths):
+            width, rows = Counter(filter(None, widths)).most_common(1)[0]
+            pairs = zip(widths, [*widths[1:], 0], strict=True)
+            start = next((i for i, pair in enumerate(pairs) if pair == (width, width)), widths.index(width))
+            found.append((rows, dialect, start, width))
+    most = max((rows for rows, *_ in found), default=0)
+    best = [one[1:] for one in found if one[0] == most]
+    # "1,5,2,5" is four numbers, or two with decimal commas: the names above know
+    best = [one for one in best if _names_above(lines[: one[1]], one[0]) == one[2]] or best
+    if not most or len({_values(lines[start], dialect) for dialect, start, _ in best}) > 1:
+        what = "rows that may be read in two ways" if most else "no rows of numbers"
+        raise SourceError(
+            f"{name}: found {what}, expected a table: names, then a row of numbers for each time"
+        )
+    return best[0]
+
+
+def _width(dialect: Dialect, line: str) -> int:
+    """Return the number of cells of a row of numbers, 0 for any other line."""
+    if not line.strip() or _COMMENT.match(line):
+        return 0
+    cells = dialect.cells(line)
+    sound = all(dialect.is_number(cell) or cell.lower() in _EMPTY for cell in cells)
+    return len(cells) if sound and any(map(dialect.is_number, cells)) else 0
+
+
+def _names_above(above: Sequence[str], dialect: Dialect) -> int:
+    last = next((line for line in reversed(above) if line.strip()), "")
+    return len(dialect.cells(_COMMENT.sub("", last)))
+
+
+def _values(line: str, dialect: Dialect) -> tuple[str, ...]:
+    return tuple(cell.replace(dialect.decimal, ".") for cell in dialect.cells(line))
+
+
+def _columns(name: str, lines: Sequence[str], dialect: Dialect, width: int) -> list[npt.NDArray[np.generic]]:
+    import pandas as pd  # slow to load, and only tables need it
+
+    body = "\n".join(line for line in lines if line.strip() and not _COMMENT.match(line))
+    try:
+        table = pd.read_csv(
+            io.StringIO(body), header=None, sep=dialect.separator or r"\s+", decimal=dialect.decimal,
+            skipinitialspace=True, low_memory=False, index_col=False, names=range(width + 2),
+        )  # fmt: skip
+    except ValueError as cause:
+        raise SourceError(f"{name}: found rows of unequal length, expected {width} cells ({cause})") from None
+    beyond = (table[width].notna() | table[width + 1].notna()).to_numpy()
+    if beyond.any():
+        row = int(beyond.argmax()) + 1
+        raise SourceError(f"{name}: found more than {width} cells in data row {row}, expected {width}")
+    return [numbers(f"{name}: column {i + 1}", table[i], dialect.decimal) for i in range(width)]
+
+
+def numbers(where: str, column: Any, decimal: str = ".") -> npt.NDArray[np.generic]:
+    """Return a column as numbers, or as times where it holds dates.
+
+    Raises
+    ------
+    SourceError
+        If a cell is neither.
+    """
+    import pandas as pd
+
+    if column.dtype.kind in "iufMm":
+        return np.asarray(column, dtype=None if column.dtype.kind in "Mm" else np.float64)
+    text = column.astype(object).where(column.notna(), "").astype(str).str.strip()
+    plain = text.str.replace(decimal, ".").str.replace(r"(?<=\d)[dD](?=[+-]?\d)", "e", regex=True)
+    found = pd.to_numeric(plain, errors="coerce")
+    odd = text[found.isna() & ~text.str.lower().isin(_EMPTY)]
+    if not len(odd):
+        return np.asarray(found, dtype=np.float64)
+    if len(odd) == len(text) and all(map(_CLOCK.match, text)):
+        return _dates(text)
+    raise SourceError(f'{where}: found "{odd.iloc[0]}" in data row {odd.index[0] + 1}, expected a number')
+
+
+def _dates(text: Any) -> npt.NDArray[np.generic]:
+    """Return dates, or times of day, in ns."""
+    import pandas as pd
+
+    text = text.str.replace(",", ".")
+    if not re.search(r"[-/]|\.\d+\.", text.iloc[0].split(":")[0]):
+        return np.asarray(pd.to_timedelta(text), dtype="m8[ns]")
+    dates = pd.to_datetime(text, format="mixed", dayfirst="-" not in text.iloc[0], utc=True)
+    return np.asarray(dates.dt.tz_localize(None), dtype="M8[ns]")
+
+
+def named(
+    file: str,
+    above: Sequence[Sequence[str]],
+    columns: Sequence[npt.NDArray[np.generic]],
+    common: tuple[float, tuple[float, ...]] | None = None,
+) -> list[Signal]:
+    """Return the signals of a table: names and units from the rows above it.
+
+    Parameters
+    ----------
+    file : str
+        Name of the file, for messages.
+    above : sequence of rows
+        Cells of the rows above the numbers, some of them names and units, others remarks.
+    columns : sequence of arrays
+        A column each, with NaN where there is no number.
+    common : tuple, optional
+        Rate [Hz] of all columns, and its other meanings.
+
+    Returns
+    -------
+    list of Signal
+        One for each column that is not empty.
+
+    Raises
+    ------
+    SourceError
+        If there are names for another number of columns, or a name is there twice.
+    """
+    above = [row for row in above if any(row)]
+    if not any(_fits(row, len(columns)) for row in above) and _missing(columns[-1]).all():
+        columns = columns[:-1]  # behind a separator at the end of each row
+    names, units, others = _header(file, above, len(columns))
+    signals = []
+    for index, (column, name, unit) in enumerate(zip(columns, names, units, strict=True)):
+        filled = np.flatnonzero(~_missing(column))
+        if not len(filled):
+            continue
+        rate = next(
+            (found for row in others if "Hz" in row[index] and (found := stated_rate(row[index]))), common
+        )
+        rate_hz, readings = rate or (None, ())
+        label = name or f"column {index + 1}"
+        signals.append(Signal(label, column[: filled[-1] + 1], unit, rate_hz, readings=readings))
+    shared = [name for name, count in Counter(signal.name for signal in signals).items() if count > 1]
+    if shared:
+        raise SourceError(f"{file}: {shared[0]}: found this column more than once, expected it once")
+    return [*_slower(signals)]
+
+
+def _missing(column: npt.NDArray[np.generic]) -> npt.NDArray[np.bool_]:
+    return np.asarray(np.isnat(column) if column.dtype.kind in "Mm" else np.isnan(column))
+
+
+def _header(
+    file: str, above: Sequence[Sequence[str]], width: int
+) -> tuple[list[str], list[str], list[Sequence[str]]]:
+    """Return names, units, and further rows about each column.
+
+    The names are the row above the units, or the last one above the numbers.
+    """
+    rows = [row[:width] for row in above if _fits(row, width)]
+    blank = [""] * width
+    if not rows:
+        if above and len(above[-1]) > 1 and width > 1:
+            raise SourceError(
+                f"{file}: found {len(above[-1])} names above rows of {width} numbers, expected one for each"
+            )
+        return blank, blank, []
+    units = next((i for i in range(1, len(rows)) if _are_units(rows[i])), None)
+    at = len(rows) - 1 if units is None else units - 1
+    others = [row for i, row in enumerate(rows) if i > at and i != units]
+    return list(rows[at]), blank if units is None else _plain(rows[units]), others
+
+
+def _fits(row: Sequence[str], width: int) -> bool:
+    """Return whether a row has a cell for each column; one more may be empty."""
+    return len(row) == width or (len(row) == width + 1 and not row[-1])
+
+
+def _plain(units: Sequence[str]) -> list[str]:
+    return ["" if unit.strip() == "-" else re.sub(r"^[\[(](.*)[\])]$", r"\1", unit.strip()) for unit in units]
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    """Return whether a row holds units: some known, the others short."""
+    plain = [unit for unit in _plain(row) if unit]
+    if any(len(unit) > 12 or re.fullmatch(r"[\d.,+-]+", unit) for unit in plain):
+        return False
+    bracketed = [cell for cell in row if re.fullmatch(r"\s*(\[.*\]|\(.*\))\s*", cell)]
+    return any(_known_unit(unit) for unit in plain) or len(bracketed) > len(row) / 2
+
+
+def _known_unit(text: str) -> bool:
+    if factor_of(text) is not None:
+        return True
+    try:
+        return not text.isdigit() and bool(parse_unit(text))
+    except ValueError:
+        return text in ("V", "mV", "mV/V", "°C", "degC", "µm/m", "um/m", "mm/m", "µε", "%", "Pa", "MPa", "A")
+
+
+def _rate_above(above: Sequence[str]) -> tuple[float, tuple[float, ...]] | None:
+    """Return the rate that a remark tells: "Sample rate: 25,600 Hz"."""
+    told = [stated_rate(line) for line in above if _RATE_LINE.search(line) and len(line) < 120]
+    rates = {rate for rate in told if rate is not None}
+    return rates.pop() if len(rates) == 1 else None
+
+
+def _slower(signals: Sequence[Signal]) -> Iterator[Signal]:
+    """Yield signals; where one has a cell in every n-th row only, also the times of these rows."""
+    times = [signal for signal in signals if is_time(signal)]
+    strides: set[tuple[int, int]] = set()
+    for signal in signals:
+        missing = _missing(signal.samples)
+        if not missing.any() or signal in times:
+            yield signal
+            continue
+        filled = np.flatnonzero(~missing)
+        steps = np.diff(filled)
+        if len(steps) and steps.min() == steps.max() > 1:
+            stride, length = int(steps[0]), len(filled)
+            rate_hz = None if signal.rate_hz is None else signal.rate_hz / stride
+            yield replace(signal, samples=signal.samples[filled], rate_hz=rate_hz)
+            if (stride, length) not in strides:
+                strides.add((stride, length))
+                for time in times:
+                    yield replace(time, name=f"{time.name} (every {stride})", samples=time.samples[filled])
+        else:
+            yield signal  # what is missing is told by the check of the campaign
