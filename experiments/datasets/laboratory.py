@@ -218,10 +218,10 @@ def _channels(
 
 def _asked(faulty: str, rules: Mapping[str, Rule], names: set[str]) -> bool:
     """Return whether the map asks for a signal, or for a part of it: "T.force" of the table T."""
-    return any(
-        name == faulty or (name not in names and re.match(rf"{re.escape(faulty)}[.({{]", name))
-        for name in rules
-    )
+    if faulty == "*":
+        return any(name not in names and re.search(r"[.({]", name) for name in rules)
+    part = re.compile(rf"{re.escape(faulty)}[.({{]")
+    return any(name == faulty or (name not in names and part.match(name)) for name in rules)
 
 
 def _rate_and_start(

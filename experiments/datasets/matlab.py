@@ -39,7 +39,11 @@ _PLAIN = (
     "function",
     "unknown",
 )
-_REMEDY = "S = table2struct(T, 'ToScalar', true) for a table, timetable2table before for a timetable"
+_OF_OBJECTS = re.compile("Complex objects|cannot import Matlab string|Duplicate variable")
+_REMEDY = (
+    "expected numbers, cells or structures: an object is open to MATLAB alone; save "
+    "S = table2struct(T, 'ToScalar', true), of a timetable after T = timetable2table(T)"
+)
 
 
 def read(path: Path) -> list[Signal]:
@@ -53,20 +57,16 @@ def read(path: Path) -> list[Signal]:
         If pymatreader is not installed.
     """
     package = optional("pymatreader", "matlab")
-    objects = _objects(path)
-    with warnings.catch_warnings():
-        if objects:  # of which it warns
-            warnings.filterwarnings("ignore", "Complex objects|pymatreader cannot import Matlab string")
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
         content = package.read_mat(str(path))
+    objects = _objects(path, content, several=any("Duplicate variable" in str(w.message) for w in said))
+    for warning in said:
+        if not objects or not _OF_OBJECTS.search(str(warning.message)):
+            warnings.warn(warning.message, stacklevel=2)
     rates = {name[8:]: rate for name, value in content.items() if (rate := _rate(name, value))}
     common = _common_rate(content.get("File_Header"))
-    signals = [
-        Signal(
-            name, np.empty(0),
-            fault=f"found a MATLAB {kind}, expected numbers, cells or a structure; in MATLAB save {_REMEDY}",
-        )
-        for name, kind in objects.items()
-    ]  # fmt: skip
+    signals = [Signal(name, np.empty(0), fault=f"{what}, {_REMEDY}") for name, what in objects.items()]
     for name, value in content.items():
         exported = _EXPORTED.fullmatch(name)
         header = content.get(f"Channel_{exported[1]}_Header") if exported else None
@@ -79,16 +79,32 @@ def read(path: Path) -> list[Signal]:
     return [replace(s, rate_hz=rates[s.name], readings=()) if s.name in rates else s for s in signals]
 
 
-def _objects(path: Path) -> dict[str, str]:
-    """Return the class of every variable that is an object, such as a table, by its name."""
+def _objects(path: Path, content: Mapping[str, Any], several: bool) -> dict[str, str]:
+    """Return what was found in place of every variable that is an object, such as a table, by its name.
+
+    Of several in a file before 7.3 the last one alone is known by its name: "*" stands for the others.
+    """
+    import h5py
     from pymatreader import whosmat
 
-    kinds = {name: kind for name, _, kind in whosmat(str(path)) if not name.startswith("#")}
-    found = {name: kind for name, kind in kinds.items() if not kind.startswith(_PLAIN)}
-    return {
-        name: "table or other object" if kind in ("opaque", "object") else kind
-        for name, kind in found.items()
-    }
+    kinds: dict[str, str] = {}
+    if h5py.is_hdf5(path):
+        kinds = {name: kind for name, _, kind in whosmat(str(path)) if not name.startswith("#")}
+    else:
+        for name, value in content.items():
+            if isinstance(value, Mapping) and {"s0", "s1", "s2"} <= value.keys():
+                kinds[_text(value["s0"])] = _text(value["s2"])
+            elif isinstance(value, Mapping) and "_Class" in value:
+                kinds[name] = _text(value["_Class"])
+        if several:
+            kinds["*"] = "table or other object"
+    return {name: f"found a MATLAB {kind}" for name, kind in kinds.items() if not kind.startswith(_PLAIN)}
+
+
+def _text(value: Any) -> str:
+    """Return the text in an array of one."""
+    one = np.asarray(value).ravel()[0]
+    return one.decode() if isinstance(one, bytes) else str(one)
 
 
 def _told(fields: Mapping[str, Any]) -> dict[str, Any]:
@@ -159,5 +175,6 @@ def _rate(name: str, value: Any) -> float | None:
 
 
 def _number(value: Any) -> float | None:
-    array = np.asarray(value)
-    return float(array.reshape(())) if array.size == 1 and array.dtype.kind in "iuf" else None
+    if isinstance(value, np.ndarray):
+        return float(value.ravel()[0]) if value.size == 1 and value.dtype.kind in "iuf" else None
+    return float(value) if isinstance(value, int | float | np.number) else None

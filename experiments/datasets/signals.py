@@ -43,6 +43,8 @@ class Signal:
 
     def described(self) -> str:
         """Return name, unit and rate for a message."""
+        if self.fault:
+            return f'"{self.name}" ({self.fault.partition(",")[0]})'
         rate = f" {self.rate_hz:g} Hz" if self.rate_hz else ""
         return f'"{self.name}" [{self.unit or "no unit"}]{rate}'
 

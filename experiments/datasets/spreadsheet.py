@@ -58,7 +58,7 @@ def _is_row(row: Sequence[Any]) -> bool:
     """Return whether the cells of a row are numbers, as far as there are any."""
     cells = [cell for cell in row if cell is not None]
     return bool(cells) and all(
-        isinstance(cell, int | float | _DATES) and not isinstance(cell, bool) for cell in cells
+        isinstance(cell, (int, float, *_DATES)) and not isinstance(cell, bool) for cell in cells
     )
 
 

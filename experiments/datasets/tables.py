@@ -148,7 +148,7 @@ def _names_above(above: Sequence[str], dialect: Dialect) -> int:
 
 
 def _values(line: str, dialect: Dialect) -> tuple[str, ...]:
-    return tuple(cell.replace(dialect.decimal, ".") for cell in dialect.cells(line))
+    return tuple(cell.replace(dialect.decimal, ".") for cell in dialect.cells(line) if cell)
 
 
 def _columns(name: str, lines: Sequence[str], dialect: Dialect, width: int) -> list[npt.NDArray[np.generic]]:
@@ -272,7 +272,7 @@ def _header(
                 f"{file}: found {len(above[-1])} names above rows of {width} numbers, expected one for each"
             )
         return blank, blank, []
-    units = next((i for i in range(1, len(rows)) if _are_units(rows[i])), None)
+    units = next((i for i in range(1, len(rows)) if _are_units(rows[i], rows[i - 1])), None)
     at = len(rows) - 1 if units is None else units - 1
     others = [row for i, row in enumerate(rows) if i > at and i != units]
     return list(rows[at]), blank if units is None else _plain(rows[units]), others
@@ -287,13 +287,16 @@ def _plain(units: Sequence[str]) -> list[str]:
     return ["" if unit.strip() == "-" else re.sub(r"^[\[(](.*)[\])]$", r"\1", unit.strip()) for unit in units]
 
 
-def _are_units(row: Sequence[str]) -> bool:
-    """Return whether a row holds units: some known, the others short."""
+def _are_units(row: Sequence[str], names: Sequence[str]) -> bool:
+    """Return whether a row holds units, most of them known or in brackets, and that above it no numbers."""
     plain = [unit for unit in _plain(row) if unit]
-    if any(len(unit) > 12 or re.fullmatch(r"[\d.,+-]+", unit) for unit in plain):
+    if (
+        any(re.fullmatch(r"[\d.,+-]+", text) for text in (*plain, *names))
+        or max(map(len, plain), default=0) > 12
+    ):
         return False
     bracketed = [cell for cell in row if re.fullmatch(r"\s*(\[.*\]|\(.*\))\s*", cell)]
-    return any(_known_unit(unit) for unit in plain) or len(bracketed) > len(row) / 2
+    return 2 * max(sum(map(_known_unit, plain)), len(bracketed)) > len(plain)
 
 
 def _known_unit(text: str) -> bool:
@@ -302,7 +305,7 @@ def _known_unit(text: str) -> bool:
     try:
         return not text.isdigit() and bool(parse_unit(text))
     except ValueError:
-        return text in ("V", "mV", "mV/V", "°C", "degC", "µm/m", "um/m", "mm/m", "µε", "%", "Pa", "MPa", "A")
+        return text in ("V", "mV", "mV/V", "°C", "degC", "µm/m", "um/m", "mm/m", "µε", "%", "Pa", "MPa", "dB")
 
 
 def _rate_above(above: Sequence[str]) -> tuple[float, tuple[float, ...]] | None:
