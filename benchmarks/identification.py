@@ -83,11 +83,32 @@ def read_truth(path: Path) -> Truth:
     )
 
 
-def run_trial(seed: int, cases: int, noise: float, jobs: int = 2) -> Trial:
-    """Make a campaign in a temporary folder, identify it and score it."""
+def run_trial(seed: int, cases: int, noise: float, jobs: int = 2, duration_s: float = 8.5) -> Trial:
+    """Make a campaign in a temporary folder, identify it and score it.
+
+    Parameters
+    ----------
+    seed : int
+        Of the campaign.
+    cases : int
+        Preloads.
+    noise : float
+        Over the nominal one.
+    jobs : int
+        Processes.
+    duration_s : float
+        Length of a record [s].
+
+    Returns
+    -------
+    Trial
+        Errors and coverage.
+    """
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "campaign"
-        rig.run(folder, cases, noise, seed, jobs, scatter=0.0, hold_out_every=0)
+        rig.run(
+            folder, cases, noise, seed, jobs, duration_s=duration_s, scatter=0.0, hold_out_every=0
+        )
         return score(identify_campaign(read_campaign(folder, jobs), jobs), read_truth(rig.truth_path(folder)))
 
 

@@ -58,6 +58,7 @@ class Trial:
     level: float
 
 
+@lru_cache(maxsize=2 * len(PRELOADS) * len(HITS))  # those of a rig and of the same one with an effect
 def trial(plant: Plant, preload: float, strength: float) -> Trial:
     """Run one trial test without noise.
 
