@@ -18,9 +18,9 @@ test: .venv/installed-test  ## every check: style, walls between packages, types
 	$(MAKE) --no-print-directory --jobs 2 --output-sync=target style compiled
 	$(PYTEST)
 
-test-all: .venv/installed-test  ## the same, every law recovered from ten campaigns of the rig
+test-all: .venv/installed-test  ## the same and every variant, every law recovered from ten campaigns of the rig
 	$(MAKE) --no-print-directory --jobs 2 --output-sync=target style compiled
-	$(PYTEST) --seeds 10
+	$(PYTEST) --seeds 10 --every
 
 style:
 	$(BIN)/ruff check .

@@ -21,7 +21,8 @@ from rom.campaign.checks import moving_bodies
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.reduce import reduce_records, reduce_sound, tension_courses
 from rom.model.model import Model
-from rom.signals.measured_records import measured_record
+from rom.signals.measured_records import MeasuredRecord
+from rom.signals.processing import process
 from rom.signals.tension_bins import TensionCourse
 
 PRELOADS = 20
@@ -68,6 +69,10 @@ class Bench(Campaign):
         }
         return Record(record, rounded, moving_bodies(record, self.settings, rounded))
 
+    def measured(self, record: RecordSettings) -> MeasuredRecord:
+        """Run a loosening test and process it; there is no fault to look for."""
+        return MeasuredRecord(record, (), process(self.load(record), self.settings), None)
+
 
 def bench(law: str, seed: int, setting: Setting) -> Bench:
     """Set up the tests of `measure` without running any."""
@@ -84,13 +89,10 @@ def bench(law: str, seed: int, setting: Setting) -> Bench:
 def loosening_courses(
     campaign: Campaign, found: Identification, hold_out: bool | None = None
 ) -> tuple[TensionCourse, ...]:
-    """Reduce the loosening records that are held out, the others, or all (None) to tension courses.
-
-    Records of a bench have no fault to look for.
-    """
+    """Reduce the loosening records that are held out, the others, or all (None) to tension courses."""
     chosen = campaign.select("loosening", hold_out)
     if isinstance(campaign, Bench):
-        records = [reduce_sound(measured_record(campaign, record), campaign) for record in chosen]
+        records = [reduce_sound(campaign.measured(record), campaign) for record in chosen]
     else:
         records = [record for record in reduce_records(campaign, chosen) if not record.doubts]
     return tension_courses(records, found.course_noise, campaign.settings)

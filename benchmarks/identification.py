@@ -106,9 +106,7 @@ def run_trial(seed: int, cases: int, noise: float, jobs: int = 2, duration_s: fl
     """
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "campaign"
-        rig.run(
-            folder, cases, noise, seed, jobs, duration_s=duration_s, scatter=0.0, hold_out_every=0
-        )
+        rig.run(folder, cases, noise, seed, jobs, duration_s=duration_s, scatter=0.0, hold_out_every=0)
         return score(identify_campaign(read_campaign(folder, jobs), jobs), read_truth(rig.truth_path(folder)))
 
 

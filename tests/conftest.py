@@ -44,6 +44,16 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
         "--seeds", type=int, default=3, help="campaigns of the virtual rig for every law to recover"
     )
+    parser.addoption("--every", action="store_true", help="variants too whose statement a cheaper test makes")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what is for `make test-all` only."""
+    if config.getoption("every"):
+        return
+    left_out = [item for item in items if item.get_closest_marker("variant")]
+    config.hook.pytest_deselected(items=left_out)
+    items[:] = [item for item in items if item not in left_out]
 
 
 @pytest.fixture(scope="session", autouse=True)

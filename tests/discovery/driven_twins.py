@@ -106,14 +106,14 @@ def driven(
     return campaign_of(folder, "mass", "guide", law, records, given_kg)
 
 
-def cycled(folder: Path, friction: float, seed: int = 1) -> rom.Campaign:
+def cycled(folder: Path, friction: float, seed: int = 1, seconds: float = 30.0) -> rom.Campaign:
     """A contact of 2e4 N/m and 50 N s/m over slow cycles of growing stroke; beside it a slider of 1e4 N/m and
     ``friction`` times the normal force, in steps of its own law: it sticks or slips.
     """
     rng, records = np.random.default_rng(seed), {}
     for file, held in (("first.h5", False), ("second.h5", True)):
-        time = np.arange(-int(8 * CYCLED_HZ), int(30 * CYCLED_HZ)) / CYCLED_HZ
-        x = 1e-4 * (0.4 + 0.02 * time) * np.sin(2 * np.pi * 0.5 * time + rng.uniform(0, 6))
+        time = np.arange(-int(8 * CYCLED_HZ), int(seconds * CYCLED_HZ)) / CYCLED_HZ
+        x = 1e-4 * (0.4 + 0.6 * time / seconds) * np.sin(2 * np.pi * 0.5 * time + rng.uniform(0, 6))
         normal = 5.0 + np.sin(2 * np.pi * 0.07 * time + rng.uniform(0, 6))
         slider, forces = 0.0, np.empty_like(x)
         for k, step in enumerate(np.diff(x, prepend=x[0])):
@@ -143,7 +143,7 @@ def emps(source: Path, folder: Path) -> rom.Campaign:
     return campaign_of(folder, "carriage", "guide", "dashpot", records)
 
 
-def silverbox(source: Path, folder: Path) -> rom.Campaign:
+def silverbox(source: Path, folder: Path, parts: Sequence[int] = range(11)) -> rom.Campaign:
     """The electronic Duffing oscillator: the first 40000 samples and the last of ten parts are held out."""
     data, rate = io.loadmat(source / "SNLS80mV.mat"), 1e7 / 2**14
     force, motion = data["V1"].ravel(), data["V2"].ravel()
@@ -153,16 +153,17 @@ def silverbox(source: Path, folder: Path) -> rom.Campaign:
             "driven", k in (0, 10),
             {"force_oscillator": force[a:b], "displacement_oscillator": motion[a:b]}, rate,
         )
-        for k, (a, b) in enumerate(itertools.pairwise(edges))
+        for k, (a, b) in enumerate(itertools.pairwise(edges)) if k in parts
     }  # fmt: skip
     return campaign_of(folder, "oscillator", "spring", "linear", records)
 
 
-def tribometer(source: Path, folder: Path) -> rom.Campaign:
-    """A reciprocating contact: the last two fifths of the evenly sampled rows are held out."""
+def tribometer(source: Path, folder: Path, share: float = 1.0) -> rom.Campaign:
+    """A reciprocating contact: of a first share of the evenly sampled rows the last two fifths are held out."""
     rows = np.genfromtxt(source / "test_data_2.txt", skip_header=1)
     jumps = np.flatnonzero(np.abs(np.diff(rows[:, 0]) - 0.005) > 1e-6)
     rows = rows[int(jumps[-1]) + 1 if len(jumps) and jumps[-1] < len(rows) / 10 else 0 :]
+    rows = rows[: int(share * len(rows))]
     cut = int(0.6 * len(rows))
     middle = (rows[:cut, 2].min() + rows[:cut, 2].max()) / 2
     records = {

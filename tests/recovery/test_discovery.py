@@ -8,12 +8,13 @@ in them. The search among thousands is measured by ``python -m benchmarks.discov
 
 A law's campaign of a seed is one test, which processes of a run share out among them, and what was found
 under all seeds is judged by the tests after it. ``--seeds`` says how many there are: three, or the ten that
-the limits were set for. "Nine of ten" asks for every one of three. `test_simulated_courses` always has ten.
+the limits were set for. "Nine of ten" asks for every one of three. `test_simulated_courses` always has ten,
+and every law; of those here some are variants.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -45,6 +46,7 @@ APART = {  # what each hidden law must be told from, beside the four laws that a
 TEN = 10
 NEAR = ("velocity", "velocity-threshold", "dissipated-power")  # what could beat the paper's law by chance
 RACES = {"eq13": NEAR, **APART}
+VARIANTS = ("power-3", "constant-quartic", "threshold-30")  # simulated courses of ten seeds have them all
 
 
 class Errors(NamedTuple):
@@ -108,7 +110,14 @@ def over_seeds(shared: Shared, law: str, seeds: Sequence[int]) -> list[Found]:
     return shared.all({f"{law}, {seed}": partial(of_law, shared, law, seed) for seed in seeds})
 
 
-@pytest.mark.parametrize("law", dict.fromkeys([*RACES, *POWERS]))
+def each(laws: Iterable[str]) -> pytest.MarkDecorator:
+    """A test for each law; those between or beside others are variants."""
+    return pytest.mark.parametrize(
+        "law", [pytest.param(law, marks=[pytest.mark.variant] if law in VARIANTS else []) for law in laws]
+    )
+
+
+@each(dict.fromkeys([*RACES, *POWERS]))
 def test_the_true_law_foretells_losses_on_every_seed(law: str, seed: int, shared: Shared) -> None:
     """Refitted, it errs by less than the whole loss, which is what a law without loosening errs by.
 
@@ -121,7 +130,7 @@ def test_the_true_law_foretells_losses_on_every_seed(law: str, seed: int, shared
     assert max(errors) < limit, found
 
 
-@pytest.mark.parametrize("law", POWERS)
+@each(POWERS)
 def test_the_exponent_of_the_velocity_and_no_worse_than_the_truth(
     law: str, seeds: Sequence[int], shared: Shared
 ) -> None:
@@ -152,7 +161,7 @@ def test_nothing_is_called_better_than_the_paper_s_law_where_it_is_true(
         assert trial.motion, trial
 
 
-@pytest.mark.parametrize("law", APART)
+@each(APART)
 def test_the_form(law: str, seeds: Sequence[int], shared: Shared) -> None:
     """In nine seeds of ten the true form is the first, driven as the truth and nearer than the paper's law.
 

@@ -17,7 +17,9 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def trials(shared: Shared) -> list[Trial]:
     """Twenty preloads, nominal noise, records of 3 s, three seeds."""
-    return shared.all({f"trial, {seed}": partial(run_trial, seed, 20, 1.0, jobs=1, duration_s=3.0) for seed in range(3)})
+    return shared.all(
+        {f"trial, {seed}": partial(run_trial, seed, 20, 1.0, jobs=1, duration_s=3.0) for seed in range(3)}
+    )
 
 
 @pytest.mark.parametrize("name", TARGETS)

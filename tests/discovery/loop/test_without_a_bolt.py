@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -61,7 +61,7 @@ def test_nothing_is_found_where_a_floating_mass_lacks_nothing(tmp_path: Path) ->
 
 
 def test_nothing_is_found_where_a_cycled_link_lacks_nothing(tmp_path: Path) -> None:
-    found = close_loop(twins.cycled(tmp_path / "clean", friction=0.0))
+    found = close_loop(twins.cycled(tmp_path / "clean", friction=0.0, seconds=15.0))
     assert (found.verdict, found.effects) == ("no-effect", ())
     assert found.model.parameters["contact.stiffness.k"].value == pytest.approx(2e4, rel=1e-3)
 
@@ -168,9 +168,11 @@ def test_slip_under_a_measured_normal_force_is_named(tmp_path: Path) -> None:
     assert after < 0.02
 
 
-def cycled_with(folder: Path, force: Callable[[FloatArray, FloatArray, FloatArray], FloatArray]) -> Campaign:
+def cycled_with(
+    folder: Path, force: Callable[[FloatArray, FloatArray, FloatArray], FloatArray], seconds: float = 15.0
+) -> Campaign:
     """The cycled link without a slider; its force one of that, of displacement and of normal force."""
-    campaign, records = twins.cycled(folder / "right", friction=0.0), {}
+    campaign, records = twins.cycled(folder / "right", friction=0.0, seconds=seconds), {}
     for record in campaign.settings.record:
         shown = {name: c.samples for name, c in campaign.load(record).channels.items()}
         seen = (f"{quantity}_contact" for quantity in ("link_force", "link_displacement", "normal_force"))
@@ -201,7 +203,7 @@ def test_many_sliders_of_rising_limits_are_a_class_of_slip_and_no_other_hysteres
             total[k] = sliders.sum()
         return np.asarray(force + total)
 
-    found = close_loop(cycled_with(tmp_path, slipping))
+    found = close_loop(cycled_with(tmp_path, slipping, seconds=30.0))
     assert found.verdict == "closed"
     assert found.effects[0].effect.name == "iwan-slip"
 
@@ -238,8 +240,9 @@ def test_emps_lacks_coulomb_friction(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_silverbox_lacks_cubic_stiffness(tmp_path: Path) -> None:
-    found = close_loop(twins.silverbox(measured("silverbox"), tmp_path / "silverbox"))
+@pytest.mark.parametrize("parts", [(0, 1, 2, 3, 10), pytest.param(range(11), marks=pytest.mark.variant)])
+def test_silverbox_lacks_cubic_stiffness(tmp_path: Path, parts: Sequence[int]) -> None:
+    found = close_loop(twins.silverbox(measured("silverbox"), tmp_path / "silverbox", parts))
     assert (found.effects[0].effect.name, found.verdict) == ("cubic-stiffness", "closed")
     before, after = numbers(found)
     assert before["simulation_rms_m in part_00.h5"] == pytest.approx(14e-3, rel=0.05)
@@ -250,14 +253,16 @@ def test_silverbox_lacks_cubic_stiffness(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_tribometer_lacks_slip_under_its_normal_force(tmp_path: Path) -> None:
-    found = close_loop(twins.tribometer(measured("tribometer"), tmp_path / "tribometer"))
+@pytest.mark.parametrize(("share", "left"), [(0.3, 0.1), pytest.param(1.0, 0.056, marks=pytest.mark.variant)])
+def test_the_tribometer_lacks_slip_under_its_normal_force(tmp_path: Path, share: float, left: float) -> None:
+    """Less data leave more: a few cycles of the first part are held out."""
+    found = close_loop(twins.tribometer(measured("tribometer"), tmp_path / "tribometer", share))
     assert found.effects[0].effect.name == "jenkins-slip"
     before, after = (errors["hold_out"]["link_force_nrmse"] for errors in (found.before, found.after))
     assert before is not None
     assert after is not None
     assert before > 0.2
-    assert after < 0.056
+    assert after < left
     named = {like.name for like in found.effects[0].look_alikes}
     assert not named & {"coulomb-friction", "cubic-stiffness"}
 
