@@ -159,7 +159,7 @@ def silverbox(source: Path, folder: Path, parts: Sequence[int] = range(11)) -> r
 
 
 def tribometer(source: Path, folder: Path, share: float = 1.0) -> rom.Campaign:
-    """A reciprocating contact: of a first share of the evenly sampled rows the last two fifths are held out."""
+    """A reciprocating contact; of a share of its evenly sampled rows the last two fifths are held out."""
     rows = np.genfromtxt(source / "test_data_2.txt", skip_header=1)
     jumps = np.flatnonzero(np.abs(np.diff(rows[:, 0]) - 0.005) > 1e-6)
     rows = rows[int(jumps[-1]) + 1 if len(jumps) and jumps[-1] < len(rows) / 10 else 0 :]
