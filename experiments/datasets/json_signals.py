@@ -113,7 +113,9 @@ def _signal(name: str, samples: Any, told: Mapping[str, Any]) -> Signal:
     rate, step, start = (_first(told, keys) for keys in (_RATE, _STEP, _START))
     found: tuple[float, tuple[float, ...]] | None = None
     if rate is not None:
-        found = stated_rate(str(rate)) if isinstance(rate, str) else (float(rate), ())
+        in_hz = any(told.get(key) == rate for key in _RATE if key.endswith("_hz"))
+        number = 0.0 if isinstance(rate, str) else float(rate)
+        found = stated_rate(rate) if isinstance(rate, str) else (number, () if in_hz else (1e3 * number,))
     elif step is not None:
         seconds = readings_of(step)[0] if isinstance(step, str) else float(step)
         found = (1 / seconds, unstated(1 / seconds)) if seconds > 0 else None

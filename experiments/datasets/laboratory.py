@@ -32,6 +32,7 @@ FORMATS: dict[str, tuple[str, tuple[str, ...], Read]] = {
     "xlsx": ("spreadsheet", spreadsheet.ENDINGS, spreadsheet.read),
     "json": ("JSON file", json_signals.ENDINGS, json_signals.read),
 }
+_SAME = 1e-3  # relative: a rate that is that of [sampling]
 _ONE_RATE = 0.004  # decades: rates that are one but for the unit of time, within 1 %
 MOST_CUT = 0.01  # of a record: the tail in which the slower amplifier has stopped already
 
@@ -50,7 +51,7 @@ class _Told:
 
     def rates(self, channel: str, rate_hz: float, usual_hz: float) -> None:
         """Keep a rate that is not that of [sampling]."""
-        if abs(rate_hz / usual_hz - 1) > 1e-3:
+        if abs(rate_hz / usual_hz - 1) > _SAME:
             self.other_rates.add(f"{channel} {rate_hz:.6g} Hz (not {usual_hz:g})")
 
     def notes(self) -> tuple[str, ...]:
@@ -175,9 +176,9 @@ def signals_of(path: Path, form: str, said: list[str]) -> list[Signal]:
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
             signals = read(path)
-    except (SourceError, MemoryError):
+    except SourceError:
         raise
-    except Exception as cause:  # a parser of foreign bytes may fail in any way; each means an unreadable file
+    except Exception as cause:  # a parser of foreign bytes may fail in any way, or ask for all memory
         raise unreadable(path, kind, cause) from None
     said += [f"{path.name} ({' '.join(str(warning.message).split())})" for warning in heard]
     return [labelled(signal) for signal in signals]
@@ -203,7 +204,10 @@ def _channels(
         usual_hz = default_rate(rule.channel, sampling.motion_rate_hz, sampling.tension_rate_hz)
         rate_hz, starts[rule.channel] = _rate_and_start(file, signal, rule, clocks, usual_hz)
         told.rates(rule.channel, rate_hz, usual_hz)
-        samples = np.asarray(signal.samples, dtype=np.float64) * _factor(file, signal, rule)
+        if signal.samples.dtype.kind in "Mm":
+            raise SourceError(f"{file}: {signal.name}: found dates, expected the numbers of a {rule.channel}")
+        with np.errstate(all="ignore"):  # what is not finite is told by the check of the campaign
+            samples = np.asarray(signal.samples, dtype=np.float64) * _factor(file, signal, rule)
         channels[rule.channel] = Channel(rule.channel, samples, rate_hz)
     if faulty := next(
         (s for s in signals if s.fault and _asked(s.name, rules, {t.name for t in signals})), None
@@ -235,17 +239,23 @@ def _rate_and_start(
             clock = None
         return rule.rate_hz, None if clock is None or clock.readings else clock.start_s
     clock = clocks.of(signal, usual_hz)
+    remedy = (
+        f"expected a rate near {usual_hz:g} Hz of [sampling]; give rate_hz in [channels], "
+        'the time\'s unit ("NAME" = {channel = "time", unit = "ms"}), or another [sampling]'
+    )
     if clock is None:
+        if signal.readings and all(abs(rate / usual_hz - 1) > _SAME for rate in signal.readings):
+            told = ", ".join(f"{rate:g}" for rate in sorted(set(signal.readings)))
+            raise SourceError(f"{file}: {signal.name}: found one of {told} Hz stated, {remedy}")
         return usual_hz, signal.start_s
+    if not (math.isfinite(clock.rate_hz) and clock.rate_hz > 0):
+        raise SourceError(f"{file}: {signal.name}: found {clock.rate_hz:g} Hz from {clock.told_by}, {remedy}")
     nearest = min((clock.rate_hz, *clock.readings), key=lambda rate: abs(math.log(rate / usual_hz)))
     decades = math.log10(clock.rate_hz / usual_hz)
     if nearest != clock.rate_hz or (round(decades) and abs(decades - round(decades)) < _ONE_RATE):
         unit = f", {nearest:g} Hz in another unit" if nearest != clock.rate_hz else ""
-        raise SourceError(
-            f"{file}: {signal.name}: found {clock.rate_hz:g} Hz from {clock.told_by}{unit}, "
-            f"expected a rate near {usual_hz:g} Hz of [sampling]; give rate_hz in [channels], "
-            'the time\'s unit ("NAME" = {channel = "time", unit = "ms"}), or another [sampling]'
-        )
+        found = f"found {clock.rate_hz:g} Hz from {clock.told_by}{unit}"
+        raise SourceError(f"{file}: {signal.name}: {found}, {remedy}")
     return clock.rate_hz, clock.start_s
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from experiments.datasets.times import stated_rate, unstated
 
 ENDINGS = (".mat",)
 _EXPORTED = re.compile(r"Channel_(\d+)_Data")
-_RATE = re.compile(r"fs|f_s|fa|srate|rate(_hz)?|(sampl\w*|abtast)_?(rate|freq\w*)(_hz)?", re.IGNORECASE)
+_RATE = re.compile(r"fs|f_s|srate|(fs|rate|f)_hz|(sampl\w*|abtast)_?(rate|freq\w*)(_hz)?", re.IGNORECASE)
 _STEP = re.compile(r"dt|delta_?t|t_?inc|sampl\w*_?(time|interval|period)", re.IGNORECASE)
 _PLAIN = (
     "double",
@@ -65,7 +65,8 @@ def read(path: Path) -> list[Signal]:
         if not objects or not _OF_OBJECTS.search(str(warning.message)):
             warnings.warn(warning.message, stacklevel=2)
     rates = {name[8:]: rate for name, value in content.items() if (rate := _rate(name, value))}
-    common = _common_rate(content.get("File_Header"))
+    common = _told({name: value for name, value in content.items() if not name.startswith("__")})
+    header_rate = _common_rate(content.get("File_Header"))
     signals = [Signal(name, np.empty(0), fault=f"{what}, {_REMEDY}") for name, what in objects.items()]
     for name, value in content.items():
         exported = _EXPORTED.fullmatch(name)
@@ -73,9 +74,11 @@ def read(path: Path) -> list[Signal]:
         if isinstance(header, Mapping):
             own = str(header.get("SignalName", "")).strip() or name
             unit = str(header.get("Unit", "")).strip()
-            signals += [replace(found, name=own, unit=unit, **common) for found in _vectors(name, value, {})]
+            signals += [
+                replace(found, name=own, unit=unit, **header_rate) for found in _vectors(name, value, None)
+            ]
         elif not name.startswith(("__", "rate_hz_", "#")) and name not in objects and name != "None":
-            signals += _vectors(name, value, {"": _told(content)})
+            signals += _vectors(name, value, common)
     return [replace(s, rate_hz=rates[s.name], readings=()) if s.name in rates else s for s in signals]
 
 
@@ -107,40 +110,50 @@ def _text(value: Any) -> str:
     return one.decode() if isinstance(one, bytes) else str(one)
 
 
-def _told(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the rate that a field of a structure tells for all its vectors, if they are of one length."""
-    vectors = [
-        v
-        for v in fields.values()
-        if isinstance(v, np.ndarray) and v.dtype.kind in "iuf" and v.ndim and v.size > 1
-    ]
-    if len({max(vector.shape) for vector in vectors}) > 1:
-        return {}
+@dataclass(frozen=True)
+class _Told:
+    """Rate [Hz] that a field of a structure tells, its other meanings, the lengths of vectors beside."""
+
+    rate_hz: float
+    readings: tuple[float, ...]
+    lengths: frozenset[int]
+
+    def of(self, length: int) -> dict[str, Any]:
+        """Return the rate of a vector; of several lengths it is that of one, and fits the others."""
+        if len(self.lengths) < 2:
+            return {"rate_hz": self.rate_hz, "readings": self.readings}
+        return {"readings": tuple(self.rate_hz * length / other for other in sorted(self.lengths))}
+
+
+def _told(fields: Mapping[str, Any]) -> _Told | None:
+    """Return the rate that a field of a structure tells for the vectors in it."""
+    arrays = [value for value in fields.values() if isinstance(value, np.ndarray)]
+    lengths = frozenset(max(a.shape) for a in arrays if a.dtype.kind in "iuf" and a.ndim and a.size > 1)
     for name, value in fields.items():
-        number = stated_rate(value) if isinstance(value, str) else _number(value)
-        if _RATE.fullmatch(name) and number:
-            rate, readings = number if isinstance(number, tuple) else (number, ())
-            return {"rate_hz": rate, "readings": readings} if rate > 0 else {}
-        if _STEP.fullmatch(name) and isinstance(number, float) and number > 0:
-            return {"rate_hz": 1 / number, "readings": unstated(1 / number)}
-    return {}
+        number = _number(value)
+        if isinstance(value, str) and _RATE.fullmatch(name) and (found := stated_rate(value)):
+            return _Told(*found, lengths)
+        if number is not None and number > 0 and _RATE.fullmatch(name):
+            return _Told(number, () if name.lower().endswith("hz") else (1e3 * number,), lengths)
+        if number is not None and number > 0 and _STEP.fullmatch(name):
+            return _Told(1 / number, unstated(1 / number), lengths)
+    return None
 
 
-def _vectors(name: str, value: Any, told: Mapping[str, Any]) -> Iterator[Signal]:
+def _vectors(name: str, value: Any, told: _Told | None) -> Iterator[Signal]:
     """Yield the vectors in a variable, in the fields of a structure and in cells, with MATLAB's names."""
-    own = told.get("", {})
     if isinstance(value, Mapping):
         length = _structures(value)
         for index in range(length):
             one = {field: items[index] for field, items in value.items()}
             yield from _vectors(f"{name}({index + 1})", one, told)
         for field, item in ({} if length else value).items():
-            yield from _vectors(f"{name}.{field}", item, {"": {**own, **_told(value)}})
+            yield from _vectors(f"{name}.{field}", item, _told(value) or told)
     elif isinstance(value, list):
         for index, item in enumerate(value, start=1):
             yield from _vectors(f"{name}{{{index}}}", item, told)
     elif isinstance(value, np.ndarray) and value.size > 1:
-        yield from _of_array(name, value, own)
+        yield from _of_array(name, value, told)
 
 
 def _structures(value: Mapping[str, Any]) -> int:
@@ -149,10 +162,11 @@ def _structures(value: Mapping[str, Any]) -> int:
     return lengths.pop() if len(lengths) == 1 and value else 0
 
 
-def _of_array(name: str, value: npt.NDArray[Any], own: Mapping[str, Any]) -> Iterator[Signal]:
+def _of_array(name: str, value: npt.NDArray[Any], told: _Told | None) -> Iterator[Signal]:
+    own = told.of(max(value.shape)) if told else {}
     if value.dtype.kind == "O":
         for index, item in enumerate(value.ravel(), start=1):
-            yield from _vectors(f"{name}{{{index}}}", item, {"": own})
+            yield from _vectors(f"{name}{{{index}}}", item, told)
     elif value.dtype.kind not in "iuf" or (value.ndim > 2 and max(value.shape) != value.size):
         what = "an array of three dimensions" if value.ndim > 2 else "complex numbers or text"
         yield Signal(name, np.empty(0), fault=f"found {what}, expected a vector or matrix of real numbers")
@@ -165,9 +179,12 @@ def _of_array(name: str, value: npt.NDArray[Any], own: Mapping[str, Any]) -> Ite
 
 
 def _common_rate(header: Any) -> dict[str, Any]:
-    """Return the rate [Hz] that holds for the whole file, nothing where it names several or none."""
-    found = stated_rate(str(header.get("SampleFrequency", ""))) if isinstance(header, Mapping) else None
-    return {"rate_hz": found[0], "readings": found[1]} if found else {}
+    """Return the rate [Hz] that holds for the whole file; of several each may be that of a signal."""
+    text = str(header.get("SampleFrequency", "")) if isinstance(header, Mapping) else ""
+    if found := stated_rate(text):
+        return {"rate_hz": found[0], "readings": found[1]}
+    several = [stated_rate(part) for part in re.split(r"[;\s]+", text)]
+    return {"readings": tuple(rate for one in several if one for rate in (one[0], *one[1]))}
 
 
 def _rate(name: str, value: Any) -> float | None:

@@ -29,7 +29,8 @@ _FIRST_COLUMN = re.compile(r"\(:,1\)|\(1,:\)|column 1")
 class Signal:
     """One signal of a file; `unit` is empty, `rate_hz` and `start_s` None where the file does not tell.
 
-    `readings` holds rates [Hz] that the file's statement might mean as well: a step without a unit.
+    `readings` holds rates [Hz] that the file's statement might mean as well: a step without a unit. Without a
+    `rate_hz` they are the rates of which one must be that of [sampling].
     `fault` says why there are no samples that can be used.
     """
 
@@ -70,7 +71,9 @@ class Clocks:
         self, file: str, signals: Iterable[Signal], given: Mapping[str, TimeRule], mapped: Iterable[str]
     ):
         self._file, self._given = file, given
-        everything, taken = [signal for signal in signals if not signal.fault], set(mapped)
+        found, taken = list(signals), set(mapped)
+        everything = [signal for signal in found if not signal.fault]
+        self._lost = [signal for signal in found if signal.fault and says_time(signal.name)]
         self.times = [s for s in everything if s.name in given or (s.name not in taken and is_time(s))]
         times = {id(time) for time in self.times}
         self.signals = [signal for signal in everything if id(signal) not in times]
@@ -99,7 +102,12 @@ class Clocks:
             return stated
         if self.times and (fault := self._of_no_signal()):
             raise fault
-        return self._suspected(signal, usual_hz)
+        if clock := self._suspected(signal, usual_hz):
+            return clock
+        if self._lost:
+            lost = self._lost[0]
+            raise SourceError(f"{self._file}: {lost.name}: {lost.fault}; or give rate_hz in [channels]")
+        return None
 
     def _agreed(self, signal: Signal, times: list[Signal], stated: Clock | None) -> Clock:
         clocks = [self._clock(time) for time in times]

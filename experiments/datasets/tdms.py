@@ -71,12 +71,14 @@ def _signal(name: str, samples: Any, known: dict[str, Any]) -> Signal:
     if samples.dtype.kind not in "iufMm":
         return Signal(name, np.empty(0), fault="found text or complex numbers, expected real numbers")
     unit = str(known.get("unit_string", "")).strip()
-    axis = str(known.get("wf_xunit_string", "s")).strip() or "s"
+    stated = str(known.get("wf_xunit_string", "")).strip()
+    axis = stated or "s"
     if (factor := factor_of(axis)) is None and "wf_increment" in known:
         return Signal(name, np.empty(0), fault=f'found wf_xunit_string "{axis}", expected one of {SHOWN}')
     step = float(known.get("wf_increment", 0.0)) * (factor or 0.0)
     rate_hz = 1 / step if step > 0 else None
-    readings = unstated(1.0) if step == 1.0 else ()  # what LabVIEW writes for want of a step
+    # a step of one is what LabVIEW writes for want of another
+    readings = unstated(1 / step) if step > 0 and (step == 1.0 or not stated) else ()
     return Signal(name, samples, unit, rate_hz, _start(known), readings)
 
 

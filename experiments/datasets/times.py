@@ -140,10 +140,11 @@ def rises_evenly(signal: Vector) -> bool:
 
 
 def is_count(signal: Vector) -> bool:
-    """Return whether samples are 0, 1, 2, ... or 1, 2, 3, ...: they tell no rate."""
+    """Return whether samples are whole numbers that rise by one: they tell no rate."""
     if signal.samples.dtype.kind not in "iuf":
         return False
-    return bool(signal.samples[0] in (0, 1) and (np.diff(signal.samples) == 1).all())
+    numbers = np.asarray(signal.samples, dtype=np.float64)
+    return bool(numbers[0] % 1 == 0 and (np.diff(numbers) == 1).all())
 
 
 def _relative(samples: npt.NDArray[np.generic]) -> npt.NDArray[np.float64]:
@@ -240,6 +241,8 @@ def stated_rate(text: str) -> tuple[float, tuple[float, ...]] | None:
     number, unit = found.pop()
     scale = _SCALES.get((unit or "").lower(), 1.0)
     first, *others = (scale * value for value in readings_of(number))
+    if unit is None:
+        others += [1e3 * first]  # in kHz
     return (first, tuple(others)) if first > 0 else None
 
 

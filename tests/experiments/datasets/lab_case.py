@@ -65,11 +65,18 @@ test = "driven"
 
 
 def imported(
-    capfd: Any, folder: Path, form: str, channels: Mapping[str, str], motion_hz: float = 19200
+    capfd: Any,
+    folder: Path,
+    form: str,
+    channels: Mapping[str, str],
+    motion_hz: float = 19200,
+    tension_hz: float = 4800,
 ) -> Outcome:
     """Run the command on the only file of a folder."""
     (source,) = folder.iterdir()
-    (folder / "import.toml").write_text(map_of(source.suffix[1:], channels, motion_hz), encoding="utf-8")
+    (folder / "import.toml").write_text(
+        map_of(source.suffix[1:], channels, motion_hz, tension_hz), encoding="utf-8"
+    )
     new = folder.parent / "new"
     before = set(folder.parent.rglob("*"))
     capfd.readouterr()

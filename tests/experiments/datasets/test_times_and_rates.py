@@ -20,6 +20,7 @@ from tests.experiments.datasets.lab_case import (
     force_and_acceleration,
     imported,
 )
+from tests.experiments.datasets.matlab_objects import with_object
 
 FORCE, ACCELERATION = force_and_acceleration()
 Put = Callable[..., Outcome]
@@ -329,8 +330,55 @@ def test_a_rate_beside_the_signals(variables: dict[str, Any], rate_hz: float, ma
 @pytest.mark.parametrize(
     "variables", [{"fs": 25.6}, {"dt": 1e3 / HZ}, {"dt": 1e6 / HZ}, {"Fs": "25,600 kHz"}]
 )
-def test_a_rate_at_odds_by_a_power_of_ten_is_refused(variables: dict[str, Any], matlab: Put) -> None:
-    refused(matlab(variables, motion_hz=25600), "[sampling]", "25600")
+@pytest.mark.parametrize("motion_hz", [25600, 19200])
+def test_a_rate_at_odds_by_a_power_of_ten_is_refused(
+    variables: dict[str, Any], motion_hz: float, matlab: Put
+) -> None:
+    if variables == {"Fs": "25,600 kHz"}:  # the unit is told
+        motion_hz = 25600
+    refused(matlab(variables, motion_hz=motion_hz), "[sampling]", f"{motion_hz:g}")
+
+
+@pytest.mark.parametrize(
+    ("motion_hz", "tension_hz", "code"), [(25600, 6400, 0), (19200, 6400, 2), (25600, 4800, 2)]
+)
+def test_a_rate_beside_signals_of_two_lengths_fits_sampling_or_is_refused(
+    motion_hz: float, tension_hz: float, code: int, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "lab").mkdir()
+    tension = 100 + np.random.default_rng(2).standard_normal(N // 4)
+    savemat(tmp_path / "lab" / "a.mat", {"F": FORCE, "A": ACCELERATION, "T": tension, "fs": 25600.0})
+    rules = {**CHANNELS, "T": '{channel = "tension", unit = "N"}'}
+    found = imported(capfd, tmp_path / "lab", "matlab", rules, motion_hz, tension_hz)
+    assert found.code == code, found.line
+
+
+@pytest.mark.parametrize(("rates", "code"), [("19200 4800", 0), ("25600 6400", 2), ("25600;19200", 0)])
+def test_several_rates_of_an_export(
+    rates: str, code: int, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "lab").mkdir()
+    savemat(tmp_path / "lab" / "a.mat", export(rates))
+    found = imported(capfd, tmp_path / "lab", "matlab", CHANNELS)
+    assert found.code == code, found.line
+
+
+def test_a_time_that_only_matlab_reads_is_refused(capfd: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / "lab").mkdir()
+    with_object(tmp_path / "lab" / "a.mat", "datetime", {"F": FORCE, "A": ACCELERATION}, "Timestamp")
+    found = imported(capfd, tmp_path / "lab", "matlab", CHANNELS)
+    refused(found, "Timestamp", "datetime", "rate_hz")
+
+
+@pytest.mark.parametrize("motion_hz", [19200, 25600])
+def test_a_waveform_in_ms_that_does_not_say_so_is_refused(motion_hz: float, tdms: Put) -> None:
+    refused(tdms(waveforms(None, None, wf_increment=1e3 / HZ), motion_hz=motion_hz), "25.6 Hz", "25600 Hz")
+
+
+def test_a_time_as_a_channel_is_refused(tdms: Put) -> None:
+    dates = np.datetime64(DAY, "us") + np.round(1e6 * clock()).astype("m8[us]")
+    channels = {"F": (dates, {}, "run"), "A": (ACCELERATION, {"wf_increment": 1 / HZ}, "run")}
+    refused(tdms(channels), "a.tdms: F", "dates")
 
 
 def export(rate: str) -> dict[str, Any]:
