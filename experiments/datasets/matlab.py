@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from experiments.datasets.apart import apart
 from experiments.datasets.collected import optional
 from experiments.datasets.signals import Signal
 from experiments.datasets.times import stated_rate, unstated
@@ -56,14 +57,12 @@ def read(path: Path) -> list[Signal]:
     SourceError
         If pymatreader is not installed.
     """
-    package = optional("pymatreader", "matlab")
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        content = package.read_mat(str(path))
-    objects = _objects(path, content, several=any("Duplicate variable" in str(w.message) for w in said))
-    for warning in said:
-        if not objects or not _OF_OBJECTS.search(str(warning.message)):
-            warnings.warn(warning.message, stacklevel=2)
+    optional("pymatreader", "matlab")
+    content, said = apart(_content, path, "MATLAB file")
+    objects = _objects(path, content, several=any("Duplicate variable" in text for text in said))
+    for text in said:
+        if not objects or not _OF_OBJECTS.search(text):
+            warnings.warn(text, stacklevel=2)
     rates = {name[8:]: rate for name, value in content.items() if (rate := _rate(name, value))}
     common = _told({name: value for name, value in content.items() if not name.startswith("__")})
     header_rate = _common_rate(content.get("File_Header"))
@@ -80,6 +79,16 @@ def read(path: Path) -> list[Signal]:
         elif not name.startswith(("__", "rate_hz_", "#")) and name not in objects and name != "None":
             signals += _vectors(name, value, common)
     return [replace(s, rate_hz=rates[s.name], readings=()) if s.name in rates else s for s in signals]
+
+
+def _content(path: Path) -> tuple[dict[str, Any], list[str]]:
+    """Return the variables of a file, and what its parser warns of: some damage ends the parser's process."""
+    from pymatreader import read_mat
+
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        content = dict(read_mat(str(path)))
+    return content, [str(warning.message) for warning in said]
 
 
 def _objects(path: Path, content: Mapping[str, Any], several: bool) -> dict[str, str]:

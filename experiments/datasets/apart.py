@@ -1,0 +1,55 @@
+"""A parser in a process of its own: what damage in a file ends is that process, not the program."""
+
+from __future__ import annotations
+
+import atexit
+from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
+from typing import TypeVar
+
+from experiments.datasets.collected import unreadable
+from experiments.run.processes import Worker, WorkerLostError
+
+Result = TypeVar("Result")
+
+
+def apart(parse: Callable[[Path], Result], path: Path, kind: str) -> Result:
+    """Return what a parser returns.
+
+    Parameters
+    ----------
+    parse : callable
+        Importable by name; takes the path.
+    path : Path
+        The file.
+    kind : str
+        What it is expected to be.
+
+    Returns
+    -------
+    Result
+        That of the parser.
+
+    Raises
+    ------
+    SourceError
+        If the process ends. Every other exception is the parser's own.
+    """
+    try:
+        result, error, _ = _worker().run(partial(parse, path))
+    except WorkerLostError:
+        _worker().hang_up()
+        _worker.cache_clear()
+        raise unreadable(path, kind, ChildProcessError("its parser came to a sudden end")) from None
+    if error is not None:
+        raise error
+    return result  # type: ignore[no-any-return]
+
+
+@cache
+def _worker() -> Worker:
+    """Return the one process, which stays for the files to come."""
+    worker = Worker({})
+    atexit.register(worker.end)
+    return worker
