@@ -172,6 +172,40 @@ def import_(
     _say("\n".join([*(f"note: {note}" for note in notes), f"wrote {folder}"]), quiet)
 
 
+@app.command(epilog="Example: boltlaw init rig-campaign/records --out drafted")
+def init(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Folder of .h5, .mat or .csv records.", callback=existing)
+    ],
+    out: Annotated[Path | None, typer.Option(help="Folder for campaign.toml; default: FOLDER.")] = None,
+    seed: Unseeded = 0,  # noqa: ARG001 - every command takes the same options
+    jobs: OneProcess = _CORES,  # noqa: ARG001
+    quiet: Quiet = False,
+) -> None:
+    """Draft a commented campaign.toml from a folder of records."""
+    from experiments.studies import init as study
+
+    path = study.run(folder, out)
+    _say(f"wrote {path}; lines with CHECK or NEEDED wait for you, then: boltlaw check", quiet)
+
+
+@app.command(epilog="Example: boltlaw check rig-campaign")
+def check(
+    campaign: CampaignPath,
+    out: Out = None,
+    seed: Unseeded = 0,
+    jobs: Jobs = _CORES,
+    quiet: Quiet = False,
+) -> None:
+    """Show what was read of a campaign: channels, rates, ranges, doubtful records, figures."""
+    from experiments.studies import check as study
+
+    with _progress(quiet) as report, execution(None):
+        path = study.run(campaign, results_folder(campaign, out), seed, jobs, report("checking"), _command())
+    _say(study.summary(path), quiet)
+    _say(f"wrote {path} and figures beside it", quiet)
+
+
 @app.command(epilog="Example: boltlaw identify rig-campaign")
 def identify(
     campaign: CampaignPath,

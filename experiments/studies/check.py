@@ -1,0 +1,118 @@
+"""What was read of a campaign: every channel with rate, length and size, doubts, and figures."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from experiments.results import results_folder, write_result
+from experiments.run.publication import results_into
+from rom.campaign.campaign import Campaign, Record, read_campaign
+from rom.signals.quality import Doubt, assess
+
+MOST_DRAWN = 12  # records in one figure
+
+
+def run(
+    campaign_path: Path,
+    out: Path | None = None,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+    command: str = "",
+) -> Path:
+    """Write ``check.json`` and the figures, and return the path of the former.
+
+    Parameters
+    ----------
+    campaign_path : Path
+        Folder of the campaign.
+    out : Path, optional
+        Folder of the results; beside the campaign if not given.
+    seed : int
+        Kept in the result file; nothing is drawn.
+    jobs : int
+        Processes.
+    progress : callable, optional
+        Takes records done and records in all.
+    command : str
+        The command line, kept in the result file.
+
+    Returns
+    -------
+    Path
+        Of ``check.json``.
+
+    Raises
+    ------
+    ValueError
+        If the campaign is refused.
+    """
+    from experiments.figures.records import figures_by_test
+    from experiments.figures.style import save
+
+    started = time.perf_counter()
+    campaign = read_campaign(campaign_path, jobs, progress)
+    folder = results_folder(campaign_path, out)
+    rows, drawn = _read(campaign)
+    with results_into(folder) as new:
+        for name, figure in figures_by_test(drawn).items():
+            save(figure, new / f"{name}.svg")
+        write_result(
+            new / "check.json", "check", {"command": command, "records": rows},
+            campaign=campaign.settings.name, seed=seed, elapsed_s=time.perf_counter() - started,
+        )  # fmt: skip
+    return folder / "check.json"
+
+
+def _read(campaign: Campaign) -> tuple[list[dict[str, Any]], dict[str, list[Record]]]:
+    """Return what each record holds, and the first records of each kind of test."""
+    rows: list[dict[str, Any]] = []
+    drawn: dict[str, list[Record]] = {}
+    for settings in campaign.settings.record:
+        record = campaign.load(settings)
+        rows.append(_row(record, assess(record, campaign.settings)))
+        same = drawn.setdefault(record.test, [])
+        if len(same) < MOST_DRAWN:
+            same.append(record)
+    return rows, drawn
+
+
+def _row(record: Record, doubts: tuple[Doubt, ...]) -> dict[str, Any]:
+    return {
+        "file": record.file,
+        "test": record.test,
+        "bodies": list(record.bodies),
+        "hold_out": record.hold_out,
+        "preload_n": record.preload_n,
+        "duration_s": record.duration_s,
+        "channels": {
+            name: {
+                "rate_hz": channel.rate_hz,
+                "samples": len(channel.samples),
+                "minimum": float(channel.samples.min()),
+                "maximum": float(channel.samples.max()),
+                "rms": float(np.sqrt(np.mean(channel.samples**2))),
+            }
+            for name, channel in record.channels.items()
+        },
+        "doubts": [doubt.message for doubt in doubts],
+    }
+
+
+def summary(path: Path) -> str:
+    """Return a line for each record, with its channels and doubts."""
+    lines = []
+    for row in json.loads(path.read_text(encoding="utf-8"))["records"]:
+        channels = ", ".join(
+            f"{name} {channel['minimum']:.3g} to {channel['maximum']:.3g} at {channel['rate_hz']:g} Hz"
+            for name, channel in row["channels"].items()
+        )
+        lines.append(f"{row['file']} ({row['test']}, {row['duration_s']:.4g} s): {channels}")
+        lines += [f"  doubtful: {doubt}" for doubt in row["doubts"]]
+    return "\n".join(lines)
