@@ -172,6 +172,20 @@ def _columns(name: str, lines: Sequence[str], dialect: Dialect, width: int) -> l
 def numbers(where: str, column: Any, decimal: str = ".") -> npt.NDArray[np.generic]:
     """Return a column as numbers, or as times where it holds dates.
 
+    Parameters
+    ----------
+    where : str
+        File and column, for messages.
+    column : pandas.Series
+        Cells of n rows.
+    decimal : str
+        Decimal mark in text.
+
+    Returns
+    -------
+    array
+        Shape (n,), NaN where a cell is empty.
+
     Raises
     ------
     SourceError

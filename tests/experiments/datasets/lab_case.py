@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 
 import rom
 from experiments.cli import run
@@ -93,3 +94,30 @@ def imported(
         {name: channel.rate_hz for name, channel in channels_.items()},
         {name: channel.samples for name, channel in channels_.items()},
     )  # fmt: skip
+
+
+FORCE, ACCELERATION = force_and_acceleration()
+Put = Callable[..., Outcome]
+
+
+def with_time(name: str, unit: str, factor: float, start: float = 0.0) -> dict[str, Any]:
+    """Return F, A and a time with its unit."""
+    return {
+        "F": (FORCE, {}, "run"),
+        "A": (ACCELERATION, {}, "run"),
+        name: (start + factor * clock(), {"unit_string": unit} if unit else {}, "run"),
+    }
+
+
+def refused(found: Outcome, *words: str) -> None:
+    """Require one line with these words."""
+    assert found.code == 2, found
+    assert len(found.line.splitlines()) == 1, found.line
+    assert all(word in found.line for word in words), found.line
+
+
+def at_rate(found: Outcome, rate_hz: float = HZ) -> None:
+    """Require both channels at a rate."""
+    assert found.code == 0, found.line
+    assert found.rates == pytest.approx({"force_m": rate_hz, "acceleration_m": rate_hz}, rel=1e-6)
+    np.testing.assert_array_equal(found.samples["force_m"], FORCE)
