@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
 import signal
@@ -15,7 +16,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from experiments.errors import INTERRUPTED, a_campaign, a_model, existing, tell
+from experiments.errors import INTERRUPTED, UNFIT, a_campaign, a_model, existing, tell
 from experiments.results import results_folder, writable
 from experiments.run.execution import execution
 from experiments.run.memory import return_freed_arrays
@@ -222,6 +223,7 @@ def identify(
         path = study.run(campaign, results_folder(campaign, out), seed, jobs, report, _command())
     _say(study.summary(path), quiet)
     _say(f"wrote {path} and figures beside it", quiet)
+    _end(path)
 
 
 @app.command(epilog="Example: boltlaw reproduce --cases 8 --out reproduction")
@@ -266,6 +268,7 @@ def discover(
         )
     _say(study.summary(path), quiet)
     _say(f"wrote {path}, the first law's model.json and figures beside it", quiet)
+    _end(path)
 
 
 @app.command(epilog="Example: boltlaw close rig-campaign")
@@ -284,6 +287,7 @@ def close(
         path = study.run(campaign, results_folder(campaign, out), seed, jobs, report, _command())
     _say(study.summary(path), quiet)
     _say(f"wrote {path}, the refined model.json and figures beside it", quiet)
+    _end(path)
 
 
 @app.command(epilog="Example: boltlaw predict rig-campaign-results/model.json rig-campaign")
@@ -303,7 +307,9 @@ def predict(
         path = study.run(
             model, campaign, results_folder(campaign, out), seed, jobs, report("simulating"), _command()
         )
+    _say(study.summary(path), quiet)
     _say(f"wrote {path}", quiet)
+    _end(path)
 
 
 @app.command(epilog="Example: boltlaw report rig-campaign-results")
@@ -323,7 +329,9 @@ def report(
 
 
 def main() -> None:
-    """Run the program; exit code 0: done, 2: bad input, 1: a fault of the program."""
+    """Run the program; exit code 0: done, 3: done, but no model describes the records, 2: bad input, 1: a
+    fault of the program.
+    """
     return_freed_arrays()
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # scratch folders are removed
     sys.exit(run(sys.argv[1:]))
@@ -361,6 +369,14 @@ def _progress(quiet: bool) -> Iterator[Callable[[str], Report | None]]:
 def _say(text: str, quiet: bool) -> None:
     if not quiet and text:
         print(text)
+
+
+def _end(path: Path) -> None:
+    """End with an exit code of its own, and one line, where a result file says that its model is no good."""
+    unfit = json.loads(path.read_text(encoding="utf-8")).get("unfit")
+    if unfit:
+        print(unfit, file=sys.stderr)
+        raise typer.Exit(UNFIT)
 
 
 def _command() -> str:

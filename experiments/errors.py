@@ -8,6 +8,7 @@ import traceback
 from pathlib import Path
 
 BAD_INPUT, PROGRAM_FAULT, INTERRUPTED = 2, 1, 130
+UNFIT = 3  # results are written, but no model describes the records
 SETTINGS = "campaign.toml"
 _PACKAGES = ("rom", "discovery", "experiments")
 

@@ -18,7 +18,7 @@ from discovery.options import Options, Stages, no_progress
 from rom.campaign.campaign import Campaign
 from rom.identification.force_balance import is_driven
 from rom.one_thread import one_threaded
-from rom.signals.measured_records import with_stored_records
+from rom.signals.measured_records import screened, with_something_left, with_stored_records
 
 
 @one_threaded
@@ -58,7 +58,7 @@ def close_loop(
         If nothing can be identified from the campaign.
     """
     options = Options(jobs, progress or no_progress, seed, criteria)
-    refits = refits_of(campaign, options)
+    refits = refits_of(with_something_left(screened(campaign, jobs)), options)
     refits, history = gauged(refits, LoopHistory((refits.start(),), criteria=criteria))
     start = law_first(refits, before_hits(refits, history))
     history = with_later_disturbances(refits, start)

@@ -23,7 +23,7 @@ from rom.campaign.campaign import Campaign
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.reduce import Progress, reduce_records, tension_courses
 from rom.one_thread import one_threaded
-from rom.signals.measured_records import with_stored_records
+from rom.signals.measured_records import screened, with_something_left, with_stored_records
 from rom.signals.quality import Doubt
 from rom.signals.tension_bins import TensionCourse
 
@@ -70,6 +70,7 @@ def discover(
         are left.
     """
     stage: Stages = progress or (lambda _: None)
+    campaign = with_something_left(screened(campaign, jobs))
     found = identify_campaign(campaign, jobs, stage("identifying"))
     unseen, doubts = _held_out(campaign, found, jobs, stage)
     rules = criteria.ranking

@@ -16,7 +16,7 @@ from discovery.views.closure_prose import place_words
 from experiments.figures.captions import caption, order
 from experiments.report.comparisons import comparison_tables, identification_of
 from experiments.report.results import Result, Results, read_results
-from experiments.text import closures, equations, rankings, verdicts
+from experiments.text import closures, equations, rankings, suspicions, verdicts
 from experiments.text.tables import Table, parameters_table, tables_of
 from experiments.text.wording import label, mappings, number
 
@@ -163,6 +163,7 @@ def _notes(found: Results) -> list[tuple[str, list[str]]]:
                 lines = data.get(key)
                 if isinstance(lines, list):
                     groups[title] = groups.get(title, []) + [str(line) for line in lines]
+        groups["Suspicions"] = groups.get("Suspicions", []) + suspicions.lines(result.data)
     return [(title, list(dict.fromkeys(lines))) for title, lines in groups.items() if lines]
 
 
@@ -170,7 +171,7 @@ def _details(results: Sequence[Result]) -> list[Table]:
     """Return everything else that the files hold, as tables."""
     tables: list[Table] = []
     for result in results:
-        known = {*_HEADER, *_NOTES, "errors"}
+        known = {*_HEADER, *_NOTES, "errors", "suspicions", "unfit"}
         if result.kind == "model":
             for key, value in identification_of(result.data).items():
                 if key not in {*_HEADER, *_NOTES, "errors", "records"}:

@@ -11,9 +11,22 @@ from typing import Any
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
 from experiments.studies.effect_curves import effect_curves
-from experiments.studies.identify import Progress, save_figures
+from experiments.studies.identify import Progress, save_figures, suspected_lines
+from experiments.studies.suspected import suspected, write_without_records
 from rom.campaign.campaign import read_campaign
-from rom.signals.measured_records import stored
+from rom.evaluation.error_measures import summarise
+from rom.signals.measured_records import NothingLeftError, screened, stored
+
+_NONE = summarise([])
+NO_CLOSURE: Mapping[str, Any] = {
+    "verdict": "unexplained",
+    "summary": {},
+    "effects": [],
+    "steps": [],
+    "errors": {kind: {"before": _NONE, "after": _NONE} for kind in ("training", "hold_out")},
+    "residual": {"before": {}, "after": {}},
+    "screened": [],
+}
 
 
 def run(
@@ -61,14 +74,23 @@ def run(
     campaign = read_campaign(campaign_path, jobs, report("checking records"))
     folder = results_folder(campaign_path, out)
     with results_into(folder) as new, stored(campaign) as campaign:
-        closure = discovery.close_loop(campaign, jobs, report, seed)
+        header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
+        campaign = screened(campaign, jobs)
+        try:
+            closure = discovery.close_loop(campaign, jobs, report, seed)
+        except NothingLeftError as nothing:
+            header |= {"elapsed_s": time.perf_counter() - started, "command": command}
+            header["campaign_digest"] = campaign.digest
+            write_without_records(new / "closure.json", "closure", nothing, NO_CLOSURE, header)
+            return folder / "closure.json"
         curves = effect_curves(closure.model, [found.effect for found in closure.effects], campaign)
         content = plain(closure_section(closure) | {"command": command, "campaign_digest": campaign.digest})
         for row, curve in zip(content["effects"], curves, strict=True):
             row["curve"] = plain(curve)
-        header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
+        told = suspected(campaign, content["errors"]["training"]["after"])
+        content |= told
         header["elapsed_s"] = round(time.perf_counter() - started, 3)
-        closure.model.save(new / "model.json", **header, identification=model_section(content))
+        closure.model.save(new / "model.json", **header, **told, identification=model_section(content))
         write_result(new / "closure.json", "closure", content, **header)
         save_figures(closure_figures(content), new)
     return folder / "closure.json"
@@ -94,4 +116,5 @@ def summary(path: Path) -> str:
     data = json.loads(path.read_text(encoding="utf-8"))
     found = answer("closure", data)
     lines = [data["campaign"], *([found.verdict] if found else []), *data["summary"].values()]
-    return "\n".join(lines + [f"  note: {text}" for text in data["warnings"] + data["set_aside"]])
+    lines += [f"  note: {text}" for text in data["warnings"] + data["set_aside"]]
+    return "\n".join(lines + suspected_lines(data))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,14 +13,22 @@ import numpy as np
 from discovery.laws.candidate import NO_LOOSENING
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
-from experiments.studies.identify import Progress, save_figures
+from experiments.studies.identify import Progress, save_figures, suspected_lines
+from experiments.studies.suspected import screening_of, suspected, write_without_records
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.campaign.channels import FloatArray
+from rom.signals.measured_records import NothingLeftError, screened, stored
+from rom.signals.suspicions import causes
 from rom.signals.tension_bins import TensionCourse
 
 if TYPE_CHECKING:
     from discovery.ranking.result import RankedLaw, Ranking
 
+NO_RANKING: Mapping[str, Any] = {
+    "laws": [],
+    "considered": 0,
+    "exponent_profile": {"values": [], "delta_bic": []},
+}
 _SHOWN = 8  # laws in the summary
 
 
@@ -71,12 +79,22 @@ def run(
     campaign = read_campaign(campaign_path, jobs, report("checking records"))
     enough(campaign, campaign_path)
     folder = results_folder(campaign_path, out)
-    with results_into(folder) as new:
-        ranking = discovery.discover(campaign, jobs, report, seed, tightening)
+    header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
+    with results_into(folder) as new, stored(campaign) as campaign:
+        campaign = screened(campaign, jobs)
+        try:
+            left_for_laws(campaign)
+            ranking = discovery.discover(campaign, jobs, report, seed, tightening)
+        except NothingLeftError as nothing:
+            header |= {"elapsed_s": time.perf_counter() - started, "command": command}
+            header["campaign_digest"] = campaign.digest
+            write_without_records(new / "ranking.json", "ranking", nothing, NO_RANKING, header)
+            return folder / "ranking.json"
         content = plain(ranking_content(ranking) | {"command": command, "campaign_digest": campaign.digest})
-        header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
+        told = suspected(campaign, content["laws"][0]["errors"]["training"])
+        content |= told
         header["elapsed_s"] = round(time.perf_counter() - started, 3)
-        ranking.model.save(new / "model.json", **header, identification=model_section(content))
+        ranking.model.save(new / "model.json", **header, **told, identification=model_section(content))
         write_result(new / "ranking.json", "ranking", content, **header)
         save_figures(discovery_figures(content), new)
     return folder / "ranking.json"
@@ -101,6 +119,23 @@ def enough(campaign: Campaign, path: Path) -> None:
         )
 
 
+def left_for_laws(campaign: Campaign) -> None:
+    """Refuse a campaign all of whose loosening records are set aside.
+
+    Raises
+    ------
+    NothingLeftError
+        With the causes.
+    """
+    screening = screening_of(campaign)
+    if "loosening" in screening.lost:
+        raise NothingLeftError(
+            f"{campaign.path}: found all loosening records set aside, expected some that are not: "
+            f"{'; '.join(causes(screening.suspicions))}",
+            screening,
+        )
+
+
 def summary(path: Path) -> str:
     """Return a few lines for people: which law, how sure, what it beats, and the leader board."""
     from discovery.criteria.criteria import CRITERIA
@@ -111,6 +146,8 @@ def summary(path: Path) -> str:
     data = json.loads(path.read_text(encoding="utf-8"))
     found = rankings.answer(data)
     lines = [data["campaign"], *([found.verdict, *found.sentences] if found else [])]
+    if not data["laws"]:
+        return "\n".join([*lines, *suspected_lines(data)])
     lines.append(f"\n{'rank':>4} {'error of loss [%]':>18} {'delta BIC':>10} {'first in [%]':>13}  law")
     laws = ranked(data)
     named = CRITERIA.ranking.named
@@ -121,7 +158,8 @@ def summary(path: Path) -> str:
         share = trimmed(number(100 * law["chosen"], 2))
         lines.append(f"{law['rank']:>4} {error:>18} {rise:>10} {share:>13}  {law_name(law['name'])}")
         lines.append(f"{'':>49} dT/dt = {rankings.equation_text(law['equation'])}")
-    return "\n".join(lines + [f"  note: {text}" for text in data["warnings"] + data["set_aside"]])
+    lines += [f"  note: {text}" for text in data["warnings"] + data["set_aside"]]
+    return "\n".join(lines + suspected_lines(data))
 
 
 def ranking_content(ranking: Ranking) -> dict[str, Any]:

@@ -13,18 +13,21 @@ import numpy as np
 
 from experiments.results import plain, results_folder
 from experiments.run.publication import results_into
+from experiments.studies.suspected import suspected, write_without_records
+from experiments.text import suspicions
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
 from rom.identification.gamma import GammaEstimate
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.joint import JointEstimate
-from rom.signals.measured_records import stored
+from rom.signals.measured_records import NothingLeftError, screened, stored
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Progress = Callable[[int, int], None]
+NO_MODEL: Mapping[str, Any] = {"bodies": [], "links": [], "effects": []}
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,17 +78,21 @@ def run(
     report = progress or (lambda _: None)
     campaign = read_campaign(campaign_path, jobs, report("checking records"))
     folder = results_folder(campaign_path, out)
+    header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
     with results_into(folder) as new, stored(campaign) as campaign:
-        outcome = examine(campaign, jobs, report)
-        drawn = draw(outcome)
-        outcome.identification.model.save(
-            new / "model.json",
-            campaign=campaign.settings.name,
-            seed=seed,
-            elapsed_s=round(time.perf_counter() - started, 3),
-            identification=plain(identification_section(outcome) | {"command": command}),
-        )
-        save_figures(drawn, new)
+        try:
+            outcome = examine(campaign, jobs, report)
+        except NothingLeftError as nothing:
+            header |= {"elapsed_s": time.perf_counter() - started, "command": command}
+            header["campaign_digest"] = campaign.digest
+            write_without_records(new / "model.json", "model", nothing, NO_MODEL, header)
+        else:
+            drawn = draw(outcome)
+            section = identification_section(outcome) | {"command": command}
+            header |= suspected(outcome.campaign, section["errors"]["training"])
+            header["elapsed_s"] = round(time.perf_counter() - started, 3)
+            outcome.identification.model.save(new / "model.json", **header, identification=plain(section))
+            save_figures(drawn, new)
     return folder / "model.json"
 
 
@@ -109,6 +116,7 @@ def examine(
         Identification and errors, with the law and without loosening.
     """
     report = progress or (lambda _: None)
+    campaign = screened(campaign, jobs)
     identification = identify_campaign(campaign, jobs, report("identifying"))
     model = identification.model
     judged = evaluate([model, without_loosening(model)], campaign, jobs=jobs, progress=report("simulating"))
@@ -261,6 +269,8 @@ def _fit_rows(found: Identification) -> dict[str, Any]:
 def summary(path: Path) -> str:
     """Return a few lines for people: what was identified, how well it does on records no fit has seen."""
     data = json.loads(path.read_text(encoding="utf-8"))
+    if "identification" not in data:  # no record was left
+        return "\n".join([data["campaign"], *suspected_lines(data)])
     section = data["identification"]
     lines = [
         f"{data['campaign']}: {section['records']} training records, {len(section['set_aside'])} set aside"
@@ -275,7 +285,13 @@ def summary(path: Path) -> str:
         errors, rival = section["errors"][name], section["errors"]["no_loosening"][name]
         if errors["records"]:
             lines.append(f"  {name.replace('_', '-')}: {_percent(errors, rival)}")
-    return "\n".join(lines + [f"  note: {text}" for text in section["warnings"] + section["set_aside"]])
+    lines += [f"  note: {text}" for text in section["warnings"] + section["set_aside"]]
+    return "\n".join(lines + suspected_lines(data))
+
+
+def suspected_lines(data: Mapping[str, Any]) -> list[str]:
+    """Return a line for people for each kind of suspicion."""
+    return [f"  suspicion: {text}" for text in suspicions.lines(data)]
 
 
 def _with_limits(name: str, item: dict[str, Any]) -> str:

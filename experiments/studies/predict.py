@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from experiments.results import results_folder, write_result
+from experiments.studies.identify import suspected_lines
+from experiments.studies.suspected import suspected
 from rom.campaign.campaign import read_campaign
 from rom.campaign.checks import file_digest
 from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import Evaluation, evaluate
 from rom.model_file import load_model
+from rom.signals.measured_records import screened, stored
 
 
 def run(
@@ -62,20 +66,29 @@ def run(
         raise ValueError(
             f"{campaign_path}: found the body {missing[0]}, expected those of the model: {known}"
         )
-    judged = evaluate([model], campaign, jobs=jobs, progress=progress)
+    with stored(campaign) as work:
+        looked_at = screened(work, jobs)
+        judged = evaluate([model], looked_at, jobs=jobs, progress=progress)
+    errors = summarise(j.comparisons[0] for j in judged if j.comparisons)
     content = {
         "model": str(model_path),
         "model_digest": file_digest(model_path),
         "command": command,
         "campaign_digest": campaign.digest,
-        "errors": summarise(j.comparisons[0] for j in judged if j.comparisons),
+        "errors": errors,
         "records": [_row(j) for j in judged if j.comparisons],
         "set_aside": [f"{d.file}: {d.message}" for j in judged for d in j.doubts],
     }
+    content |= suspected(looked_at, errors)
     return write_result(
         results_folder(campaign_path, out) / "prediction.json", "prediction", content,
         campaign=campaign.settings.name, seed=seed, elapsed_s=time.perf_counter() - started,
     )  # fmt: skip
+
+
+def summary(path: Path) -> str:
+    """Return a line for people for each kind of suspicion."""
+    return "\n".join(suspected_lines(json.loads(path.read_text(encoding="utf-8"))))
 
 
 def _row(judged: Evaluation) -> dict[str, Any]:

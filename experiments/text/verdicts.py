@@ -7,6 +7,7 @@ from typing import Any
 
 from experiments.text import closures, rankings
 from experiments.text.answers import Answer, Headline
+from experiments.text.suspicions import describes
 from experiments.text.wording import mapping, number
 
 Data = Mapping[str, Any]
@@ -15,7 +16,15 @@ Data = Mapping[str, Any]
 def answer(kind: str, data: Data) -> Answer | None:
     """Return what a result file of a kind ("model", "reproduction", ...) answers; None if unknown."""
     make = _ANSWERS.get(kind)
-    return make(data) if make else None
+    found = make(data) if make else None
+    unfit = data.get("unfit")
+    if not unfit:
+        return found
+    headline = f"{str(unfit)[0].upper()}{str(unfit)[1:]}."
+    question = found.question if found else "Do these records fit what is declared?"
+    return Answer(
+        question, headline, found.sentences if found else (), found.headlines if found else (), False
+    )
 
 
 def _of_model(data: Data) -> Answer | None:
@@ -40,7 +49,7 @@ def _of_model(data: Data) -> Answer | None:
     if own.get("final_tension_error_percent_median") is not None:
         sentences.append(_final_tension_sentence(own, rest))
     if own.get("motion_nrmse") is not None:
-        sentences.append(f"Displacements are met within {number(100 * own['motion_nrmse'], 3)} % (NRMSE).")
+        sentences.append(f"Displacements are {_met(own)} {number(100 * own['motion_nrmse'], 3)} % (NRMSE).")
     sentences += _reservations(found)
     verdict, good = _loss_verdict(own, rest)
     return Answer(
@@ -50,6 +59,10 @@ def _of_model(data: Data) -> Answer | None:
         tuple(_headlines(own, chosen)),
         good,
     )
+
+
+def _met(errors: Data) -> str:
+    return "met within" if describes(errors) else "missed by"
 
 
 def _loss_verdict(own: Data, without: Data) -> tuple[str, bool | None]:
@@ -134,7 +147,7 @@ def _of_prediction(data: Data) -> Answer | None:
         verdict = f"With nothing fitted, the model is off by {number(loss, 3)} % of a record's loss (median)."
     elif errors.get("motion_nrmse") is not None:
         motion = number(100 * errors["motion_nrmse"], 3)
-        verdict = f"With nothing fitted, displacements are met within {motion} % (NRMSE)."
+        verdict = f"With nothing fitted, displacements are {_met(errors)} {motion} % (NRMSE)."
     else:
         verdict = "The model was simulated; the records hold nothing to compare it with."
     unfinished = f"{_count(failed, 'simulation')} did not finish" if failed else "every simulation finished"

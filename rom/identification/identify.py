@@ -55,7 +55,7 @@ from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
 from rom.one_thread import one_threaded
 from rom.result_views import HasViews
-from rom.signals.measured_records import with_stored_records
+from rom.signals.measured_records import screened, with_something_left, with_stored_records
 from rom.signals.quality import Doubt
 from rom.signals.sensor_correction import faults_of
 from rom.signals.tension_bins import CourseNoise, TensionCourse, course_noise
@@ -204,6 +204,7 @@ def identify_campaign(
     ValueError
         As for `identify`.
     """
+    campaign = with_something_left(screened(campaign, jobs))
     if campaign.settings.is_at_rest:
         files = tuple(record.file for record in campaign.select(hold_out=False))
         model = model_at_rest(campaign)

@@ -14,7 +14,7 @@ from rom.campaign.channels import BOLT_CHANNELS
 from rom.signals.clipping import flat_top
 from rom.signals.hits import Hit, first_hit, second_hit, signs
 
-Kind: TypeAlias = Literal["clipped", "second-hit", "polarity"]
+Kind: TypeAlias = Literal["clipped", "second-hit", "polarity", "suspicion"]
 
 HIT_TESTS = ("uncoupled", "coupled", "loosening")
 

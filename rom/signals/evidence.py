@@ -1,0 +1,127 @@
+"""What one record tells of itself, kept small, so that all records of a campaign can be judged together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rom.campaign.campaign import CampaignSettings, Record
+from rom.campaign.channels import BOLT_CHANNELS
+from rom.signals.filters import find_impact
+from rom.signals.hits import first_hit
+from rom.signals.momentum import HitBalance, hit_balance
+from rom.signals.quality import HIT_TESTS, Doubt
+
+OF_DOUBTS = 0.95  # confidence of what one record tells by itself
+_KEPT = ("sampling rate",)  # of what is likely: the record is used
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """One thing that does not fit what is declared.
+
+    Attributes
+    ----------
+    record, channel : str
+        File and channel.
+    finding : str
+        What was found, a line for people.
+    factor : float or None
+        What the channel would have to be multiplied by.
+    likely : str
+        The likeliest cause, such as "acceleration in g"; empty where none is known.
+    confidence : float
+        From 0 to 1: the share of what does not fit that this cause explains.
+    """
+
+    record: str
+    channel: str
+    finding: str
+    factor: float | None
+    likely: str
+    confidence: float
+
+    @property
+    def sets_aside(self) -> bool:
+        """Whether the record cannot be right."""
+        return bool(self.likely) and self.likely not in _KEPT
+
+    @property
+    def cause(self) -> str:
+        """What is likely, where, and what would mend it."""
+        scaled = "" if self.factor is None else f", scale = {self.factor:.6g}"
+        return f"{self.likely} ({self.channel}{scaled})"
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What is kept of one record to judge all together.
+
+    Attributes
+    ----------
+    unhit : str
+        The force channel, where it shows no hit and there should be one.
+    gauge : tuple
+        The bolt's channel and its mean before the hit, in its own unit; None without one.
+    rates : mapping of str to float
+        Sampling rates [Hz] by channel.
+    """
+
+    file: str
+    test: str
+    preload_n: float | None
+    doubts: tuple[Doubt, ...]
+    pushed: bool
+    balance: HitBalance | None
+    unhit: str
+    gauge: tuple[str, float] | None
+    rates: Mapping[str, float]
+
+
+def evidence(record: Record, settings: CampaignSettings, doubts: tuple[Doubt, ...]) -> Evidence:
+    """Return what is kept of a record.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    settings : CampaignSettings
+        The campaign's.
+    doubts : tuple of Doubt
+        What the record tells by itself.
+    """
+    is_hit = record.test in HIT_TESTS
+    hit = first_hit(record) if is_hit else None
+    forces = [channel for body in settings.body_names if (channel := record.force(body)) is not None]
+    still = [channel for channel in forces if not np.ptp(channel.samples)]
+    missed = is_hit and forces and hit is None and (len(still) == len(forces) or _moves(record))
+    spoilt = any(doubt.kind != "polarity" for doubt in doubts)
+    return Evidence(
+        file=record.file,
+        test=record.test,
+        preload_n=record.preload_n,
+        doubts=doubts,
+        pushed=hit is None or float(hit.pulse.sum()) > 0,
+        balance=hit_balance(record, settings, hit) if hit is not None and not spoilt else None,
+        unhit=forces[0].name if missed else "",
+        gauge=_gauge(record, settings, None if hit is None else hit.start / hit.force.rate_hz),
+        rates={name: channel.rate_hz for name, channel in record.channels.items()},
+    )
+
+
+def _moves(record: Record) -> bool:
+    channels = [record.motion(body)[1] for body in record.bodies]
+    return any(find_impact(channel.samples, channel.rate_hz) is not None for channel in channels)
+
+
+def _gauge(record: Record, settings: CampaignSettings, hit_s: float | None) -> tuple[str, float] | None:
+    name = next((name for name in BOLT_CHANNELS if name in record.channels), None)
+    if name is None:
+        return None
+    channel = record.channels[name]
+    start, end = settings.windows.initial_s
+    end = end if hit_s is None else min(end, 0.98 * hit_s)
+    span = channel.samples[round(start * channel.rate_hz) : round(end * channel.rate_hz)]
+    return (name, float(span.mean())) if span.size else None

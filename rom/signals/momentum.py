@@ -1,0 +1,177 @@
+"""The balance of momentum of one hit, kept small: what tells a unit, an exchange, a sign or a delay.
+
+``F = sum m_i a_i + c_i v_i + k_i x_i`` over all bodies, whatever happens between them; c_i and k_i, none
+below zero, tie bodies to the ground. Only products of its columns are kept, from which the misfit of any
+masses, of channels exchanged or rescaled, follows without the record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import integrate, optimize
+
+from rom.campaign.campaign import CampaignSettings, Record
+from rom.campaign.channels import MOTIONS, FloatArray
+from rom.campaign.settings import GROUND
+from rom.signals.hits import Hit
+
+WINDOW_S, GUARD_S = 0.02, 0.003  # after the contact: the joint passes momentum on; before it
+UNBALANCED = 0.02  # of the force's square: with less there is no delay to look for
+LATEST_S = 3e-3  # beyond it motion belongs to another event
+TREND = 3  # order of the polynomial that offsets and slow motion leave in displacements
+
+
+@dataclass(frozen=True, eq=False)
+class HitBalance:
+    """What one hit did to the bodies that move: `root` holds the products of force and motions.
+
+    Attributes
+    ----------
+    channels : tuple of str
+        Motion of each body that moves, in the order of `bodies`.
+    root : ndarray, shape (1 + 3 n, 1 + 3 n)
+        Triangular root of the products of force, accelerations, velocities, displacements, trends taken out.
+    late_s, late_misfit : float
+        Delay of all motions behind the force that balances best [s], and the misfit that it leaves as a share
+        of that without.
+    peak_n : float
+        Largest force of the contact [N].
+    """
+
+    bodies: tuple[str, ...]
+    grounded: tuple[bool, ...]
+    channels: tuple[str, ...]
+    force: str
+    peak_n: float
+    root: FloatArray
+    late_s: float
+    late_misfit: float
+
+    def misfit(self, masses: Sequence[float] | FloatArray, channels: Sequence[int] | None = None) -> float:
+        """Return what is left of the force, as a share of its square.
+
+        Parameters
+        ----------
+        masses : array_like, shape (n,)
+            Of each body [kg], negative for a channel of the wrong sign.
+        channels : sequence of int, shape (n,)
+            Place of the channel that shows each body; None for its own.
+        """
+        order = np.arange(len(self.bodies)) if channels is None else np.asarray(channels)
+        return _misfit(self.root, np.asarray(masses, float), order, self.grounded)
+
+    @cached_property
+    def masses(self) -> FloatArray:
+        """Masses that balance best [kg], none below zero."""
+        return _free(self.root, self.grounded)[0]
+
+
+def hit_balance(record: Record, settings: CampaignSettings, hit: Hit) -> HitBalance | None:
+    """Return the balance of a record's hit; None where force and motions are not sampled together.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    settings : CampaignSettings
+        For the links to the ground.
+    hit : Hit
+        Its hit.
+    """
+    motions = [record.motion(body) for body in record.bodies]
+    rate = hit.force.rate_hz
+    if not motions or any(channel.rate_hz != rate for _, channel in motions):
+        return None
+    first = max(hit.start - round(GUARD_S * rate), 0)
+    last = min(hit.stop + round(WINDOW_S * rate), *(len(channel.samples) for _, channel in motions))
+    grounded = tuple(
+        any(GROUND in link.between and body in link.between for link in settings.link)
+        for body in record.bodies
+    )
+    order = max(MOTIONS.index(kind) for kind, _ in motions)
+    orders = [order - MOTIONS.index(kind) for kind, _ in motions]
+    rows = [channel.samples for _, channel in motions]
+    force = hit.force.samples[first:last]
+    reach = round(LATEST_S * rate)
+    lags = [lag for lag in range(-reach, reach + 1) if first + lag >= 0 and last + lag <= min(map(len, rows))]
+    roots = {0: _root(force, [row[first:last] for row in rows], order, orders, rate)}
+    left = {0: _free(roots[0], grounded)[1]}
+    for lag in lags if left[0] > UNBALANCED else ():
+        roots[lag] = _root(force, [row[first + lag : last + lag] for row in rows], order, orders, rate)
+        left[lag] = _free(roots[lag], grounded)[1]
+    best = min(left, key=lambda lag: left[lag])
+    return HitBalance(
+        bodies=record.bodies,
+        grounded=grounded,
+        channels=tuple(channel.name for _, channel in motions),
+        force=hit.force.name,
+        peak_n=float(np.abs(hit.pulse).max()),
+        root=roots[best],
+        late_s=_between(left, best) / rate,
+        late_misfit=left[best] / max(left[0], 1e-300),
+    )
+
+
+def _between(left: Mapping[int, float], best: int) -> float:
+    """Return where a parabola through the misfits around the best whole lag has its lowest point."""
+    if not {best - 1, best + 1} <= left.keys():
+        return float(best)
+    before, at, after = (left[best + step] for step in (-1, 0, 1))
+    return best + 0.5 * (before - after) / max(before - 2 * at + after, 1e-300)
+
+
+def _root(
+    force: FloatArray, rows: Sequence[FloatArray], order: int, orders: Sequence[int], rate_hz: float
+) -> FloatArray:
+    accelerations = [
+        _integrated(row - row[0], times, rate_hz) for row, times in zip(rows, orders, strict=True)
+    ]
+    velocities = [_integrated(row, 1, rate_hz) for row in accelerations]
+    displacements = [_integrated(row, 1, rate_hz) for row in velocities]
+    columns = np.stack(
+        [_integrated(force, order, rate_hz), *accelerations, *velocities, *displacements], axis=1
+    )
+    trend = np.polynomial.polynomial.polyvander(np.linspace(-1, 1, len(columns)), TREND + order)
+    basis = np.linalg.qr(trend)[0]
+    return np.asarray(np.linalg.qr(columns - basis @ (basis.T @ columns), mode="r"))
+
+
+def _integrated(samples: FloatArray, times: int, rate_hz: float) -> FloatArray:
+    for _ in range(times):
+        samples = integrate.cumulative_trapezoid(samples, dx=1 / rate_hz, initial=0)
+    return samples
+
+
+def _ties(root: FloatArray, grounded: Sequence[bool], signs: FloatArray) -> FloatArray:
+    """Return columns of velocity and displacement of what is tied to the ground."""
+    count = len(grounded)
+    tied = [place for place, is_tied in enumerate(grounded) if is_tied]
+    return np.hstack([root[:, [1 + part * count + i for i in tied]] * signs[tied] for part in (1, 2)])
+
+
+def _misfit(root: FloatArray, masses: FloatArray, order: np.ndarray, grounded: Sequence[bool]) -> float:
+    count = len(masses)
+    places = np.concatenate([[0], *(1 + part * count + order for part in range(3))])
+    columns = root[:, places]
+    rest = columns[:, 0] - columns[:, 1 : 1 + count] @ masses
+    ties = _ties(columns, grounded, np.sign(masses))
+    left = float(np.linalg.norm(rest)) if ties.shape[1] == 0 else _least(ties, rest)[1]
+    return left**2 / max(float(columns[:, 0] @ columns[:, 0]), 1e-300)
+
+
+def _free(root: FloatArray, grounded: Sequence[bool]) -> tuple[FloatArray, float]:
+    """Return masses none of which is below zero, and what they leave of the force's square."""
+    count = len(grounded)
+    ties = _ties(root, grounded, np.ones(count))
+    found, left = _least(np.hstack([root[:, 1 : 1 + count], ties]), root[:, 0])
+    return found[:count], left**2 / max(float(root[:, 0] @ root[:, 0]), 1e-300)
+
+
+def _least(columns: FloatArray, rest: FloatArray) -> tuple[FloatArray, float]:
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    found, left = optimize.nnls(columns / scale, rest)
+    return np.asarray(found / scale), float(left)

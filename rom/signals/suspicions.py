@@ -1,0 +1,146 @@
+"""Suspicions: what the records of a campaign say against what it declares, its units, signs and channels.
+
+Most slips are told by a ratio that all records share, or by the few records that differ from the others: so
+all records of a campaign are looked at together. `evidence` keeps of each what that needs.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rom.campaign.campaign import CampaignSettings
+from rom.campaign.channels import default_rate
+from rom.signals.evidence import OF_DOUBTS, Evidence, Suspicion, evidence
+from rom.signals.quality import Doubt
+from rom.signals.slips import FEWEST, delay_of, late, slips
+
+__all__ = ["Evidence", "Suspicion", "causes", "doubts_of", "evidence", "suspicions"]
+
+PRELOAD_FACTOR = 2.0  # gauges are off by a factor of 0.6 to 1.7
+PRELOAD_LIKE = 1.5  # so near is a preload once the unit is right
+PRELOAD_SHARE = 0.05  # of the largest: a smaller one may be a wrong zero
+RATE_SLIP = 1e-4, 0.02  # of a rate: what is less is one rate, what is more is another that was meant
+
+_GAUGE_UNITS = {1e3: "kN", 1e-3: "mN", 1e6: "MN"}
+
+
+def suspicions(records: Sequence[Evidence], settings: CampaignSettings) -> tuple[Suspicion, ...]:
+    """Name what does not fit what a campaign declares; nothing for a sound one.
+
+    Parameters
+    ----------
+    records : sequence of Evidence
+        Of all records of the campaign.
+    settings : CampaignSettings
+        The campaign's.
+    """
+    found = (
+        *_of_doubts(records),
+        *_without_force(records),
+        *late(records),
+        *slips(records, settings),
+        *_preloads(records, settings),
+        *_rates(records, settings),
+    )
+    places = {record.file: place for place, record in enumerate(records)}
+    return tuple(sorted(found, key=lambda one: places[one.record]))
+
+
+def doubts_of(found: Sequence[Suspicion], records: Sequence[Evidence]) -> dict[str, tuple[Doubt, ...]]:
+    """Return by file why records are set aside beyond what they tell by themselves, a line for each cause.
+
+    A delay of half a contact passes for a wrong sign in a single record.
+    """
+    trusted = {record.file for record in records if not record.doubts or delay_of(record.balance)}
+    lines: dict[tuple[str, str], Doubt] = {}
+    for one in found:
+        if one.sets_aside and one.record in trusted:
+            message = f"{one.finding}: {one.cause}"
+            lines.setdefault((one.record, one.likely), Doubt(one.record, one.channel, "suspicion", message))
+    files = dict.fromkeys(file for file, _ in lines)
+    return {file: tuple(d for (of, _), d in lines.items() if of == file) for file in files}
+
+
+def causes(found: Sequence[Suspicion]) -> list[str]:
+    """Return the likely causes with where they are and in how many records, the most frequent first."""
+    counts = Counter((one.likely, one.channel) for one in found if one.likely)
+    lines = []
+    for (likely, channel), count in counts.most_common():
+        same = [one for one in found if (one.likely, one.channel) == (likely, channel)]
+        factors = [one.factor for one in same if one.factor is not None]
+        middle = None if not factors else float(np.median(factors))
+        shown = replace(same[0], factor=middle).cause
+        lines.append(f"{shown} in {count} record{'' if count == 1 else 's'}")
+    return lines
+
+
+def _of_doubts(records: Sequence[Evidence]) -> Iterator[Suspicion]:
+    """Doubts of single records; where one body moves, the hammer's push tells whose sign is wrong."""
+    records = [record for record in records if not delay_of(record.balance)]
+    against = {d.channel for r in records for d in r.doubts if d.channel.startswith("force_")}
+    for record in records:
+        for doubt in record.doubts:
+            turned = doubt.kind == "polarity"
+            force = doubt.channel.startswith("force_")
+            struck = next((name for name in record.rates if name.startswith("force_")), "")
+            channel = doubt.channel
+            if turned and not force and (struck in against or not record.pushed) and len(record.doubts) == 1:
+                channel, force = struck, True
+            sign = "force sign" if force else f"{channel.partition('_')[0]} sign"
+            likely = {"clipped": "overload", "second-hit": "second hit", "polarity": sign}[doubt.kind]
+            yield Suspicion(record.file, channel, doubt.message, -1.0 if turned else None, likely, OF_DOUBTS)
+
+
+def _without_force(records: Sequence[Evidence]) -> Iterator[Suspicion]:
+    for record in records:
+        if record.unhit:
+            finding = f"{record.unhit} shows no hit"
+            yield Suspicion(record.file, record.unhit, finding, None, "force not recorded", OF_DOUBTS)
+
+
+def _preloads(records: Sequence[Evidence], settings: CampaignSettings) -> Iterator[Suspicion]:
+    """Mean of the gauge before the hit against the nominal preload, where a bolt is in."""
+    told = [(r, *r.gauge, r.preload_n) for r in records if r.gauge and r.preload_n and r.test != "uncoupled"]
+    least = PRELOAD_SHARE * max((preload for *_, preload in told), default=0.0)
+    logs = {
+        r.file: np.log(max(_tension(channel, mean, settings), 1e-12) / preload)
+        for r, channel, mean, preload in told
+    }
+    middle = float(np.median([logs[r.file] for r, *_, preload in told if preload >= least] or [0.0]))
+    for record, channel, mean, preload in told:
+        log = float(logs[record.file])
+        if abs(log) < np.log(PRELOAD_FACTOR):
+            continue
+        unit = next((f for f in _GAUGE_UNITS if _like(preload, _tension(channel, f * mean, settings))), None)
+        if unit is not None:
+            likely = f"tension in {_GAUGE_UNITS[unit]}" if channel == "tension" else "strain in another unit"
+            finding = (
+                f"{channel} before the hit fits the preload of {preload:.4g} N if multiplied by {unit:g}"
+            )
+            yield Suspicion(record.file, channel, finding, unit, likely, OF_DOUBTS)
+        elif len(told) >= FEWEST and preload >= least and abs(log - middle) > np.log(PRELOAD_FACTOR):
+            finding = f"{channel} before the hit is {np.exp(log):.3g} times the preload of {preload:.4g} N"
+            yield Suspicion(record.file, channel, finding, float(np.exp(-log)), "", 0.5)
+
+
+def _tension(channel: str, mean: float, settings: CampaignSettings) -> float:
+    terms = settings.bolt.calibration if settings.bolt is not None and channel == "strain" else (1.0,)
+    return sum(c * mean ** (power + 1) for power, c in enumerate(terms or (1.0,)))
+
+
+def _like(preload: float, tension: float) -> bool:
+    return tension > 0 and abs(np.log(tension / preload)) < np.log(PRELOAD_LIKE)
+
+
+def _rates(records: Sequence[Evidence], settings: CampaignSettings) -> Iterator[Suspicion]:
+    sampling = settings.sampling
+    for record in records:
+        for channel, rate in record.rates.items():
+            declared = default_rate(channel, sampling.motion_rate_hz, sampling.tension_rate_hz)
+            if RATE_SLIP[0] < abs(rate / declared - 1) < RATE_SLIP[1]:
+                finding = f"{channel} is sampled at {rate:.7g} Hz, {declared:.7g} Hz is declared"
+                yield Suspicion(record.file, channel, finding, rate / declared, "sampling rate", OF_DOUBTS)

@@ -1,0 +1,160 @@
+"""Campaigns whose records do not fit what they declare: named in every result file, never passed over."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiments.text.suspicions import describes, lines, misfit
+from experiments.text.verdicts import answer
+from rom.campaign.campaign import read_campaign, write_campaign
+from rom.campaign.record import Channel
+from rom.parameters.he_2025 import paper_model
+from tests.conftest import Boltlaw
+
+FILES = {"identify": "model", "discover": "ranking", "close": "closure"}
+KEYS = ["record", "channel", "finding", "factor", "likely", "confidence"]
+Change = Callable[[str, np.ndarray], np.ndarray]
+
+
+def spoilt(source: Path, folder: Path, change: Change, only: Collection[int] | None = None) -> Path:
+    """Write a campaign anew with the samples of some records changed, by channel."""
+    campaign = read_campaign(source)
+
+    def channels(place: int) -> dict[str, Channel]:
+        found = campaign.load(campaign.settings.record[place]).channels
+        if only is not None and place not in only:
+            return dict(found)
+        return {name: Channel(name, change(name, c.samples), c.rate_hz) for name, c in found.items()}
+
+    records = ((record.file, channels(place)) for place, record in enumerate(campaign.settings.record))
+    write_campaign(folder, campaign.settings, records)
+    return folder
+
+
+def times(prefix: str, factor: float) -> Change:
+    return lambda name, samples: samples * factor if name.startswith(prefix) else samples
+
+
+def content(folder: Path, kind: str) -> Any:
+    return json.loads((folder / f"{kind}.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("command", FILES)
+@pytest.mark.parametrize(
+    ("prefix", "factor", "likely", "mended"),
+    [("acceleration", 1 / 9.80665, "acceleration in g", 9.80665), ("force", -1.0, "force sign", -1.0)],
+)
+def test_where_no_record_is_left_the_reasons_are_written_and_the_code_is_3(
+    command: str, prefix: str, factor: float, likely: str, mended: float,
+    rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw,
+) -> None:  # fmt: skip
+    folder = spoilt(rig_campaign, tmp_path / "spoilt", times(prefix, factor))
+    ran = boltlaw(command, folder, "--out", tmp_path / "out", "--jobs", 1)
+    assert ran.code == 3
+    (line,) = ran.err.splitlines()
+    assert likely in line
+    assert f"scale = {mended:.2g}" in line
+    data = content(tmp_path / "out", FILES[command])
+    count = len(read_campaign(folder).settings.record)
+    assert len({row["record"] for row in data["suspicions"]}) == count
+    assert all(list(row) == KEYS for row in data["suspicions"])
+    assert {row["likely"] for row in data["suspicions"]} == {likely}
+    assert np.median([row["factor"] for row in data["suspicions"]]) == pytest.approx(mended, rel=0.01)
+    assert len(data["set_aside"]) >= count
+    assert f"suspicion: {likely}" in ran.out
+    assert boltlaw("report", tmp_path / "out").code == 0
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert 'class="answer bad"' in page
+    assert likely in page
+
+
+def test_the_few_records_in_g_are_set_aside_and_the_others_are_judged(
+    rig_campaign: Path, results: Path, tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    folder = spoilt(rig_campaign, tmp_path / "spoilt", times("acceleration", 1 / 9.80665), only=(2, 7, 9))
+    ran = boltlaw("predict", results / "model.json", folder, "--out", tmp_path / "out", "--jobs", 1)
+    assert ran.code == 0
+    data = content(tmp_path / "out", "prediction")
+    files = {read_campaign(folder).settings.record[place].file for place in (2, 7, 9)}
+    assert {row["record"] for row in data["suspicions"]} == files
+    assert {line.partition(":")[0] for line in data["set_aside"]} == files
+    assert data["errors"]["motion_nrmse"] < 0.1
+    assert "suspicion: acceleration in g" in ran.out
+
+
+def test_exchanged_accelerometers_leave_no_test_of_the_joint(
+    rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    campaign = read_campaign(rig_campaign)
+    pair = {"acceleration_lo": "acceleration_so", "acceleration_so": "acceleration_lo"}
+
+    def channels(place: int) -> dict[str, Channel]:
+        found = campaign.load(campaign.settings.record[place]).channels
+        named = {n: found.get(pair.get(n, n), c) for n, c in found.items()}
+        return {name: Channel(name, c.samples, c.rate_hz) for name, c in named.items()}
+
+    folder = tmp_path / "spoilt"
+    records = ((record.file, channels(place)) for place, record in enumerate(campaign.settings.record))
+    write_campaign(folder, campaign.settings, records)
+    ran = boltlaw("identify", folder, "--out", tmp_path / "out", "--jobs", 1)
+    assert ran.code == 3
+    assert "coupled, loosening" in ran.err
+    assert "channels exchanged" in ran.err
+    data = content(tmp_path / "out", "model")
+    moving = {r.file for r in campaign.settings.record if r.test != "uncoupled"}
+    assert {row["record"] for row in data["suspicions"]} == moving
+    assert boltlaw("discover", folder, "--out", tmp_path / "laws", "--jobs", 1).code == 3
+    assert content(tmp_path / "laws", "ranking")["laws"] == []
+
+
+def test_a_prediction_that_is_far_off_ends_with_3_and_says_so_in_red(
+    rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    model = paper_model()
+    model.save(tmp_path / "model.json")
+    text = (tmp_path / "model.json").read_text(encoding="utf-8").replace("8963.6", "4000.0", 1)
+    (tmp_path / "model.json").write_text(text, encoding="utf-8")
+    ran = boltlaw("predict", tmp_path / "model.json", rig_campaign, "--out", tmp_path / "out", "--jobs", 1)
+    data = content(tmp_path / "out", "prediction")
+    assert data["suspicions"] == []
+    if data["errors"]["motion_nrmse"] < 0.5:
+        pytest.fail(f"expected a bad model, found {data['errors']['motion_nrmse']}")
+    assert ran.code == 3
+    assert "displacements are off by" in ran.err
+    told = answer("prediction", data)
+    assert told is not None
+    assert told.good is False
+    assert "met within" not in f"{told.verdict} {told.sentences}"
+
+
+def test_a_sound_prediction_ends_with_0(
+    rig_campaign: Path, results: Path, tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    ran = boltlaw("predict", results / "model.json", rig_campaign, "--out", tmp_path / "out", "--jobs", 1)
+    assert ran.code == 0
+    assert content(tmp_path / "out", "prediction")["suspicions"] == []
+    assert content(results, "model")["suspicions"] == []
+
+
+def test_the_line_says_what_is_off_and_the_likeliest_cause() -> None:
+    assert misfit({"motion_nrmse": 0.49, "failed": 0, "records": 3}, (), ["force in kN"]) is None
+    text = misfit({"motion_nrmse": 2.06, "failed": 0, "records": 3}, (), ["force in kN"])
+    assert text is not None
+    assert "displacements are off by 206 %" in text
+    assert text.endswith("likeliest cause: force in kN")
+    assert "2 of 3 simulations" in (misfit({"failed": 2, "records": 3}, (), ()) or "")
+    assert not describes({"motion_nrmse": 2.06})
+
+
+def test_records_of_one_suspicion_share_a_line() -> None:
+    rows = [
+        {"record": f"r{i}.h5", "channel": "force_a", "finding": "f", "factor": 1e3, "likely": "force in kN"}
+        for i in range(5)
+    ]
+    assert lines({"suspicions": rows}) == ["force in kN, force_a in r0.h5, r1.h5, r2.h5 and 2 more: f"]
