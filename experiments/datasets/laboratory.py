@@ -34,6 +34,7 @@ FORMATS: dict[str, tuple[str, tuple[str, ...], Read]] = {
 }
 _SAME = 1e-3  # relative: a rate that is that of [sampling]
 _ONE_RATE = 0.004  # decades: rates that are one but for the unit of time, within 1 %
+_FAR = 2.5  # decades: no rate is so far from [sampling] without a word in the map
 MOST_CUT = 0.01  # of a record: the tail in which the slower amplifier has stopped already
 
 
@@ -252,7 +253,8 @@ def _rate_and_start(
         raise SourceError(f"{file}: {signal.name}: found {clock.rate_hz:g} Hz from {clock.told_by}, {remedy}")
     nearest = min((clock.rate_hz, *clock.readings), key=lambda rate: abs(math.log(rate / usual_hz)))
     decades = math.log10(clock.rate_hz / usual_hz)
-    if nearest != clock.rate_hz or (round(decades) and abs(decades - round(decades)) < _ONE_RATE):
+    tenfold = round(decades) != 0 and abs(decades - round(decades)) < _ONE_RATE
+    if nearest != clock.rate_hz or tenfold or abs(decades) > _FAR:
         unit = f", {nearest:g} Hz in another unit" if nearest != clock.rate_hz else ""
         found = f"found {clock.rate_hz:g} Hz from {clock.told_by}{unit}"
         raise SourceError(f"{file}: {signal.name}: {found}, {remedy}")

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from experiments.datasets.apart import apart
-from experiments.datasets.collected import optional
+from experiments.datasets.collected import SourceError, optional
 from experiments.datasets.signals import Signal
 from experiments.datasets.times import stated_rate, unstated
 
@@ -63,8 +63,9 @@ def read(path: Path) -> list[Signal]:
     for text in said:
         if not objects or not _OF_OBJECTS.search(text):
             warnings.warn(text, stacklevel=2)
-    rates = {name[8:]: rate for name, value in content.items() if (rate := _rate(name, value))}
-    common = _told({name: value for name, value in content.items() if not name.startswith("__")})
+    rates = {name[8:]: _rate(path, name, value) for name, value in content.items() if name[:8] == "rate_hz_"}
+    fields = {name: value for name, value in content.items() if not name.startswith("__")}
+    common = _told(fields) or _told_apart(fields)
     header_rate = _common_rate(content.get("File_Header"))
     signals = [Signal(name, np.empty(0), fault=f"{what}, {_REMEDY}") for name, what in objects.items()]
     for name, value in content.items():
@@ -78,7 +79,7 @@ def read(path: Path) -> list[Signal]:
             ]
         elif not name.startswith(("__", "rate_hz_", "#")) and name not in objects and name != "None":
             signals += _vectors(name, value, common)
-    return [replace(s, rate_hz=rates[s.name], readings=()) if s.name in rates else s for s in signals]
+    return [replace(s, **rates[s.name]) if s.name in rates else s for s in signals]
 
 
 def _content(path: Path) -> tuple[dict[str, Any], list[str]]:
@@ -149,6 +150,13 @@ def _told(fields: Mapping[str, Any]) -> _Told | None:
     return None
 
 
+def _told_apart(fields: Mapping[str, Any]) -> _Told | None:
+    """Return the one rate that structures without vectors tell, such as `info.fs`."""
+    inner = [value for value in fields.values() if isinstance(value, Mapping)]
+    found = {told for value in inner if (told := _told(value) or _told_apart(value)) and not told.lengths}
+    return found.pop() if len(found) == 1 else None
+
+
 def _vectors(name: str, value: Any, told: _Told | None) -> Iterator[Signal]:
     """Yield the vectors in a variable, in the fields of a structure and in cells, with MATLAB's names."""
     if isinstance(value, Mapping):
@@ -196,8 +204,13 @@ def _common_rate(header: Any) -> dict[str, Any]:
     return {"readings": tuple(rate for one in several if one for rate in (one[0], *one[1]))}
 
 
-def _rate(name: str, value: Any) -> float | None:
-    return _number(value) if name.startswith("rate_hz_") else None
+def _rate(path: Path, name: str, value: Any) -> dict[str, Any]:
+    """Return what a variable `rate_hz_<variable>` tells, a number or a text."""
+    number = _number(value)
+    found = (number, ()) if number is not None else stated_rate(value) if isinstance(value, str) else None
+    if found is None:
+        raise SourceError(f"{path.name}: {name}: found {value!r:.60}, expected one rate in Hz")
+    return {"rate_hz": found[0], "readings": found[1]}
 
 
 def _number(value: Any) -> float | None:

@@ -22,11 +22,18 @@ import numpy.typing as npt
 from experiments.datasets.collected import SourceError
 from experiments.datasets.signals import Signal
 from experiments.datasets.times import factor_of, is_time, stated_rate
+from experiments.datasets.units import symbols
 from rom.model.units import parse_unit
 
 ENDINGS = (".csv", ".txt", ".tsv", ".asc", ".dat", ".prn", ".lvm")
 _HEAD = 400  # lines in which a header ends
-_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
+_MARKS = (
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
 _COMMENT = re.compile(r"^\s*(#+|%+|//+|!|\*)\s?")
 _NUMBER = {
     ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?$"),
@@ -317,7 +324,7 @@ def _known_unit(text: str) -> bool:
     if factor_of(text) is not None:
         return True
     try:
-        return not text.isdigit() and bool(parse_unit(text))
+        return not text.isdigit() and bool(parse_unit(symbols(text)))
     except ValueError:
         return text in ("V", "mV", "mV/V", "°C", "degC", "µm/m", "um/m", "mm/m", "µε", "%", "Pa", "MPa", "dB")
 

@@ -31,14 +31,15 @@ UNITS: dict[str, float] = {
 }
 SHOWN = "s, ms, us, ns, min, h, d"
 ABSOLUTE_S = 1e8  # seconds that lie three years after zero count from an epoch, not from a trigger
-_FACTORS = sorted(set(UNITS.values()) - {1.0})
+_FACTORS = sorted(set(UNITS.values()))
 _NONE = ("", "-", "1", "none", "n/a", "no unit")
 _STRONG = frozenset((
     "time", "timestamp", "timestamps", "datetime", "timebase", "elapsed", "epoch", "abscissa",
     "abszisse", "abscisse", "zeit", "zeitstempel", "zeitachse", "messzeit", "uhrzeit", "laufzeit",
     "temps", "horodatage", "tiempo", "tempo", "tijd", "tijdstip", "tid", "tidsstempel", "tidspunkt",
     "czas", "aika", "čas", "vrijeme", "idő", "laikas", "aeg", "zaman", "timp", "время", "χρόνος", "时间",
-    "時間", "時刻", "시간",
+    "時間", "時刻", "시간", "zeitpunkt", "zeitvektor", "timeaxis", "timevector", "sampletime", "tidpunkt",
+    "instant", "heure", "hora", "uhr", "vreme",
 ))  # fmt: skip
 _X = frozenset(("value", "values", "wert", "werte", "axis", "achse", "data", "valeur", "valor", "waarde"))
 _CAMEL = re.compile(r"(?<=[a-zß-ÿ])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
@@ -174,7 +175,8 @@ def clock_of(file: str, time: Vector, unit: str | None = None, scale: float | No
     Returns
     -------
     Clock
-        Rate and start; where no unit is told, s is taken and the rates in other units are its `readings`.
+        Rate and start; where no unit is told, s is taken and the rates in other units are its `readings`. So
+        they are where the name is a unit, such as "Stunde", and may be a mere name.
 
     Raises
     ------
@@ -188,7 +190,7 @@ def clock_of(file: str, time: Vector, unit: str | None = None, scale: float | No
     except SourceError as fault:
         raise SourceError(f"{fault}; give rate_hz in [channels]") from None
     start_s = _start(time, factor)
-    readings = () if known else unstated(rate_hz)
+    readings = () if known else unstated(rate_hz, factor)
     return Clock(rate_hz, start_s, f'the time "{time.name}"', readings)
 
 
@@ -199,9 +201,9 @@ def _start(time: Vector, factor: float) -> float:
     return factor * float(first.astype(np.float64)[0])
 
 
-def unstated(rate_hz: float) -> tuple[float, ...]:
-    """Return the rates [Hz] that steps without a unit may mean beside s."""
-    return tuple(rate_hz / factor for factor in _FACTORS)
+def unstated(rate_hz: float, factor: float = 1.0) -> tuple[float, ...]:
+    """Return the rates [Hz] that steps may mean in other units than that of `factor` to s."""
+    return tuple(rate_hz * factor / other for other in _FACTORS if other != factor)
 
 
 def _factor(where: str, time: Vector, unit: str | None, scale: float | None) -> tuple[float, bool]:
@@ -211,8 +213,6 @@ def _factor(where: str, time: Vector, unit: str | None, scale: float | None) -> 
     if time.samples.dtype.kind in "Mm":
         return 1.0, True
     base, of_label = label(time.name)
-    if factor_of(of_label) is None and factor_of(base) is not None:
-        of_label = base  # "Seconds"
     told = [text for text in ([unit] if unit else [time.unit, of_label]) if text.strip().lower() not in _NONE]
     factors = {factor_of(text) for text in told if text is not of_label or factor_of(text)}
     remedy = f'give "{time.name}" = {{channel = "time", unit = "ms"}} or rate_hz in [channels]'
@@ -220,7 +220,7 @@ def _factor(where: str, time: Vector, unit: str | None, scale: float | None) -> 
         raise SourceError(f'{where}: found the unit "{told[0]}" of a time, expected one of {SHOWN}; {remedy}')
     if len(factors) > 1:
         raise SourceError(f'{where}: found the unit "{told[0]}" and a label that says "{told[1]}"; {remedy}')
-    return (float(factors.pop() or 1.0), True) if factors else (1.0, False)
+    return (float(factors.pop() or 1.0), True) if factors else (factor_of(base) or 1.0, False)
 
 
 _NUMBER = r"\d{1,3}(?:[ '\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d+)*(?:[eE][+-]?\d+)?"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from rom.model.units import parse_unit
 
 _FORCE = ("N", "kN", "mN", "uN", "lbf")
@@ -16,6 +18,14 @@ _UNITS = {  # in SI first
     "velocity": tuple(f"{symbol}/s" for symbol in _LENGTH),
     "acceleration": (*(f"{symbol}/s2" for symbol in _LENGTH), "g"),
 }
+_SYMBOLS = {
+    **{f"{prefix}newton{plural}": f"{symbol}N" for prefix, symbol in (("", ""), ("kilo", "k"), ("milli", "m"))
+       for plural in ("", "s")},
+    **{f"{prefix}met{ending}": f"{symbol}m" for prefix, symbol in (("", ""), ("milli", "m"), ("micro", "u"))
+       for ending in ("er", "re", "ers", "res")},
+    "sec": "s", "sek": "s", "second": "s", "seconds": "s", "inch": "in", "inches": "in", "lbs": "lbf",
+}  # fmt: skip
+_WORDS = re.compile(rf"\b({'|'.join(sorted(_SYMBOLS, key=len, reverse=True))})(?![a-z])", re.IGNORECASE)
 
 
 def quantity(channel: str) -> str:
@@ -31,11 +41,19 @@ def si_factor(channel: str, unit: str) -> float | None:
     if quantity(channel) == "strain":
         return 1.0
     try:
-        found = parse_unit(unit)
+        found = parse_unit(symbols(unit))
     except ValueError:
         return None
     expected = parse_unit(_UNITS[quantity(channel)][0])
     return found.factor if found.powers == expected.powers else None
+
+
+def symbols(unit: str) -> str:
+    """Return a unit with symbols in place of words: "Newton", "m/sec^2", "millimeter"; "G" alone is g."""
+    text = unit.strip(" []()")
+    if text in ("G", "gn", "g_n", "g0"):
+        return "g"
+    return _WORDS.sub(lambda word: _SYMBOLS[word[0].lower()], text)
 
 
 def known_units(channel: str) -> str:

@@ -34,6 +34,8 @@ from tests.experiments.datasets.matlab_objects import with_object
         ({"SampleRate": "25.6 kHz"}, HZ),
         ({"dt": 1 / HZ}, HZ),
         ({"sampling_frequency": 25600}, HZ),
+        ({"info": {"name": "rig 3", "fs": 25600.0}}, HZ),
+        ({"rate_hz_F": "25,600 Hz", "rate_hz_A": "25.6 kHz"}, HZ),
         ({"fs": 25600.0, "time": clock(rate_hz=12800)}, 12800),
     ],
 )

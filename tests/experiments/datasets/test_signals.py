@@ -92,6 +92,8 @@ def test_printed_numbers(text: str, readings: tuple[float, ...]) -> None:
         ("link_displacement_x", "mm", 1e-3), ("tension", "kN", 1e3), ("strain", "whatever", 1.0),
         ("force_lo", "m/s2", None), ("acceleration_lo", "N", None), ("tension", "mm/m", None),
         ("force_lo", "", None), ("force_lo", "MN", None),
+        ("force_lo", "Newton", 1.0), ("force_lo", "[kilonewtons]", 1e3), ("acceleration_lo", "m/sec^2", 1.0),
+        ("acceleration_lo", "G", 9.80665), ("displacement_lo", "millimeter", 1e-3), ("force_lo", "G", None),
     ],
 )  # fmt: skip
 def test_units(channel: str, unit: str, factor: float | None) -> None:

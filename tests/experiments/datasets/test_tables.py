@@ -96,7 +96,7 @@ def test_commas_that_separate_and_are_decimal_marks_are_refused(put: Put) -> Non
 
 
 @pytest.mark.parametrize(
-    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "cp1252", "latin-1"]
+    "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "cp1252", "latin-1"]
 )
 def test_encodings(encoding: str, put: Put) -> None:
     rules = {"Größe": '"acceleration_m"', "Kraft": '"force_m"'}
@@ -108,6 +108,7 @@ def test_encodings(encoding: str, put: Put) -> None:
     "head",
     [
         "time,F,A\ns,N,m/s2",
+        "time,F,A\nsec,Newton,m/sec^2",
         "time,F,A\n[s],[N],[m/s²]",
         "time,F,A\n(s),(N),(m/s^2)",
         "Zeit,F,A\nSekunden,N,m/s2",

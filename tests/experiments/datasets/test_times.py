@@ -250,3 +250,26 @@ def test_a_time_of_the_own_group_goes_before_others(
     rules = {"fast.F": CHANNELS["F"], "fast.A": CHANNELS["A"]}
     found = imported(capfd, tmp_path / "lab", "matlab", rules)
     at_rate(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "factor", "fits"),
+    [
+        ("Heure", 1.0, False),
+        ("hora", 1 / 3600, True),
+        ("Stunde", 1.0, False),
+        ("h", 1 / 3600, True),
+        ("Sekunde", 1.0, True),
+    ],
+)
+def test_a_name_that_is_a_unit_may_be_a_mere_name(name: str, factor: float, fits: bool, matlab: Put) -> None:
+    found = matlab({name: factor * clock()})
+    if fits:
+        at_rate(found)
+    else:
+        refused(found, f'"{name}"', "25600 Hz in another unit")
+
+
+@pytest.mark.parametrize("name", ["timestamps_us", "TimeMs"])
+def test_a_label_that_cannot_be_right_is_refused(name: str, matlab: Put) -> None:
+    refused(matlab({name: clock()}), f'"{name}"', "[sampling]")
