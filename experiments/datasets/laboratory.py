@@ -32,6 +32,7 @@ FORMATS: dict[str, tuple[str, tuple[str, ...], Read]] = {
     "xlsx": ("spreadsheet", spreadsheet.ENDINGS, spreadsheet.read),
     "json": ("JSON file", json_signals.ENDINGS, json_signals.read),
 }
+_AGREE = 0.01  # relative: a time that is in s, by the rate of the map
 _SAME = 1e-3  # relative: a rate that is that of [sampling]
 _ONE_RATE = 0.004  # decades: rates that are one but for the unit of time, within 1 %
 _FAR = 2.5  # decades: no rate is so far from [sampling] without a word in the map
@@ -234,11 +235,7 @@ def _rate_and_start(
 ) -> tuple[float, float | None]:
     """Return the rate by the map, by the file or by [sampling], in this order, and the start if stated."""
     if rule.rate_hz is not None:
-        try:
-            clock = clocks.of(signal, usual_hz)
-        except SourceError:  # the map overrules what cannot be used
-            clock = None
-        return rule.rate_hz, None if clock is None or clock.readings else clock.start_s
+        return rule.rate_hz, _start_beside(signal, rule.rate_hz, clocks)
     clock = clocks.of(signal, usual_hz)
     remedy = (
         f"expected a rate near {usual_hz:g} Hz of [sampling]; give rate_hz in [channels], "
@@ -259,6 +256,19 @@ def _rate_and_start(
         found = f"found {clock.rate_hz:g} Hz from {clock.told_by}{unit}"
         raise SourceError(f"{file}: {signal.name}: {found}, {remedy}")
     return clock.rate_hz, clock.start_s
+
+
+def _start_beside(signal: Signal, rate_hz: float, clocks: Clocks) -> float | None:
+    """Return the start beside a rate of the map, which overrules a time that cannot be used."""
+    dated = signal.start_s is not None and signal.start_s >= ABSOLUTE_S
+    try:
+        clock = clocks.of(signal, rate_hz)
+    except SourceError:
+        return signal.start_s if dated else None
+    if clock is None:
+        return signal.start_s
+    sure = not clock.readings or abs(clock.rate_hz / rate_hz - 1) < _AGREE  # else its unit is not known
+    return clock.start_s if sure else signal.start_s if dated else None
 
 
 def _require_one_start(

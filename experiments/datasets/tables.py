@@ -271,7 +271,7 @@ def named(
     shared = [name for name, count in Counter(signal.name for signal in signals).items() if count > 1]
     if shared:
         raise SourceError(f"{file}: {shared[0]}: found this column more than once, expected it once")
-    return [*_slower(signals)]
+    return [*_slower(_with_shorter_times(signals))]
 
 
 def _missing(column: npt.NDArray[np.generic]) -> npt.NDArray[np.bool_]:
@@ -334,6 +334,19 @@ def _rate_above(above: Sequence[str]) -> tuple[float, tuple[float, ...]] | None:
     told = [stated_rate(line) for line in above if _RATE_LINE.search(line) and len(line) < 120]
     rates = {rate for rate in told if rate is not None}
     return rates.pop() if len(rates) == 1 else None
+
+
+def _with_shorter_times(signals: Sequence[Signal]) -> list[Signal]:
+    """Return signals; where a column ends before the times do, also the times up to there."""
+    times = [signal for signal in signals if is_time(signal)]
+    lengths = {len(signal.samples) for signal in signals} - {len(time.samples) for time in times}
+    shorter = [
+        replace(time, name=f"{time.name} (first {length})", samples=time.samples[:length])
+        for length in sorted(lengths)
+        for time in times
+        if length < len(time.samples)
+    ]
+    return [*signals, *shorter]
 
 
 def _slower(signals: Sequence[Signal]) -> Iterator[Signal]:

@@ -272,3 +272,28 @@ def test_a_step_of_one_is_what_a_program_writes_for_none(tdms: Put) -> None:
 def test_rates_other_than_in_sampling_are_told(matlab: Put) -> None:
     found = matlab({"time": clock()})
     assert "force_m 25600 Hz (not 19200)" in found.out
+
+
+@pytest.mark.parametrize("with_rate", [False, True])
+@pytest.mark.parametrize("how", ["date", "offset"])
+def test_a_start_is_compared_whoever_tells_the_rate(how: str, with_rate: bool, tdms: Put) -> None:
+    late: dict[str, Any] = {"wf_start_time": DAY + timedelta(seconds=0.25)}
+    channels = waveforms({"wf_start_time": DAY}, late)
+    if how == "offset":
+        channels = waveforms({"wf_start_offset": 0.0}, {"wf_start_offset": 0.25})
+    rules = {name: rule.replace("}", ", rate_hz = 25600}") for name, rule in CHANNELS.items()}
+    refused(tdms(channels, rules if with_rate else None), "acceleration_m", "0.25 s after force_m")
+
+
+@pytest.mark.parametrize("unit", ["", "_s", "_ms"])
+def test_a_time_that_starts_later_is_told_beside_a_rate_of_the_map(
+    unit: str, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "lab").mkdir()
+    factor = 1e3 if unit == "_ms" else 1.0
+    tension = 100 + np.random.default_rng(2).standard_normal(N // 4)
+    slow = factor * (0.25 + clock(N // 4, HZ / 4))
+    variables = {"F": FORCE, "A": ACCELERATION, "t": clock(), "T": tension, f"time_slow{unit}": slow}
+    savemat(tmp_path / "lab" / "a.mat", variables)
+    rules = {**CHANNELS, "T": '{channel = "tension", unit = "N", rate_hz = 6400}'}
+    refused(imported(capfd, tmp_path / "lab", "matlab", rules), "tension", "0.25 s after")

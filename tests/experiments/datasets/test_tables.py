@@ -190,6 +190,15 @@ def test_a_slower_column_has_cells_in_some_rows(put: Put) -> None:
     assert found.samples["tension"][1] == pytest.approx(100 + 4 / 7)
 
 
+def test_a_column_that_ends_earlier_keeps_the_time_of_its_table(put: Put) -> None:
+    rows = [f"{t:.10g},{f:.10g},{a:.10g}" for t, f, a in ROWS.tolist()]
+    rows[-3:] = [row.rpartition(",")[0] + "," for row in rows[-3:]]
+    found = put("time,F,A\n" + "\n".join(rows))
+    assert found.code == 0, found.line
+    assert found.rates == pytest.approx({"force_m": HZ, "acceleration_m": HZ})
+    assert {len(samples) for samples in found.samples.values()} == {N - 3}
+
+
 CATMAN = """CATMAN ASCII EXPORT
 File: rig.bin
 T0 = 01.03.2026 12:00:00
