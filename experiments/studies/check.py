@@ -1,19 +1,22 @@
-"""What was read of a campaign: every channel with rate, length and size, doubts, and figures."""
+"""What was read of a campaign: every channel with rate, length and size, doubts, suspicions, and figures."""
 
 from __future__ import annotations
 
 import json
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from experiments.results import results_folder, write_result
+from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
+from experiments.text.suspicions import lines as suspicion_lines
 from rom.campaign.campaign import Campaign, Record, read_campaign
 from rom.signals.quality import Doubt, assess
+from rom.signals.suspicions import Evidence, evidence, suspicions
 
 MOST_DRAWN = 12  # records in one figure
 
@@ -59,28 +62,32 @@ def run(
     started = time.perf_counter()
     campaign = read_campaign(campaign_path, jobs, progress)
     folder = results_folder(campaign_path, out)
-    rows, drawn = _read(campaign)
+    rows, drawn, looked_at = _read(campaign)
+    told = plain([asdict(one) for one in suspicions(looked_at, campaign.settings)])
     with results_into(folder) as new:
         for name, figure in figures_by_test(drawn).items():
             save(figure, new / f"{name}.svg")
         write_result(
-            new / "check.json", "check", {"command": command, "records": rows},
+            new / "check.json", "check", {"command": command, "records": rows, "suspicions": told},
             campaign=campaign.settings.name, seed=seed, elapsed_s=time.perf_counter() - started,
         )  # fmt: skip
     return folder / "check.json"
 
 
-def _read(campaign: Campaign) -> tuple[list[dict[str, Any]], dict[str, list[Record]]]:
-    """Return what each record holds, and the first records of each kind of test."""
+def _read(campaign: Campaign) -> tuple[list[dict[str, Any]], dict[str, list[Record]], list[Evidence]]:
+    """Return what each record holds, the first records of each kind of test, and what raises suspicions."""
     rows: list[dict[str, Any]] = []
     drawn: dict[str, list[Record]] = {}
+    looked_at: list[Evidence] = []
     for settings in campaign.settings.record:
         record = campaign.load(settings)
-        rows.append(_row(record, assess(record, campaign.settings)))
+        doubts = assess(record, campaign.settings)
+        rows.append(_row(record, doubts))
+        looked_at.append(evidence(record, campaign.settings, doubts))
         same = drawn.setdefault(record.test, [])
         if len(same) < MOST_DRAWN:
             same.append(record)
-    return rows, drawn
+    return rows, drawn, looked_at
 
 
 def _row(record: Record, doubts: tuple[Doubt, ...]) -> dict[str, Any]:
@@ -107,12 +114,13 @@ def _row(record: Record, doubts: tuple[Doubt, ...]) -> dict[str, Any]:
 
 def summary(path: Path) -> str:
     """Return a line for each record, with its channels and doubts."""
+    found = json.loads(path.read_text(encoding="utf-8"))
     lines = []
-    for row in json.loads(path.read_text(encoding="utf-8"))["records"]:
+    for row in found["records"]:
         channels = ", ".join(
             f"{name} {channel['minimum']:.3g} to {channel['maximum']:.3g} at {channel['rate_hz']:g} Hz"
             for name, channel in row["channels"].items()
         )
         lines.append(f"{row['file']} ({row['test']}, {row['duration_s']:.4g} s): {channels}")
         lines += [f"  doubtful: {doubt}" for doubt in row["doubts"]]
-    return "\n".join(lines)
+    return "\n".join([*lines, *(f"suspicion: {text}" for text in suspicion_lines(found))])

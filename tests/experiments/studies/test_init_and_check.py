@@ -146,3 +146,18 @@ def test_check_of_every_kind_of_test(boltlaw: Boltlaw, tmp_path: Path) -> None:
     assert (ran.code, ran.out) == (2, "")
     assert "Traceback" not in ran.err
     assert listing(tmp_path) == before
+
+
+def test_check_tells_what_does_not_fit(rig_campaign: Path, boltlaw: Boltlaw, tmp_path: Path) -> None:
+    shutil.copytree(rig_campaign, tmp_path / "campaign")
+    campaign = rom.read_campaign(rig_campaign)
+    for record in campaign.select("coupled"):
+        channels = dict(campaign.load(record).channels)
+        inner = channels["acceleration_so"]
+        channels["acceleration_so"] = Channel(inner.name, inner.samples / 9.80665, inner.rate_hz)
+        write_channels(tmp_path / "campaign" / record.file, channels)
+    ran = boltlaw("check", tmp_path / "campaign", "--jobs", 1)
+    assert ran.code == 0, ran.err
+    found = json.loads((tmp_path / "campaign-results" / "check.json").read_text())
+    assert {one["likely"] for one in found["suspicions"]} == {"acceleration in g"}
+    assert "acceleration in g" in ran.out
