@@ -68,11 +68,11 @@ def noted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Campaign
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Six preloads, records of 2.5 s."""
+    """Five preloads, records of 2.5 s."""
     from experiments.studies import rig
 
     folder = tmp_path_factory.mktemp("rig") / "campaign"
-    return rig.run(folder, cases=6, seed=3, jobs=1, duration_s=2.5, scatter=0.0)
+    return rig.run(folder, cases=5, seed=3, jobs=1, duration_s=2.5, scatter=0.0)
 
 
 def processes_of(command: Command, campaign: Noted, jobs: int) -> set[int]:

@@ -38,17 +38,12 @@ from rom.effects import CATALOGUE, Effect, ModelCorrection
 from tests.discovery import driven_twins as twins
 from tests.discovery.loop.fake_refits import FakeRefits, FakeResidual, explained, fake_state, of_fake
 from tests.discovery.residual.test_free_parameters import evidence as evidence_of_rows
-from tests.discovery.rig_campaigns import identified
+from tests.discovery.rig_campaigns import refits, start
 
 THREE = ("relaxation-log", "tension-drift", "loosening-ratchet")
 CUBIC = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e9})
 GAIN = Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1})
 BIAS = Undeclared("acceleration-bias", "sensor:acceleration_lo", {"b": 0.5})
-
-
-def refits(*undeclared: Undeclared) -> ImpactRefits:
-    """Of a campaign of six preloads, one in three held out."""
-    return ImpactRefits(*identified(*undeclared), Options())
 
 
 def whitened(state: State) -> WhitenedResidual:
@@ -75,8 +70,9 @@ def with_effect(state: State, effect: Effect) -> State:
 
 @pytest.mark.parametrize("there", [False, True])
 def test_a_force_is_dropped_where_the_model_does_as_well_without(there: bool) -> None:
-    mine = refits(*([CUBIC] if there else []))
-    first, effect = mine.start(), of_catalogue(CUBIC, 1.0 if there else 0.0)
+    hidden = [CUBIC] if there else []
+    mine, first = refits(*hidden), start(*hidden)
+    effect = of_catalogue(CUBIC, 1.0 if there else 0.0)
     assert isinstance(effect, Effect)
     one = Selection(explanation(effect, CATALOGUE["cubic-stiffness"], whitened(first)))
     path = without_redundant(mine, LoopHistory((first,)).extended(one, with_effect(first, effect)))
@@ -85,8 +81,8 @@ def test_a_force_is_dropped_where_the_model_does_as_well_without(there: bool) ->
 
 @pytest.mark.parametrize("there", [False, True])
 def test_a_fault_is_dropped_where_a_later_effect_has_made_it_redundant(there: bool) -> None:
-    mine = refits(CUBIC, *([GAIN] if there else []))
-    first = mine.start()
+    hidden = [CUBIC, *([GAIN] if there else [])]
+    mine, first = refits(*hidden), start(*hidden)
     gain, cubic = of_catalogue(GAIN, 1.0 if there else 1e-3), of_catalogue(CUBIC, 1.0)
     second = adopted(mine, first, explanation(gain, CATALOGUE["acceleration-gain"], whitened(first)))
     told = [
@@ -103,8 +99,7 @@ def test_a_fault_is_dropped_where_a_later_effect_has_made_it_redundant(there: bo
 
 
 def test_what_shows_before_the_hits_stays_whatever_the_motion_says() -> None:
-    mine = refits(CUBIC, BIAS)
-    first = mine.start()
+    mine, first = refits(CUBIC, BIAS), start(CUBIC, BIAS)
     (told,) = (e for e in at_rest.explain(whitened(first), Options()) if e.effect.name == "acceleration-bias")
     second = mine.evaluated(mine.refit_with(first, told, renew_noise=True))
     cubic = of_catalogue(CUBIC, 1.0)
