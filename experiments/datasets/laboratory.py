@@ -15,7 +15,7 @@ import numpy as np
 from experiments.datasets import catman, json_signals, matlab, spreadsheet, tables, tdms, universal
 from experiments.datasets.channel_map import FILE, TIME, ChannelMap, Rule, read_map, record_of
 from experiments.datasets.collected import Collected, SourceError, unreadable
-from experiments.datasets.signals import Clocks, Signal, TimeRule, labelled
+from experiments.datasets.signals import NOT_UNDERSTOOD, Clocks, Signal, TimeRule, labelled
 from experiments.datasets.times import ABSOLUTE_S
 from experiments.datasets.units import known_units, quantity, si_factor
 from rom.campaign.campaign import SamplingSettings
@@ -243,8 +243,9 @@ def _rate_and_start(
     )
     if clock is None:
         if signal.readings and all(abs(rate / usual_hz - 1) > _SAME for rate in signal.readings):
-            told = ", ".join(f"{rate:g}" for rate in sorted(set(signal.readings)))
-            raise SourceError(f"{file}: {signal.name}: found one of {told} Hz stated, {remedy}")
+            told = ", ".join(f"{rate:g}" for rate in sorted(set(signal.readings)) if rate != NOT_UNDERSTOOD)
+            what = f"one of {told} Hz stated" if told else "a rate stated that is no number"
+            raise SourceError(f"{file}: {signal.name}: found {what}, {remedy}")
         return usual_hz, signal.start_s
     if not (math.isfinite(clock.rate_hz) and clock.rate_hz > 0):
         raise SourceError(f"{file}: {signal.name}: found {clock.rate_hz:g} Hz from {clock.told_by}, {remedy}")

@@ -20,7 +20,7 @@ import numpy.typing as npt
 
 from experiments.datasets.apart import apart
 from experiments.datasets.collected import SourceError, optional
-from experiments.datasets.signals import Signal
+from experiments.datasets.signals import NOT_UNDERSTOOD, Signal
 from experiments.datasets.times import stated_rate, unstated
 
 ENDINGS = (".mat",)
@@ -72,8 +72,7 @@ def read(path: Path) -> list[Signal]:
         exported = _EXPORTED.fullmatch(name)
         header = content.get(f"Channel_{exported[1]}_Header") if exported else None
         if isinstance(header, Mapping):
-            own = str(header.get("SignalName", "")).strip() or name
-            unit = str(header.get("Unit", "")).strip()
+            own, unit = _field(header, "SignalName") or name, _field(header, "Unit")
             signals += [
                 replace(found, name=own, unit=unit, **header_rate) for found in _vectors(name, value, None)
             ]
@@ -197,11 +196,18 @@ def _of_array(name: str, value: npt.NDArray[Any], told: _Told | None) -> Iterato
 
 def _common_rate(header: Any) -> dict[str, Any]:
     """Return the rate [Hz] that holds for the whole file; of several each may be that of a signal."""
-    text = str(header.get("SampleFrequency", "")) if isinstance(header, Mapping) else ""
+    text = _field(header, "SampleFrequency") if isinstance(header, Mapping) else ""
     if found := stated_rate(text):
         return {"rate_hz": found[0], "readings": found[1]}
     several = [stated_rate(part) for part in re.split(r"[;\s]+", text)]
-    return {"readings": tuple(rate for one in several if one for rate in (one[0], *one[1]))}
+    readings = tuple(rate for one in several if one for rate in (one[0], *one[1]))
+    return {"readings": readings or ((NOT_UNDERSTOOD,) if text else ())}
+
+
+def _field(header: Mapping[str, Any], name: str) -> str:
+    """Return a field of a header as text; MATLAB's empty text is an array."""
+    value = header.get(name, "")
+    return str(value).strip() if isinstance(value, str | int | float | np.number) else ""
 
 
 def _rate(path: Path, name: str, value: Any) -> dict[str, Any]:

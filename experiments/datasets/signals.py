@@ -21,6 +21,7 @@ from experiments.datasets.times import (
     says_time,
 )
 
+NOT_UNDERSTOOD = 0.0  # among `readings`: a rate is stated, but nobody knows which
 _AGREE = 0.01  # relative: rates that differ by less are one
 _FIRST_COLUMN = re.compile(r"\(:,1\)|\(1,:\)|column 1")
 

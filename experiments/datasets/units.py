@@ -23,7 +23,8 @@ _SYMBOLS = {
        for plural in ("", "s")},
     **{f"{prefix}met{ending}": f"{symbol}m" for prefix, symbol in (("", ""), ("milli", "m"), ("micro", "u"))
        for ending in ("er", "re", "ers", "res")},
-    "sec": "s", "sek": "s", "second": "s", "seconds": "s", "inch": "in", "inches": "in", "lbs": "lbf",
+    "sec": "s", "sek": "s", "second": "s", "seconds": "s", "inch": "in", "inches": "in",
+    "lbs": "lbf", "lb": "lbf",
 }  # fmt: skip
 _WORDS = re.compile(rf"\b({'|'.join(sorted(_SYMBOLS, key=len, reverse=True))})(?![a-z])", re.IGNORECASE)
 

@@ -117,6 +117,10 @@ def export(rate: str) -> dict[str, Any]:
         ("25 600,0 Hz", 25600),
         ("25600,00", 25600),
         ("25,600.0", 25600),
+        ("2.56e4 Hz", 25600),
+        ("1/25600", None),
+        ("fast", None),
+        ("", 19200),
     ],
 )
 def test_separators_in_the_rate_of_an_export(
