@@ -1,4 +1,4 @@
-"""A parser in a process of its own: what damage in a file ends is that process, not the program."""
+"""A parser in a process of its own: what damage in a file ends, or never ends, is that process."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ import atexit
 from collections.abc import Callable
 from functools import cache, partial
 from pathlib import Path
+from threading import Timer
 from typing import TypeVar
 
 from experiments.datasets.collected import unreadable
 from experiments.run.processes import Worker, WorkerLostError
 
+LONGEST_S = 15.0  # for a small file, with the start of the process
+SLOWEST_BYTES_PER_S = 1e6
 Result = TypeVar("Result")
 
 
@@ -34,14 +37,19 @@ def apart(parse: Callable[[Path], Result], path: Path, kind: str) -> Result:
     Raises
     ------
     SourceError
-        If the process ends. Every other exception is the parser's own.
+        If the process ends or takes too long. Every other exception is the parser's own.
     """
+    worker = _worker()
+    guard = Timer(LONGEST_S + path.stat().st_size / SLOWEST_BYTES_PER_S, worker.end)
+    guard.start()
     try:
-        result, error, _ = _worker().run(partial(parse, path))
+        result, error, _ = worker.run(partial(parse, path))
     except WorkerLostError:
-        _worker().hang_up()
+        worker.hang_up()
         _worker.cache_clear()
-        raise unreadable(path, kind, ChildProcessError("its parser came to a sudden end")) from None
+        raise unreadable(path, kind, ChildProcessError("its parser came to a sudden end or none")) from None
+    finally:
+        guard.cancel()
     if error is not None:
         raise error
     return result  # type: ignore[no-any-return]
