@@ -1,9 +1,10 @@
 """Decides between models: candidate tension laws ranked by re-simulation, and effects that a model lacks.
 
 ``discover(campaign)`` gives a `Ranking`: ``ranking.laws``, ``ranking.summary()``, ``ranking.plot()``,
-``ranking.to_frame()`` and, with the first law in it, ``ranking.model``. ``close_loop(campaign)`` gives a
-`Closure`: ``closure.verdict``, ``closure.effects``, ``closure.model``, ``closure.summary()``,
-``closure.plot()``; both say themselves in a notebook.
+``ranking.to_frame()`` and, with the first law in it, ``ranking.model``. ``compare(campaign, laws)`` gives a
+ranking of laws of one's own beside the standing ones. ``close_loop(campaign)`` gives a `Closure`:
+``closure.verdict``, ``closure.effects``, ``closure.model``, ``closure.summary()``, ``closure.plot()``. Both
+say themselves in a notebook.
 
 Examples
 --------
@@ -18,7 +19,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from discovery.ranking.discover import discover
+from discovery.ranking.discover import compare, discover
 
 if TYPE_CHECKING:
     from discovery.criteria.criteria import Criteria
@@ -45,6 +46,7 @@ __all__ = [
     "RankedLaw",
     "Ranking",
     "close_loop",
+    "compare",
     "discover",
 ]
 

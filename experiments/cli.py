@@ -253,6 +253,10 @@ def discover(
         bool,
         typer.Option("--tightening", help="Also try laws that tighten, and keep records whose tension rose."),
     ] = False,
+    laws: Annotated[
+        Path | None,
+        typer.Option(metavar="LAWS.toml", help="Laws of your own that run among all candidates."),
+    ] = None,
     out: Out = None,
     seed: Seed = 0,
     jobs: Jobs = _CORES,
@@ -264,8 +268,34 @@ def discover(
 
     with _progress(quiet) as report, execution(cluster):
         path = study.run(
-            campaign, results_folder(campaign, out), seed, jobs, report, _command(), tightening=tightening
-        )
+            campaign, results_folder(campaign, out), seed, jobs, report, _command(), tightening=tightening,
+            laws=laws,
+        )  # fmt: skip
+    _say(study.summary(path), quiet)
+    _say(f"wrote {path}, the first law's model.json and figures beside it", quiet)
+
+
+@app.command(epilog="Example: boltlaw compare rig-campaign laws.toml")
+def compare(
+    campaign: CampaignPath,
+    laws: Annotated[Path, typer.Argument(metavar="LAWS.toml", help="Laws of your own.", callback=existing)],
+    tightening: Annotated[
+        bool, typer.Option("--tightening", help="Keep records whose tension rose.")
+    ] = False,
+    out: Out = None,
+    seed: Seed = 0,
+    jobs: Jobs = _CORES,
+    cluster: Cluster = None,
+    quiet: Quiet = False,
+) -> None:
+    """Rank laws of your own beside gamma(T), constant gamma and no loosening, as discover ranks its laws."""
+    from experiments.studies import discover as study
+
+    with _progress(quiet) as report, execution(cluster):
+        path = study.run(
+            campaign, results_folder(campaign, out), seed, jobs, report, _command(), tightening=tightening,
+            laws=laws, given_only=True,
+        )  # fmt: skip
     _say(study.summary(path), quiet)
     _say(f"wrote {path}, the first law's model.json and figures beside it", quiet)
     _end(path)

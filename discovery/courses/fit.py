@@ -48,7 +48,7 @@ def refine(candidate: Candidate, frozen: FrozenMotion, rounds: int = ROUNDS) -> 
         Not converged where a re-simulation diverged.
     """
     found = fit(candidate, frozen)
-    for _ in range(rounds if candidate.terms else 0):
+    for _ in range(0 if candidate.holds else rounds):
         offsets = correction(found, frozen)
         if not np.isfinite(offsets).all():
             return replace(found, converged=False)
@@ -105,8 +105,8 @@ def fit(
     """
     problem = Problem(candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
     state = problem.first(start)
-    damping, converged = 1e-3, not candidate.terms
-    for _ in range(_ITERATIONS if candidate.terms else 1):
+    damping, converged = 1e-3, candidate.holds
+    for _ in range(1 if candidate.holds else _ITERATIONS):
         state = problem.scattered(state)
         trial, damping = step(problem, state, damping)
         if trial is None:

@@ -53,6 +53,8 @@ class FrozenMotion:
         [N], tension [N]; dense in the first 60 ms. `starts`, shape (cases + 1,), divides them.
     knots_s : ndarray, shape (knots,)
         Times from the hit at which exposures are kept [s]; the edges of the bins are among them.
+    edges_s : ndarray, shape (bins + 1,)
+        Edges of the bins from the hit [s], the median of all cases.
     averages : ndarray, shape (bins, knots)
         Weights of the knots in the mean over each bin.
     change : ndarray, shape (cases, bins)
@@ -70,6 +72,7 @@ class FrozenMotion:
     nodes: FloatArray
     starts: npt.NDArray[np.int64]
     knots_s: FloatArray
+    edges_s: FloatArray
     averages: FloatArray
     change: FloatArray
     covariance: FloatArray
@@ -140,12 +143,15 @@ class FrozenMotion:
 
     def _integrated(self, factor: Factor) -> FloatArray:
         if factor.key not in self._exposures:
-            values = factor.of_motion(*self.nodes[1:5])
-            steps, place, share = self._quadrature
-            total = np.cumsum(np.concatenate([[0.0], (values[1:] + values[:-1]) * steps]))
-            at_knots = total[place] + share * (total[place + 1] - total[place])
-            self._exposures[factor.key] = at_knots - at_knots[:, :1]
+            self._exposures[factor.key] = self.integral(factor.of_motion(*self.nodes[1:5]))
         return self._exposures[factor.key]
+
+    def integral(self, values: FloatArray) -> FloatArray:
+        """Cumulative integral at the knots, (cases, knots), of what has these values at the nodes."""
+        steps, place, share = self._quadrature
+        total = np.cumsum(np.concatenate([[0.0], (values[1:] + values[:-1]) * steps]))
+        at_knots = total[place] + share * (total[place + 1] - total[place])
+        return np.asarray(at_knots - at_knots[:, :1])
 
     @cached_property
     def _quadrature(self) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray]:
@@ -180,6 +186,7 @@ class FrozenMotion:
         """The same with the last bin alone: the losses."""
         return replace(
             self,
+            edges_s=self.edges_s[-2:],
             averages=self.averages[-1:],
             change=self.change[:, -1:],
             covariance=self.covariance[:, -1:, -1:],
@@ -235,6 +242,7 @@ def freeze(
         nodes=np.concatenate(nodes, axis=1),
         starts=np.cumsum([0, *(part.shape[1] for part in nodes)]),
         knots_s=knots,
+        edges_s=offsets,
         averages=averages,
         change=np.stack([course.change for course in kept]),
         covariance=np.stack(covariance),

@@ -18,6 +18,7 @@ from scipy import optimize
 from discovery.courses.fitted import Fit
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.prediction import predict
+from discovery.courses.unit_losses import unit_losses
 from discovery.courses.variability import log_limits, log_tension, of_logs, tau
 from discovery.criteria.courses import Courses
 from discovery.criteria.number import Numerical
@@ -89,19 +90,18 @@ class Problem:
 
     def _scales(self, candidate: Candidate) -> dict[str, tuple[float, bool]]:
         """Typical exposure over tension of every term, by its coefficient's name, and if it is signed."""
-        key = tuple((term.motion.key, term.tension.key) for term in candidate.terms)
+        key = candidate.inner_key
         if key not in self._known_scales:
             self._known_scales[key] = self._found_scales(candidate)
         return self._known_scales[key]
 
     def _found_scales(self, candidate: Candidate) -> dict[str, tuple[float, bool]]:
-        initial = np.maximum(self.frozen.initial, 1e-9)
+        signed = {candidate.label("gamma", j): term.sign == 0 for j, term in enumerate(candidate.terms)}
         found = {}
-        for j, term in enumerate(candidate.terms):
-            size = self.frozen.exposure(term.motion)[:, -1] * term.tension.of_tension(initial) / initial
+        for name, size in unit_losses(candidate, self.frozen).items():
             some = size[size > 0]
             typical = float(np.exp(np.mean(np.log(some)))) if some.size else 1.0
-            found[candidate.label("gamma", j)] = (typical, term.sign == 0)
+            found[name] = (typical, signed.get(name, False))
         return found
 
     def at(self, theta: FloatArray) -> Candidate:
@@ -161,11 +161,12 @@ class Problem:
         A start from which Newton's method is safe: far above it the tension is gone and has no slope.
         """
         initial = np.maximum(self.frozen.initial, 1e-9)
+        sizes = unit_losses(self.candidate, self.frozen)
+        signs = {self.candidate.label("gamma", j): t.sign for j, t in enumerate(self.candidate.terms)}
         exposure = np.zeros(len(initial))
-        for term, value in zip(self.candidate.terms, self.candidate.coefficients, strict=True):
-            if term.sign < 0:
-                size = self.frozen.exposure(term.motion)[:, -1] * term.tension.of_tension(initial) / initial
-                exposure += value * size
+        for name, size in sizes.items():
+            if signs.get(name, -1) < 0:
+                exposure += self.candidate.parameters[name].value * size
         if any(term.sign >= 0 for term in self.candidate.terms) or not (exposure > 0).any():
             return np.ones(len(initial)), np.zeros(len(initial))
         error = np.sqrt(self.frozen.covariance[:, -1, -1])

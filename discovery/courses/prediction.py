@@ -7,7 +7,9 @@ import numpy as np
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
+from discovery.laws.given import OWN_RATE, GivenLaw
 from rom.campaign.channels import FloatArray
+from rom.model.laws import Law
 
 HIGHEST: Numerical[float] = 10.0  # no tension beyond so many times the highest initial one
 
@@ -36,8 +38,19 @@ def predict(
     ndarray, shape (cases, bins)
         Mean tension in the bin less that before the hit [N].
     """
-    if not candidate.terms:
+    if candidate.holds:
         return np.zeros_like(frozen.change)
+    if isinstance(candidate, GivenLaw):
+        rates = frozen.factors(deviations)
+        means = followed(candidate.law(), OWN_RATE, frozen, rates, frozen.initial, frozen.edges_s)
+        change = means - np.maximum(frozen.initial, 0.0)[:, None]
+    else:
+        change = _along_exposures(candidate, frozen, deviations)
+    return np.asarray(change if offsets is None else change + offsets)
+
+
+def _along_exposures(candidate: Candidate, frozen: FrozenMotion, deviations: FloatArray | None) -> FloatArray:
+    """Changes of tension [N] of a sum of terms, (cases, bins)."""
     from rom.kernels.exposures import follow_exposures
 
     tension = [term.tension for term in candidate.terms]
@@ -55,8 +68,53 @@ def predict(
     course = follow_exposures(
         addresses, parameters, np.multiply.outer(rates, weights), exposures, initial, HIGHEST * initial.max()
     )
-    change = course @ frozen.averages.T - np.maximum(initial, 0.0)[:, None]
-    return np.asarray(change if offsets is None else change + offsets)
+    return np.asarray(course @ frozen.averages.T - np.maximum(initial, 0.0)[:, None])
+
+
+def followed(
+    law: Law,
+    own_rate: str,
+    frozen: FrozenMotion,
+    rates: FloatArray,
+    initial: FloatArray,
+    edges_s: FloatArray,
+) -> FloatArray:
+    """Mean tension [N] in every bin under any law, followed node by node along the motion, (cases, bins).
+
+    Parameters
+    ----------
+    law : Law
+        A tension rate.
+    own_rate : str
+        Its number that differs from case to case.
+    frozen : FrozenMotion
+        Motion along which it is followed.
+    rates : ndarray, shape (cases,)
+        That number in every case.
+    initial : ndarray, shape (cases,)
+        Tension before the hit [N].
+    edges_s : ndarray, shape (bins + 1,)
+        Edges of the bins from the hit [s].
+
+    Returns
+    -------
+    ndarray, shape (cases, bins)
+        Not finite where the law was lost.
+    """
+    from rom.kernels.law_courses import follow_courses
+
+    p = np.tile(law.values, (len(frozen), 1))
+    p[:, list(law.parameters).index(own_rate)] = rates
+    held = np.maximum(initial, 0.0)
+    means = np.empty((len(frozen), len(edges_s) - 1))
+    highest = HIGHEST * max(float(held.max()), 1.0)
+    follow_courses(law.address, p, frozen.nodes[:5], frozen.starts, edges_s, held, highest, means)
+    return means
+
+
+def bin_edges(frozen: FrozenMotion) -> FloatArray:
+    """Edges of the bins [s] from the hit: those of one record, to a sample those of all."""
+    return np.asarray(frozen.courses[0].edges_s - frozen.courses[0].impact_s)
 
 
 def resimulate(
@@ -78,7 +136,7 @@ def resimulate(
     ndarray, shape (cases, bins)
         Mean tension in the bin less that before the hit [N].
     """
-    if not candidate.terms:
+    if candidate.holds:
         return np.zeros_like(frozen.change)
     link, law = frozen.link, candidate.law()
     model = frozen.model.with_tension_law(law, link)
@@ -89,8 +147,7 @@ def resimulate(
         index = [i for i, other in enumerate(keys) if other == key]
         courses = [frozen.courses[i] for i in index]
         vary = {
-            f"{link}.tension_rate.{candidate.label('gamma', j)}": value * rates[index]
-            for j, value in enumerate(candidate.coefficients)
+            f"{link}.tension_rate.{name}": values for name, values in candidate.rated(rates[index]).items()
         }
         initial = np.array([max(course.initial, 0.0) for course in courses])
         means = model.mean_tensions(

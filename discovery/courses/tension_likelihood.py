@@ -16,16 +16,16 @@ import numpy as np
 from discovery.courses.fitted import Fit
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.marginal_likelihood import Problem, State, step
-from discovery.courses.prediction import HIGHEST
+from discovery.courses.prediction import bin_edges, followed
 from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
+from discovery.laws.given import OWN_RATE, scattering
 from rom.campaign.channels import FloatArray
 from rom.effects import LawChange, ModelCorrection, Motion, Reading, SensorFault
 from rom.model.law_change import prefix_of
-from rom.model.laws import Law, Parameter, free_form_law
+from rom.model.laws import Law, Parameter
 from rom.model.model import Model
 
-_OWN = "own_rate"
 SETTLED: Numerical[float] = 0.05  # of the deviance
 ITERATIONS: Numerical[int] = 20
 _NEVER: Numerical[float] = 1e6  # stands for a course that is lost, in newton
@@ -76,7 +76,7 @@ class LawCandidate(Candidate):
 
     def rated(self, factors: FloatArray) -> dict[str, FloatArray]:
         """Numbers that make what scatters of the rate so many times as fast, by name, each (cases,)."""
-        return {_OWN: factors}
+        return {OWN_RATE: factors}
 
     def with_values(self, values: Mapping[str, float]) -> LawCandidate:
         """The same candidate with other numbers, each within its range."""
@@ -112,19 +112,13 @@ def law_candidate(
     changes = changes_of(model, effect)
     law = first
     for place, change in enumerate(changes):
-        law = _scattering(law) if place == sharing else law
+        law = scattering(law) if place == sharing else law
         law = change.changed(law, prefix_of(change), first)
-    rate = law if _OWN in law.parameters else _scattering(law)
-    own = tuple(n for n in rate.parameters if n != _OWN and (n in baseline or n not in first.parameters))
+    rate = law if OWN_RATE in law.parameters else scattering(law)
+    own = tuple(n for n in rate.parameters if n != OWN_RATE and (n in baseline or n not in first.parameters))
     beside = None if effect is None or effect.kind == "law change" else effect
     added = tuple(beside.parameters) if beside is not None else ()
     return LawCandidate(rate.name, (), (), rate=rate, effect=beside, moved=(*own, *added), sharing=sharing)
-
-
-def _scattering(law: Law) -> Law:
-    """The law with a factor of its own in every test."""
-    every = {**law.parameters, _OWN: Parameter(1.0, "1")}
-    return free_form_law(f"{law.name}, own rate", f"{_OWN} * ({law.equation})", "tension rate", every)
 
 
 def changes_of(model: Model, effect: ModelCorrection | None) -> tuple[LawChange, ...]:
@@ -210,27 +204,15 @@ def course(candidate: LawCandidate, frozen: FrozenMotion, u: FloatArray) -> Floa
     ndarray, shape (cases, bins)
         Mean reading in the bin less the tension before the hit [N].
     """
-    from rom.kernels.law_courses import follow_courses
-
-    law, effect, initial = candidate.acting, candidate.effect, frozen.initial
-    p = np.tile(law.values, (len(frozen), 1))
-    p[:, list(law.parameters).index(_OWN)] = np.exp(np.clip(u, -50.0, 50.0))
+    effect, initial = candidate.effect, frozen.initial
     true = effect.remove(initial, 1.0) if isinstance(effect, SensorFault) else initial
-    true = np.maximum(true, 0.0)
-    means = np.empty_like(frozen.change)
-    edges = bin_edges(frozen)
-    highest = HIGHEST * max(float(true.max()), 1.0)
-    follow_courses(law.address, p, frozen.nodes[:5], frozen.starts, edges, true, highest, means)
+    rates = np.exp(np.clip(u, -50.0, 50.0))
+    means = followed(candidate.acting, OWN_RATE, frozen, rates, true, bin_edges(frozen))
     means = np.nan_to_num(means, nan=_NEVER)
     if isinstance(effect, SensorFault):
         return np.asarray(effect.apply(means, 1.0) - initial[:, None])
-    added = slow_reading(effect, edges) if isinstance(effect, Reading) else 0.0
+    added = slow_reading(effect, bin_edges(frozen)) if isinstance(effect, Reading) else 0.0
     return np.asarray(means - np.maximum(initial, 0.0)[:, None] + added)
-
-
-def bin_edges(frozen: FrozenMotion) -> FloatArray:
-    """Edges of the bins [s] from the hit: those of one record, to a sample those of all."""
-    return np.asarray(frozen.courses[0].edges_s - frozen.courses[0].impact_s)
 
 
 def slow_reading(effect: Reading, edges: FloatArray) -> FloatArray:
@@ -279,7 +261,7 @@ def resimulated(candidate: LawCandidate, frozen: FrozenMotion, u: FloatArray, mo
         rates = np.exp(np.clip(u[index], -50.0, 50.0))
         out[index] = own.mean_tensions(
             np.stack([c.force for c in courses]), key[1], np.maximum(initial[index], 0.0),
-            np.stack([c.edges_s for c in courses]), {f"{link}.tension_rate.{_OWN}": rates}, key[0],
+            np.stack([c.edges_s for c in courses]), {f"{link}.tension_rate.{OWN_RATE}": rates}, key[0],
             tension_rate_hz=key[3] if abs(key[1] / key[3] - round(key[1] / key[3])) < 1e-9 else None,
         )  # fmt: skip
     if isinstance(effect, SensorFault):

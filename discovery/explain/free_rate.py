@@ -17,7 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from discovery.courses.frozen_motion import FrozenMotion
-from discovery.courses.tension_likelihood import bin_edges, law_candidate
+from discovery.courses.prediction import bin_edges
+from discovery.courses.tension_likelihood import law_candidate
 from discovery.criteria.criteria import Criteria
 from discovery.decide.acceptance import is_accepted, spread_of
 from discovery.decide.explanation import Explanation

@@ -13,6 +13,8 @@ from rom.model.units import unit_text
 
 BASELINE = "gamma(T) baseline"
 NO_LOOSENING = "no loosening"
+ALWAYS_LISTED = ("baseline", "given")
+"""Sources of laws that stay in a ranking, however they do: standing rivals and laws of one's own."""
 CONSTANT_QUADRATIC = "constant gamma, quadratic"
 CONSTANT_QUARTIC = "constant gamma, quartic"
 
@@ -77,6 +79,11 @@ class Candidate:
         if len(self.terms) != len(self.coefficients):
             raise ValueError(f"need {len(self.terms)} coefficients, got {len(self.coefficients)}")
 
+    @property
+    def holds(self) -> bool:
+        """Whether the tension never changes: a bolt that holds."""
+        return not self.terms
+
     def label(self, name: str, term: int) -> str:
         """Name of a term's parameter in the whole equation: numbered where there are several terms."""
         return name if len(self.terms) == 1 else f"{name}_{term + 1}"
@@ -126,6 +133,11 @@ class Candidate:
     def key(self) -> tuple[object, ...]:
         """Canonical form without free numbers: equal keys are one law."""
         return tuple(sorted((term.structure for term in self.terms), key=repr))
+
+    @property
+    def inner_key(self) -> tuple[object, ...]:
+        """All numbers but the coefficients, as a key."""
+        return tuple((term.motion.key, term.tension.key) for term in self.terms)
 
     def law(self) -> Law:
         """The law for a model's bolted link."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from discovery.criteria.number import Numerical
-from discovery.laws.candidate import NO_LOOSENING, Candidate, Term
+from discovery.laws.candidate import ALWAYS_LISTED, NO_LOOSENING, Candidate, Term
 from discovery.laws.factors import Factor, tension_logistic
 
 _DIGITS: Numerical[int] = 3
@@ -21,7 +21,7 @@ def names_of(candidates: Sequence[Candidate]) -> list[str]:
     """
     names: list[str] = []
     for candidate in candidates:
-        known = candidate.source == "baseline"
+        known = candidate.source in ALWAYS_LISTED
         spelt = [candidate.name] if known else [equation_name(candidate, d) for d in (_DIGITS, 4, 5, 6)]
         spelt += [f"{spelt[0]} ({k})" for k in range(2, len(candidates) + 2)]
         names.append(next(name for name in spelt if name not in names))

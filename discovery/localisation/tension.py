@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from discovery.courses.tension_likelihood import bin_edges
+from discovery.courses.prediction import bin_edges
 from discovery.courses.variability import tau
 from discovery.criteria.number import Numerical
 from discovery.localisation.localise import PRELOADS_N, Profile, class_label

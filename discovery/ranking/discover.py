@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -12,22 +13,25 @@ from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.criteria.number import Numerical
 from discovery.criteria.ranking import RankingRules
-from discovery.laws.candidate import baseline
+from discovery.laws.candidate import Candidate, baseline
+from discovery.laws.given import GivenLaw, check_finite, given_law, starts_of
 from discovery.ranking.confidence_sets import exponent_profile, motion_profile
 from discovery.ranking.pairwise import compare_laws, not_told_apart
 from discovery.ranking.race import race
-from discovery.ranking.result import Ranking
-from discovery.search.shortlist import propose
+from discovery.ranking.result import RankedLaw, Ranking
+from discovery.search.shortlist import Proposals, propose
 from discovery.separating_tests.hits import propose_tests
 from rom.campaign.campaign import Campaign
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.reduce import Progress, reduce_records, tension_courses
+from rom.model.laws import Law
 from rom.one_thread import one_threaded
 from rom.signals.measured_records import screened, with_something_left, with_stored_records
 from rom.signals.quality import Doubt
 from rom.signals.tension_bins import TensionCourse
 
 Stages = Callable[[str], Progress | None]
+Given: TypeAlias = str | Law | Candidate
 _NAMED: Numerical[int] = 5  # of columns left out
 
 
@@ -40,6 +44,7 @@ def discover(
     seed: int = 0,
     tightening: bool = False,
     criteria: Criteria = CRITERIA,
+    laws: Sequence[Given] = (),
 ) -> Ranking:
     """Rank the tension laws that the loosening records of a campaign support.
 
@@ -57,6 +62,8 @@ def discover(
         Whether records whose tension rose are fitted too, and laws may have a term of either sign.
     criteria : Criteria
         The numbers that decide.
+    laws : sequence of str, Law or Candidate
+        Laws of one's own that run among the candidates (`discovery.laws.given.given_law`).
 
     Returns
     -------
@@ -66,10 +73,77 @@ def discover(
     Raises
     ------
     ValueError
-        If the model has not one bolted link, or fewer than four training records with a hit and a tension
-        are left.
+        If the model has not one bolted link, fewer than four training records with a hit and a tension are
+        left, or a law of one's own cannot be one.
     """
     stage: Stages = progress or (lambda _: None)
+    given = _given(laws)
+    data = _data(campaign, jobs, stage, tightening, criteria)
+    check_given(given, data.frozen)
+    first = refine(baseline(), data.frozen)
+    proposals = propose(data.frozen, first, seed, tightening, jobs, stage("proposing laws"))
+    return _ranking(data, given, proposals, seed, jobs, stage)
+
+
+@one_threaded
+@with_stored_records
+def compare(
+    campaign: Campaign,
+    laws: Sequence[Given],
+    jobs: int = 1,
+    progress: Stages | None = None,
+    seed: int = 0,
+    tightening: bool = False,
+    criteria: Criteria = CRITERIA,
+) -> Ranking:
+    """Rank laws of one's own beside gamma(T), constant gamma with powers 2 and 4, and no loosening.
+
+    They are fitted and judged as `discover` judges its own.
+
+    Parameters
+    ----------
+    campaign, jobs, progress, seed, tightening, criteria
+        As for `discover`.
+    laws : sequence of str, Law or Candidate
+        An expression of dT/dt, a tension rate, ``ranking.laws[0].candidate``, or what
+        `discovery.laws.law_file.read_laws` returns.
+
+    Returns
+    -------
+    Ranking
+        As from `discover`.
+
+    Raises
+    ------
+    ValueError
+        As for `discover`, or if there is no law to compare.
+
+    Examples
+    --------
+    >>> ranking = discovery.compare(campaign, ["-a * abs(D * v) * max(T, 0)"])  # doctest: +SKIP
+    """
+    stage: Stages = progress or (lambda _: None)
+    given = _given(laws)
+    if not given:
+        raise ValueError("found no law to compare, expected one or more")
+    data = _data(campaign, jobs, stage, tightening, criteria)
+    check_given(given, data.frozen)
+    return _ranking(data, given, Proposals((), 0, {}, ()), seed, jobs, stage)
+
+
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """What laws are fitted to and judged by."""
+
+    campaign: Campaign
+    found: Identification
+    frozen: FrozenMotion
+    hold_out: FrozenMotion | None
+    doubts: tuple[Doubt, ...]
+    rose: tuple[str, ...]
+
+
+def _data(campaign: Campaign, jobs: int, stage: Stages, tightening: bool, criteria: Criteria) -> _Data:
     campaign = with_something_left(screened(campaign, jobs))
     found = identify_campaign(campaign, jobs, stage("identifying"))
     unseen, doubts = _held_out(campaign, found, jobs, stage)
@@ -83,25 +157,61 @@ def discover(
     model = replace(found.model, identification=None)
     frozen = freeze(model, kept, signed=tightening, criteria=criteria)
     hold_out = freeze(model, unseen, signed=tightening, criteria=criteria) if unseen else None
-    first = refine(baseline(), frozen)
-    proposals = propose(frozen, first, seed, tightening, jobs, stage("proposing laws"))
-    laws = race(proposals.candidates, frozen, hold_out, campaign, seed, jobs, stage("ranking laws"))
+    return _Data(campaign, found, frozen, hold_out, doubts, rose)
+
+
+def _given(laws: Sequence[Given]) -> tuple[Candidate, ...]:
+    return tuple(law if isinstance(law, GivenLaw) else given_law(law) for law in laws)
+
+
+def check_given(laws: Sequence[Candidate], frozen: FrozenMotion) -> None:
+    """Refuse laws of one's own whose rate is not a number along the motion of these records.
+
+    Raises
+    ------
+    ValueError
+        With the place where it is not.
+    """
+    for law in laws:
+        if isinstance(law, GivenLaw):
+            check_finite(law, frozen.nodes)
+
+
+def _ranking(
+    data: _Data, given: Sequence[Candidate], proposals: Proposals, seed: int, jobs: int, stage: Stages
+) -> Ranking:
+    frozen, hold_out, found = data.frozen, data.hold_out, data.found
+    starts = [start for law in given for start in starts_of(law)]
+    laws = race(
+        [*starts, *proposals.candidates], frozen, hold_out, data.campaign, seed, jobs, stage("ranking laws")
+    )
     ranking = Ranking(
         laws=laws,
-        considered=proposals.considered,
+        considered=proposals.considered + len(given),
         identified=found.model,
         inclusion=proposals.inclusion,
         courses=(*frozen.courses, *(hold_out.courses if hold_out else ())),
         scatter=laws[0].fit.scatter,
-        rules=rules,
-        set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in (*found.set_aside, *doubts)),
+        rules=frozen.criteria.ranking,
+        set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in (*found.set_aside, *data.doubts)),
         warnings=(
             *found.warnings,
-            *(f"{file}: its tension rose; not fitted" for file in rose),
+            *(f"{file}: its tension rose; not fitted" for file in data.rose),
             *_left_out(proposals.dropped),
+            *_not_fitted(given, laws),
         ),
     )
     return _with_what_is_open(ranking, frozen, jobs, stage)
+
+
+def _not_fitted(given: Sequence[Candidate], laws: Sequence[RankedLaw]) -> tuple[str, ...]:
+    """Say which laws of one's own could not be fitted, or no longer simulated."""
+    there = {law.name for law in laws}
+    return tuple(
+        f"law {law.name!r}: it could not be fitted to these records: no start led to a finite likelihood"
+        for law in given
+        if law.name not in there
+    )
 
 
 def _held_out(
@@ -152,17 +262,21 @@ def _with_what_is_open(ranking: Ranking, frozen: FrozenMotion, jobs: int, stage:
         report(2, 3)
     rules = frozen.criteria.ranking
     compared = [
-        law for law in ranking.laws if law.rank <= rules.compared or law.delta_bic < rules.compared_reach
+        law
+        for law in ranking.laws
+        if law.rank <= rules.compared or law.delta_bic < rules.compared_reach or law.source == "given"
     ]
     fits = [replace(law.fit, candidate=law.candidate) for law in compared]
     pairs = compare_laws(fits, frozen, {law.name: law.scores for law in compared})
     tests = propose_tests(fits[:3], frozen)
     if report is not None:
         report(3, 3)
+    laws = tuple(replace(law, indistinguishable=not_told_apart(pairs, law.name)) for law in ranking.laws)
     return replace(
         ranking,
+        laws=laws,
         profile=profile,
         motion_profile=motion,
-        indistinguishable=not_told_apart(pairs, winner.name),
+        indistinguishable=laws[0].indistinguishable,
         proposals=tests,
     )

@@ -13,7 +13,7 @@ from discovery.courses.fit import ROUNDS, Fit, correction, fit, fit_losses, pred
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.number import Numerical
 from discovery.criteria.ranking import RankingRules
-from discovery.laws.candidate import BASELINE, Candidate, rivals_always_in_the_race
+from discovery.laws.candidate import ALWAYS_LISTED, BASELINE, Candidate, rivals_always_in_the_race
 from discovery.laws.names import names_of
 from discovery.ranking import cross_validation as validation
 from discovery.ranking import ordering
@@ -92,9 +92,10 @@ def race(
     validated = run(2, _validate_some, [entrant.fit for entrant in entrants], frozen, folds)
     entrants = [replace(e, validation=v) for e, v in zip(entrants, validated, strict=True)]
     laws = _ranked(entrants, frozen, groups, rng)
-    if campaign is None:
-        return laws
-    return _judged(laws, frozen, hold_out, campaign, jobs, run)
+    if campaign is not None:
+        laws = _judged(laws, frozen, hold_out, campaign, jobs, run)
+    shares = ordering.probabilities(np.stack([law.scores for law in laws]), groups, rng, rules)
+    return tuple(replace(law, probability=float(p)) for law, p in zip(laws, shares, strict=True))
 
 
 @dataclass(frozen=True)
@@ -167,9 +168,9 @@ def _corrected(found: Fit, frozen: FrozenMotion) -> Fit:
     Where a law is far from the truth, as the baseline may be, it may be so steep in the tension that the
     corrected fit is lost: then the frozen one stands.
     """
-    if found.candidate.terms and validation.dispersion(found, frozen) > frozen.criteria.ranking.misfit:
+    if not found.candidate.holds and validation.dispersion(found, frozen) > frozen.criteria.ranking.misfit:
         return _of_losses(found.candidate, frozen)
-    for _ in range(ROUNDS if found.candidate.terms else 0):
+    for _ in range(0 if found.candidate.holds else ROUNDS):
         offsets = _finite(correction(found, frozen))
         if unchanged(offsets, found, frozen):
             break
@@ -224,7 +225,7 @@ def _best(fits: Sequence[Fit | None], frozen: FrozenMotion, share: tuple[float, 
         for place, (criterion, found) in enumerate(there)
         if place < least
         or (place < most and criterion < there[0][0] + reach)
-        or found.candidate.source == "baseline"
+        or found.candidate.source in ALWAYS_LISTED
     ]
 
 
@@ -239,7 +240,9 @@ def _merged(fits: Sequence[Fit], frozen: FrozenMotion) -> list[tuple[Fit, tuple[
 
     Also those with a number at its bound, a threshold of zero say, that fit as well as a simpler law.
     """
-    by_simplicity = sorted(fits, key=lambda f: (f.candidate.source != "baseline", len(f.free), f.deviance))
+    by_simplicity = sorted(
+        fits, key=lambda f: (f.candidate.source not in ALWAYS_LISTED, len(f.free), f.deviance)
+    )
     kept: list[tuple[Fit, FloatArray, list[str]]] = []
     rules = frozen.criteria.ranking
     noise = np.sqrt(np.diagonal(np.stack([c.covariance for c in frozen.courses]), axis1=1, axis2=2))
@@ -260,7 +263,7 @@ def _merged(fits: Sequence[Fit], frozen: FrozenMotion) -> list[tuple[Fit, tuple[
             ),
             None,
         )
-        if same is None:
+        if same is None or found.candidate.source == "given":
             kept.append((found, course, []))
         else:
             same[2].append(found.candidate.equation)
@@ -324,7 +327,7 @@ def _listed(laws: Sequence[RankedLaw], rules: RankingRules) -> list[RankedLaw]:
     return [
         law
         for law in laws
-        if law.rank <= rules.listed or law.chosen >= rules.named or law.source == "baseline"
+        if law.rank <= rules.listed or law.chosen >= rules.named or law.source in ALWAYS_LISTED
     ]
 
 

@@ -42,6 +42,12 @@ class RankedLaw:
         baseline itself.
     chosen : float
         Share of resamples of the preloads in which this law comes first.
+    probability : float
+        That this law predicts the next record best of those listed: stacking of their predictive densities
+        over resamples of the preloads (Y. Yao, A. Vehtari, D. Simpson and A. Gelman, Bayesian Analysis 13,
+        917, 2018, Section 3.3, pseudo-BMA+). Those of a ranking add up to 1.
+    indistinguishable : tuple of str
+        Names of the laws that the records do not tell from this one, of those compared in pairs.
     look_alikes : tuple of str
         Equations of other candidates that became the same law, or that ended with a number at its bound and
         fit as well.
@@ -64,6 +70,8 @@ class RankedLaw:
     candidate: Candidate
     scores: FloatArray
     chosen: float = 0.0
+    probability: float = 0.0
+    indistinguishable: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

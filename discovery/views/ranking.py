@@ -57,6 +57,7 @@ def frame(ranking: Ranking) -> DataFrame:
             "cases": law.wins_against_baseline[1],
             "p_value": law.p_value_against_baseline,
             "chosen": law.chosen,
+            "probability": law.probability,
             "free_numbers": law.free_numbers,
             "source": law.source,
         }

@@ -43,6 +43,8 @@ def _law_row(law: RankedLaw) -> dict[str, Any]:
         "wins_against_baseline": list(law.wins_against_baseline),
         "p_value_against_baseline": law.p_value_against_baseline,
         "chosen": law.chosen,
+        "probability": law.probability,
+        "indistinguishable": list(law.indistinguishable),
         "free_numbers": law.free_numbers,
         "look_alikes": list(law.look_alikes),
         "source": law.source,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discovery.laws.candidate import NO_LOOSENING
+from discovery.laws.candidate import ALWAYS_LISTED, NO_LOOSENING
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
 from experiments.studies.identify import Progress, save_figures, suspected_lines
@@ -41,6 +41,8 @@ def run(
     command: str = "",
     *,
     tightening: bool = False,
+    laws: Path | None = None,
+    given_only: bool = False,
 ) -> Path:
     """Write ``ranking.json``, ``model.json`` with the first law, and the figures; return the ranking's path.
 
@@ -60,6 +62,10 @@ def run(
         The command line, kept in the result file.
     tightening : bool
         Whether records whose tension rose are used too.
+    laws : Path, optional
+        A file of laws of one's own that are in the race (`discovery.laws.law_file`).
+    given_only : bool
+        Whether these and the standing laws are all.
 
     Returns
     -------
@@ -69,12 +75,14 @@ def run(
     Raises
     ------
     ValueError
-        If the campaign cannot be used, or holds too few loosening records to compare laws.
+        If the campaign or the laws cannot be used, or there are too few loosening records to compare laws.
     """
     import discovery
+    from discovery.laws.law_file import read_laws
     from experiments.figures.discovery import discovery_figures
 
     started = time.perf_counter()
+    given = read_laws(laws) if laws is not None else ()
     report = progress or (lambda _: None)
     campaign = read_campaign(campaign_path, jobs, report("checking records"))
     enough(campaign, campaign_path)
@@ -84,7 +92,10 @@ def run(
         campaign = screened(campaign, jobs)
         try:
             left_for_laws(campaign)
-            ranking = discovery.discover(campaign, jobs, report, seed, tightening)
+            if given_only:
+                ranking = discovery.compare(campaign, given, jobs, report, seed, tightening)
+            else:
+                ranking = discovery.discover(campaign, jobs, report, seed, tightening, laws=given)
         except NothingLeftError as nothing:
             header |= {"elapsed_s": time.perf_counter() - started, "command": command}
             header["campaign_digest"] = campaign.digest
@@ -148,16 +159,18 @@ def summary(path: Path) -> str:
     lines = [data["campaign"], *([found.verdict, *found.sentences] if found else [])]
     if not data["laws"]:
         return "\n".join([*lines, *suspected_lines(data)])
-    lines.append(f"\n{'rank':>4} {'error of loss [%]':>18} {'delta BIC':>10} {'first in [%]':>13}  law")
+    lines.append(f"\n{'rank':>4} {'error of loss [%]':>18} {'delta BIC':>10} {'probability':>11}  law")
     laws = ranked(data)
     named = CRITERIA.ranking.named
-    later = [law for law in laws[_SHOWN:] if law["source"] == "baseline" or law["chosen"] >= named]
+    later = [law for law in laws[_SHOWN:] if law["source"] in ALWAYS_LISTED or law["chosen"] >= named]
     for law in [*laws[:_SHOWN], *later]:
         error = trimmed(number(law["cross_validated_loss_error_percent_median"], 3))
         rise = trimmed(number(law["delta_bic"], 4))
-        share = trimmed(number(100 * law["chosen"], 2))
-        lines.append(f"{law['rank']:>4} {error:>18} {rise:>10} {share:>13}  {law_name(law['name'])}")
-        lines.append(f"{'':>49} dT/dt = {rankings.equation_text(law['equation'])}")
+        lines.append(
+            f"{law['rank']:>4} {error:>18} {rise:>10} {law.get('probability', 0.0):>11.3f}  "
+            f"{law_name(law['name'])}"
+        )
+        lines.append(f"{'':>47} dT/dt = {rankings.equation_text(law['equation'])}")
     lines += [f"  note: {text}" for text in data["warnings"] + data["set_aside"]]
     return "\n".join(lines + suspected_lines(data))
 

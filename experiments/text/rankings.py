@@ -78,7 +78,7 @@ def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
     yield from _on_profiles(data)
     yield from _on_proposals(data.get("proposals"))
     if data.get("considered"):
-        yield f"{data['considered']} candidate laws were considered; {len(laws)} of them are ranked below."
+        yield _on_number(int(data["considered"]), laws)
 
 
 def _on_wins(best: Data, laws: Sequence[Data]) -> Iterator[str]:
@@ -87,7 +87,18 @@ def _on_wins(best: Data, laws: Sequence[Data]) -> Iterator[str]:
         return
     text = f"It is nearer than the paper's law on {wins[0]} of {wins[1]} records"
     rise = next((law.get("delta_bic") for law in laws if law.get("name") == BASELINE), None)
-    yield f"{text}; in BIC that is worse by {number(rise, 3)}." if isinstance(rise, float) else f"{text}."
+    if isinstance(rise, float):
+        text += (
+            f"; its BIC is {number(abs(rise), 3)} {'lower' if rise > 0 else 'higher'} than the paper's law's"
+        )
+    yield f"{text}."
+
+
+def _on_number(considered: int, laws: Sequence[Data]) -> str:
+    given = sum(law.get("source") == "given" for law in laws)
+    if given and considered <= given:
+        return f"Laws given: {considered}, beside {len(laws) - given} standing ones."
+    return f"{considered} candidate laws were considered; {len(laws)} laws are listed below."
 
 
 def _on_errors(best: Data, laws: Sequence[Data]) -> Iterator[str]:
@@ -160,15 +171,16 @@ def tables(data: Data) -> list[Table]:
 def _leader_board(data: Data) -> Table:
     rows = tuple(_row(law) for law in ranked(data))
     heads = ("Rank", "Law", "Error of loss, cross-validated [%]", "Error of loss, hold-out [%]",
-             "Error of final tension, mean [%]", "ΔBIC", "Nearer than the paper's law", "p against it",
-             "Free numbers")  # fmt: skip
+             "Error of final tension, mean [%]", "ΔBIC", "Probability", "Nearer than the paper's law",
+             "p against it", "Free numbers")  # fmt: skip
     note = (
         "Order: log density of whole courses of tension at preloads that the fit has not seen; of laws that "
         "it does not tell from the best the one of most evidence goes first. Error of loss: 100 |simulated − "
         "measured loss| / |measured loss|, median over records; cross-validated: with numbers fitted to the "
         "other preloads. Error of final tension: the paper's measure, on the records fitted. "
-        "ΔBIC: difference of the Bayesian information criterion to the first law. p: chance that the best "
-        "of so many laws would look as much better than the paper's if none were better."
+        "ΔBIC: difference of the Bayesian information criterion to the first law. Probability: weight "
+        "of the law among those listed by the density that it gives to preloads left out. p: chance that "
+        "the best of so many laws would look as much better than the paper's if none were better."
     )
     kept = [place for place in range(len(heads)) if any(str(row[place]) != NONE for row in rows)]
     cells = tuple(tuple(row[place] for place in kept) for row in rows)
@@ -185,6 +197,7 @@ def _row(law: Data) -> tuple[str | Markup, ...]:
         _share(_error(law, "hold_out", "tension_loss_error_percent_median")),
         _share(_error(law, "training", "final_tension_error_percent_mean")),
         trimmed(number(law.get("delta_bic"), 3)),
+        trimmed(number(law.get("probability"), 2)),
         _wins(law),
         trimmed(number(law.get("p_value_against_baseline"), 2)),
         number(law.get("free_numbers")),

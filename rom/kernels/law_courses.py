@@ -57,6 +57,7 @@ def follow_courses(
             while edge < edges.size and (edges[edge] <= nodes[0, i] or i == last):
                 a = max(min(edges[edge] - nodes[0, i - 1], h), 0.0)
                 here = total + a * (before + 0.5 * (T - before) * a / h)
+                here += max(edges[edge] - nodes[0, i], 0.0) * T  # behind the last node the tension rests
                 if edge > 0:
                     result[case, edge - 1] = (here - at_edge) / (edges[edge] - edges[edge - 1])
                 at_edge = here

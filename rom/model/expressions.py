@@ -120,6 +120,33 @@ def compile_expression(
     return function
 
 
+def is_linear_in(expression: str, name: str) -> bool:
+    """Whether an arithmetic expression is linear in one of its names, as far as its form says."""
+    return _degree(ast.parse(expression.strip(), mode="eval").body, name) == 1.0
+
+
+def _degree(node: ast.expr, name: str) -> float:
+    """Degree of a polynomial in a name; infinite where the expression is none."""
+    if isinstance(node, ast.Name):
+        return float(node.id == name)
+    if isinstance(node, ast.UnaryOp):
+        return _degree(node.operand, name)
+    if isinstance(node, ast.Call):
+        return math.inf if any(_degree(argument, name) for argument in node.args) else 0.0
+    return _degree_of_two(node, name) if isinstance(node, ast.BinOp) else 0.0
+
+
+def _degree_of_two(node: ast.BinOp, name: str) -> float:
+    left, right = _degree(node.left, name), _degree(node.right, name)
+    if isinstance(node.op, ast.Add | ast.Sub):
+        return max(left, right)
+    if isinstance(node.op, ast.Mult):
+        return left + right
+    if right or (left and isinstance(node.op, ast.Pow)):
+        return math.inf
+    return left
+
+
 def is_on_disk(function: Callable[..., Any]) -> bool:
     """Whether a function has a file, so that its compiled code can be kept beside it."""
     return Path(function.__code__.co_filename).is_absolute()

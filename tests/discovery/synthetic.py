@@ -77,12 +77,8 @@ def measured(
     edges = (places - 0.5) / TENSION_RATE_HZ
     deviations = scatter * generator.standard_normal(len(initial))
     true = law or baseline()
-    vary = {
-        f"joint.tension_rate.{name}": value * np.exp(deviations)
-        for name, value in zip(true.coefficient_names, true.coefficients, strict=True)
-    }
-    if "own_rate" in true.parameters:  # what scatters of a general law
-        vary["joint.tension_rate.own_rate"] = np.exp(deviations)
+    rated = true.rated(np.exp(deviations))
+    vary = {f"joint.tension_rate.{name}": values for name, values in rated.items()}
     tension = model_with(true).mean_tensions(
         peaks[:, None] * pulse, RATE_HZ, initial, edges, vary, "lo", tension_rate_hz=TENSION_RATE_HZ
     )

@@ -44,5 +44,5 @@ def test_a_law_is_found_from_far_where_a_number_is_at_the_end_of_its_range() -> 
         return problem.fitted(problem.solve(problem.theta0, _SCATTER, still, 12)).deviance
 
     least = fitted()
-    for far, more in ((4.0, 2.0), (1.0, 2.0), (20.0, 6.0)):  # the last is 23 off by plain Gauss-Newton steps
+    for far, more in ((4.0, 2.0), (1.0, 2.0), (20.0, 8.0)):  # the last is 23 off by plain Gauss-Newton steps
         assert fitted(loosening_ratchet_r=far, gamma_d=12.7, gamma_i=8.8) < least + more
