@@ -21,10 +21,14 @@ EXAMPLES = {
     )
     for command in app.registered_commands
 }
+ON_A_PAGE = {
+    *tutorial_commands(),
+    "boltlaw compare rig-campaign laws.toml",  # own-law.md has it, of a campaign called `folder`
+}
 ALONE = [
     name
     for name, example in EXAMPLES.items()
-    if example not in tutorial_commands() and not left_out(shlex.split(example))
+    if example not in ON_A_PAGE and not left_out(shlex.split(example))
 ]
 
 

@@ -110,7 +110,7 @@ def folder(made: Ranking, tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("discover")
     write_sound_campaign(place / "campaign")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("discovery.discover", lambda *_: made)
+        patch.setattr("discovery.discover", lambda *_, **__: made)
         patch.setattr(discover, "enough", lambda *_: None)
         assert run(["discover", str(place / "campaign"), "--jobs", "1", "--seed", "4", "--quiet"]) == 0
     return place / "campaign-results"
@@ -122,7 +122,7 @@ def test_laws_that_tighten_are_there_on_request(made: Ranking, tmp_path: Path, o
 
     asked: list[bool] = []
 
-    def found(*arguments: Any) -> Ranking:
+    def found(*arguments: Any, **_: Any) -> Ranking:
         asked.append(arguments[4])
         return made
 
