@@ -263,7 +263,7 @@ def _merged(fits: Sequence[Fit], frozen: FrozenMotion) -> list[tuple[Fit, tuple[
             ),
             None,
         )
-        if same is None or found.candidate.source == "given":
+        if same is None or found.candidate.source in ALWAYS_LISTED:
             kept.append((found, course, []))
         else:
             same[2].append(found.candidate.equation)

@@ -216,15 +216,15 @@ def test_law_that_is_often_first_is_in_the_summary_whatever_its_rank(folder: Pat
     first = data["laws"][0]
     shares = {1: 0.9, 12: 0.02, 13: 0.08}
     data["laws"] = [
-        first | {"rank": rank, "name": f"law {rank}", "source": "hand", "chosen": shares.get(rank, 0.0)}
-        for rank in range(1, 14)
+        first | {"rank": rank, "name": f"law {rank}", "source": "hand", "chosen": share, "probability": share}
+        for rank, share in ((rank, shares.get(rank, 0.0)) for rank in range(1, 14))
     ]
     path = tmp_path / "ranking.json"
     path.write_text(json.dumps(data), encoding="utf-8")
     lines = discover.summary(path).splitlines()
     listed = [line.split() for line in lines if line.endswith(tuple(f"law {k}" for k in range(1, 14)))]
     assert [words[0] for words in listed] == [*map(str, range(1, 9)), "13"]
-    assert listed[-1][3] == "8"
+    assert listed[-1][3] == "0.080"
 
 
 def test_few_loosening_records_are_refused_before_the_work(
