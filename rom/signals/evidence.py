@@ -9,6 +9,7 @@ import numpy as np
 
 from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.channels import BOLT_CHANNELS
+from rom.signals.damage import Damage, damages
 from rom.signals.filters import find_impact
 from rom.signals.hits import first_hit
 from rom.signals.momentum import HitBalance, hit_balance
@@ -77,6 +78,7 @@ class Evidence:
     balance: HitBalance | None
     unhit: str
     gauge: tuple[str, float] | None
+    damages: tuple[Damage, ...]
     rates: Mapping[str, float]
 
 
@@ -107,6 +109,7 @@ def evidence(record: Record, settings: CampaignSettings, doubts: tuple[Doubt, ..
         balance=hit_balance(record, settings, hit) if hit is not None and not spoilt else None,
         unhit=forces[0].name if missed else "",
         gauge=_gauge(record, settings, None if hit is None else hit.start / hit.force.rate_hz),
+        damages=tuple(damages(record, hit)),
         rates={name: channel.rate_hz for name, channel in record.channels.items()},
     )
 

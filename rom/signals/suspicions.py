@@ -41,6 +41,7 @@ def suspicions(records: Sequence[Evidence], settings: CampaignSettings) -> tuple
     found = (
         *_of_doubts(records),
         *_without_force(records),
+        *_damaged(records),
         *late(records),
         *slips(records, settings),
         *_preloads(records, settings),
@@ -100,6 +101,12 @@ def _without_force(records: Sequence[Evidence]) -> Iterator[Suspicion]:
         if record.unhit:
             finding = f"{record.unhit} shows no hit"
             yield Suspicion(record.file, record.unhit, finding, None, "force not recorded", OF_DOUBTS)
+
+
+def _damaged(records: Sequence[Evidence]) -> Iterator[Suspicion]:
+    for record in records:
+        for one in record.damages:
+            yield Suspicion(record.file, one.channel, one.finding, None, one.likely, OF_DOUBTS)
 
 
 def _preloads(records: Sequence[Evidence], settings: CampaignSettings) -> Iterator[Suspicion]:

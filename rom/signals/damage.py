@@ -1,0 +1,171 @@
+"""Damage of a channel other than flat tops: overflow codes, wrap-around, dropouts, windows, settling sensors.
+
+Each test keeps silent unless the evidence is strong, and none needs a model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from rom.campaign.campaign import Record
+from rom.campaign.channels import BOLT_CHANNELS, Channel, FloatArray
+from rom.signals.hits import Hit
+
+# Measured on campaigns of the rig with something undeclared, and on the data of others in docs/measured.md.
+LONE_SAMPLES, LONE_SHARE = 2, 0.1  # a longer run is a signal; the rest reaches less of its height
+HIT_GUARD_S = 5e-3  # of a short blow a slow channel has one sample
+WRAP_STEP, WRAP_SMOOTH, WRAP_BEYOND = 0.6, 0.45, 0.02  # in ranges: a jump, what unwrapping leaves, and adds
+DROPPED, DROP_NOISE = 0.5, 10.0  # of the level, from which it falls to exactly nothing; of that in noise
+DROP_RUN = 4  # so many equal readings are no chance where there is noise
+WINDOW_PARTS, WINDOW_NOISE, WINDOW_STRAIGHT = 8, 0.4, 0.97  # noise at the end over that before the hit
+SETTLING_SHARE, SETTLING_NOISE, SETTLING_SIZE = 0.97, 20.0, 0.1  # of the variance; in noise; of the motion
+MEAN_SPEED = 3.0  # that a mean that moves stands for, in speeds that the hit gave
+MEAN_ERRORS, MEAN_SIZE = 10.0, 0.1  # of it: in standard errors; of the motion after the hit
+SHORTEST = 256  # samples: fewer tell no noise
+
+
+@dataclass(frozen=True)
+class Damage:
+    """What is wrong with a channel: a line for people, and the likeliest cause."""
+
+    channel: str
+    finding: str
+    likely: str
+
+
+def damages(record: Record, hit: Hit | None) -> Iterator[Damage]:
+    """Yield what is wrong with the channels of a record.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    hit : Hit, optional
+        Its hit, where there is one.
+    """
+    hit_s = None if hit is None else hit.start / hit.force.rate_hz
+    for name, channel in record.channels.items():
+        if name.startswith("force_") and record.test != "driven":
+            continue  # a blow may be one sample
+        found = _overflow(channel, hit_s) or _wrapped(channel)
+        if not found and name in BOLT_CHANNELS:
+            found = _dropped(channel)
+        if not found and hit_s is not None and name.startswith("acceleration_"):
+            found = _windowed(channel, hit_s) or _settling(channel, hit_s) or _moving(channel, hit_s)
+        if found:
+            yield Damage(name, f"{name} {found[0]}", found[1])
+
+
+def _overflow(channel: Channel, hit_s: float | None) -> tuple[str, str] | None:
+    """Lone samples far beyond all others: the code of an input that was overrun."""
+    height = np.abs(channel.samples - np.median(channel.samples))
+    high = height > 0.5 * height.max()
+    edges = np.flatnonzero(np.diff(high, prepend=False, append=False))
+    starts, stops = edges[::2], edges[1::2]
+    if (
+        not len(starts)
+        or (stops - starts).max() > LONE_SAMPLES
+        or height[~high].max() > LONE_SHARE * height.max()
+    ):
+        return None
+    if hit_s is not None and np.all(np.abs(starts / channel.rate_hz - hit_s) < HIT_GUARD_S):
+        return None
+    value = channel.samples[np.argmax(height)]
+    return f"has {int(high.sum())} lone samples of {value:.4g}, all others stay far below", "overload"
+
+
+def _wrapped(channel: Channel) -> tuple[str, str] | None:
+    """Jumps over the whole range without which the signal is smooth, goes beyond it and comes back."""
+    low, high = float(channel.samples.min()), float(channel.samples.max())
+    steps = np.abs(np.diff(channel.samples))
+    if high <= low or np.sum(steps > WRAP_STEP * (high - low)) < LONE_SAMPLES:
+        return None
+    whole = np.unwrap(channel.samples, period=high - low)
+    smooth = np.abs(np.diff(whole)).max() < WRAP_SMOOTH * (high - low)
+    beyond = max(whole.max() - high, low - whole.min()) > WRAP_BEYOND * (high - low)
+    if not (smooth and beyond and abs(whole[-1] - channel.samples[-1]) < 0.5 * (high - low)):
+        return None
+    return f"jumps from one end of its range, {low:.4g} to {high:.4g}, to the other", "wrap-around"
+
+
+def _dropped(channel: Channel) -> tuple[str, str] | None:
+    """Samples of exactly zero amid a level far from it."""
+    level, noise = float(np.median(channel.samples)), _noise(channel.samples)
+    zero = channel.samples == 0.0
+    if not zero.any() or (noise == 0.0 and level == 0.0):
+        return None
+    far = abs(level) > DROP_NOISE * noise
+    runs = [run for (run,) in ndimage.find_objects(ndimage.label(zero)[0])]
+    beside = [(run, channel.samples[[run.start - 1, run.stop]]) for run in runs
+              if run.start > 0 and run.stop < len(zero)]  # fmt: skip
+    fallen = [
+        run
+        for run, ends in beside
+        if (far and np.min(ends / level) > DROPPED) or (noise > 0 and run.stop - run.start >= DROP_RUN)
+    ]
+    if not fallen or len(fallen) < len(runs) / 2:
+        return None
+    return f"falls to zero {len(fallen)} times amid a level of {level:.4g}", "dropouts"
+
+
+def _noise(samples: FloatArray) -> float:
+    """Root mean square of what changes from sample to sample, motion taken out by third differences."""
+    return float(1.4826 * np.median(np.abs(np.diff(samples, 3))) / np.sqrt(20.0))
+
+
+def _windowed(channel: Channel, hit_s: float) -> tuple[str, str] | None:
+    """Noise that fades evenly along the record: an analyser's exponential window."""
+    start = round((hit_s + HIT_GUARD_S) * channel.rate_hz)
+    before, after = channel.samples[: round(hit_s * channel.rate_hz)], channel.samples[start:]
+    size = len(after) // WINDOW_PARTS
+    if size < SHORTEST or len(before) < SHORTEST:
+        return None
+    levels = np.array([_noise(after[i * size : (i + 1) * size]) for i in range(WINDOW_PARTS)])
+    quiet = _noise(before[-min(len(before), size) :])
+    last = WINDOW_PARTS // 2  # before it the ringing of fast modes may pass for noise
+    if quiet <= 0 or levels.min() <= 0 or levels[-1] > WINDOW_NOISE * quiet:
+        return None
+    time, logs = np.arange(last, WINDOW_PARTS) * size / channel.rate_hz, np.log(levels[last:])
+    if np.corrcoef(time, logs)[0, 1] > -WINDOW_STRAIGHT:
+        return None
+    decay = -float(np.polyfit(time, logs, 1)[0])
+    text = f"has a noise that fades with {decay:.3g} 1/s to {levels[-1] / quiet:.2g} of that before the hit"
+    return text, "exponential window"
+
+
+def _settling(channel: Channel, hit_s: float) -> tuple[str, str] | None:
+    """A sensor that runs towards its rest when the hit comes."""
+    stop = round(0.98 * hit_s * channel.rate_hz)
+    before, after = channel.samples[:stop], channel.samples[round(hit_s * channel.rate_hz) :]
+    if len(before) < SHORTEST or len(after) < SHORTEST:
+        return None
+    time = np.linspace(-1, 1, stop)
+    trend = np.polynomial.Polynomial.fit(time, before, 3)(time)
+    steps = np.diff(trend)
+    run = float(np.ptp(trend))
+    one_way = np.all(steps <= 0) or np.all(steps >= 0)
+    explained = trend.var() > SETTLING_SHARE * (before.var() - _noise(before) ** 2)
+    large = run > max(SETTLING_NOISE * _noise(before), SETTLING_SIZE * after.std())
+    if not (one_way and explained and large):
+        return None
+    return f"still runs by {run:.3g} m/s2 before the hit", "sensor still settling"
+
+
+def _moving(channel: Channel, hit_s: float) -> tuple[str, str] | None:
+    """A mean at the end that is not that before the hit: it would be a speed beyond all that the hit gave."""
+    rate = channel.rate_hz
+    before, after = channel.samples[: round(0.98 * hit_s * rate)], channel.samples[round(hit_s * rate) :]
+    end = after[len(after) // 2 :]
+    if len(before) < SHORTEST or len(end) < SHORTEST:
+        return None
+    rest, mean = (float(np.average(part, weights=np.hanning(len(part)))) for part in (before, end))
+    moved = abs(mean - rest)
+    given = float(np.abs(np.cumsum(after[: len(after) // 10] - rest)).max())  # speed times rate
+    error = _noise(before) / np.sqrt(min(len(before), len(end)))
+    if moved * len(end) < MEAN_SPEED * given or moved < max(MEAN_ERRORS * error, MEAN_SIZE * after.std()):
+        return None
+    return f"has a mean at the end that differs by {moved:.3g} m/s2 from that before the hit", "mean moves"
