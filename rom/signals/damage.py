@@ -20,9 +20,9 @@ LONE_SAMPLES, LONE_SHARE = 2, 0.1  # a longer run is a signal; the rest reaches 
 HIT_GUARD_S = 5e-3  # of a short blow a slow channel has one sample
 WRAP_STEP, WRAP_SMOOTH, WRAP_BEYOND = 0.6, 0.45, 0.02  # in ranges: a jump, what unwrapping leaves, and adds
 DROPPED, DROP_NOISE = 0.5, 10.0  # of the level, from which it falls to exactly nothing; of that in noise
-DROP_RUN = 4  # so many equal readings are no chance where there is noise
+DROP_RUN, DROP_BESIDE = 4, 5  # samples: so many equal ones are no chance; a loose bolt falls slowly
 WINDOW_PARTS, WINDOW_NOISE, WINDOW_STRAIGHT = 8, 0.4, 0.97  # noise at the end over that before the hit
-SETTLING_SHARE, SETTLING_NOISE, SETTLING_SIZE = 0.97, 20.0, 0.1  # of the variance; in noise; of the motion
+SETTLING_SHARE, SETTLING_NOISE, SETTLING_SIZE = 0.9, 20.0, 0.1  # of the variance; in noise; of the motion
 MEAN_SPEED = 3.0  # that a mean that moves stands for, in speeds that the hit gave
 MEAN_ERRORS, MEAN_SIZE = 10.0, 0.1  # of it: in standard errors; of the motion after the hit
 SHORTEST = 256  # samples: fewer tell no noise
@@ -96,20 +96,18 @@ def _dropped(channel: Channel) -> tuple[str, str] | None:
     """Samples of exactly zero amid a level far from it."""
     level, noise = float(np.median(channel.samples)), _noise(channel.samples)
     zero = channel.samples == 0.0
-    if not zero.any() or (noise == 0.0 and level == 0.0):
+    if not zero.any() or level == 0.0:
         return None
-    far = abs(level) > DROP_NOISE * noise
-    runs = [run for (run,) in ndimage.find_objects(ndimage.label(zero)[0])]
-    beside = [(run, channel.samples[[run.start - 1, run.stop]]) for run in runs
-              if run.start > 0 and run.stop < len(zero)]  # fmt: skip
-    fallen = [
-        run
-        for run, ends in beside
-        if (far and np.min(ends / level) > DROPPED) or (noise > 0 and run.stop - run.start >= DROP_RUN)
-    ]
-    if not fallen or len(fallen) < len(runs) / 2:
+    fallen = 0
+    for (run,) in ndimage.find_objects(ndimage.label(zero)[0]):
+        beside = channel.samples[max(run.start - DROP_BESIDE, 0) : run.start], channel.samples[run.stop :]
+        inside = run.start > 0 and run.stop < len(zero)
+        if not inside or min(ends[:DROP_BESIDE].mean() / level for ends in beside) < DROPPED:
+            continue
+        fallen += abs(level) > DROP_NOISE * noise or run.stop - run.start >= DROP_RUN
+    if not fallen:
         return None
-    return f"falls to zero {len(fallen)} times amid a level of {level:.4g}", "dropouts"
+    return f"falls to zero {fallen} times amid a level of {level:.4g}", "dropouts"
 
 
 def _noise(samples: FloatArray) -> float:
