@@ -16,10 +16,10 @@ from rom.signals.momentum import HitBalance
 
 G = 9.80665
 
-# Measured on 240 records of 40 campaigns of the rig (two structures, 0.3 to 3 times the usual noise, something
-# undeclared). Sound ones leave at most 1 % of the force's square, and every slip would leave 1.9 times as
-# much. With a slip 0.09 % and more is left, and it explains all but 1.4 % of that; only a light body's
-# accelerometer in g may drown in three times the usual noise.
+# Measured on 240 records of 40 campaigns of the rig (two sets of masses and flexures, 0.3 to 3 times usual
+# noise, something undeclared). Sound ones leave at most 1 % of the force's square, and every slip would leave
+# 1.9 times as much. With a slip 0.09 % and more is left, and it explains all but 1.4 % of that; only a light
+# body's accelerometer in g may drown in three times the usual noise.
 SLIP_LEFT = 5e-4  # of the force's square, that a slip is to explain
 SLIP_SHARE = 0.15  # of that, which it may leave
 SLIP_NEAR = 1.12  # a unit's factor is met so nearly: sensors are off by a tenth
