@@ -9,16 +9,16 @@ beyond the tension is added to the simulated one.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from rom.campaign.channels import Channel, FloatArray
 from rom.effects.observation import motion_of
+from rom.identification.ring_down import fitted_state, of_moving, ring_down
 from rom.model.assembly import Response
 from rom.model.model import Model
-from rom.model.structure import GROUND, Structure
 from rom.signals.filters import displacement
 from rom.signals.per_record_parameters import at_rest, own_numbers
 from rom.signals.processing import (
@@ -45,8 +45,9 @@ class Replay:
 def replay(model: Model, measurement: Measurement) -> Replay:
     """Run a record again from its measured force and initial tension.
 
-    The initial state of a free record is fitted to it, that of a driven record whose displacement was
-    measured to its first samples: it may have been cut from a longer run. Others start at rest.
+    The initial state of a free record is fitted to it. A driven record may have been cut from a longer run:
+    where its displacement was measured and a force acts, its state is fitted to its first samples, else to
+    the whole record. Others, and all with a bolt, start at rest.
 
     Raises
     ------
@@ -55,17 +56,18 @@ def replay(model: Model, measurement: Measurement) -> Replay:
     """
     if measurement.test == "uncoupled":
         model = model.without_bolt()
-    model = _moving(model, measurement.motion)
+    model = of_moving(model, tuple(measurement.motion))
     model, state = own_numbers(model, measurement, _initial_tension(model, corrected(measurement, model)))
     seen = corrected(measurement, model)
     force = {body: f for body, f in seen.applied_force.items() if body in model.structure.body_names}
     if not force:
         force = {model.structure.body_names[0]: np.zeros(seen.samples)}
     tension = _initial_tension(model, seen)
-    if seen.test == "free":
-        return Replay(model, seen, _free_response(model, seen, force, tension))
+    if seen.motion and (seen.test == "free" or _shows_no_start(model, seen)):
+        ring = ring_down(seen)
+        return Replay(model, seen, ring.response(model, fitted_state(ring, model, tension=tension), tension))
     if _may_start_moving(model, seen):
-        return Replay(model, seen, _free_response(model, seen, force, tension, _FIRST))
+        return Replay(model, seen, _from_first_samples(model, seen, force, tension, _FIRST))
     start = (state.displacement, state.velocity) if state is not None else (None, None)
     return Replay(model, seen, model.simulate(force, seen.rate_hz, tension, *start))
 
@@ -73,21 +75,6 @@ def replay(model: Model, measurement: Measurement) -> Replay:
 def simulate_measurement(model: Model, measurement: Measurement) -> Response:
     """Simulate a record from its measured force and initial tension: the response of ``replay``."""
     return replay(model, measurement).response
-
-
-def _moving(model: Model, bodies: Collection[str]) -> Model:
-    """Return the model of the moving bodies: one that rests in a record is ground to the others."""
-    if not bodies or set(model.structure.body_names) <= set(bodies):
-        return model
-    ends = {body: body if body in bodies else GROUND for body in (*model.structure.body_names, GROUND)}
-    links = tuple(
-        replace(link, first=ends[link.first], second=ends[link.second])
-        for link in model.structure.links
-        if ends[link.first] != ends[link.second]
-    )
-    names = {link.name for link in links}
-    bodies_left = tuple(body for body in model.structure.bodies if body.name in bodies)
-    return model.on(Structure(bodies_left, links), {name: model.link_laws[name] for name in names})
 
 
 def displacements(
@@ -200,17 +187,22 @@ def _may_start_moving(model: Model, measurement: Measurement) -> bool:
     return measurement.test == "driven" and bool(shown) and all(shown) and not model.structure.bolted_links
 
 
-def _free_response(
+def _shows_no_start(model: Model, measurement: Measurement) -> bool:
+    """Whether a driven record without a bolt tells its state only as a whole."""
+    if measurement.test != "driven" or model.structure.bolted_links:
+        return False
+    forced = any(np.any(force) for force in measurement.force.values())
+    return not (forced and _may_start_moving(model, measurement))
+
+
+def _from_first_samples(
     model: Model,
     measurement: Measurement,
     force: Mapping[str, FloatArray],
     tension: Mapping[str, float] | None,
-    first: int | None = None,
+    first: int,
 ) -> Response:
-    """Fit every body's initial displacement and velocity by Gauss-Newton steps on the filtered motion.
-
-    Of the ``first`` samples alone, where they are given: those must be displacements.
-    """
+    """Fit every body's initial displacement and velocity by Gauss-Newton steps on its first displacements."""
     bodies = model.structure.body_names
     scale = max(float(np.abs(measurement.displacement(body)).max()) for body in measurement.motion)
     speed = scale * 2 * np.pi * _fastest_motion(measurement)
@@ -230,7 +222,7 @@ def _free_response(
         return response, np.concatenate([shown[body][:first] for body in measurement.motion])
 
     state = np.zeros(2 * len(bodies))
-    response, simulated = respond(state)
+    simulated = respond(state)[1]
     for _ in range(_STATE_ITERATIONS):
         step = 1e-2
         jacobian = np.stack(
@@ -239,8 +231,8 @@ def _free_response(
         if not np.isfinite(jacobian).all():
             break
         state = state + np.linalg.lstsq(jacobian, measured - simulated, rcond=None)[0]
-        response, simulated = respond(state)
-    return response if first is None else respond(state, None)[0]
+        simulated = respond(state)[1]
+    return respond(state, None)[0]
 
 
 def _fastest_motion(measurement: Measurement) -> float:

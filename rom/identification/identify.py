@@ -18,6 +18,7 @@ from rom.effects import CATALOGUE
 from rom.identification.at_rest import STILL, model_at_rest
 from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
 from rom.identification.force_balance import SOUND, balances_of, declared_model, is_driven, noise_share
+from rom.identification.free_decay import fit_free_decay, free_model, is_free, ring_downs
 from rom.identification.gamma import GammaEstimate, LooseningCase, identify_gamma, refine_gamma_law
 from rom.identification.joint import (
     LEAST_FOR_A_CURVE,
@@ -211,6 +212,8 @@ def identify_campaign(
         return _without_spectra(Identification(model, None, warnings=(STILL,), records=files))
     if is_driven(campaign) and (driven := _of_driven(campaign)) is not None:
         return driven
+    if is_free(campaign):
+        return _of_free(campaign)
     settings = campaign.settings
     records = list(reduce_records(campaign, campaign.select(hold_out=False), jobs, progress, faults))
     set_aside = tuple(doubt for record in records for doubt in record.doubts)
@@ -273,6 +276,24 @@ def _of_driven(campaign: Campaign) -> Identification | None:
 def _without_spectra(found: Identification) -> Identification:
     """Return an identification that no motion was followed for, its model with all that is behind it."""
     return replace(found, model=replace(found.model, identification=found))
+
+
+def _of_free(campaign: Campaign) -> Identification:
+    """Return the declared model of a campaign of ring-downs, by output error.
+
+    Raises
+    ------
+    ValueError
+        If no training record is sound.
+    """
+    rings, doubts = ring_downs(campaign)
+    files = tuple(ring.file for ring in rings if not ring.hold_out)
+    if not files:
+        raise ValueError(f"{campaign.path}: found no sound training record of a motion, expected one")
+    fit = fit_free_decay(rings, campaign.settings)
+    model = free_model(campaign.settings, fit)
+    found = Identification(model, None, set_aside=doubts, warnings=fit.lines, records=files)
+    return replace(found, model=replace(model, identification=found))
 
 
 def _started(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[SpectralRecord, ...]:

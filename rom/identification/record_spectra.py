@@ -42,6 +42,7 @@ _BRIEF_PERIODS = 16
 _FLOOR = 5.0
 _NEAR_HALF_RATE = 0.7
 _SHAPES_MORE = 3  # of a hammer's noise than its band and contact ask for
+_ROUNDING = 1e-12  # share of the strongest line
 _FORCE_BAND = 1e-2  # lines weaker than this share of the strongest force line say nothing of the structure
 
 
@@ -308,9 +309,12 @@ def _equations(
 
 
 def _equation_weight(part: SpectralRecord) -> FloatArray:
-    """Return weights (lines, bodies) of equations: small where differentiated noise would outdo motion."""
+    """Return weights (lines, bodies) of equations: small where differentiated noise would outdo motion.
+
+    A record made of few lines shows nothing at all between them: rounding stands for noise there.
+    """
     size = np.abs(part.motion)
-    floor = _FLOOR * np.median(size, axis=0)
+    floor = np.maximum(_FLOOR * np.median(size, axis=0), _ROUNDING * size.max(axis=0) + np.finfo(float).tiny)
     omega = 2 * np.pi * part.frequency[:, None]
     strongest = omega[np.argmax(size, axis=0), 0]
     missing = 2 - np.array(part.orders)

@@ -1,0 +1,382 @@
+"""The declared model of a campaign of ring-downs: stiffnesses and dampings by output error.
+
+    M x'' + C x' + K x = 0,   x(0) = x_0,   x'(0) = v_0
+
+with the state (x_0, v_0) of every record its own, taken out linearly at every step (variable projection).
+Fits start on the first periods and go on to twice the length until they hold the whole record: a frequency
+that is a little wrong loses the phase of a long one. Free decays tell M, C and K but for a common factor,
+which is fixed by a given mass or stiffness.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import linalg, optimize, signal
+
+from rom.campaign.campaign import Campaign, CampaignSettings
+from rom.campaign.channels import FloatArray
+from rom.identification.link_laws import UNDETERMINED
+from rom.identification.record_spectra import LinearNames, with_starts
+from rom.identification.record_spectra import spectral_records as spectra_of
+from rom.identification.ring_down import RingDown, ring_down
+from rom.model.description import LinkLaws
+from rom.model.laws import Z95, Law, Parameter, constant_damping, constant_stiffness
+from rom.model.model import Model
+from rom.model.structure import GROUND, Body, Link, Structure
+from rom.signals.measured_records import measured_record
+from rom.signals.quality import Doubt
+
+TESTS = ("free", "driven")
+_PERIODS = 6.0  # of the strongest line: where a fit starts
+_EVALUATIONS = 40
+_MASSES = (1e-3, 1e3)  # of its start, as far as a mass may go
+_LEAST = 1e-9  # of a stiffness or damping's start
+_STEP = 1e-6
+
+
+def is_free(campaign: Campaign) -> bool:
+    """Whether a campaign without a bolt trains on ring-downs alone: free records, or driven without force."""
+    training = campaign.select(hold_out=False)
+    bolted = any(link.law == "bolted" for link in campaign.settings.link)
+    if bolted or not training or not {record.test for record in training} <= set(TESTS):
+        return False
+    return not any(
+        np.any(f) for r in training for f in measured_record(campaign, r).measurement.force.values()
+    )
+
+
+def ring_downs(campaign: Campaign) -> tuple[tuple[RingDown, ...], tuple[Doubt, ...]]:
+    """Return the sound records of a campaign as they are compared, and the doubts about the others."""
+    found: list[RingDown] = []
+    doubts: list[Doubt] = []
+    for record in campaign.select(TESTS):
+        measured = measured_record(campaign, record)
+        doubts += measured.doubts
+        if not measured.doubts and measured.measurement.motion:
+            found.append(ring_down(measured.measurement))
+    return tuple(found), tuple(doubts)
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """Which numbers a fit may move, by path; all others are held at their value.
+
+    `known` tells whether a given number fixes the common factor, `lines` what to say of it.
+    """
+
+    values: Mapping[str, float]
+    free: tuple[str, ...]
+    lines: tuple[str, ...]
+    known: bool
+
+
+def mass_of(body: str) -> str:
+    """Path of a mass."""
+    return f"body.{body}.mass"
+
+
+def scale_of(settings: CampaignSettings) -> Scale:
+    """Fix the common factor of each part of the structure by what is given there."""
+    values: dict[str, float] = {mass_of(b.name): b.mass_kg or 1.0 for b in settings.body}
+    free = [mass_of(b.name) for b in settings.body if b.mass_kg is None]
+    lines, held, known = [], set[str](), True
+    for part in _parts(settings):
+        if any(b.mass_kg is not None for b in settings.body if b.name in part):
+            continue
+        given = next(
+            (
+                x
+                for x in settings.link
+                if x.stiffness_n_per_m and set(x.between) & part and x.law != "dashpot"
+            ),
+            None,
+        )
+        names = ", ".join(sorted(part))
+        if given is not None:
+            held.add(f"{given.name}.stiffness.k")
+            lines.append(
+                f"{names}: no force acts and no mass is given; all numbers go with the given stiffness of "
+                f"link {given.name}, {given.stiffness_n_per_m:.4g} N/m"
+            )
+        else:
+            first = next(b.name for b in settings.body if b.name in part)
+            free.remove(mass_of(first))
+            known = False
+            lines.append(
+                f"{names}: no force acts and neither a mass nor a stiffness is given; free decay tells only "
+                f"the ratios of all numbers to the mass of {first}, for which 1 kg stands in"
+            )
+    for link in settings.link:
+        values[f"{link.name}.stiffness.k"] = link.stiffness_n_per_m or 0.0
+        values[f"{link.name}.damping.c"] = link.damping_ns_per_m or 0.0
+        free += [f"{link.name}.damping.c"]
+        if link.law != "dashpot" and f"{link.name}.stiffness.k" not in held:
+            free.append(f"{link.name}.stiffness.k")
+    return Scale(values, tuple(free), tuple(lines), known)
+
+
+def _parts(settings: CampaignSettings) -> list[set[str]]:
+    """Bodies that links join to one another, the ground left out."""
+    parts = [{body.name} for body in settings.body]
+    for link in settings.link:
+        ends = set(link.between) - {GROUND}
+        joined = [part for part in parts if part & ends]
+        parts = [part for part in parts if not part & ends] + [set().union(*joined)]
+    return parts
+
+
+def matrices(
+    settings: CampaignSettings, bodies: Sequence[str], values: Mapping[str, float]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mass, damping and stiffness matrices of the moving bodies."""
+    n = len(bodies)
+    mass = np.diag([values[mass_of(b)] for b in bodies])
+    damping, stiffness = np.zeros((n, n)), np.zeros((n, n))
+    for link in settings.link:
+        row = np.zeros(n)
+        for sign, end in zip((1.0, -1.0), link.between, strict=True):
+            if end in bodies:
+                row[bodies.index(end)] = sign
+        damping += values[f"{link.name}.damping.c"] * np.outer(row, row)
+        stiffness += values[f"{link.name}.stiffness.k"] * np.outer(row, row)
+    return mass, damping, stiffness
+
+
+def _columns(ring: RingDown, settings: CampaignSettings, values: Mapping[str, float]) -> FloatArray:
+    """What the channels show of motions from unit states, over the noise, (rows, 2 bodies)."""
+    mass, damping, stiffness = matrices(settings, ring.bodies, values)
+    n, seen = len(ring.bodies), ring.measurement
+    inverse = np.linalg.inv(mass)
+    system = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ stiffness, -inverse @ damping]])
+    rows = _powers(linalg.expm(system / seen.rate_hz), seen.samples) * ring.scale
+    second = np.einsum("ij,tjk->tik", system[n:], rows)
+    parts = {"displacement": rows[:, :n], "velocity": rows[:, n:], "acceleration": second}
+    motion = {
+        kind: {b: np.ascontiguousarray(part[:, k].T) for k, b in enumerate(ring.bodies)}
+        for kind, part in parts.items()
+    }
+    return np.asarray(ring.shown(motion).T)
+
+
+def _powers(step: FloatArray, count: int) -> FloatArray:
+    """Powers 0 to count - 1 of a matrix, (count, n, n)."""
+    found, power = np.eye(len(step))[None], step
+    while len(found) < count:
+        found = np.concatenate([found, found @ power])
+        power = power @ power
+    return found[:count]
+
+
+def _left_over(
+    rings: Sequence[RingDown], settings: CampaignSettings, values: Mapping[str, float], periods: float
+) -> FloatArray:
+    """What the motions from the best states leave over of all records, cut to some periods."""
+    found = []
+    for ring in rings:
+        rows = _cut(ring, periods)
+        table = _columns(ring, settings, values).reshape(len(ring.bodies), -1, 2 * len(ring.bodies))
+        target = ring.whitened.reshape(len(ring.bodies), -1)[:, :rows].ravel()
+        part = table[:, :rows].reshape(len(target), -1)
+        if not np.isfinite(part).all():
+            found.append(1e3 * target)
+            continue
+        basis = np.linalg.qr(part)[0]
+        found.append(target - basis @ (basis.T @ target))
+    return np.concatenate(found)
+
+
+def _cut(ring: RingDown, periods: float) -> int:
+    whole = int(ring.measured.shape[1])
+    strongest = ring.measurement.strongest_hz
+    if strongest is None:
+        return whole
+    return min(max(int(periods * ring.row_rate_hz / strongest), 16 * len(ring.bodies)), whole)
+
+
+def _starts(rings: Sequence[RingDown], settings: CampaignSettings, scale: Scale) -> list[dict[str, float]]:
+    """Starting values: by the spectra's balance of forces, and from every body's own frequency and decay."""
+    simple = _own_decays(rings, settings, scale)
+    return [simple, *([_of_spectra(rings, settings, scale, simple)] if len(settings.body) > 1 else [])]
+
+
+def _own_decays(rings: Sequence[RingDown], settings: CampaignSettings, scale: Scale) -> dict[str, float]:
+    """Values as if every link held its bodies alone; where a stiffness is held the masses follow it."""
+    simple = dict(scale.values)
+    for link in settings.link:
+        masses = [simple[mass_of(b)] for b in link.between if b != GROUND]
+        omega, ratio = _frequency_and_damping(rings, link.between)
+        reduced = 1 / sum(1 / m for m in masses)
+        k, c = f"{link.name}.stiffness.k", f"{link.name}.damping.c"
+        if k in scale.free:
+            simple[k] = simple[k] or reduced * omega**2
+        simple[c] = simple[c] or 2 * ratio * reduced * omega
+    for link in settings.link:
+        if f"{link.name}.stiffness.k" not in scale.free and link.law != "dashpot":
+            omega, _ = _frequency_and_damping(rings, link.between)
+            for body in link.between:
+                if body != GROUND and mass_of(body) in scale.free:
+                    simple[mass_of(body)] = simple[f"{link.name}.stiffness.k"] / omega**2
+    return simple
+
+
+def _of_spectra(
+    rings: Sequence[RingDown], settings: CampaignSettings, scale: Scale, simple: Mapping[str, float]
+) -> dict[str, float]:
+    """Values by the balance of forces in the records' spectra."""
+    parts = [spectra_of(ring.measurement, settings) for ring in rings]
+    terms = {term.name: term.value for part in with_starts(parts, settings) for term in part.terms}
+    found = dict(simple)
+    for link in settings.link:
+        names = {"stiffness.k": LinearNames.stiffness(link.name), "damping.c": LinearNames.damping(link.name)}
+        for path, name in names.items():
+            if terms.get(name, 0.0) > 0 and f"{link.name}.{path}" in scale.free:
+                found[f"{link.name}.{path}"] = terms[name]
+    return found
+
+
+def _frequency_and_damping(rings: Sequence[RingDown], ends: Sequence[str]) -> tuple[float, float]:
+    """Circular frequency [rad/s] and damping ratio from the analytic signal of the bodies' motion.
+
+    The frequency is the mean rate of the phase, the ratio the mean rate of the envelope's logarithm over it,
+    both weighted by the envelope's square: where the motion is large.
+    """
+    rates, decays, weights = [], [], []
+    for ring in rings:
+        for body in set(ring.bodies) & set(ends):
+            x = ring.measurement.displacement(body)
+            analytic = signal.hilbert(x - x.mean())
+            envelope = np.abs(analytic)
+            edge = len(x) // 50
+            inner = slice(edge, len(x) - edge)
+            rate = np.gradient(np.unwrap(np.angle(analytic)))[inner] * ring.measurement.rate_hz
+            weight = envelope[inner] ** 2
+            time = np.arange(len(x))[inner] / ring.measurement.rate_hz
+            slope = np.polyfit(time, np.log(np.maximum(envelope[inner], 1e-300)), 1, w=envelope[inner])[0]
+            rates.append(abs(float(np.average(rate, weights=weight))))
+            decays.append(max(-float(slope), 0.0))
+            weights.append(float(weight.sum()))
+    omega = float(np.average(rates, weights=weights)) if rates else 2 * np.pi
+    ratio = float(np.average(decays, weights=weights)) / omega if rates else 0.01
+    return omega, float(np.clip(ratio, 1e-4, 0.5))
+
+
+@dataclass(frozen=True, eq=False)
+class FreeDecayFit:
+    """Numbers by path, their standard errors relative to them, and what is to be said of them.
+
+    Where 1 kg stands in for a mass only ratios are known, and errors are none.
+    """
+
+    values: Mapping[str, float]
+    errors: Mapping[str, float]
+    free: tuple[str, ...]
+    lines: tuple[str, ...]
+
+
+def fit_free_decay(rings: Sequence[RingDown], settings: CampaignSettings) -> FreeDecayFit:
+    """Fit the declared model to ring-downs that are not held out.
+
+    Parameters
+    ----------
+    rings : sequence of RingDown
+        Records as they are compared.
+    settings : CampaignSettings
+        Settings of the campaign.
+
+    Returns
+    -------
+    FreeDecayFit
+        A mass that the records leave open keeps its start, and a line says so.
+    """
+    rings = [ring for ring in rings if not ring.hold_out]
+    scale = scale_of(settings)
+    fits = [_fitted(rings, settings, scale, start) for start in _starts(rings, settings, scale)]
+    best = min(fits, key=lambda fit: fit[2])
+    values, errors, _ = best
+    open_ = [n for n in scale.free if n.endswith(".mass") and not errors[n] < UNDETERMINED]
+    open_ += [n for n in scale.free if n.endswith(".mass") and n not in open_
+              and _at_end(values[n], _starts(rings, settings, scale)[0][n])]  # fmt: skip
+    lines = list(scale.lines)
+    if open_:
+        held = replace(scale, free=tuple(n for n in scale.free if n not in open_))
+        start = _starts(rings, settings, held)[0]
+        values, errors, _ = _fitted(rings, settings, held, start)
+        scale = held
+        lines += [f"{n.removesuffix('.mass').removeprefix('body.')}: free decay leaves its mass open; "
+                  f"{values[n]:.4g} kg stands in" for n in open_]  # fmt: skip
+    return FreeDecayFit(values, errors if scale.known else {}, scale.free, tuple(lines))
+
+
+def _at_end(value: float, start: float) -> bool:
+    low, high = _MASSES
+    return not 2 * low < value / start < high / 2
+
+
+def _fitted(
+    rings: Sequence[RingDown], settings: CampaignSettings, scale: Scale, start: Mapping[str, float]
+) -> tuple[dict[str, float], dict[str, float], float]:
+    """Values, relative standard errors and cost of the fit from one start, on longer and longer parts."""
+    names = list(scale.free)
+    size = np.array([start[name] or 1.0 for name in names])
+    low = np.array([_MASSES[0] if n.endswith(".mass") else _LEAST for n in names])
+    high = np.array([_MASSES[1] if n.endswith(".mass") else np.inf for n in names])
+    at, longest = np.ones(len(names)), max(_periods(ring) for ring in rings)
+    periods = min(_PERIODS, longest)
+    while True:
+
+        def left(x: FloatArray, periods: float = periods) -> FloatArray:
+            values = {**start, **dict(zip(names, (x * size).tolist(), strict=True))}
+            return _left_over(rings, settings, values, periods)
+
+        found = optimize.least_squares(
+            left, np.clip(at, low * 1.001, high), bounds=(low, high), x_scale="jac",
+            diff_step=np.full(len(names), _STEP), max_nfev=_EVALUATIONS,
+        )  # fmt: skip
+        at = found.x
+        if periods >= longest:
+            break
+        periods = min(2 * periods, longest)
+    jacobian = np.asarray(found.jac) * at
+    spread = max(2 * found.cost / len(found.fun), 1.0)
+    length = np.linalg.norm(jacobian, axis=0)
+    jacobian = jacobian / np.maximum(length, 1e-300)
+    values_, vectors = np.linalg.eigh(jacobian.T @ jacobian)
+    inverse = (vectors / np.maximum(values_, 1e-12)) @ vectors.T
+    errors = np.sqrt(np.diag(inverse) * spread) / np.maximum(length, 1e-300)
+    values = {**start, **dict(zip(names, (at * size).tolist(), strict=True))}
+    return values, dict(zip(names, errors.tolist(), strict=True)), float(found.cost)
+
+
+def _periods(ring: RingDown) -> float:
+    strongest = ring.measurement.strongest_hz
+    return 1.0 if strongest is None else ring.measured.shape[1] / ring.row_rate_hz * strongest
+
+
+def free_model(settings: CampaignSettings, fit: FreeDecayFit) -> Model:
+    """Return the declared model with fitted numbers and their 95 % limits."""
+
+    def law(made: Law, path: str) -> Law:
+        (name, old), value = next(iter(made.parameters.items())), fit.values[path]
+        error = fit.errors.get(path, np.inf)
+        if path not in fit.free:
+            return replace(made, parameters={name: replace(old, value=value, source="given")})
+        reach = Z95 * error * value if error < UNDETERMINED else None
+        limits = (None, None) if reach is None else (value - reach, value + reach)
+        number: Parameter = replace(old, value=value, low=limits[0], high=limits[1], source="identified")
+        return replace(made, parameters={name: number})
+
+    laws = {
+        link.name: LinkLaws(
+            law(constant_stiffness(0.0), f"{link.name}.stiffness.k"),
+            law(constant_damping(0.0), f"{link.name}.damping.c"),
+        )
+        for link in settings.link
+    }
+    bodies = tuple(Body(b.name, float(fit.values[mass_of(b.name)])) for b in settings.body)
+    links = tuple(Link(x.name, *x.between, x.law) for x in settings.link)
+    return Model(
+        Structure(bodies, links), laws, windows=dict(settings.windows), sampling=dict(settings.sampling)
+    )

@@ -1,0 +1,238 @@
+"""A record that is compared with a simulation in its own channels: a ring-down, the force zero or measured.
+
+A displacement is compared as it is. Of a velocity or an acceleration both sides pass one zero-phase
+high-pass, so that a sensor's offset does not count; its noise stays white above the cutoff.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rom.campaign.channels import Channel, FloatArray
+from rom.identification.equation_error import noise_of
+from rom.model.assembly import TOLERANCE, Response
+from rom.model.model import Model
+from rom.model.structure import GROUND, Structure
+from rom.signals.filters import decimate
+from rom.signals.processing import Measurement
+
+_SAMPLES = 24.0  # a period of the strongest line, at least: finer records are brought to a lower rate
+_LEAST_NOISE = 1e-4  # of a channel's RMS: below, a simulation and a converter have errors of their own
+_TOLERANCE = 1e-7  # of a simulation: slopes are differences of two
+_STEP = 1e-3  # of the state's scale
+_STATE_STEPS = 12
+_SETTLED = 1e-4  # of the cost
+
+
+Tension = Mapping[str, float] | None
+
+
+@dataclass(frozen=True, eq=False)
+class RingDown:
+    """One record, its channels as they are compared.
+
+    Attributes
+    ----------
+    measurement : Measurement
+        The record as processed.
+    bodies : tuple of str
+        Bodies that move, in the order of the channels.
+    measured : ndarray, shape (bodies, rows)
+        Samples as they are compared.
+    noise : ndarray, shape (bodies,)
+        Standard deviation of the white noise of a row.
+    row_rate_hz : float
+        Rate of the rows [Hz].
+    """
+
+    measurement: Measurement
+    bodies: tuple[str, ...]
+    measured: FloatArray
+    noise: FloatArray
+    row_rate_hz: float
+
+    @property
+    def file(self) -> str:
+        """Path inside the campaign folder."""
+        return self.measurement.file
+
+    @property
+    def hold_out(self) -> bool:
+        """Whether no number but the record's own is fitted to it."""
+        return self.measurement.hold_out
+
+    @property
+    def whitened(self) -> FloatArray:
+        """What was measured over its noise, (rows of all channels,)."""
+        return np.asarray((self.measured / self.noise[:, None]).ravel())
+
+    def shown(self, motion: Mapping[str, Mapping[str, FloatArray]]) -> FloatArray:
+        """Motion by quantity and body as the channels show it, over their noise: (rows of all channels,).
+
+        Samples may have leading axes, (..., samples).
+        """
+        rows = []
+        for body, noise in zip(self.bodies, self.noise.tolist(), strict=True):
+            kind = self.measurement.motion[body].kind
+            rows.append(_compared(self.measurement, kind, motion[kind][body], self.row_rate_hz) / noise)
+        return np.concatenate(rows, axis=-1)
+
+    def simulated(self, model: Model, state: FloatArray, tension: Tension = None) -> FloatArray | None:
+        """What a model shows from a state at the first sample, over the noise; None where it diverges.
+
+        Parameters
+        ----------
+        model : Model
+            Of the whole structure; bodies at rest are ground.
+        state : ndarray, shape (2 bodies,)
+            Displacements [m], then velocities [m/s].
+        tension : mapping of str to float or None
+            Of bolted links [N].
+        """
+        response = self.response(model, state, tension, _TOLERANCE)
+        if response.status != "ok":
+            return None
+        kinds = ("displacement", "velocity", "acceleration")
+        found = self.shown({kind: getattr(response, kind) for kind in kinds})
+        return found if np.isfinite(found).all() else None
+
+    def response(
+        self, model: Model, state: FloatArray, tension: Tension = None, tolerance: float = TOLERANCE
+    ) -> Response:
+        """Simulate the record from a state, (2 bodies,) [m], [m/s]; the force is the measured one."""
+        seen, (x, v) = self.measurement, np.split(np.asarray(state, dtype=np.float64), 2)
+        force = {body: f for body, f in seen.applied_force.items() if body in self.bodies}
+        return of_moving(model, self.bodies).simulate(
+            force or {self.bodies[0]: np.zeros(seen.samples)},
+            seen.rate_hz,
+            tension,
+            dict(zip(self.bodies, x.tolist(), strict=True)),
+            dict(zip(self.bodies, v.tolist(), strict=True)),
+            tolerance=tolerance,
+        )
+
+    @property
+    def scale(self) -> FloatArray:
+        """Sizes of the state: RMS displacement [m] of every body, and that times its circular frequency."""
+        omega = 2 * np.pi * (self.measurement.strongest_hz or 1.0)
+        x = np.array([np.abs(self.measurement.displacement(b)).max() for b in self.bodies])
+        x = np.maximum(x, 1e-6 * float(x.max(initial=0.0)) + np.finfo(float).tiny)
+        return np.concatenate([x, omega * x])
+
+
+def ring_down(measurement: Measurement) -> RingDown:
+    """Return a processed record as it is compared."""
+    bodies = tuple(b for b in measurement.motion)
+    rate = _row_rate(measurement)
+    measured, noise = [], []
+    for body in bodies:
+        motion = measurement.motion[body]
+        rows = _compared(measurement, motion.kind, motion.samples, rate)
+        white = noise_of(Channel(body, motion.samples, measurement.rate_hz))
+        white *= np.sqrt(rate / measurement.rate_hz)
+        noise.append(max(white, _LEAST_NOISE * float(np.sqrt(np.mean(rows**2))), np.finfo(float).tiny))
+        measured.append(rows)
+    return RingDown(measurement, bodies, np.stack(measured), np.array(noise), rate)
+
+
+def _row_rate(measurement: Measurement) -> float:
+    strongest = measurement.strongest_hz
+    if strongest is None:
+        return measurement.rate_hz
+    return measurement.rate_hz / max(1, int(measurement.rate_hz / (_SAMPLES * strongest)))
+
+
+def _compared(measurement: Measurement, kind: str, samples: FloatArray, rate_hz: float) -> FloatArray:
+    rows = np.asarray(samples, dtype=np.float64)
+    if kind != "displacement":
+        rows = measurement.chain.highpass(rows, measurement.rate_hz)
+    return decimate(rows, measurement.rate_hz, rate_hz) if rate_hz < measurement.rate_hz else rows
+
+
+def of_moving(model: Model, bodies: Sequence[str]) -> Model:
+    """Return the model of the moving bodies: one that rests in a record is ground to the others."""
+    if not bodies or set(model.structure.body_names) <= set(bodies):
+        return model
+    ends = {body: body if body in bodies else GROUND for body in (*model.structure.body_names, GROUND)}
+    links = tuple(
+        type(link)(link.name, ends[link.first], ends[link.second], link.law)
+        for link in model.structure.links
+        if ends[link.first] != ends[link.second]
+    )
+    names = {link.name for link in links}
+    left = tuple(body for body in model.structure.bodies if body.name in bodies)
+    return model.on(Structure(left, links), {name: model.link_laws[name] for name in names})
+
+
+def fitted_state(
+    ring: RingDown, model: Model, start: FloatArray | None = None, tension: Tension = None
+) -> FloatArray:
+    """Return the state at a record's first sample that suits its motion best, (2 bodies,) [m], [m/s].
+
+    By damped Gauss-Newton steps; without a start, from that of the model without its effects, which is
+    linear in the state.
+    """
+    starts = [start] if start is not None else _linear_states(ring, model, tension)
+    return min((_settled(ring, model, one, tension) for one in starts), key=lambda fit: fit[1])[0]
+
+
+def _linear_states(ring: RingDown, model: Model, tension: Tension) -> list[FloatArray]:
+    """States of the linear model that suit the first periods, and the whole record."""
+    bare, unit = model.without_effects_of("force"), ring.scale
+    still = ring.simulated(bare, np.zeros(len(unit)), tension)
+    columns = [ring.simulated(bare, one, tension) for one in np.diag(unit)]
+    if still is None or any(column is None for column in columns):
+        return [np.zeros(len(unit))]
+    table = np.stack([column - still for column in columns if column is not None], axis=1)
+    table = table.reshape(len(ring.bodies), -1, len(unit))
+    target = (ring.whitened - still).reshape(len(ring.bodies), -1)
+    periods = max(2 * ring.row_rate_hz / (ring.measurement.strongest_hz or 1.0), 4 * len(unit))
+    found = []
+    for rows in (int(periods), table.shape[1]):
+        part = table[:, :rows].reshape(-1, len(unit))
+        found.append(np.linalg.lstsq(part, target[:, :rows].ravel(), rcond=None)[0] * unit)
+    return found
+
+
+def state_slopes(
+    ring: RingDown, model: Model, state: FloatArray, shown: FloatArray, tension: Tension = None
+) -> FloatArray | None:
+    """Slopes of what is shown by the state in its scale, (rows, 2 bodies); None where one diverges."""
+    columns = []
+    for step in np.diag(_STEP * ring.scale):
+        moved = ring.simulated(model, state + step, tension)
+        if moved is None:
+            return None
+        columns.append((moved - shown) / _STEP)
+    return np.stack(columns, axis=1)
+
+
+def _settled(ring: RingDown, model: Model, state: FloatArray, tension: Tension) -> tuple[FloatArray, float]:
+    shown, damping = ring.simulated(model, state, tension), 1e-6
+    if shown is None:
+        return state, np.inf
+    left = ring.whitened - shown
+    cost = float(left @ left)
+    for _ in range(_STATE_STEPS):
+        slopes = state_slopes(ring, model, state, shown, tension)
+        if slopes is None:
+            break
+        matrix, right = slopes.T @ slopes, slopes.T @ left
+        while damping < 1e6:
+            step = np.linalg.lstsq(matrix + damping * np.diag(np.diag(matrix)), right, rcond=None)[0]
+            trial = ring.simulated(model, state + step * ring.scale, tension)
+            after = np.inf if trial is None else float(np.sum((ring.whitened - trial) ** 2))
+            if after < cost:
+                break
+            damping = max(10 * damping, 1e-3)
+        else:
+            break
+        assert trial is not None
+        gain, state, shown, cost = cost - after, state + step * ring.scale, trial, after
+        left, damping = ring.whitened - shown, damping / 10
+        if gain < _SETTLED * cost:
+            break
+    return state, cost
