@@ -21,7 +21,7 @@ from discovery.explain.force_balance_screen import Start, screen, starts_of
 from discovery.explain.free_form import member_of
 from discovery.explain.motion import Probe, by_chance, free_numbers, worth_fitting
 from discovery.options import Options
-from discovery.residual.base import cost
+from discovery.residual.base import Residual, cost
 from discovery.residual.force_balance import ForceBalanceResidual, sees_stiffness
 from rom.campaign.channels import FloatArray
 from rom.effects import Member, ModelCorrection
@@ -97,9 +97,7 @@ def is_degenerate(effect: ModelCorrection, member: Member) -> bool:
     return any(n.low is None or n.low <= max(n.bounds[0], 0.0) for n in numbers)
 
 
-def explanation(
-    effect: ModelCorrection, member: Member, before: ForceBalanceResidual, after: ForceBalanceResidual
-) -> Explanation:
+def explanation(effect: ModelCorrection, member: Member, before: Residual, after: Residual) -> Explanation:
     """Costs of all records with an effect and without.
 
     Parameters
@@ -108,7 +106,7 @@ def explanation(
         With its fitted numbers.
     member : Member
         What the catalogue says of it.
-    before, after : ForceBalanceResidual
+    before, after : Residual
         Without it and with it, all other numbers fitted.
 
     Returns
@@ -119,8 +117,8 @@ def explanation(
     free = free_numbers(effect, member)
     return Explanation(
         effect=effect,
-        before=before.costs(),
-        after=after.costs(),
+        before=before.costs(before.residual),
+        after=after.costs(after.residual),
         samples=after.samples,
         hold_out=after.hold_out,
         free_numbers=len(free),

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from discovery.decide.explanation import Explanation
 from discovery.options import Options
 
-Takes = Literal["output error", "tension", "force balance", "tension at rest"]
+Takes = Literal["output error", "tension", "force balance", "simulation", "tension at rest"]
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,11 @@ class Explainer:
     ----------
     module : str
         With a function ``explain``.
-    takes : {"output error", "tension", "force balance", "tension at rest"}
+    takes : {"output error", "tension", "force balance", "simulation", "tension at rest"}
         The residual: `discovery.residual.output_error.WhitenedResidual`,
         `discovery.residual.tension.TensionResidual`,
-        `discovery.residual.force_balance.ForceBalanceResidual` or
+        `discovery.residual.force_balance.ForceBalanceResidual`,
+        `discovery.residual.simulation.SimulationResidual` or
         `discovery.residual.at_rest.RestResidual`.
     """
 
@@ -53,6 +54,7 @@ EXPLAINERS: Mapping[str, Explainer] = MappingProxyType(
         "motion": Explainer("discovery.explain.motion", "output error"),
         "force balance": Explainer("discovery.explain.force_balance", "force balance"),
         "free force": Explainer("discovery.explain.free_force", "force balance"),
+        "simulation": Explainer("discovery.explain.simulation", "simulation"),
         "tension": Explainer("discovery.explain.tension", "tension"),
         "tension at rest": Explainer("discovery.explain.tension_at_rest", "tension at rest"),
         "free rate": Explainer("discovery.explain.free_rate", "tension"),

@@ -73,7 +73,7 @@ def localise_forces(state: ForceBalanceResidual, numbers: tuple[tuple[str, float
         by_amplitude=_by_amplitude(parts),
         by_place=tuple((one.place, one.level) for one in forces),
         by_sign=sides_of(forces[0]) if len(forces) == 1 else (),  # one link's, as with a bolt
-        whiteness_p=_whiteness([rows for _, _, rows in parts], int(state.criteria.localisation.lags)),
+        whiteness_p=whiteness([rows for _, _, rows in parts], int(state.criteria.localisation.lags)),
         total=float(squares.mean()),
         numbers=numbers,
         forces=forces,
@@ -144,7 +144,7 @@ def _by_amplitude(parts: Sequence[tuple[ForceRecord, Balance, FloatArray]]) -> P
     return tuple(found)
 
 
-def _whiteness(parts: Sequence[FloatArray], most: int) -> float:
+def whiteness(parts: Sequence[FloatArray], most: int) -> float:
     """Chance of so much correlation from row to row in noise (G. Ljung, G. Box, Biometrika 65, 297, 1978)."""
     square, count = 0.0, 0
     for rows in parts:

@@ -6,6 +6,7 @@ from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.loop.found_effects import label_of
 from discovery.loop.free_form_stage import or_free_form
+from discovery.loop.free_refits import FreeRefits
 from discovery.loop.history import LoopHistory
 from discovery.loop.impact_refits import ImpactRefits
 from discovery.loop.motion_stage import with_later_disturbances
@@ -17,6 +18,7 @@ from discovery.loop.tension_stage import in_tension, law_first, redundant_along_
 from discovery.options import Options, Stages, no_progress
 from rom.campaign.campaign import Campaign
 from rom.identification.force_balance import is_driven
+from rom.identification.free_decay import is_free
 from rom.one_thread import one_threaded
 from rom.signals.measured_records import screened, with_something_left, with_stored_records
 
@@ -32,7 +34,8 @@ def close_loop(
 ) -> Closure:
     """Find what a campaign's declared model lacks, add it, and report the errors before and after.
 
-    Impact tests, driven bodies, cycled links and bolts at rest go through one loop (`discovery.loop.refits`).
+    Impact tests, ring-downs, driven bodies, cycled links and bolts at rest go through one loop
+    (`discovery.loop.refits`).
 
     Parameters
     ----------
@@ -77,7 +80,11 @@ def refits_of(campaign: Campaign, options: Options) -> Refits:
     """
     if campaign.settings.is_at_rest:
         return RestRefits.of(campaign, options)
-    return BalanceRefits.of(campaign, options) if is_driven(campaign) else ImpactRefits.of(campaign, options)
+    if is_driven(campaign):
+        return BalanceRefits.of(campaign, options)
+    if is_free(campaign):
+        return FreeRefits.of(campaign, options)
+    return ImpactRefits.of(campaign, options)
 
 
 def _closure(refits: Refits, history: LoopHistory) -> Closure:

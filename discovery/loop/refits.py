@@ -23,9 +23,9 @@ Probes = Sequence[Sequence[Probe]]
 class Refits(Protocol):
     """Fits of one campaign's models to its training records.
 
-    Impact tests, driven or cycled campaigns and bolts at rest each have one (`discovery.loop.impact_refits`,
-    `discovery.loop.balance_refits`, `discovery.loop.rest_refits`); `discovery.loop.close_loop` runs over
-    each.
+    Impact tests, ring-downs, driven or cycled campaigns and bolts at rest each have one
+    (`discovery.loop.impact_refits`, `discovery.loop.free_refits`, `discovery.loop.balance_refits`,
+    `discovery.loop.rest_refits`); `discovery.loop.close_loop` runs over each.
     """
 
     @property

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from rom.campaign.channels import FloatArray
 
-Kind = Literal["output error", "force balance", "tension", "tension at rest"]
+Kind = Literal["output error", "force balance", "simulation", "tension", "tension at rest"]
 
 
 class Residual(Protocol):
@@ -19,8 +19,9 @@ class Residual(Protocol):
         r = (measured - modelled) / sigma,   mean(r^2) = 1 where nothing is missing
 
     Impact tests (`discovery.residual.output_error`): lines of the motion. Driven bodies and cycled links
-    (`discovery.residual.force_balance`): forces left unbalanced. Bolts at rest
-    (`discovery.residual.at_rest`): slow lines of the tension. One closed loop runs over all three. What a law
+    (`discovery.residual.force_balance`): forces left unbalanced. Ring-downs
+    (`discovery.residual.simulation`): samples of the motion. Bolts at rest (`discovery.residual.at_rest`):
+    slow lines of the tension. One closed loop runs over all of them. What a law
     leaves over of the tension after hits is beside it (`discovery.residual.tension`).
     """
 

@@ -1,0 +1,277 @@
+"""Which missing effect explains what a simulation leaves over of ring-downs.
+
+An effect is screened by what a small strength of it changes of the motion, what the model's numbers and the
+states can imitate taken off; it is then fitted by simulation, all of these beside it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from discovery.criteria.number import Numerical
+from discovery.decide.chance import by_record, p_value
+from discovery.decide.explanation import Explanation, limited, standard_errors
+from discovery.explain.force_balance import explanation
+from discovery.explain.free_form import member_of, single_terms, sparse_sum, terms_at
+from discovery.explain.motion import Probe, by_chance, free_numbers, worth_fitting
+from discovery.explain.scales import Scale, at_scale
+from discovery.options import Options
+from discovery.residual.base import cost
+from discovery.residual.simulation import EVALUATIONS, Fit, SimulationResidual, refitted
+from rom.campaign.channels import FloatArray
+from rom.effects import Effect, Member, ModelCorrection, candidates
+from rom.model.structure import GROUND
+
+_CHANGE: Numerical[float] = 1e-2  # of the motion, by which a probe moves it
+_DAMPINGS: Numerical[tuple[float, ...]] = (1.0, 0.5)  # shares of the dampings at which a fit starts
+_SHORT: Numerical[int] = 5  # evaluations that tell which start is best
+_OF_TENSION = re.compile(r"\bT\b")
+_IMITATED: Numerical[float] = 1e-12  # share of an output that is left beyond the model's numbers: rounding
+
+
+def explain(residual: SimulationResidual, options: Options) -> list[Explanation]:
+    """Return what the effects that a screen promises explain.
+
+    Parameters
+    ----------
+    residual : SimulationResidual
+        Of the model so far.
+    options : Options
+        Progress and criteria.
+    """
+    return explain_screened(screen(residual, options), residual, options)
+
+
+def screen(residual: SimulationResidual, options: Options) -> tuple[tuple[Probe, ...], ...]:
+    """Try every force of the catalogue at every place over a grid of its inner numbers; the best first."""
+    left, known = residual.beyond(residual.residual), {effect.path for effect in residual.model.effects}
+    pairs = [(member, effect) for member, effect in _candidates(residual) if effect.path not in known]
+    tell, found = options.stage("screening effects"), []
+    for done, (member, effect) in enumerate(pairs, 1):
+        seen = [probe for probe in member.probes(effect) if _is_seen(probe, residual)]
+        probed = [_probed(member, one, residual, left) for one in seen]
+        probes = sorted((one for one in probed if one is not None), key=lambda one: -one.gain)
+        found += [tuple(probes)] if probes else []
+        if tell is not None:
+            tell(done, len(pairs))
+    return tuple(sorted(found, key=lambda probes: -probes[0].gain))
+
+
+def _is_seen(probe: ModelCorrection, residual: SimulationResidual) -> bool:
+    """Whether the rows can show an effect with a frequency of its own; far above, it is mass or stiffness."""
+    highest = min(ring.row_rate_hz for ring in residual.rings) / 4
+    return all(number.value < highest for number in probe.parameters.values() if number.unit == "Hz")
+
+
+def _candidates(residual: SimulationResidual) -> Iterator[tuple[Member, Effect]]:
+    """Core forces of the catalogue at the scales of their places: as simulated, the others cost too much."""
+    structure = residual.model.structure
+    ends = {link.name: (link.first, link.second) for link in structure.links}
+    for member, added in candidates(residual.model):
+        if member.kind != "force" or member.by_record or not isinstance(added, Effect):
+            continue
+        scale = scale_at(residual, added.enters)
+        if scale is not None:
+            ground = GROUND in ends.get(added.enters, (GROUND,))
+            yield member, at_scale(member, added, scale, ground=ground)
+
+
+def scale_at(residual: SimulationResidual, enters: str) -> Scale | None:
+    """Scale of a place over the training records, from the model's own motion; None where nothing moves."""
+    ends = {link.name: (link.first, link.second) for link in residual.model.structure.links}
+    first, second = ends.get(enters, (enters.removeprefix("body:"), GROUND))
+    masses = {body.name: body.mass for body in residual.model.structure.bodies}
+    force, x, v = [0.0], [0.0], [0.0]
+    for place in residual.trained:
+        ring = residual.rings[place]
+        response = ring.response(residual.model, residual.states[place])
+        parts = []
+        for quantity in (response.displacement, response.velocity, response.acceleration):
+            still = np.zeros(len(response.time))
+            parts.append((quantity.get(first, still), quantity.get(second, still)))
+        if response.status != "ok":
+            continue
+        x.append(float(np.ptp(parts[0][0] - parts[0][1])) / 2)
+        v.append(float(np.abs(parts[1][0] - parts[1][1]).max()))
+        force += [
+            masses[b] * float(a.std()) for b, a in zip((first, second), parts[2], strict=True) if b in masses
+        ]
+    found = Scale(max(force), max(x), max(v))
+    return found if min(found.force, found.displacement, found.velocity) > 0 else None
+
+
+def _probed(
+    member: Member, probe: ModelCorrection, residual: SimulationResidual, left: FloatArray
+) -> Probe | None:
+    small = _small(member, probe, residual)
+    if small is None:
+        return None
+    probe, output = small
+    beyond, mine = residual.beyond(output), output[residual.training]
+    size, whole, along = float(beyond @ beyond), float(mine @ mine), float(beyond @ left)
+    if size <= _IMITATED * whole:
+        return None
+    amplitude = float(np.clip(along / size, *_reach(member, probe)))
+    scores = by_record(beyond, left, residual.pieces, int(residual.pieces.max(initial=0)) + 1)
+    gain = amplitude * (2 * along - amplitude * size)
+    return Probe(member, probe, gain, amplitude, np.sqrt(size / whole), scores)
+
+
+def _reach(member: Member, probe: ModelCorrection) -> tuple[float, float]:
+    """Multiples of a probe's strength that its range allows."""
+    numbers = [probe.parameters[name] for name in member.strengths if probe.parameters[name].value]
+    ends = [sorted(bound / number.value for bound in number.bounds) for number in numbers]
+    return max(low for low, _ in ends), min(high for _, high in ends)
+
+
+def _start(probe: Probe) -> ModelCorrection:
+    """A probe at the strength that suits it."""
+    effect = probe.effect
+    numbers = {name: effect.parameters[name] for name in probe.member.strengths}
+    values = {name: float(np.clip(n.value * probe.amplitude, *n.bounds)) for name, n in numbers.items()}
+    return effect.with_values(**values)
+
+
+def _small(
+    member: Member, probe: ModelCorrection, residual: SimulationResidual
+) -> tuple[ModelCorrection, FloatArray] | None:
+    """A probe at a strength that moves the motion by a small share of it, and what it changes."""
+    rows = np.concatenate([ring.whitened for ring in residual.rings if not ring.hold_out])
+    size = float(np.linalg.norm(rows))
+    for _ in range(4):
+        output = residual.output_of(probe)
+        share = np.inf if output is None else float(np.linalg.norm(output)) / size
+        if output is not None and 0 < share <= 3 * _CHANGE:
+            return probe, output
+        if share == 0.0:
+            return None
+        factor = max(_CHANGE / share, 1e-4) if np.isfinite(share) else 1e-2
+        values = {n: probe.parameters[n].value * factor for n in member.strengths}
+        probe = probe.with_values(
+            **{n: float(np.clip(v, *probe.parameters[n].bounds)) for n, v in values.items()}
+        )
+    return None
+
+
+def explain_screened(
+    probes: Sequence[Sequence[Probe]], residual: SimulationResidual, options: Options
+) -> list[Explanation]:
+    """Fit what a screen promises beside the model's numbers and the states, each from its best probes.
+
+    Parameters
+    ----------
+    probes : sequence of sequences of Probe
+        From `screen`.
+    residual : SimulationResidual
+        Of the model so far.
+    options : Options
+        Progress and criteria.
+
+    Returns
+    -------
+    list of Explanation
+        Each with the residual beside it.
+    """
+    promising, largest = (
+        worth_fitting(probes, cost(residual), options.criteria),
+        by_chance(probes, options.criteria),
+    )
+    tell, found = options.stage("fitting effects"), []
+    for ones in promising:
+        starts = [_start(one) for one in ones[: int(options.criteria.screening.starts)]]
+        after = min((fitted(residual, start) for start in starts), key=cost)
+        effect = after.model.effects[-1]
+        explained = explanation(effect, ones[0].member, residual, after)
+        p = None if largest is None else p_value(ones[0].gain, largest)
+        found.append(replace(explained, p_value=p, residual=after))
+        if tell is not None:
+            tell(len(found), len(promising))
+    return found
+
+
+def fitted(residual: SimulationResidual, effect: ModelCorrection) -> SimulationResidual:
+    """The residual with one more effect, all numbers fitted.
+
+    A linear damping has taken the place of what is missing: the fit starts with all of it and with half.
+    """
+    dampings = {path: residual.model.parameter(path).value for path in residual.names if path.endswith(".c")}
+    short = []
+    for share in _DAMPINGS:
+        model = residual.model.with_values({path: share * value for path, value in dampings.items()})
+        short.append(together(replace(residual, model=model.with_effect(effect)).with_states(), _SHORT))
+    return together(min(short, key=cost))
+
+
+def together(residual: SimulationResidual, evaluations: int = EVALUATIONS) -> SimulationResidual:
+    """All numbers fitted again beside each other; effects with 95 % limits."""
+    effects = residual.model.effects
+    fit = refitted(
+        residual, {effect.path: _shown_numbers(effect, residual) for effect in effects}, evaluations
+    )
+    errors, after = _errors(fit), fit.residual
+    told = tuple(
+        limited(
+            effect, {n: errors[path] for n in effect.parameters if (path := f"{effect.path}.{n}") in errors}
+        )
+        for effect in after.model.effects
+    )
+    return replace(after, model=replace(after.model, effects=told))
+
+
+def _errors(fit: Fit) -> dict[str, float]:
+    """Standard errors by path, the larger of those of single rows and of blocks of rows that err as one."""
+    size = np.maximum(np.linalg.norm(fit.slopes, axis=0), np.finfo(float).tiny)
+    table = fit.slopes / size
+    inverse = np.asarray(np.linalg.pinv(table.T @ table, rcond=1e-12, hermitian=True))
+    spread = max(float(fit.rows @ fit.rows) / len(fit.rows), 1.0)
+    pieces = fit.residual.pieces
+    scores = np.stack([np.bincount(pieces, weights=column * fit.rows) for column in table.T], axis=1)
+    errors = standard_errors(inverse, np.asarray(scores, dtype=np.float64), spread) / size
+    return dict(zip(fit.paths, errors.tolist(), strict=False))
+
+
+def _shown_numbers(effect: ModelCorrection, residual: SimulationResidual) -> tuple[str, ...]:
+    """Numbers that a fit moves; a factor of the tension shows nothing without one."""
+    names = free_numbers(effect, member_of(effect))
+    if residual.model.structure.bolted_links:
+        return names
+    return tuple(n for n in names if not _OF_TENSION.search(_terms_of(n, effect.equation)))
+
+
+def _terms_of(name: str, equation: str) -> str:
+    """What a number is multiplied with at once, wherever it stands in an equation."""
+    return " ".join(re.findall(rf"\b{name}\b\s*\*\s*(\w+)", equation))
+
+
+def free_forms(residual: SimulationResidual, options: Options) -> tuple[Explanation, ...]:
+    """The sparse sum in one link that leaves least of the training records, with the residual beside it."""
+    found = []
+    left, taken = (
+        residual.beyond(residual.residual),
+        {e.enters for e in residual.model.effects if e.name == "free-form"},
+    )
+    for link in residual.model.structure.links:
+        scale = scale_at(residual, link.name)
+        if scale is None or link.name in taken:
+            continue
+        terms = terms_at(scale.displacement, scale.velocity, tension=False)
+        columns = [_column(one, residual) for one in single_terms(terms, link.name)]
+        effect = sparse_sum(np.stack(columns, axis=1), left, terms, link.name, options.seed)
+        if effect is not None:
+            after = fitted(residual, effect)
+            formed = after.model.effects[-1]
+            found.append(replace(explanation(formed, member_of(formed), residual, after), residual=after))
+    return tuple(sorted(found, key=lambda one: one.cost(hold_out=False))[:1])
+
+
+def _column(term: Effect, residual: SimulationResidual) -> FloatArray:
+    """What a term of coefficient one makes of the rows; NaN where no small coefficient can be simulated."""
+    small = _small(member_of(term), term, residual)
+    if small is None:
+        return np.full(int(residual.training.sum()), np.nan)
+    (coefficient,) = small[0].parameters.values()
+    return residual.beyond(small[1]) / coefficient.value

@@ -1,0 +1,340 @@
+"""What a simulation leaves over of ring-downs, whitened by the sensors' noise, and fits of all its numbers.
+
+    r = (y - y_model(theta, x_0, v_0)) / sigma
+
+in the channels as they are measured (`rom.identification.ring_down`). The state (x_0, v_0) at the first
+sample belongs to each record and is fitted to it, on held-out records too; the numbers theta of the model and
+its effects are fitted to training records alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from scipy import linalg, optimize
+
+from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.criteria.number import Numerical
+from discovery.residual.base import Kind
+from rom.campaign.channels import FloatArray
+from rom.effects import ModelCorrection
+from rom.identification.ring_down import RingDown, fitted_state, state_slopes
+from rom.model.model import Model
+
+EVALUATIONS: Numerical[int] = 15
+_SETTLED: Numerical[float] = 1e-5  # of the cost
+_CHANGE: Numerical[float] = 3e-3  # of the motion, by which a step for a slope moves it
+_FIRST_STEP: Numerical[float] = 1e-4
+_LARGEST_STEP: Numerical[float] = 0.1
+_WORST: Numerical[float] = 3.0  # times the motion, where a simulation does not end
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationResidual:
+    """Records, a model with its effects, and the state of every record.
+
+    Attributes
+    ----------
+    rings : tuple of RingDown
+        Sound records.
+    model : Model
+        With the effects so far.
+    names : tuple of str
+        Paths of the declared model's numbers that the records tell.
+    states : tuple of ndarray
+        State of each record at its first sample, (2 bodies,) [m], [m/s].
+    """
+
+    kind: ClassVar[Kind] = "simulation"
+    rings: tuple[RingDown, ...]
+    model: Model
+    names: tuple[str, ...]
+    states: tuple[FloatArray, ...]
+    criteria: Criteria = CRITERIA
+
+    @cached_property
+    def shown(self) -> tuple[FloatArray | None, ...]:
+        """What the model shows of each record over the noise, None where it does not finish."""
+        pairs = zip(self.rings, self.states, strict=True)
+        return tuple(ring.simulated(self.model, state) for ring, state in pairs)
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """What is left over, over the noise, (rows,)."""
+        pairs = zip(self.rings, self.shown, strict=True)
+        return np.concatenate([left_over(ring, shown) for ring, shown in pairs])
+
+    @cached_property
+    def owner(self) -> npt.NDArray[np.int64]:
+        """Place of each row's record, (rows,)."""
+        return np.repeat(np.arange(len(self.rings)), [ring.measured.size for ring in self.rings])
+
+    @cached_property
+    def training(self) -> npt.NDArray[np.bool_]:
+        """Whether a row may be fitted to, (rows,)."""
+        held = np.array([ring.hold_out for ring in self.rings], dtype=np.bool_)
+        return np.asarray(~held[self.owner])
+
+    @property
+    def trained(self) -> tuple[int, ...]:
+        """Places of the records that are not held out."""
+        return tuple(place for place, ring in enumerate(self.rings) if not ring.hold_out)
+
+    @property
+    def record_count(self) -> int:
+        """Records whose simulation finishes."""
+        return sum(shown is not None for shown in self.shown)
+
+    @property
+    def samples(self) -> dict[str, int]:
+        """Rows of each record, by file."""
+        return {ring.file: ring.measured.size for ring in self.rings}
+
+    @property
+    def hold_out(self) -> frozenset[str]:
+        """Files that no number of the model is fitted to."""
+        return frozenset(ring.file for ring in self.rings if ring.hold_out)
+
+    @cached_property
+    def pieces(self) -> npt.NDArray[np.int64]:
+        """Block of each training row, (training rows,): what errs to either side by itself under the null."""
+        rows = self.owner[self.training]
+        found, done = np.zeros(len(rows), dtype=np.int64), 0
+        for place in np.unique(rows):
+            mine = np.flatnonzero(rows == place)
+            count = min(int(self.criteria.chance.blocks), len(mine))
+            found[mine] = done + np.arange(len(mine)) * count // len(mine)
+            done += count
+        return found
+
+    @cached_property
+    def basis(self) -> FloatArray:
+        """Orthonormal basis of what the model's numbers and the states can move, (training rows, numbers)."""
+        table = _slopes(self, [_Number(path, *_range(self.model, path)) for path in self.names], {})
+        size = np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
+        return np.asarray(linalg.orth(table / size, rcond=1e-10))
+
+    def beyond(self, rows: FloatArray) -> FloatArray:
+        """What of whitened rows, (rows,), the numbers and states cannot imitate; training rows."""
+        mine = rows[self.training]
+        return np.asarray(mine - self.basis @ (self.basis.T @ mine))
+
+    def costs(self, rows: FloatArray | None = None) -> dict[str, float]:
+        """Squares of whitened rows summed by record; of the residual where none are given."""
+        rows = self.residual if rows is None else rows
+        sums = np.bincount(self.owner, weights=rows**2, minlength=len(self.rings))
+        return {ring.file: float(one) for ring, one in zip(self.rings, sums, strict=True)}
+
+    def output_of(self, effect: ModelCorrection) -> FloatArray | None:
+        """What an effect changes of the training records from the states as they are, (rows,).
+
+        Held-out rows are zero; None where a simulation does not finish.
+        """
+        model, found = self.model.with_effect(effect), []
+        for ring, state, shown in zip(self.rings, self.states, self.shown, strict=True):
+            still = np.zeros(ring.measured.size)
+            moved = still if ring.hold_out or shown is None else ring.simulated(model, state)
+            if moved is None:
+                return None
+            found.append(still if ring.hold_out or shown is None else moved - shown)
+        return np.concatenate(found)
+
+    def with_states(self) -> SimulationResidual:
+        """The same with the states of training records fitted anew."""
+        pairs = zip(self.rings, self.states, strict=True)
+        states = tuple(old if ring.hold_out else fitted_state(ring, self.model) for ring, old in pairs)
+        return replace(self, states=states)
+
+
+def left_over(ring: RingDown, shown: FloatArray | None) -> FloatArray:
+    """Measured minus shown over the noise; far more than the motion where a simulation does not finish."""
+    return ring.whitened - shown if shown is not None else _WORST * ring.whitened
+
+
+@dataclass(frozen=True)
+class _Number:
+    """A number of the fit: its path, and its size and range."""
+
+    path: str
+    size: float
+    low: float
+    high: float
+
+
+def _range(model: Model, path: str) -> tuple[float, float, float]:
+    """Size and range of a parameter; masses, stiffnesses and dampings are not negative."""
+    number = model.parameter(path)
+    low, high = number.bounds
+    if not np.isfinite(low) and path.rpartition(".")[2] in ("mass", "k", "c"):
+        low = 1e-3 * number.value if path.endswith(".mass") else 0.0
+    nearest = min((abs(b) for b in (low, high) if b and np.isfinite(b)), default=0.0)
+    return max(abs(number.value), 0.1 * nearest, 1e-300), low, high
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A residual at the end of a fit, and its slopes there.
+
+    Attributes
+    ----------
+    residual : SimulationResidual
+        With its numbers and states.
+    paths : list of str
+        Numbers of the first columns of the slopes.
+    slopes : ndarray, shape (training rows, columns)
+        Of the rows by the numbers, in their units, then by the states in their scales.
+    rows : ndarray, shape (training rows,)
+        What is left over of them.
+    """
+
+    residual: SimulationResidual
+    paths: list[str]
+    slopes: FloatArray
+    rows: FloatArray
+
+
+def _sizes(numbers: Sequence[_Number], count: int) -> FloatArray:
+    return np.array([*(number.size for number in numbers), *[1.0] * (count - len(numbers))])
+
+
+def refitted(
+    residual: SimulationResidual,
+    free: Mapping[str, Sequence[str]] | None = None,
+    evaluations: int = EVALUATIONS,
+) -> Fit:
+    """Fit the model's numbers, those of its effects and all states.
+
+    Parameters
+    ----------
+    residual : SimulationResidual
+        Where the fit starts.
+    free : mapping of str to sequence of str
+        Names of the parameters that move, by the path of an effect; none of an effect that is not there.
+    evaluations : int
+        Of the residual, at most.
+
+    Returns
+    -------
+    Fit
+        Where it ends.
+    """
+    paths = [*residual.names, *(f"{e}.{n}" for e, names in (free or {}).items() for n in names)]
+    numbers = [_Number(path, *_range(residual.model, path)) for path in paths]
+    steps: dict[str, float] = {}
+
+    def at(x: FloatArray) -> SimulationResidual:
+        return _at(residual, numbers, x)
+
+    latest: list[tuple[FloatArray, SimulationResidual]] = []
+
+    def left(x: FloatArray) -> FloatArray:
+        found = at(x)
+        latest[:] = [*latest[-3:], (x.copy(), found)]
+        return np.asarray(_trained_rows(found))
+
+    def slopes(x: FloatArray) -> FloatArray:
+        known = next((one for place, one in latest if np.array_equal(place, x)), None)
+        return -_slopes(known if known is not None else at(x), numbers, steps)
+
+    start = _start(residual, numbers)
+    low = np.array([n.low / n.size for n in numbers] + [-np.inf] * (len(start) - len(numbers)))
+    high = np.array([n.high / n.size for n in numbers] + [np.inf] * (len(start) - len(numbers)))
+    margin = 1e-9 * np.minimum(high - low, 1.0)
+    found = optimize.least_squares(
+        left, np.clip(start, low + margin, high - margin), jac=slopes, bounds=(low, high), x_scale="jac",
+        max_nfev=evaluations, ftol=_SETTLED, xtol=1e-8,
+    )  # fmt: skip
+    after = at(found.x)
+    slopes_there = np.asarray(found.jac) / _sizes(numbers, len(found.x))
+    return Fit(_with_held_out(after), paths, slopes_there, _trained_rows(after))
+
+
+def _start(residual: SimulationResidual, numbers: Sequence[_Number]) -> FloatArray:
+    values = [residual.model.parameter(n.path).value / n.size for n in numbers]
+    states = [residual.states[k] / residual.rings[k].scale for k in residual.trained]
+    return np.concatenate([values, *states])
+
+
+def _at(residual: SimulationResidual, numbers: Sequence[_Number], x: FloatArray) -> SimulationResidual:
+    values = {n.path: float(np.clip(v * n.size, n.low, n.high)) for n, v in zip(numbers, x, strict=False)}
+    states, first = list(residual.states), len(numbers)
+    for place in residual.trained:
+        scale = residual.rings[place].scale
+        states[place] = x[first : first + len(scale)] * scale
+        first += len(scale)
+    return replace(residual, model=residual.model.with_values(values), states=tuple(states))
+
+
+def _trained_rows(residual: SimulationResidual) -> FloatArray:
+    """The residual of training records; held-out ones are not simulated."""
+    rows = []
+    for place in residual.trained:
+        ring, state = residual.rings[place], residual.states[place]
+        rows.append(left_over(ring, ring.simulated(residual.model, state)))
+    return np.concatenate(rows)
+
+
+def _slopes(residual: SimulationResidual, numbers: Sequence[_Number], steps: dict[str, float]) -> FloatArray:
+    """Slopes of what is shown of training records by the numbers in their sizes, then by the states.
+
+    Steps are such that they move the motion by a small share of it: a frequency that is a little wrong loses
+    the phase of a long record.
+    """
+    rings = [residual.rings[k] for k in residual.trained]
+    states = [residual.states[k] for k in residual.trained]
+    shown = [ring.simulated(residual.model, state) for ring, state in zip(rings, states, strict=True)]
+    rows = [ring.measured.size for ring in rings]
+    edges = np.concatenate([[0], np.cumsum(rows)])
+    table = np.zeros((edges[-1], len(numbers) + sum(len(s) for s in states)))
+    for column, number in enumerate(numbers):
+        table[:, column] = _slope(residual.model, number, rings, states, shown, steps)
+    first = len(numbers)
+    for place, (ring, state, here) in enumerate(zip(rings, states, shown, strict=True)):
+        found = None if here is None else state_slopes(ring, residual.model, state, here)
+        if found is not None:
+            table[edges[place] : edges[place + 1], first : first + len(state)] = found
+        first += len(state)
+    return table
+
+
+def _slope(
+    model: Model,
+    number: _Number,
+    rings: Sequence[RingDown],
+    states: Sequence[FloatArray],
+    shown: Sequence[FloatArray | None],
+    steps: dict[str, float],
+) -> FloatArray:
+    value = model.parameter(number.path).value
+    step = steps.get(number.path, _FIRST_STEP)
+    found = np.zeros(sum(ring.measured.size for ring in rings))
+    for _ in range(3):
+        ahead = step if value + step * number.size <= number.high else -step
+        moved = model.with_values({number.path: value + ahead * number.size})
+        parts = []
+        for ring, state, here in zip(rings, states, shown, strict=True):
+            there = None if here is None else ring.simulated(moved, state)
+            parts.append(np.zeros(ring.measured.size) if there is None or here is None else there - here)
+        difference = np.concatenate(parts)
+        found = difference / ahead
+        whole = float(np.sqrt(sum(np.sum(here**2) for here in shown if here is not None)))
+        share = float(np.linalg.norm(difference)) / max(whole, 1e-300)
+        steps[number.path] = float(np.clip(step * _CHANGE / max(share, 1e-12), 1e-9, _LARGEST_STEP))
+        if 0.1 * _CHANGE < share < 10 * _CHANGE or steps[number.path] == step:
+            break
+        step = steps[number.path]
+    return found
+
+
+def _with_held_out(residual: SimulationResidual) -> SimulationResidual:
+    """The same with the states of held-out records fitted anew."""
+    states = list(residual.states)
+    for place, ring in enumerate(residual.rings):
+        if ring.hold_out:
+            states[place] = fitted_state(ring, residual.model)
+    return replace(residual, states=tuple(states))

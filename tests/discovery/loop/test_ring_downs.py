@@ -1,0 +1,53 @@
+"""The closed loop on ring-downs without force: twins whose truth it is not told, and data of others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import rom
+from discovery.loop.close_loop import close_loop
+from rom.effects import CATALOGUE
+from rom.evaluation.error_measures import summarise
+from rom.evaluation.evaluate import evaluate
+from tests.discovery import ring_down_twins as twins
+from tests.shared import measured
+
+
+@pytest.mark.parametrize("kind", ["displacement", "velocity", "acceleration"])
+def test_nothing_is_found_where_a_ring_down_lacks_nothing(tmp_path: Path, kind: str) -> None:
+    found = close_loop(twins.free(tmp_path / "clean", kind=kind))
+    assert found.verdict == "no-effect"
+    assert found.model.parameter("s.stiffness.k").value == pytest.approx(twins.STIFFNESS, rel=1e-3)
+    assert found.model.parameter("s.damping.c").value == pytest.approx(twins.DAMPING, rel=1e-2)
+
+
+@pytest.mark.parametrize("effect", sorted(twins.EFFECTS))
+def test_what_a_ring_down_lacks_is_found(tmp_path: Path, effect: str) -> None:
+    found = close_loop(twins.free(tmp_path / "twin", effect))
+    first = found.effects[0]
+    assert effect in (first.effect.name, *(one.name for one in first.look_alikes))
+    held = [step.errors["hold_out"]["motion_nrmse"] for step in found.steps]
+    assert held[-1] == pytest.approx(0.003, abs=0.002)
+    assert first.effect.name in CATALOGUE
+
+
+@pytest.mark.parametrize(("folder", "most"), [("cart-free-decay", 0.115), ("bolted-double-beam", 0.30)])
+def test_the_linear_model_of_measured_ring_downs(folder: str, most: float) -> None:
+    campaign = rom.read_campaign(measured(f"others/{folder}"))
+    judged = evaluate([rom.identify(campaign)], campaign)
+    held = summarise(c for one in judged for c in one.comparisons if one.settings.hold_out)
+    assert held["motion_nrmse"] is not None
+    assert held["motion_nrmse"] < most
+
+
+@pytest.mark.slow
+def test_dry_friction_of_a_measured_cart() -> None:
+    found = close_loop(rom.read_campaign(measured("others/cart-free-decay")))
+    first = found.effects[0].effect
+    assert first.name == "coulomb-friction"
+    assert first.parameters["F_c"].value == pytest.approx(0.087, rel=0.1)
+    held = found.steps[1].errors["hold_out"]["motion_nrmse"]
+    assert held is not None
+    assert held < 1.15 * 0.035
