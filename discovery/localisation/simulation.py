@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from discovery.criteria.number import Numerical
 from discovery.localisation.force import whiteness
 from discovery.localisation.lines import Profile
 from discovery.localisation.localise import Localisation
@@ -14,8 +15,8 @@ from discovery.residual.simulation import SimulationResidual
 from rom.campaign.channels import FloatArray
 from rom.identification.ring_down import RingDown
 
-_BANDS = 4
-_CLASSES = (0.0, 0.25, 0.5, 0.75, 1.0)
+_BANDS: Numerical[int] = 4
+_CLASSES: Numerical[tuple[float, ...]] = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 def localise_motion(residual: SimulationResidual) -> Localisation:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
+from discovery.criteria.number import Numerical
 from discovery.decide.acceptance import is_accepted, motion_errors
 from discovery.decide.explanation import Explanation
 from discovery.explain.force_balance import explanation
@@ -26,6 +27,8 @@ from rom.effects import CATALOGUE, ModelCorrection, SensorFault
 from rom.evaluation.evaluate import evaluate
 from rom.identification.free_decay import FreeDecayFit, fit_free_decay, free_model, ring_downs
 from rom.identification.ring_down import RingDown, fitted_state
+
+_VANISHED: Numerical[float] = 1e-6  # of a number: rounding beside its bound
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +174,6 @@ class FreeRefits:
             return [""] * len(rivals)
 
         return describe(selection, state, (), limited, separating)
-
-
-_VANISHED = 1e-6
 
 
 def _simulated(residual: Residual) -> SimulationResidual:

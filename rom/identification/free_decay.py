@@ -131,7 +131,22 @@ def _parts(settings: CampaignSettings) -> list[set[str]]:
 def matrices(
     settings: CampaignSettings, bodies: Sequence[str], values: Mapping[str, float]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mass, damping and stiffness matrices of the moving bodies."""
+    """Mass, damping and stiffness matrices of the moving bodies.
+
+    Parameters
+    ----------
+    settings : CampaignSettings
+        For the links.
+    bodies : sequence of str
+        Bodies that move; others are ground.
+    values : mapping of str to float
+        Masses [kg], stiffnesses [N/m] and dampings [N s/m] by path.
+
+    Returns
+    -------
+    tuple of ndarray
+        Each of shape (bodies, bodies).
+    """
     n = len(bodies)
     mass = np.diag([values[mass_of(b)] for b in bodies])
     damping, stiffness = np.zeros((n, n)), np.zeros((n, n))

@@ -102,7 +102,24 @@ class RingDown:
     def response(
         self, model: Model, state: FloatArray, tension: Tension = None, tolerance: float = TOLERANCE
     ) -> Response:
-        """Simulate the record from a state, (2 bodies,) [m], [m/s]; the force is the measured one."""
+        """Simulate the record from a state; the force is the measured one.
+
+        Parameters
+        ----------
+        model : Model
+            Of the whole structure; bodies at rest are ground.
+        state : ndarray, shape (2 bodies,)
+            Displacements [m], then velocities [m/s].
+        tension : mapping of str to float or None
+            Of bolted links [N].
+        tolerance : float
+            As for `Model.simulate`.
+
+        Returns
+        -------
+        Response
+            At the samples of the record.
+        """
         seen, (x, v) = self.measurement, np.split(np.asarray(state, dtype=np.float64), 2)
         force = {body: f for body, f in seen.applied_force.items() if body in self.bodies}
         return of_moving(model, self.bodies).simulate(
@@ -174,6 +191,17 @@ def fitted_state(
 
     By damped Gauss-Newton steps; without a start, from that of the model without its effects, which is
     linear in the state.
+
+    Parameters
+    ----------
+    ring : RingDown
+        The record.
+    model : Model
+        With its effects.
+    start : ndarray, shape (2 bodies,)
+        Where to start; None for the best of two linear fits.
+    tension : mapping of str to float or None
+        Of bolted links [N].
     """
     starts = [start] if start is not None else _linear_states(ring, model, tension)
     return min((_settled(ring, model, one, tension) for one in starts), key=lambda fit: fit[1])[0]
@@ -200,7 +228,26 @@ def _linear_states(ring: RingDown, model: Model, tension: Tension) -> list[Float
 def state_slopes(
     ring: RingDown, model: Model, state: FloatArray, shown: FloatArray, tension: Tension = None
 ) -> FloatArray | None:
-    """Slopes of what is shown by the state in its scale, (rows, 2 bodies); None where one diverges."""
+    """Slopes of what is shown by the state in its scale; None where a simulation diverges.
+
+    Parameters
+    ----------
+    ring : RingDown
+        The record.
+    model : Model
+        With its effects.
+    state : ndarray, shape (2 bodies,)
+        Displacements [m], then velocities [m/s].
+    shown : ndarray, shape (rows,)
+        What the model shows from that state.
+    tension : mapping of str to float or None
+        Of bolted links [N].
+
+    Returns
+    -------
+    ndarray or None
+        Shape (rows, 2 bodies).
+    """
     columns = []
     for step in np.diag(_STEP * ring.scale):
         moved = ring.simulated(model, state + step, tension)
