@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
@@ -176,34 +177,38 @@ def explain_screened(
     list of Explanation
         Each with the residual beside it.
     """
-    promising, largest = (
-        worth_fitting(probes, cost(residual), options.criteria),
-        by_chance(probes, options.criteria),
-    )
-    tell, found = options.stage("fitting effects"), []
-    for ones in promising:
-        starts = [_start(one) for one in ones[: int(options.criteria.screening.starts)]]
-        after = min((fitted(residual, start) for start in starts), key=cost)
-        effect = after.model.effects[-1]
-        explained = explanation(effect, ones[0].member, residual, after)
-        p = None if largest is None else p_value(ones[0].gain, largest)
-        found.append(replace(explained, p_value=p, residual=after))
+    rules, largest = options.criteria.screening, by_chance(probes, options.criteria)
+    promising = worth_fitting(probes, cost(residual), options.criteria)
+    parts, tell, found = residual.in_parts(), options.stage("fitting effects"), []
+    begun = [(ones[0], _begun(parts, [_start(one) for one in ones[: int(rules.starts)]])) for ones in promising]
+    most = max((cost(parts) - cost(after) for _, after in begun), default=0.0)
+    for done, (best, begin) in enumerate(begun, 1):
+        if cost(parts) - cost(begin) >= rules.share_of_first * most:
+            after = together(residual.of_model(begin.model))
+            explained = explanation(after.model.effects[-1], best.member, residual, after)
+            p = None if largest is None else p_value(best.gain, largest)
+            found.append(replace(explained, p_value=p, residual=after))
         if tell is not None:
-            tell(len(found), len(promising))
+            tell(done, len(begun))
     return found
 
 
 def fitted(residual: SimulationResidual, effect: ModelCorrection) -> SimulationResidual:
-    """The residual with one more effect, all numbers fitted.
+    """The residual with one more effect, all numbers fitted."""
+    return together(residual.of_model(_begun(residual.in_parts(), [effect]).model))
 
-    A linear damping has taken the place of what is missing: the fit starts with all of it and with half.
+
+def _begun(parts: SimulationResidual, starts: Sequence[ModelCorrection]) -> SimulationResidual:
+    """A short fit of one more effect to parts of the records, from the start that suits them best.
+
+    A linear damping has taken the place of what is missing: fits start with all of it and with half.
     """
-    dampings = {path: residual.model.parameter(path).value for path in residual.names if path.endswith(".c")}
-    short = []
-    for share in _DAMPINGS:
-        model = residual.model.with_values({path: share * value for path, value in dampings.items()})
-        short.append(together(replace(residual, model=model.with_effect(effect)).with_states(), _SHORT))
-    return together(min(short, key=cost))
+    dampings = {path: parts.model.parameter(path).value for path in parts.names if path.endswith(".c")}
+    found = []
+    for effect, share in product(starts, _DAMPINGS):
+        model = parts.model.with_values({path: share * value for path, value in dampings.items()})
+        found.append(together(replace(parts, model=model.with_effect(effect)), _SHORT))
+    return min(found, key=cost)
 
 
 def together(residual: SimulationResidual, evaluations: int = EVALUATIONS) -> SimulationResidual:

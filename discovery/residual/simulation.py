@@ -23,10 +23,11 @@ from discovery.criteria.number import Numerical
 from discovery.residual.base import Kind
 from rom.campaign.channels import FloatArray
 from rom.effects import ModelCorrection
-from rom.identification.ring_down import RingDown, fitted_state, state_slopes
+from rom.identification.ring_down import PERIODS, RingDown, first_state, fitted_state, state_slopes
 from rom.model.model import Model
 
 EVALUATIONS: Numerical[int] = 15
+_PARTS: Numerical[int] = 48
 _SETTLED: Numerical[float] = 1e-5  # of the cost
 _CHANGE: Numerical[float] = 3e-3  # of the motion, by which a step for a slope moves it
 _FIRST_STEP: Numerical[float] = 1e-4
@@ -144,11 +145,22 @@ class SimulationResidual:
             found.append(still if ring.hold_out or shown is None else moved - shown)
         return np.concatenate(found)
 
-    def with_states(self) -> SimulationResidual:
-        """The same with the states of training records fitted anew."""
+    def of_model(self, model: Model) -> SimulationResidual:
+        """The same of another model, the states of training records those that suit their first periods."""
         pairs = zip(self.rings, self.states, strict=True)
-        states = tuple(old if ring.hold_out else fitted_state(ring, self.model) for ring, old in pairs)
-        return replace(self, states=states)
+        states = tuple(old if ring.hold_out else first_state(ring, model) for ring, old in pairs)
+        return replace(self, model=model, states=states)
+
+    def in_parts(self) -> SimulationResidual:
+        """Parts of the training records, each from a state of its own: where a fit starts.
+
+        Over a whole record a frequency that is a little wrong loses the phase, and every period lost is a
+        valley of the cost; a part is too short for that (multiple shooting; H. Bock, Springer Ser. Chem.
+        Phys. 18, 102, 1981). Of many parts every second, third, ... does.
+        """
+        parts = [part for k in self.trained for part in self.rings[k].parts(PERIODS)]
+        parts = parts[:: -(-len(parts) // _PARTS)]
+        return replace(self, rings=tuple(parts), states=tuple(first_state(p, self.model) for p in parts))
 
 
 def left_over(ring: RingDown, shown: FloatArray | None) -> FloatArray:

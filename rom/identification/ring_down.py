@@ -7,7 +7,8 @@ high-pass, so that a sensor's offset does not count; its noise stays white above
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,8 +18,10 @@ from rom.model.assembly import TOLERANCE, Response
 from rom.model.model import Model
 from rom.model.structure import GROUND, Structure
 from rom.signals.filters import decimate
-from rom.signals.processing import Measurement
+from rom.signals.processing import Measurement, Motion
 
+PERIODS = 12.0
+"""Of the strongest line, in which a frequency that is a little wrong does not lose the phase."""
 _SAMPLES = 24.0  # a period of the strongest line, at least: finer records are brought to a lower rate
 _LEAST_NOISE = 1e-4  # of a channel's RMS: below, a simulation and a converter have errors of their own
 _TOLERANCE = 1e-7  # of a simulation: slopes are differences of two
@@ -131,9 +134,25 @@ class RingDown:
             tolerance=tolerance,
         )
 
+    def parts(self, periods: float) -> tuple[RingDown, ...]:
+        """The record cut into equal parts of at least some periods of its strongest line."""
+        seen, strongest = self.measurement, self.measurement.strongest_hz
+        count = 1 if strongest is None else max(int(seen.samples / seen.rate_hz * strongest / periods), 1)
+        edges = np.linspace(0, seen.samples, count + 1).astype(int)
+        return tuple(self._between(*ends) for ends in pairwise(edges.tolist())) if count > 1 else (self,)
+
+    def _between(self, first: int, last: int) -> RingDown:
+        seen, rows = self.measurement, slice(first, last)
+        motion = {body: Motion(m.kind, m.samples[rows]) for body, m in seen.motion.items()}
+        force = {body: samples[rows] for body, samples in seen.force.items()}
+        part = replace(seen, samples=last - first, motion=motion, force=force)
+        kinds = ((motion[body].kind, motion[body].samples) for body in self.bodies)
+        measured = [_compared(part, *one, self.row_rate_hz) for one in kinds]
+        return replace(self, measurement=part, measured=np.stack(measured))
+
     @property
     def scale(self) -> FloatArray:
-        """Sizes of the state: RMS displacement [m] of every body, and that times its circular frequency."""
+        """Sizes of the state: largest displacement [m] of every body, and that times the circular frequency."""
         omega = 2 * np.pi * (self.measurement.strongest_hz or 1.0)
         x = np.array([np.abs(self.measurement.displacement(b)).max() for b in self.bodies])
         x = np.maximum(x, 1e-6 * float(x.max(initial=0.0)) + np.finfo(float).tiny)
@@ -189,8 +208,8 @@ def fitted_state(
 ) -> FloatArray:
     """Return the state at a record's first sample that suits its motion best, (2 bodies,) [m], [m/s].
 
-    By damped Gauss-Newton steps; without a start, from that of the model without its effects, which is
-    linear in the state.
+    By damped Gauss-Newton steps; without a start, from what suits the first periods, and there from the state
+    of the model without its effects, which is linear in it.
 
     Parameters
     ----------
@@ -199,16 +218,34 @@ def fitted_state(
     model : Model
         With its effects.
     start : ndarray, shape (2 bodies,)
-        Where to start; None for the best of two linear fits.
+        Where to start, if known.
     tension : mapping of str to float or None
         Of bolted links [N].
     """
-    starts = [start] if start is not None else _linear_states(ring, model, tension)
-    return min((_settled(ring, model, one, tension) for one in starts), key=lambda fit: fit[1])[0]
+    if start is None:
+        start = first_state(ring, model, tension)
+    return _settled(ring, model, start, tension)[0]
+
+
+def first_state(ring: RingDown, model: Model, tension: Tension = None) -> FloatArray:
+    """Return the state at a record's first sample that suits its first periods, (2 bodies,) [m], [m/s].
+
+    Parameters
+    ----------
+    ring : RingDown
+        The record.
+    model : Model
+        With its effects.
+    tension : mapping of str to float or None
+        Of bolted links [N].
+    """
+    first = ring.parts(PERIODS)[0]
+    starts = _linear_states(first, model, tension)
+    return min((_settled(first, model, one, tension) for one in starts), key=lambda fit: fit[1])[0]
 
 
 def _linear_states(ring: RingDown, model: Model, tension: Tension) -> list[FloatArray]:
-    """States of the linear model that suit the first periods, and the whole record."""
+    """States of the linear model that suit the first two periods, and all of them."""
     bare, unit = model.without_effects_of("force"), ring.scale
     still = ring.simulated(bare, np.zeros(len(unit)), tension)
     columns = [ring.simulated(bare, one, tension) for one in np.diag(unit)]
