@@ -180,7 +180,8 @@ def explain_screened(
     rules, largest = options.criteria.screening, by_chance(probes, options.criteria)
     promising = worth_fitting(probes, cost(residual), options.criteria)
     parts, tell, found = residual.in_parts(), options.stage("fitting effects"), []
-    begun = [(ones[0], _begun(parts, [_start(one) for one in ones[: int(rules.starts)]])) for ones in promising]
+    starts = [[_start(one) for one in ones[: int(rules.starts)]] for ones in promising]
+    begun = [(ones[0], _begun(parts, some)) for ones, some in zip(promising, starts, strict=True)]
     most = max((cost(parts) - cost(after) for _, after in begun), default=0.0)
     for done, (best, begin) in enumerate(begun, 1):
         if cost(parts) - cost(begin) >= rules.share_of_first * most:

@@ -80,11 +80,9 @@ def refits_of(campaign: Campaign, options: Options) -> Refits:
     """
     if campaign.settings.is_at_rest:
         return RestRefits.of(campaign, options)
-    if is_driven(campaign):
-        return BalanceRefits.of(campaign, options)
     if is_free(campaign):
         return FreeRefits.of(campaign, options)
-    return ImpactRefits.of(campaign, options)
+    return BalanceRefits.of(campaign, options) if is_driven(campaign) else ImpactRefits.of(campaign, options)
 
 
 def _closure(refits: Refits, history: LoopHistory) -> Closure:

@@ -264,8 +264,13 @@ def whitened_residual_of(
     Raises
     ------
     ValueError
-        If none can.
+        If none can, or none is of an impact test.
     """
+    if not measurements:
+        raise ValueError(
+            f"{campaign.path}: found no sound impact test, expected one: driven records without a bolt are "
+            "compared where displacements were measured"
+        )
     traces = trace_records(campaign, baseline, measurements, progress, criteria)
     if not traces:
         raise ValueError(

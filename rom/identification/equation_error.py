@@ -170,11 +170,16 @@ def force_records(records: Sequence[Record], settings: CampaignSettings) -> tupl
 
 
 def _filter(records: Iterable[Record], quantity: str) -> Smoothing:
-    """Wide enough for no noise, narrow enough for what the training records hold: power below a frequency."""
+    """Wide enough for no noise, narrow enough for what the training records hold: power below a frequency.
+
+    A force that is zero throughout, as in a ring-down, asks for nothing.
+    """
     widths, shortest = [], 0.0
     for record in records:
         for channel in record.channels.values():
             shortest = max(shortest, _SMALLEST / channel.rate_hz)
+            if not np.ptp(channel.samples):
+                continue
             if quantity == "force" and channel.name.startswith(("force_", "link_force_")):
                 highest = _below(channel, _OF_FORCE, derivative=0)
                 widths.append(math.sqrt(math.log(2)) / (2 * math.pi * highest))

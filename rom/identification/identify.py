@@ -28,7 +28,7 @@ from rom.identification.joint import (
     joint_estimates,
     tension_levels,
 )
-from rom.identification.left_open import undetermined, untensioned
+from rom.identification.left_open import undetermined, untensioned, vanished
 from rom.identification.link_laws import UNDETERMINED, bolted_laws, linear_laws, mean_laws
 from rom.identification.output_error import OutputErrorFit
 from rom.identification.record_spectra import LinearNames, with_starts
@@ -210,10 +210,10 @@ def identify_campaign(
         files = tuple(record.file for record in campaign.select(hold_out=False))
         model = model_at_rest(campaign)
         return _without_spectra(Identification(model, None, warnings=(STILL,), records=files))
-    if is_driven(campaign) and (driven := _of_driven(campaign)) is not None:
-        return driven
     if is_free(campaign):
         return _of_free(campaign)
+    if is_driven(campaign) and (driven := _of_driven(campaign)) is not None:
+        return driven
     settings = campaign.settings
     records = list(reduce_records(campaign, campaign.select(hold_out=False), jobs, progress, faults))
     set_aside = tuple(doubt for record in records for doubt in record.doubts)
@@ -246,7 +246,14 @@ def identify_campaign(
         courses=tension_courses(records, noise, settings),
         course_noise=noise,
         set_aside=set_aside,
-        warnings=(*warnings, *missing, *doubtful, *far_off, *untensioned(records, settings)),
+        warnings=(
+            *warnings,
+            *missing,
+            *doubtful,
+            *far_off,
+            *vanished(model, settings),
+            *untensioned(records, settings),
+        ),
         unsettled=far_off,
         records=tuple(record.settings.file for record in records),
     )
@@ -268,6 +275,7 @@ def _of_driven(campaign: Campaign) -> Identification | None:
     if noise_share(balances) > SOUND:
         return None
     model, lines = declared_model(balances)
+    lines = (*lines, *vanished(model, campaign.settings))
     files = tuple(r.settings.file for r in balances.records if not r.settings.hold_out)
     found = Identification(model, None, set_aside=doubts, warnings=lines, records=files)
     return _without_spectra(found)

@@ -10,6 +10,21 @@ from rom.identification.output_error import OutputErrorFit
 from rom.identification.record_spectra import UNCOUPLED
 from rom.identification.reduce import ReducedRecord
 from rom.identification.spectral_model import CORNER
+from rom.model.model import Model
+
+_LIGHTEST = 1e-4  # share of the heaviest body's mass
+
+
+def vanished(model: Model, settings: CampaignSettings) -> tuple[str, ...]:
+    """Return a line for every mass that was identified next to nothing beside that of the heaviest body."""
+    masses = {body.name: body.mass for body in model.structure.bodies}
+    heaviest = max(masses.values())
+    return tuple(
+        f"body {body.name}: its mass came out as {masses[body.name]:.2g} kg beside {heaviest:.3g} kg of the "
+        "heaviest body: the records do not tell it; give mass_kg, or leave the body out"
+        for body in settings.body
+        if body.mass_kg is None and masses[body.name] < _LIGHTEST * heaviest
+    )
 
 
 def undetermined(linear: OutputErrorFit | None) -> tuple[str, ...]:

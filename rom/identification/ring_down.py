@@ -152,7 +152,7 @@ class RingDown:
 
     @property
     def scale(self) -> FloatArray:
-        """Sizes of the state: largest displacement [m] of every body, and that times the circular frequency."""
+        """Sizes of the state: largest displacement [m] of every body, and that times its circular rate."""
         omega = 2 * np.pi * (self.measurement.strongest_hz or 1.0)
         x = np.array([np.abs(self.measurement.displacement(b)).max() for b in self.bodies])
         x = np.maximum(x, 1e-6 * float(x.max(initial=0.0)) + np.finfo(float).tiny)
