@@ -20,7 +20,7 @@ from discovery.loop.state import State, errors_of
 from discovery.options import Options
 from discovery.residual.base import Residual
 from discovery.residual.course_fit import Misfit
-from discovery.residual.simulation import SimulationResidual, refitted
+from discovery.residual.simulation import LEAST_MASS, SimulationResidual, refitted
 from discovery.residual.tension import TensionResidual
 from rom.campaign.campaign import Campaign
 from rom.effects import CATALOGUE, ModelCorrection, SensorFault
@@ -52,10 +52,8 @@ class FreeRefits:
         """
         options.stage("identifying")
         rings, doubts = ring_downs(campaign)
-        if all(ring.hold_out for ring in rings):
-            raise ValueError(f"{campaign.path}: found no sound training record of a motion, expected one")
         lines = tuple(f"{doubt.file}: {doubt.message}" for doubt in doubts)
-        return cls(campaign, rings, fit_free_decay(rings, campaign.settings), lines, options)
+        return cls(campaign, rings, fit_free_decay(rings, campaign), lines, options)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -156,8 +154,9 @@ class FreeRefits:
         lines = []
         for path in self.fit.free:
             before, after = first.parameter(path).value, last.parameter(path).value
-            if not path.endswith(".c") and after < _VANISHED * before:
-                lines.append(f"{path}: zero with the effects, {before:.4g} without them")
+            least = 2 * LEAST_MASS if path.endswith(".mass") else _VANISHED
+            if not path.endswith(".c") and after < least * before:
+                lines.append(f"{path}: next to nothing with the effects, {before:.4g} without them")
         return tuple(lines)
 
     def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:  # noqa: ARG002

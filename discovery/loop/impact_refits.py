@@ -143,7 +143,18 @@ class ImpactRefits:
     def followed(
         self, parameters: FreeParameters, floors: Mapping[Group, NoiseFloor] | None = None
     ) -> WhitenedResidual:
-        """All sound records followed along a model, and what it leaves over."""
+        """All sound records followed along a model, and what it leaves over.
+
+        Raises
+        ------
+        ValueError
+            If there is no sound impact test.
+        """
+        if not self.measurements:
+            raise ValueError(
+                f"{self.campaign.path}: found no sound impact test, expected one: driven records without a "
+                "bolt are compared where displacements were measured"
+            )
         stage = self.options.stage("tracing")
         residual = whitened_residual_of(self.campaign, parameters, self.measurements, floors, stage)
         return replace(residual, criteria=self.options.criteria)

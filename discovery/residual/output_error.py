@@ -260,23 +260,8 @@ def whitened_residual_of(
     -------
     WhitenedResidual
         Of all records that can be followed, held out or not.
-
-    Raises
-    ------
-    ValueError
-        If none can, or none is of an impact test.
     """
-    if not measurements:
-        raise ValueError(
-            f"{campaign.path}: found no sound impact test, expected one: driven records without a bolt are "
-            "compared where displacements were measured"
-        )
     traces = trace_records(campaign, baseline, measurements, progress, criteria)
-    if not traces:
-        raise ValueError(
-            f"{campaign.path}: found no record that the identified model follows, expected one: do the "
-            "declared bodies and links describe what was measured?"
-        )
     floors = noise_of(baseline, traces) if floors is None else floors
     return whiten(traces, baseline, floors, criteria)
 

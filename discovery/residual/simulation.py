@@ -26,6 +26,7 @@ from rom.effects import ModelCorrection
 from rom.identification.ring_down import PERIODS, RingDown, first_state, fitted_state, state_slopes
 from rom.model.model import Model
 
+LEAST_MASS: Numerical[float] = 1e-3  # of what it is before a fit
 EVALUATIONS: Numerical[int] = 15
 _PARTS: Numerical[int] = 48
 _SETTLED: Numerical[float] = 1e-5  # of the cost
@@ -183,7 +184,7 @@ def _range(model: Model, path: str) -> tuple[float, float, float]:
     number = model.parameter(path)
     low, high = number.bounds
     if not np.isfinite(low) and path.rpartition(".")[2] in ("mass", "k", "c"):
-        low = 1e-3 * number.value if path.endswith(".mass") else 0.0
+        low = LEAST_MASS * number.value if path.endswith(".mass") else 0.0
     nearest = min((abs(b) for b in (low, high) if b and np.isfinite(b)), default=0.0)
     return max(abs(number.value), 0.1 * nearest, 1e-300), low, high
 

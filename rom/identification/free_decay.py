@@ -18,6 +18,7 @@ from scipy import linalg, optimize, signal
 
 from rom.campaign.campaign import Campaign, CampaignSettings
 from rom.campaign.channels import FloatArray
+from rom.identification.free_scale import Scale, mass_of, scale_of
 from rom.identification.link_laws import UNDETERMINED
 from rom.identification.record_spectra import LinearNames, with_starts
 from rom.identification.record_spectra import spectral_records as spectra_of
@@ -58,74 +59,6 @@ def ring_downs(campaign: Campaign) -> tuple[tuple[RingDown, ...], tuple[Doubt, .
         if not measured.doubts and measured.measurement.motion:
             found.append(ring_down(measured.measurement))
     return tuple(found), tuple(doubts)
-
-
-@dataclass(frozen=True, eq=False)
-class Scale:
-    """Which numbers a fit may move, by path; all others are held at their value.
-
-    `known` tells whether a given number fixes the common factor, `lines` what to say of it.
-    """
-
-    values: Mapping[str, float]
-    free: tuple[str, ...]
-    lines: tuple[str, ...]
-    known: bool
-
-
-def mass_of(body: str) -> str:
-    """Path of a mass."""
-    return f"body.{body}.mass"
-
-
-def scale_of(settings: CampaignSettings) -> Scale:
-    """Fix the common factor of each part of the structure by what is given there."""
-    values: dict[str, float] = {mass_of(b.name): b.mass_kg or 1.0 for b in settings.body}
-    free = [mass_of(b.name) for b in settings.body if b.mass_kg is None]
-    lines, held, known = [], set[str](), True
-    for part in _parts(settings):
-        if any(b.mass_kg is not None for b in settings.body if b.name in part):
-            continue
-        given = next(
-            (
-                x
-                for x in settings.link
-                if x.stiffness_n_per_m and set(x.between) & part and x.law != "dashpot"
-            ),
-            None,
-        )
-        names = ", ".join(sorted(part))
-        if given is not None:
-            held.add(f"{given.name}.stiffness.k")
-            lines.append(
-                f"{names}: no force acts and no mass is given; all numbers go with the given stiffness of "
-                f"link {given.name}, {given.stiffness_n_per_m:.4g} N/m"
-            )
-        else:
-            first = next(b.name for b in settings.body if b.name in part)
-            free.remove(mass_of(first))
-            known = False
-            lines.append(
-                f"{names}: no force acts and neither a mass nor a stiffness is given; free decay tells only "
-                f"the ratios of all numbers to the mass of {first}, for which 1 kg stands in"
-            )
-    for link in settings.link:
-        values[f"{link.name}.stiffness.k"] = link.stiffness_n_per_m or 0.0
-        values[f"{link.name}.damping.c"] = link.damping_ns_per_m or 0.0
-        free += [f"{link.name}.damping.c"]
-        if link.law != "dashpot" and f"{link.name}.stiffness.k" not in held:
-            free.append(f"{link.name}.stiffness.k")
-    return Scale(values, tuple(free), tuple(lines), known)
-
-
-def _parts(settings: CampaignSettings) -> list[set[str]]:
-    """Bodies that links join to one another, the ground left out."""
-    parts = [{body.name} for body in settings.body]
-    for link in settings.link:
-        ends = set(link.between) - {GROUND}
-        joined = [part for part in parts if part & ends]
-        parts = [part for part in parts if not part & ends] + [set().union(*joined)]
-    return parts
 
 
 def matrices(
@@ -291,22 +224,17 @@ class FreeDecayFit:
     lines: tuple[str, ...]
 
 
-def fit_free_decay(rings: Sequence[RingDown], settings: CampaignSettings) -> FreeDecayFit:
-    """Fit the declared model to ring-downs that are not held out.
+def fit_free_decay(rings: Sequence[RingDown], campaign: Campaign) -> FreeDecayFit:
+    """Fit the declared model to ring-downs that are not held out; a mass that they leave open is said.
 
-    Parameters
-    ----------
-    rings : sequence of RingDown
-        Records as they are compared.
-    settings : CampaignSettings
-        Settings of the campaign.
-
-    Returns
-    -------
-    FreeDecayFit
-        A mass that the records leave open keeps its start, and a line says so.
+    Raises
+    ------
+    ValueError
+        If all are held out.
     """
-    rings = [ring for ring in rings if not ring.hold_out]
+    rings, settings = [ring for ring in rings if not ring.hold_out], campaign.settings
+    if not rings:
+        raise ValueError(f"{campaign.path}: found no sound training record of a motion, expected one")
     scale = scale_of(settings)
     fits = [_fitted(rings, settings, scale, start) for start in _starts(rings, settings, scale)]
     best = min(fits, key=lambda fit: fit[2])

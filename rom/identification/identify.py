@@ -232,6 +232,7 @@ def identify_campaign(
         linear = given_curves(parts, linear, joint, (stiffness_fit, damping_fit))
     model, missing = _model(campaign, records, linear, (stiffness_fit, damping_fit))
     far_off = unsettled(model, linear) if linear is not None else ()
+    missing = (*missing, *vanished(model, settings))
     noise = course_noise(
         [r.bins for r in records if r.bins and r.settings.test == "coupled"],
         [r.bins_before for r in records if r.bins_before],
@@ -246,14 +247,7 @@ def identify_campaign(
         courses=tension_courses(records, noise, settings),
         course_noise=noise,
         set_aside=set_aside,
-        warnings=(
-            *warnings,
-            *missing,
-            *doubtful,
-            *far_off,
-            *vanished(model, settings),
-            *untensioned(records, settings),
-        ),
+        warnings=(*warnings, *missing, *doubtful, *far_off, *untensioned(records, settings)),
         unsettled=far_off,
         records=tuple(record.settings.file for record in records),
     )
@@ -275,7 +269,6 @@ def _of_driven(campaign: Campaign) -> Identification | None:
     if noise_share(balances) > SOUND:
         return None
     model, lines = declared_model(balances)
-    lines = (*lines, *vanished(model, campaign.settings))
     files = tuple(r.settings.file for r in balances.records if not r.settings.hold_out)
     found = Identification(model, None, set_aside=doubts, warnings=lines, records=files)
     return _without_spectra(found)
@@ -287,21 +280,12 @@ def _without_spectra(found: Identification) -> Identification:
 
 
 def _of_free(campaign: Campaign) -> Identification:
-    """Return the declared model of a campaign of ring-downs, by output error.
-
-    Raises
-    ------
-    ValueError
-        If no training record is sound.
-    """
+    """Return the declared model of a campaign of ring-downs, by output error."""
     rings, doubts = ring_downs(campaign)
-    files = tuple(ring.file for ring in rings if not ring.hold_out)
-    if not files:
-        raise ValueError(f"{campaign.path}: found no sound training record of a motion, expected one")
-    fit = fit_free_decay(rings, campaign.settings)
-    model = free_model(campaign.settings, fit)
+    fit = fit_free_decay(rings, campaign)
+    model, files = free_model(campaign.settings, fit), tuple(ring.file for ring in rings if not ring.hold_out)
     found = Identification(model, None, set_aside=doubts, warnings=fit.lines, records=files)
-    return replace(found, model=replace(model, identification=found))
+    return _without_spectra(found)
 
 
 def _started(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[SpectralRecord, ...]:
