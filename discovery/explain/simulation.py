@@ -29,7 +29,8 @@ from rom.model.structure import GROUND
 
 _CHANGE: Numerical[float] = 1e-2  # of the motion, by which a probe moves it
 _DAMPINGS: Numerical[tuple[float, ...]] = (1.0, 0.5)  # shares of the dampings at which a fit starts
-_SHORT: Numerical[int] = 5  # evaluations that tell which start is best
+_ROUGH: Numerical[int] = 12  # parts
+_SHORT: Numerical[int] = 8  # evaluations that tell which start is best
 _OF_TENSION = re.compile(r"\bT\b")
 _IMITATED: Numerical[float] = 1e-12  # share of an output that is left beyond the model's numbers: rounding
 
@@ -48,18 +49,31 @@ def explain(residual: SimulationResidual, options: Options) -> list[Explanation]
 
 
 def screen(residual: SimulationResidual, options: Options) -> tuple[tuple[Probe, ...], ...]:
-    """Try every force of the catalogue at every place over a grid of its inner numbers; the best first."""
-    left, known = residual.beyond(residual.residual), {effect.path for effect in residual.model.effects}
+    """Try every force of the catalogue at every place over a grid of its inner numbers; the best first.
+
+    Of a wide grid the points that a few parts of the records promise most of are tried on all.
+    """
+    known = {effect.path for effect in residual.model.effects}
     pairs = [(member, effect) for member, effect in _candidates(residual) if effect.path not in known]
-    tell, found = options.stage("screening effects"), []
+    tell, found, most = options.stage("screening effects"), [], int(options.criteria.screening.rough_probes)
+    rough = residual.in_parts(_ROUGH)
     for done, (member, effect) in enumerate(pairs, 1):
-        seen = [probe for probe in member.probes(effect) if _is_seen(probe, residual)]
-        probed = [_probed(member, one, residual, left) for one in seen]
-        probes = sorted((one for one in probed if one is not None), key=lambda one: -one.gain)
-        found += [tuple(probes)] if probes else []
+        seen: Sequence[ModelCorrection] = [p for p in member.probes(effect) if _is_seen(p, residual)]
+        if len(seen) > most:
+            seen = [one.effect for one in _probed_all(member, seen, rough)[:most]]
+        probes = _probed_all(member, seen, residual)
+        found += [probes] if probes else []
         if tell is not None:
             tell(done, len(pairs))
     return tuple(sorted(found, key=lambda probes: -probes[0].gain))
+
+
+def _probed_all(
+    member: Member, probes: Sequence[ModelCorrection], residual: SimulationResidual
+) -> tuple[Probe, ...]:
+    """What points of one effect's grid explain, best first."""
+    found = (_probed(member, probe, residual, residual.unexplained) for probe in probes)
+    return tuple(sorted((one for one in found if one is not None), key=lambda one: -one.gain))
 
 
 def _is_seen(probe: ModelCorrection, residual: SimulationResidual) -> bool:
@@ -180,17 +194,14 @@ def explain_screened(
     rules, largest = options.criteria.screening, by_chance(probes, options.criteria)
     promising = worth_fitting(probes, cost(residual), options.criteria)
     parts, tell, found = residual.in_parts(), options.stage("fitting effects"), []
-    starts = [[_start(one) for one in ones[: int(rules.starts)]] for ones in promising]
-    begun = [(ones[0], _begun(parts, some)) for ones, some in zip(promising, starts, strict=True)]
-    most = max((cost(parts) - cost(after) for _, after in begun), default=0.0)
-    for done, (best, begin) in enumerate(begun, 1):
-        if cost(parts) - cost(begin) >= rules.share_of_first * most:
-            after = together(residual.of_model(begin.model))
-            explained = explanation(after.model.effects[-1], best.member, residual, after)
-            p = None if largest is None else p_value(best.gain, largest)
-            found.append(replace(explained, p_value=p, residual=after))
+    for ones in promising:
+        begun = _begun(parts, [_start(one) for one in ones[: int(rules.starts)]])
+        after = together(residual.of_model(begun.model))
+        explained = explanation(after.model.effects[-1], ones[0].member, residual, after)
+        p = None if largest is None else p_value(ones[0].gain, largest)
+        found.append(replace(explained, p_value=p, residual=after))
         if tell is not None:
-            tell(done, len(begun))
+            tell(len(found), len(promising))
     return found
 
 
@@ -257,7 +268,7 @@ def free_forms(residual: SimulationResidual, options: Options) -> tuple[Explanat
     """The sparse sum in one link that leaves least of the training records, with the residual beside it."""
     found = []
     left, taken = (
-        residual.beyond(residual.residual),
+        residual.unexplained,
         {e.enters for e in residual.model.effects if e.name == "free-form"},
     )
     for link in residual.model.structure.links:

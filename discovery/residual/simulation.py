@@ -27,8 +27,8 @@ from rom.identification.ring_down import PERIODS, RingDown, first_state, fitted_
 from rom.model.model import Model
 
 LEAST_MASS: Numerical[float] = 1e-3  # of what it is before a fit
-EVALUATIONS: Numerical[int] = 15
-_PARTS: Numerical[int] = 48
+EVALUATIONS: Numerical[int] = 10
+_PARTS: Numerical[int] = 32
 _SETTLED: Numerical[float] = 1e-5  # of the cost
 _CHANGE: Numerical[float] = 3e-3  # of the motion, by which a step for a slope moves it
 _FIRST_STEP: Numerical[float] = 1e-4
@@ -121,6 +121,11 @@ class SimulationResidual:
         size = np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
         return np.asarray(linalg.orth(table / size, rcond=1e-10))
 
+    @cached_property
+    def unexplained(self) -> FloatArray:
+        """What of the residual the numbers and states cannot imitate; training rows."""
+        return self.beyond(self.residual)
+
     def beyond(self, rows: FloatArray) -> FloatArray:
         """What of whitened rows, (rows,), the numbers and states cannot imitate; training rows."""
         mine = rows[self.training]
@@ -152,15 +157,15 @@ class SimulationResidual:
         states = tuple(old if ring.hold_out else first_state(ring, model) for ring, old in pairs)
         return replace(self, model=model, states=states)
 
-    def in_parts(self) -> SimulationResidual:
-        """Parts of the training records, each from a state of its own: where a fit starts.
+    def in_parts(self, most: int = _PARTS) -> SimulationResidual:
+        """Some parts of the training records, each from a state of its own: where a fit starts.
 
         Over a whole record a frequency that is a little wrong loses the phase, and every period lost is a
         valley of the cost; a part is too short for that (multiple shooting; H. Bock, Springer Ser. Chem.
         Phys. 18, 102, 1981). Of many parts every second, third, ... does.
         """
         parts = [part for k in self.trained for part in self.rings[k].parts(PERIODS)]
-        parts = parts[:: -(-len(parts) // _PARTS)]
+        parts = parts[:: -(-len(parts) // most)]
         return replace(self, rings=tuple(parts), states=tuple(first_state(p, self.model) for p in parts))
 
 

@@ -20,11 +20,12 @@ from rom.model.structure import GROUND, Structure
 from rom.signals.filters import decimate
 from rom.signals.processing import Measurement, Motion
 
-PERIODS = 12.0
+PERIODS = 6.0
 """Of the strongest line, in which a frequency that is a little wrong does not lose the phase."""
 _SAMPLES = 24.0  # a period of the strongest line, at least: finer records are brought to a lower rate
 _LEAST_NOISE = 1e-4  # of a channel's RMS: below, a simulation and a converter have errors of their own
-_TOLERANCE = 1e-7  # of a simulation: slopes are differences of two
+_TOLERANCE = 1e-6  # of a simulation: slopes are differences of two
+_ESCAPED = 1e6  # times the motion: no simulation of it
 _STEP = 1e-3  # of the state's scale
 _STATE_STEPS = 12
 _SETTLED = 1e-4  # of the cost
@@ -100,7 +101,7 @@ class RingDown:
             return None
         kinds = ("displacement", "velocity", "acceleration")
         found = self.shown({kind: getattr(response, kind) for kind in kinds})
-        return found if np.isfinite(found).all() else None
+        return found if np.all(np.abs(found) < _ESCAPED * np.abs(self.whitened).max()) else None
 
     def response(
         self, model: Model, state: FloatArray, tension: Tension = None, tolerance: float = TOLERANCE
