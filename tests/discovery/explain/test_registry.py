@@ -15,10 +15,12 @@ from discovery.residual.at_rest import RestResidual
 from discovery.residual.base import Kind
 from discovery.residual.force_balance import ForceBalanceResidual
 from discovery.residual.output_error import WhitenedResidual
+from discovery.residual.simulation import SimulationResidual
 from discovery.residual.tension import TensionResidual
 
 _RESIDUALS = {
-    one.kind: one.__name__ for one in (WhitenedResidual, TensionResidual, ForceBalanceResidual, RestResidual)
+    one.kind: one.__name__
+    for one in (WhitenedResidual, TensionResidual, ForceBalanceResidual, SimulationResidual, RestResidual)
 }
 _OTHERS = [
     (name, kind)

@@ -177,6 +177,23 @@ def test_a_link_driven_on_its_own(tmp_path: Path, law: str) -> None:
     assert "body p: no training record tells its mass" in " ".join(model.identification.warnings)  # type: ignore[union-attr]
 
 
+@pytest.mark.parametrize("still", [(1,), (0, 1, 2)])
+def test_driven_records_without_force(tmp_path: Path, still: tuple[int, ...]) -> None:
+    rng, link = np.random.default_rng(11), ("s", ("m", "ground"), "linear", 4000.0, 8.0)
+    records = []
+    for i in range(4):
+        force = 10 * random_force(rng, FINE * SAMPLES, FINE * RATE_HZ, 60.0) * (i not in still)
+        initial = np.array([2e-3, 0.1]) if i in still else None
+        motion = respond({"m": 2.0}, [link], {"m": force}, FINE * RATE_HZ, initial)["displacement_m"][::FINE]
+        channels = {"displacement_m": noisy(rng, motion, 0.003), "force_m": force[::FINE]}
+        records.append(({"file": f"{i}.h5", "test": "driven", "hold_out": i == 3}, channels))
+    found = campaign(tmp_path / "c", {"m": 2.0}, [link], records, RATE_HZ)
+    model = rom.identify(found)
+    assert model.parameter("s.stiffness.k").value == pytest.approx(4000.0, rel=0.01)
+    assert model.parameter("s.damping.c").value == pytest.approx(8.0, rel=0.05)
+    assert errors(model, found)["motion_nrmse"] < 0.05  # type: ignore[operator]
+
+
 def test_nothing_to_identify_is_one_clear_line(tmp_path: Path) -> None:
     link = ("joint", ("m", "ground"), "bolted", 0.0, 0.0)
     swing = np.cos(2 * np.pi * 20.0 * np.arange(SAMPLES) / RATE_HZ)
