@@ -7,22 +7,17 @@ import os
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from experiments.errors import INTERRUPTED, UNFIT, a_campaign, a_model, existing, tell
 from experiments.results import results_folder, writable
 from experiments.run.execution import execution
 from experiments.run.memory import return_freed_arrays
+from experiments.run.progress import progress_bars
 from rom.provenance import program_version
-
-Report = Callable[[int, int], None]
 
 app = typer.Typer(
     name="boltlaw",
@@ -121,7 +116,7 @@ def rig(
     """Measure a campaign of raw records on the virtual rig."""
     from experiments.studies import rig as study
 
-    with _progress(quiet) as report:
+    with progress_bars(quiet) as report:
         folder = study.run(
             new_dir if out is None else out / new_dir, cases, noise, seed, jobs, report("measuring"),
             duration_s=duration_s, strengths=study.strengths_from_text(strengths), law=law,
@@ -168,7 +163,7 @@ def import_(
     places = study.places(source, new_dir, download)
     folder = places[1] if out is None else out / places[1]
     maps = None if channel_map is None else existing(channel_map)
-    with _progress(quiet) as report:
+    with progress_bars(quiet) as report:
         notes = study.run(name, places[0], folder, maps, jobs, report("importing"))
     _say("\n".join([*(f"note: {note}" for note in notes), f"wrote {folder}"]), quiet)
 
@@ -201,7 +196,7 @@ def check(
     """Show what was read of a campaign: channels, rates, ranges, doubtful records, figures."""
     from experiments.studies import check as study
 
-    with _progress(quiet) as report, execution(None):
+    with progress_bars(quiet) as report, execution(None):
         path = study.run(campaign, results_folder(campaign, out), seed, jobs, report("checking"), _command())
     _say(study.summary(path), quiet)
     _say(f"wrote {path} and figures beside it", quiet)
@@ -219,7 +214,7 @@ def identify(
     """Identify the model of a campaign: links, k_C(T), c_C(T), gamma per case and gamma(T)."""
     from experiments.studies import identify as study
 
-    with _progress(quiet) as report, execution(cluster):
+    with progress_bars(quiet) as report, execution(cluster):
         path = study.run(campaign, results_folder(campaign, out), seed, jobs, report, _command())
     _say(study.summary(path), quiet)
     _say(f"wrote {path} and figures beside it", quiet)
@@ -240,7 +235,7 @@ def reproduce(
     """Set the paper's printed numbers beside ours, on its campaign as measured by the virtual rig."""
     from experiments.studies import reproduce as study
 
-    with _progress(quiet) as report, execution(cluster):
+    with progress_bars(quiet) as report, execution(cluster):
         path = study.run(writable(out), cases, seed, jobs, report, _command())
     _say(study.summary(path), quiet)
     _say(f"wrote {path} and figures beside it", quiet)
@@ -266,7 +261,7 @@ def discover(
     """Rank rival tension laws by re-simulation: which one the records support, and how surely."""
     from experiments.studies import discover as study
 
-    with _progress(quiet) as report, execution(cluster):
+    with progress_bars(quiet) as report, execution(cluster):
         path = study.run(
             campaign, results_folder(campaign, out), seed, jobs, report, _command(), tightening=tightening,
             laws=laws,
@@ -291,7 +286,7 @@ def compare(
     """Rank laws of your own beside gamma(T), constant gamma and no loosening, as discover ranks its laws."""
     from experiments.studies import discover as study
 
-    with _progress(quiet) as report, execution(cluster):
+    with progress_bars(quiet) as report, execution(cluster):
         path = study.run(
             campaign, results_folder(campaign, out), seed, jobs, report, _command(), tightening=tightening,
             laws=laws, given_only=True,
@@ -313,7 +308,7 @@ def close(
     """Trace what the model leaves to a missing effect, add it, and report the errors before and after."""
     from experiments.studies import close as study
 
-    with _progress(quiet) as report, execution(cluster):
+    with progress_bars(quiet) as report, execution(cluster):
         path = study.run(campaign, results_folder(campaign, out), seed, jobs, report, _command())
     _say(study.summary(path), quiet)
     _say(f"wrote {path}, the refined model.json and figures beside it", quiet)
@@ -333,7 +328,7 @@ def predict(
     """Simulate every record of a campaign with a model; nothing is fitted."""
     from experiments.studies import predict as study
 
-    with _progress(quiet) as report, execution(cluster):
+    with progress_bars(quiet) as report, execution(cluster):
         path = study.run(
             model, campaign, results_folder(campaign, out), seed, jobs, report("simulating"), _command()
         )
@@ -377,23 +372,6 @@ def run(arguments: list[str]) -> int:
     if result == INTERRUPTED:  # the command line library keeps the exception to itself
         return tell(KeyboardInterrupt())
     return result if isinstance(result, int) else 0
-
-
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[str], Report | None]]:
-    """Yield what opens a bar under a name and returns its mover; silent unless on a terminal."""
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield lambda _: None
-        return
-    columns = (TextColumn("{task.description:>18}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console) as bars:
-
-        def open_bar(name: str) -> Report:
-            task = bars.add_task(name, total=None)
-            return lambda done, total: bars.update(task, completed=done, total=total)
-
-        yield open_bar
 
 
 def _say(text: str, quiet: bool) -> None:

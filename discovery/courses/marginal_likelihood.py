@@ -114,14 +114,11 @@ class Problem:
     def _with_numbers(self, theta: FloatArray) -> Candidate:
         values = dict(zip(self.candidate.free, theta, strict=True))
         moved = self.candidate.with_values({n: v for n, v in values.items() if not self._is_coefficient(n)})
-        return moved.with_values(
-            {
-                name: values[name] / size
-                if signed
-                else float(np.exp(np.clip(values[name], -690, 690))) / size
-                for name, (size, signed) in self._scales(moved).items()
-            }
-        )
+        coefficients = {}
+        for name, (size, signed) in self._scales(moved).items():
+            whole = values[name] if signed else float(np.exp(np.clip(values[name], -690, 690)))
+            coefficients[name] = whole / size
+        return moved.with_values(coefficients)
 
     def _is_coefficient(self, name: str) -> bool:
         return name in self.candidate.coefficient_names
