@@ -268,6 +268,7 @@ def discover(
         )  # fmt: skip
     _say(study.summary(path), quiet)
     _say(f"wrote {path}, the first law's model.json and figures beside it", quiet)
+    _end(path)
 
 
 @app.command(epilog="Example: boltlaw compare rig-campaign laws.toml")
