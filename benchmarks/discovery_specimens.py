@@ -21,6 +21,7 @@ from rom.campaign.checks import moving_bodies
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.reduce import reduce_records, reduce_sound, tension_courses
 from rom.model.model import Model
+from rom.signals.evidence import Evidence
 from rom.signals.measured_records import MeasuredRecord
 from rom.signals.processing import process
 from rom.signals.tension_bins import TensionCourse
@@ -71,7 +72,8 @@ class Bench(Campaign):
 
     def measured(self, record: RecordSettings) -> MeasuredRecord:
         """Run a loosening test and process it; there is no fault to look for."""
-        return MeasuredRecord(record, (), process(self.load(record), self.settings), None)
+        sound = Evidence(record.file, record.test, record.preload_n, (), True, None, "", None, (), {})
+        return MeasuredRecord(record, (), process(self.load(record), self.settings), None, sound)
 
 
 def bench(law: str, seed: int, setting: Setting) -> Bench:
