@@ -76,8 +76,7 @@ class FoundEffect:
     @property
     def at_bound(self) -> tuple[str, ...]:
         """Fitted parameters that lie at an end of their range."""
-        fitted = ((n, p) for n, p in self.effect.parameters.items() if (p.low, p.high) != (None, None))
-        return tuple(name for name, number in fitted if number.value in number.bounds)
+        return tuple(name for name, number in self.effect.parameters.items() if number.at_bound)
 
 
 @dataclass(frozen=True)

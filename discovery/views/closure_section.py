@@ -66,5 +66,7 @@ def _effect_row(found: FoundEffect) -> dict[str, Any]:
 
 
 def parameter_row(parameter: Parameter) -> dict[str, Any]:
-    """Return a parameter as result files hold it."""
-    return {key: getattr(parameter, key) for key in ("value", "low", "high", "unit")}
+    """Return a parameter as result files hold it; one that ended at a bound has no limit on that side."""
+    low, high = parameter.limits
+    row = {"value": parameter.value, "low": low, "high": high, "unit": parameter.unit}
+    return row | ({"at_bound": True} if parameter.at_bound else {})

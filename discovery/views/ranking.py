@@ -11,7 +11,7 @@ from discovery.views.palette import INCH_PER_MM, WIDTH
 from discovery.views.ranking_figure import draw_leader_board, leader_board_height_mm
 from discovery.views.ranking_section import ranking_section
 from rom import result_views
-from rom.model.laws import Parameter
+from rom.views.model import with_limits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +23,7 @@ def summary(ranking: Ranking) -> str:
     """Return in plain words what won, how surely, and what it beats."""
     first = ranking.laws[0]
     lines = [f"First of {ranking.considered} candidate laws: {first.name}", f"  dT/dt = {first.equation}"]
-    lines += [f"  {name} = {_with_limits(p)}" for name, p in first.parameters.items()]
+    lines += [f"  {name} = {with_limits(p, 4)}" for name, p in first.parameters.items()]
     lines.append(_verdict(first, ranking.rules.better))
     for name in (BASELINE, NO_LOOSENING):
         lines += [_against(first, law) for law in ranking.laws[1:] if law.name == name]
@@ -75,13 +75,6 @@ def figure(ranking: Ranking) -> Figure:
     made = Figure(figsize=(WIDTH, leader_board_height_mm(data) * INCH_PER_MM), layout="constrained")
     draw_leader_board(made, data)
     return made
-
-
-def _with_limits(parameter: Parameter) -> str:
-    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-    if parameter.low is None or parameter.high is None:
-        return f"{parameter.value:.4g}{unit}"
-    return f"{parameter.value:.4g}{unit} (95 %: {parameter.low:.4g} to {parameter.high:.4g})"
 
 
 def _verdict(first: RankedLaw, better: float) -> str:

@@ -59,5 +59,10 @@ def apart(parse: Callable[[Path], Result], path: Path, kind: str) -> Result:
 def _worker() -> Worker:
     """Return the one process, which stays for the files to come."""
     worker = Worker({})
-    atexit.register(worker.end)
+    atexit.register(_leave, worker)
     return worker
+
+
+def _leave(worker: Worker) -> None:
+    worker.end()
+    worker.hang_up()

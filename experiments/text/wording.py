@@ -45,15 +45,18 @@ def with_limits(value: object, low: object, high: object) -> tuple[str, str]:
     value : object
         A number; else a dash stands for the limits.
     low, high : object
-        Its 95 % limits, in the same unit.
+        Its 95 % limits, in the same unit; one alone is a limit on one side.
 
     Returns
     -------
     tuple of str
         Value; limits.
     """
-    if not all(isinstance(x, int | float) and math.isfinite(x) for x in (value, low, high)):
-        return trimmed(number(value, 6)), NONE
+    known = [isinstance(x, int | float) and math.isfinite(x) for x in (value, low, high)]
+    if not all(known):
+        one_sided = known[0] and any(known[1:])
+        words = f"at least {number(low, 3)}" if known[1] else f"at most {number(high, 3)}"
+        return trimmed(number(value, 6)), words if one_sided else NONE
     ends = [float(x) for x in (value, low, high) if isinstance(x, int | float)]
     width, size = abs(ends[2] - ends[1]) / 2, max(abs(end) for end in ends)
     digits = 7 if width == 0 else min(max(math.floor(math.log10(size / width)) + 2, 3), 7)

@@ -51,6 +51,17 @@ class Parameter:
         if not (math.isfinite(self.value) and low <= self.value <= high):
             raise ValueError(f"parameter must lie within [{low}, {high}] {self.unit}, got {self.value!r}")
 
+    @property
+    def at_bound(self) -> bool:
+        """Whether a fit ended at an end of the range."""
+        return (self.low, self.high) != (None, None) and self.value in self.bounds
+
+    @property
+    def limits(self) -> tuple[float | None, float | None]:
+        """95 % limits; None where unknown, and on the side of a bound that a fit ended at."""
+        low, high = self.bounds
+        return None if self.value == low else self.low, None if self.value == high else self.high
+
 
 @dataclass(frozen=True)
 class Law:

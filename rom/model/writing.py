@@ -93,10 +93,11 @@ def _parameters(parameters: Mapping[str, Parameter]) -> dict[str, Any]:
         name: {
             "value": p.value,
             "unit": p.unit,
-            "low": _finite(p.low),
-            "high": _finite(p.high),
+            "low": _finite(p.limits[0]),
+            "high": _finite(p.limits[1]),
             "bounds": [_finite(p.bounds[0]), _finite(p.bounds[1])],
             "source": p.source,
+            **({"at_bound": True} if p.at_bound else {}),
         }
         for name, p in parameters.items()
     }

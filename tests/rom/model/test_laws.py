@@ -115,3 +115,13 @@ def test_only_arithmetic_becomes_a_law(equation, message):
 def test_what_cannot_be_is_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize(("value", "limits"), [(0.0, (None, 2.0)), (10.0, (-1.0, None)), (5.0, (-1.0, 2.0))])
+def test_a_number_that_ended_at_a_bound_has_no_limit_on_that_side(
+    value: float, limits: tuple[float | None, float | None]
+) -> None:
+    number = Parameter(value, "N", low=-1.0, high=2.0, bounds=(0.0, 10.0))
+    assert number.limits == limits
+    assert number.at_bound == (None in limits)
+    assert not Parameter(value, "N", bounds=(0.0, 10.0)).at_bound  # held, not fitted
