@@ -13,7 +13,8 @@ import numpy as np
 
 from discovery.courses.fitted import Fit
 from discovery.courses.frozen_motion import FrozenMotion
-from discovery.courses.marginal_likelihood import Problem, step
+from discovery.courses.likelihood_steps import climbed
+from discovery.courses.marginal_likelihood import Problem
 from discovery.courses.prediction import predict, resimulate
 from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
@@ -61,7 +62,7 @@ def refine(candidate: Candidate, frozen: FrozenMotion, rounds: int = ROUNDS) -> 
 def correction(found: Fit, frozen: FrozenMotion) -> FloatArray:
     """Full re-simulation minus frozen course, (cases, bins) [N]; not finite where it diverged."""
     full = resimulate(found.candidate, frozen, found.deviations)
-    return full - predict(found.candidate, frozen, deviations=found.deviations)
+    return full - predict(found.candidate, frozen, found.deviations)
 
 
 def unchanged(offsets: FloatArray, found: Fit, frozen: FrozenMotion) -> bool:
@@ -82,7 +83,7 @@ def unchanged(offsets: FloatArray, found: Fit, frozen: FrozenMotion) -> bool:
         True if they are the same.
     """
     noise = np.sqrt(np.stack([np.diag(c.covariance)[-frozen.change.shape[1] :] for c in frozen.courses]))
-    change = predict(found.candidate, frozen, found.offsets, found.deviations)
+    change = predict(found.candidate, frozen, found.deviations) + found.offsets
     near = _SAME_NOISE * noise + _SAME_CHANGE * np.abs(change)
     return bool((np.abs(offsets - found.offsets) <= near).all())
 
@@ -105,18 +106,7 @@ def fit(
     """
     problem = Problem(candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
     state = problem.first(start)
-    damping, converged = 1e-3, candidate.holds
-    for _ in range(1 if candidate.holds else _ITERATIONS):
-        state = problem.scattered(state)
-        trial, damping = step(problem, state, damping)
-        if trial is None:
-            converged = True
-            break
-        gain, state = state.deviance - trial.deviance, trial
-        if gain < _SETTLED:
-            converged = True
-            break
-    state = problem.scattered(state)
+    state, converged = climbed(problem, state, _SETTLED, 1 if candidate.holds else _ITERATIONS)
     return Fit(
         problem.at(state.theta),
         candidate.free,
@@ -125,7 +115,7 @@ def fit(
         (float(state.scatter[0]), float(state.scatter[1])),
         problem.offsets,
         state.u,
-        converged,
+        converged or candidate.holds,
         criteria=problem.frozen.criteria,
     )
 

@@ -1,4 +1,4 @@
-"""The marginal likelihood of a candidate law, its scatter integrated out, and steps that raise it.
+"""The marginal likelihood of a candidate law, its scatter integrated out.
 
     y_i = f_i(theta, u_i) + e_i,   u_i ~ N(0, tau_i^2),   e_i ~ N(0, C_i),   ln tau_i = a + b ln(T_i / 100 N)
 
@@ -8,7 +8,7 @@ u_i about its mode (M. Lindstrom and D. Bates, Biometrics 46, 673, 1990).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -29,8 +29,6 @@ _TALLEST_STEP: Numerical[float] = 1.0
 _STEP_U: Numerical[float] = 1e-4
 _STEP: Numerical[float] = 1e-4
 _SAME_SCATTER: Numerical[float] = 0.01  # of a and b: changes the deviance in second order
-_NO_GAIN: Numerical[float] = 1e-3  # of the deviance, foreseen: not worth a trial
-_LENGTHENED_GAIN: Numerical[float] = 1e-3  # of the deviance: for less no number is to run far
 _TINY: Numerical[float] = 1e-300
 
 
@@ -51,6 +49,10 @@ class State:
         return float(self.by_case.sum())
 
 
+Course = Callable[[Candidate, FrozenMotion, FloatArray], FloatArray]
+"""From a candidate, frozen motion and deviations, (cases,): changes of tension [N], (cases, bins)."""
+
+
 @dataclass(eq=False)
 class Problem:
     """The fit of one candidate: its free numbers as a vector, and the likelihood."""
@@ -58,6 +60,7 @@ class Problem:
     candidate: Candidate
     frozen: FrozenMotion
     offsets: FloatArray
+    course: Course = predict
     whitener: FloatArray = field(init=False)
     log_determinant: FloatArray = field(init=False)
     theta0: FloatArray = field(init=False)
@@ -210,7 +213,7 @@ class Problem:
         return State(theta, scatter, u, residual, slope, by_case)
 
     def _course(self, candidate: Candidate, u: FloatArray) -> FloatArray:
-        return predict(candidate, self.frozen, self.offsets, u)
+        return self.course(candidate, self.frozen, u) + self.offsets
 
     def _whitened(self, rows: FloatArray) -> FloatArray:
         return np.asarray(np.einsum("cij,cj->ci", self.whitener, rows))
@@ -321,78 +324,3 @@ class Problem:
             moved[place] += step
             columns.append((values(moved) - here) / step)
         return np.stack(columns, axis=1)
-
-
-def step(problem: Problem, state: State, damping: float) -> tuple[State | None, float]:
-    """One accepted Levenberg-Marquardt step, or None where none lowers the deviance.
-
-    Parameters
-    ----------
-    problem : Problem
-        The fit.
-    state : State
-        Where it is.
-    damping : float
-        Of the first trial, in diagonal elements of the normal equations.
-
-    Returns
-    -------
-    tuple of (State or None, float)
-        The better place, and the damping of the next step.
-    """
-    if not len(state.theta):
-        return None, damping
-    matrix, right = problem.normal_equations(state)
-    diagonal = np.diag(matrix).copy()
-    diagonal[diagonal <= 0] = max(float(diagonal.max()), 1.0) * 1e-12
-    low, high = (bound - state.theta for bound in problem.bounds)
-    for _ in range(8):
-        damped = matrix + np.diag(damping * diagonal + 1e-12 * diagonal.max())
-        change = least_within(damped, right, low, high)
-        if 2 * change @ right - change @ matrix @ change < _NO_GAIN:
-            return None, damping
-        trial = problem.solve(problem.clipped(state.theta + change), state.scatter, state.u)
-        if np.isfinite(trial.deviance) and trial.deviance < state.deviance:
-            return _lengthened(problem, state, trial, change), max(damping / 5, 1e-9)
-        damping *= 8
-    return None, damping
-
-
-def _lengthened(problem: Problem, state: State, best: State, change: FloatArray) -> State:
-    """Go on along a change for as long as twice as much lowers the deviance further.
-
-    Far from the measured courses their curvature makes a Gauss-Newton step up to twenty times too short.
-    """
-    while state.deviance - best.deviance > _LENGTHENED_GAIN * state.deviance:
-        change = 2 * change
-        trial = problem.solve(problem.clipped(state.theta + change), best.scatter, best.u)
-        if not trial.deviance < best.deviance:
-            break
-        best = trial
-    return best
-
-
-def least_within(matrix: FloatArray, right: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """The change d within a range that makes d' M d - 2 r' d least.
-
-    Were the free one clipped instead, numbers beside one at its end would make up for what it may not do.
-
-    Parameters
-    ----------
-    matrix, right : ndarray, shapes (numbers, numbers) and (numbers,)
-        M, positive definite, and r.
-    low, high : ndarray, shape (numbers,)
-        Ends of the range of d.
-
-    Returns
-    -------
-    ndarray, shape (numbers,)
-        d.
-    """
-    change = np.linalg.solve(matrix, right)
-    if not ((change < low) | (change > high)).any():  # nor where it is not finite
-        return np.asarray(change)
-    scale = np.sqrt(np.diag(matrix))
-    root = np.linalg.cholesky(matrix / np.outer(scale, scale)).T
-    aim = np.linalg.solve(root.T, right / scale)
-    return np.asarray(optimize.lsq_linear(root, aim, (low * scale, high * scale), method="bvls").x / scale)

@@ -14,12 +14,7 @@ from rom.model.laws import Law
 HIGHEST: Numerical[float] = 10.0  # no tension beyond so many times the highest initial one
 
 
-def predict(
-    candidate: Candidate,
-    frozen: FrozenMotion,
-    offsets: FloatArray | None = None,
-    deviations: FloatArray | None = None,
-) -> FloatArray:
+def predict(candidate: Candidate, frozen: FrozenMotion, deviations: FloatArray | None = None) -> FloatArray:
     """Changes of tension [N] in every bin along the frozen motion, (cases, bins).
 
     Parameters
@@ -28,8 +23,6 @@ def predict(
         The law.
     frozen : FrozenMotion
         Motion along which it is followed.
-    offsets : ndarray, shape (cases, bins), optional
-        Corrections that are added [N].
     deviations : ndarray, shape (cases,), optional
         Deviation u of every case's rate; typical rates if not given.
 
@@ -43,10 +36,8 @@ def predict(
     if isinstance(candidate, GivenLaw):
         rates = frozen.factors(deviations)
         means = followed(candidate.law(), OWN_RATE, frozen, rates, frozen.initial, frozen.edges_s)
-        change = means - np.maximum(frozen.initial, 0.0)[:, None]
-    else:
-        change = _along_exposures(candidate, frozen, deviations)
-    return np.asarray(change if offsets is None else change + offsets)
+        return np.asarray(means - np.maximum(frozen.initial, 0.0)[:, None])
+    return _along_exposures(candidate, frozen, deviations)
 
 
 def _along_exposures(candidate: Candidate, frozen: FrozenMotion, deviations: FloatArray | None) -> FloatArray:

@@ -13,9 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discovery.courses.fitted import Fit
 from discovery.courses.frozen_motion import FrozenMotion
-from discovery.courses.marginal_likelihood import Problem, State, step
+from discovery.courses.marginal_likelihood import Problem
 from discovery.courses.prediction import bin_edges, followed
 from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
@@ -26,8 +25,6 @@ from rom.model.law_change import prefix_of
 from rom.model.laws import Law, Parameter
 from rom.model.model import Model
 
-SETTLED: Numerical[float] = 0.05  # of the deviance
-ITERATIONS: Numerical[int] = 20
 _NEVER: Numerical[float] = 1e6  # stands for a course that is lost, in newton
 _PER_BIN: Numerical[int] = 24
 
@@ -133,61 +130,22 @@ def names_of(effect: ModelCorrection) -> Mapping[str, str]:
     return {name: prefix_of(effect) + name for name in effect.parameters}
 
 
-@dataclass(eq=False)
-class LawProblem(Problem):
-    """The fit of one general law: the course is followed along the nodes."""
+def law_problem(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray) -> Problem:
+    """The fit of one general law: the course is followed along the nodes.
 
-    @property
-    def general(self) -> LawCandidate:
-        """The candidate that is fitted."""
-        assert isinstance(self.candidate, LawCandidate)
-        return self.candidate
-
-    def _course(self, candidate: Candidate, u: FloatArray) -> FloatArray:
-        assert isinstance(candidate, LawCandidate)
-        return course(candidate, self.frozen, u) + self.offsets
-
-    def first(self, start: Fit | None) -> State:
-        """The start: unit rates, unless a fit is at hand."""
-        if start is not None:
-            return self.solve(self.theta0, np.array(start.scatter), start.deviations, steps=6)
-        return self.solve(
-            self.theta0,
-            np.array([np.log(self.rules.usual_variability), 0.0]),
-            np.zeros(len(self.frozen)),
-            steps=12,
-        )
-
-    def fitted(self, state: State, settled: float = SETTLED, most: int = ITERATIONS) -> State:
-        """The best place that steps from a state lead to, each lowering the deviance by more than asked.
-
-        Parameters
-        ----------
-        state : State
-            The start.
-        settled : float
-            Gain in deviance below which a step is the last.
-        most : int
-            Steps at most.
-
-        Returns
-        -------
-        State
-            With the scatter that suits it.
-        """
-        damping = 1e-3
-        for _ in range(most):
-            state = self.scattered(state)
-            trial, damping = step(self, state, damping)
-            if trial is None:
-                return state
-            gain, state = state.deviance - trial.deviance, trial
-            if gain < settled:
-                break
-        return self.scattered(state)
+    Parameters
+    ----------
+    candidate : LawCandidate
+        Its numbers are the start.
+    frozen : FrozenMotion
+        Motion and measured courses.
+    offsets : ndarray, shape (cases, bins)
+        Corrections to every predicted course [N].
+    """
+    return Problem(candidate, frozen, offsets, course)
 
 
-def course(candidate: LawCandidate, frozen: FrozenMotion, u: FloatArray) -> FloatArray:
+def course(candidate: Candidate, frozen: FrozenMotion, u: FloatArray) -> FloatArray:
     """Changes of the measured tension [N] in every bin along the frozen motion, (cases, bins).
 
     Parameters
@@ -204,6 +162,7 @@ def course(candidate: LawCandidate, frozen: FrozenMotion, u: FloatArray) -> Floa
     ndarray, shape (cases, bins)
         Mean reading in the bin less the tension before the hit [N].
     """
+    assert isinstance(candidate, LawCandidate)
     effect, initial = candidate.effect, frozen.initial
     true = effect.remove(initial, 1.0) if isinstance(effect, SensorFault) else initial
     rates = np.exp(np.clip(u, -50.0, 50.0))

@@ -14,7 +14,13 @@ import numpy as np
 from joblib import delayed
 from scipy import linalg
 
-from discovery.courses.tension_likelihood import LawCandidate, LawProblem, changes_of, law_candidate, names_of
+from discovery.courses.tension_likelihood import (
+    LawCandidate,
+    changes_of,
+    law_candidate,
+    law_problem,
+    names_of,
+)
 from discovery.courses.variability import tau
 from discovery.criteria.number import Numerical
 from discovery.decide.chance import largest_of_noise, p_value
@@ -141,7 +147,7 @@ class LawSearch:
         trials: list[tuple[float, int, LawCandidate]] = []
         for point in _starts(member, effect):
             trial = candidate.with_values({names[n]: v for n, v in point.items()})
-            problem = LawProblem(trial, train, start.problem.offsets)
+            problem = law_problem(trial, train, start.problem.offsets)
             state = problem.solve(problem.theta0, start.state.scatter, start.state.u, steps=3)
             trials.append((state.deviance, len(trials), trial))
         return min(trials)[2]
@@ -173,9 +179,9 @@ class LawSearch:
         """A reading of its own size in every record: a part of the courses' noise about what all share."""
         drift, drifting = self.data.drift, self.data.drifting or self.data.frozen
         train = self.data.part(hold_out=False, of=drifting)
-        problem = LawProblem(base.candidate, train, base.problem.offsets)
-        state = problem.fitted(problem.solve(problem.theta0, base.state.scatter, base.state.u, steps=6))
-        fit = self.fits.with_costs(self.fits.ended(problem, state), drifting)
+        problem = law_problem(base.candidate, train, base.problem.offsets)
+        start = problem.solve(problem.theta0, base.state.scatter, base.state.u, steps=6)
+        fit = self.fits.with_costs(self.fits.climbed(problem, start), drifting)
         (name,) = per_record_names(effect)
         low, high = effect.parameters[name].bounds
         mean = effect.with_values(**{name: float(np.clip(drift.mean, low, high))})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from scipy import stats
@@ -17,18 +17,13 @@ from discovery.residual.base import Residual
 from discovery.separating_tests.law_changes import separating_hits
 from rom.effects import CATALOGUE, ModelCorrection, candidates
 
-Limited = Callable[[ModelCorrection, ModelCorrection], ModelCorrection]
-"""From an effect of the last model and the same as it was first fitted: with 95 % limits."""
-SeparatingTests = Callable[[ModelCorrection, Sequence[ModelCorrection]], list[str]]
-"""From an effect and its rivals: for each the test that would tell it apart, in words."""
-
 
 def describe(
     selection: Selection,
     state: State,
+    effect: ModelCorrection,
+    tests: Sequence[str],
     channels: Sequence[str],
-    limited: Limited,
-    separating: SeparatingTests,
 ) -> FoundEffect:
     """An effect with its numbers as the last model has them, its rivals, and how significant it is.
 
@@ -38,10 +33,12 @@ def describe(
         The effect, and what is indistinguishable from it.
     state : State
         The last model.
+    effect : ModelCorrection
+        As the last model has it, with 95 % limits.
+    tests : sequence of str
+        For each rival the test that would tell it apart, in words.
     channels : sequence of str
         Whose sensors may be at fault: so many more effects were tried.
-    limited, separating : callable
-        Limits and tests by the kind of campaign.
 
     Returns
     -------
@@ -49,14 +46,12 @@ def describe(
         As it stands in the result.
     """
     best, rivals = selection.best, selection.rivals
-    effect = next((e for e in state.model.effects if e.path == best.effect.path), best.effect)
-    tests = separating(effect, [rival.effect for rival in rivals])
     tests = [
         test or separating_hits(best.slow, rival.slow) for test, rival in zip(tests, rivals, strict=True)
     ]
     gains, cost = best.gains(hold_out=True), best.cost(hold_out=True)
     return FoundEffect(
-        effect=limited(effect, best.effect),
+        effect=effect,
         look_alikes=tuple(
             LookAlike(
                 rival.effect.name, rival.effect.enters,

@@ -24,10 +24,9 @@ from discovery.explain.motion_fit import (
     without_effect,
 )
 from discovery.localisation.localise import Localisation, localise
-from discovery.loop.found_effects import as_first_fitted, describe
-from discovery.loop.history import LoopHistory, Selection, misfit_views
-from discovery.loop.refits import Probes
-from discovery.loop.result import FoundEffect
+from discovery.loop.found_effects import as_first_fitted
+from discovery.loop.history import LoopHistory, misfit_views
+from discovery.loop.refits import CampaignRefits, Probes
 from discovery.loop.state import State, errors_of
 from discovery.options import Options
 from discovery.residual.base import Residual, cost, level
@@ -39,7 +38,6 @@ from discovery.residual.trajectory import Measurements, read_measurements
 from discovery.separating_tests.effects import separating_tests
 from rom.campaign.campaign import Campaign
 from rom.effects import CATALOGUE, Effect, LawChange, ModelCorrection, Reading, SensorFault, with_stiffness
-from rom.evaluation.evaluate import evaluate
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.noise_spectrum import Group, NoiseFloor
 from rom.identification.spectral_model import SpectralRecord
@@ -47,15 +45,17 @@ from rom.identification.uncoupled_priors import as_uncoupled, unlikely
 from rom.model.laws import Parameter
 from rom.model.model import Model
 from rom.signals.per_record_parameters import per_record_names
+from rom.signals.quality import Doubt
 
 
 @dataclass(frozen=True, eq=False)
-class ImpactRefits:
-    """Fits of a campaign's models by records that are followed along them; see `discovery.loop.refits`."""
+class ImpactRefits(CampaignRefits[WhitenedResidual]):
+    """Fits of a campaign's models by records that are followed along them."""
 
     campaign: Campaign
     identification: Identification
     options: Options
+    residual_type = WhitenedResidual
 
     @classmethod
     def of(
@@ -93,9 +93,9 @@ class ImpactRefits:
         return cls(campaign, replace(identification, warnings=told), options)
 
     @property
-    def set_aside(self) -> tuple[str, ...]:
-        """Records of doubtful quality, a line each."""
-        return tuple(f"{doubt.file}: {doubt.message}" for doubt in self.identification.set_aside)
+    def aside(self) -> Sequence[Doubt]:
+        """What the identification doubts."""
+        return self.identification.set_aside
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -109,11 +109,7 @@ class ImpactRefits:
     @cached_property
     def measurements(self) -> Measurements:
         """All sound records as they were measured."""
-        return read_measurements(self.campaign, self._doubtful)
-
-    @property
-    def _doubtful(self) -> frozenset[str]:
-        return frozenset(doubt.file for doubt in self.identification.set_aside)
+        return read_measurements(self.campaign, self.doubtful)
 
     def start(self) -> State:
         """The declared model, its numbers refitted to all training records.
@@ -161,7 +157,7 @@ class ImpactRefits:
 
     def evaluated(self, residual: Residual, *, law_is_fitted: bool = False) -> State:
         """Learn the tension law anew beside a model's other numbers, and simulate all records."""
-        assert isinstance(residual, WhitenedResidual)
+        residual = self.own(residual)
         model = residual.baseline.model
         found = (
             replace(self.identification, model=model)
@@ -169,34 +165,18 @@ class ImpactRefits:
             else self.identification.with_model(model)
         )
         model = replace(found.model, identification=None)
-        records = [r for r in self.campaign.settings.record if r.file not in self._doubtful]
-        options = self.options
-        evaluations = evaluate([model], self.campaign, records, options.jobs, options.stage("errors"))
+        evaluations = self._simulated(model)
         errors = errors_of(evaluations)
         residual = replace(residual, baseline=replace(residual.baseline, model=model))
-        least = options.criteria.acceptance.material_error_explained
+        least = self.options.criteria.acceptance.material_error_explained
         return State(model, residual, errors, motion_errors(errors), least, found, evaluations)
 
     def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:
-        """Add an effect, follow all records anew and refit everything together.
+        """See ``CampaignRefits.refit_with``; all records are followed anew.
 
         ``renew_noise``: what was in the noise before the hits is not any more.
-
-        Parameters
-        ----------
-        state : State
-            The model so far.
-        explanation : Explanation
-            Of the effect that is added.
-        renew_noise : bool
-            Whether the noise before the hits is estimated anew: what was in it is not any more.
-
-        Returns
-        -------
-        Residual
-            Of the model with the effect, on all records.
         """
-        residual = _impact(state.residual)
+        residual = self.own(state.residual)
         effect, near = explanation.effect, residual.baseline
         if isinstance(effect, LawChange | Reading):  # the motion does not see it
             model = effect.added_to(_with_law_numbers(state.model, explanation.beside))
@@ -239,15 +219,15 @@ class ImpactRefits:
         """The last model refitted from where a fit beside a force ended: a fit that was stuck is freed so."""
         if not isinstance(effect, Effect):
             return None
-        return refit(residual_without(_impact(residual), effect))
+        return refit(residual_without(self.own(residual), effect))
 
     def with_present_noise(self, residual: Residual) -> Residual:
         """Refitted beside the noise of bodies struck alone as it is now."""
-        return reestimate_noise(_impact(residual))
+        return reestimate_noise(self.own(residual))
 
     def along_law(self, state: State) -> State:
         """The state with all records followed along a tension that falls by its present law."""
-        near = _impact(state.residual)
+        near = self.own(state.residual)
         return self.evaluated(refit(self.followed(near.baseline, near.floors)), law_is_fitted=True)
 
     def without(self, history: LoopHistory, place: int) -> Residual | None:
@@ -259,14 +239,14 @@ class ImpactRefits:
         best, criteria = history.selections[place].best, self.options.criteria
         effect = best.effect
         if isinstance(effect, Effect) and effect.name in CATALOGUE:
-            last = _impact(history.last.residual)
+            last = self.own(history.last.residual)
             rest = residual_without(last, effect)
             own = next(e for e in last.baseline.model.effects if e.path == effect.path)
             needed = is_accepted(explanation(own, CATALOGUE[effect.name], with_effects(rest)), criteria)
             return None if needed else refit(rest)
         if in_tension(best) or place + 1 == len(history.selections):
             return None
-        last = _impact(history.last.residual)
+        last = self.own(history.last.residual)
         if isinstance(effect, Effect):
             rest = refit(residual_without(last, effect))
         elif isinstance(effect, SensorFault):  # what it corrects is another motion
@@ -296,7 +276,7 @@ class ImpactRefits:
         A law of the tension is far from linear in its numbers, so where the former leave more than next to
         nothing both are asked.
         """
-        state, residual = history.last, _impact(history.last.residual)
+        state, residual = history.last, self.own(history.last.residual)
         limit = self.options.criteria.closing.far_from_structure
         afar = state.level > limit and not history.at_noise_floor
         for from_afar in (True, False) if afar else (False,):
@@ -304,15 +284,15 @@ class ImpactRefits:
 
     def screen(self, residual: Residual) -> Probes:
         """Probes of every effect of the catalogue in the motion."""
-        return screen(_impact(residual), self.options)
+        return screen(self.own(residual), self.options)
 
     def explain(self, probes: Probes, residual: Residual) -> list[Explanation]:
         """Fits of the effects that a screen promises."""
-        return explain_screened(probes, _impact(residual), self.options)
+        return explain_screened(probes, self.own(residual), self.options)
 
     def free_forms(self, state: State) -> Sequence[Explanation]:
         """The best sparse sum of terms in every link."""
-        return free_form.explain(_impact(state.residual), self.options)
+        return free_form.explain(self.own(state.residual), self.options)
 
     def tension(self, state: State) -> TensionResidual | None:
         """What the model's law leaves over of the tension's histories."""
@@ -322,33 +302,29 @@ class ImpactRefits:
     def doubts(self, history: LoopHistory) -> tuple[str, ...]:
         """Numbers of the last model that uncoupled tests deny."""
         last = history.last
-        return unlikely(last.model, _impact(last.residual).baseline.believed)
+        return unlikely(last.model, self.own(last.residual).baseline.believed)
 
     def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:
         """Where the residual of the motion lives, and that of the tension's histories."""
-        return localise(_impact(state.residual), *misfit_views(misfit))
+        return localise(self.own(state.residual), *misfit_views(misfit))
 
-    def described(self, selection: Selection, state: State) -> FoundEffect:
-        """An effect with limits about the last model, and what is indistinguishable from it."""
-        residual, rules = _impact(state.residual), self.options.criteria.acceptance
+    def _with_limits(
+        self, effect: ModelCorrection, found: ModelCorrection, residual: WhitenedResidual
+    ) -> ModelCorrection:
+        if not (isinstance(effect, Effect) and effect.name in CATALOGUE):
+            return as_first_fitted(effect, found)
+        rest = with_effects(residual_without(residual, effect))
+        return explanation(effect, CATALOGUE[effect.name], rest).effect
 
-        def limited(effect: ModelCorrection, fitted: ModelCorrection) -> ModelCorrection:
-            if not (isinstance(effect, Effect) and effect.name in CATALOGUE):
-                return as_first_fitted(effect, fitted)
-            rest = with_effects(residual_without(residual, effect))
-            return explanation(effect, CATALOGUE[effect.name], rest).effect
+    def _separating_tests(
+        self, effect: ModelCorrection, rivals: Sequence[ModelCorrection], residual: WhitenedResidual
+    ) -> list[str]:
+        rules = self.options.criteria.acceptance
+        enough, near = rules.indistinguishable_cost, rules.indistinguishable_share
+        return separating_tests(effect, rivals, residual, enough, near)
 
-        def separating(effect: ModelCorrection, rivals: Sequence[ModelCorrection]) -> list[str]:
-            enough, near = rules.indistinguishable_cost, rules.indistinguishable_share
-            return separating_tests(effect, rivals, residual, enough, near)
-
-        channels = (*motion_channels(residual), "tension")
-        return describe(selection, state, channels, limited, separating)
-
-
-def _impact(residual: Residual) -> WhitenedResidual:
-    assert isinstance(residual, WhitenedResidual)
-    return residual
+    def _channels(self, residual: WhitenedResidual) -> tuple[str, ...]:
+        return (*motion_channels(residual), "tension")
 
 
 def _with_law_numbers(model: Model, numbers: Mapping[str, Parameter]) -> Model:

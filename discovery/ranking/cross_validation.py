@@ -124,7 +124,7 @@ def cross_validate(
     for (kept, left), (training, unseen) in zip(folds, parts, strict=True):
         found = refit(fitted, training, kept)
         scores[left] = _log_density(found, unseen, fitted.offsets[left], fitted.deviations[left])
-        predicted = predict(found.candidate, unseen, fitted.offsets[left])[:, -1]
+        predicted = (predict(found.candidate, unseen) + fitted.offsets[left])[:, -1]
         measured = unseen.change[:, -1]
         errors[left] = 100 * np.abs(predicted - measured) / np.maximum(np.abs(measured), 1e-12)
     return CrossValidation(np.where(np.isfinite(scores), scores, -1e12), errors)
@@ -239,7 +239,7 @@ def dispersion(fitted: Fit, frozen: FrozenMotion) -> float:
     More than 1 where motion and noise are less well known than their covariance says: differences of
     deviance are divided by it, so that small terms that make up for it earn little.
     """
-    residual = frozen.change - predict(fitted.candidate, frozen, fitted.offsets, fitted.deviations)
+    residual = frozen.change - (predict(fitted.candidate, frozen, fitted.deviations) + fitted.offsets)
     whitener = np.linalg.inv(np.linalg.cholesky(frozen.covariance))
     square = float((np.einsum("cij,cj->ci", whitener, residual) ** 2).sum())
     cases, bins = residual.shape

@@ -130,8 +130,8 @@ def separation(a: Fit, b: Fit, frozen: FrozenMotion) -> float:
 
 def _marginal(found: Fit, frozen: FrozenMotion) -> tuple[FloatArray, FloatArray]:
     """Mean and covariance of the courses, linear in the deviations about their modes."""
-    here = predict(found.candidate, frozen, found.offsets, found.deviations)
-    ahead = predict(found.candidate, frozen, found.offsets, found.deviations + _STEP)
+    here = predict(found.candidate, frozen, found.deviations) + found.offsets
+    ahead = predict(found.candidate, frozen, found.deviations + _STEP) + found.offsets
     slope = (ahead - here) / _STEP
     spread = found.tau(frozen.initial)[:, None] * slope
     return here - slope * found.deviations[:, None], frozen.covariance + np.einsum(

@@ -177,7 +177,7 @@ class Curve:
 
 def dispersion_of(found: Fit, frozen: FrozenMotion) -> tuple[float, bool]:
     """Mean square of the whitened residuals, one at least, and whether chance allows it."""
-    residual = frozen.change - predict(found.candidate, frozen, found.offsets, found.deviations)
+    residual = frozen.change - (predict(found.candidate, frozen, found.deviations) + found.offsets)
     solved = np.linalg.solve(frozen.covariance, residual[..., None])[..., 0]
     square = float((residual * solved).sum() + ((found.deviations / found.tau(frozen.initial)) ** 2).sum())
     freedom = max(residual.size - NUISANCE_DIRECTIONS * len(frozen) - len(found.free), 1)

@@ -247,7 +247,7 @@ def _merged(fits: Sequence[Fit], frozen: FrozenMotion) -> list[tuple[Fit, tuple[
     rules = frozen.criteria.ranking
     noise = np.sqrt(np.diagonal(np.stack([c.covariance for c in frozen.courses]), axis1=1, axis2=2))
     for found in by_simplicity:
-        course = predict(found.candidate, frozen, found.offsets)
+        course = predict(found.candidate, frozen) + found.offsets
         near = rules.equal_noise * noise + rules.equal_loss * np.abs(course)
         bound = _at_bound(found)
         same = next(

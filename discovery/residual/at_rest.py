@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.residual.base import Kind
+from discovery.residual.base import Kind, Residual
 from discovery.residual.gauge_noise import deviances, gauge_noise, wander_of
 from discovery.residual.rest_records import RestRecord
 from rom.campaign.channels import FloatArray
@@ -23,7 +23,7 @@ from rom.effects import Reading
 
 
 @dataclass(frozen=True, eq=False)
-class RestResidual:
+class RestResidual(Residual):
     """Tensions at rest, the readings of the model so far, and the noise beside which they were fitted.
 
     Attributes
@@ -86,25 +86,10 @@ class RestResidual:
         """Place of each row's record, (rows,)."""
         return np.repeat(np.arange(len(self.records)), [record.slow for record in self.records])
 
-    @cached_property
-    def training(self) -> npt.NDArray[np.bool_]:
-        """Whether a row may be fitted to, (rows,)."""
-        return np.array([not record.settings.hold_out for record in self.records])[self.owner]
-
     @property
-    def record_count(self) -> int:
-        """Records at rest."""
-        return len(self.records)
-
-    @property
-    def samples(self) -> dict[str, int]:
-        """Rows of each record, by file."""
-        return {record.settings.file: record.slow for record in self.records}
-
-    @property
-    def hold_out(self) -> frozenset[str]:
-        """Files that no number is fitted to."""
-        return frozenset(r.settings.file for r in self.records if r.settings.hold_out)
+    def held_out(self) -> list[tuple[str, bool]]:
+        """File of each record, and whether no number may be fitted to it."""
+        return [(record.settings.file, record.settings.hold_out) for record in self.records]
 
     def costs(self, rows: FloatArray) -> dict[str, float]:
         """-2 ln L of whitened rows by record, the wander allowed for, over the least noise of each."""
@@ -125,9 +110,7 @@ class RestResidual:
             Noise of every record that makes zero of the logarithm [N^2].
         """
         powers, zero = (rows * self.sizes) ** 2, self.rows(unit)
-        of_rows = deviances(powers / zero, self.rows(self.variances) / zero)
-        sums = np.bincount(self.owner, weights=of_rows, minlength=self.record_count)
-        return {r.settings.file: float(s) for r, s in zip(self.records, sums, strict=True)}
+        return self.sums(deviances(powers / zero, self.rows(self.variances) / zero))
 
     def beyond(self, rows: FloatArray) -> FloatArray:
         """Training rows: a record's own level, the only free number, is in none of them."""

@@ -13,13 +13,14 @@ from scipy import stats
 
 from discovery.courses.fit import Fit
 from discovery.courses.frozen_motion import FrozenMotion
-from discovery.courses.marginal_likelihood import State
+from discovery.courses.likelihood_steps import climbed
+from discovery.courses.marginal_likelihood import Problem, State
 from discovery.courses.tension_likelihood import (
     LawCandidate,
-    LawProblem,
     changes_of,
     course,
     law_candidate,
+    law_problem,
     resimulated,
 )
 from discovery.courses.variability import tau
@@ -29,7 +30,8 @@ from discovery.criteria.tension import Tension
 from discovery.residual.tension_data import TensionData
 from rom.campaign.channels import FloatArray
 
-_ROUGH_STEPS: Numerical[tuple[float, int]] = (0.5, 8)  # gain of a step, number of steps: to screen by
+_STEPS: Numerical[tuple[float, int]] = (0.05, 20)  # gain of a step in deviance, number of steps
+_ROUGH_STEPS: Numerical[tuple[float, int]] = (0.5, 8)  # the same to screen by
 _ROUNDS: Numerical[int] = 2  # of correction by re-simulation
 _U_STARTS: Numerical[tuple[float, ...]] = (0.0, -1.0, 1.0, -3.0)
 
@@ -65,7 +67,7 @@ class CourseFit:
 
     candidate: LawCandidate
     state: State
-    problem: LawProblem
+    problem: Problem
     costs: FloatArray  # all records
     criteria: Tension = CRITERIA.tension
 
@@ -139,16 +141,27 @@ class CourseFits:
         train = self.data.part(hold_out=False)
         if offsets is None:
             offsets = start.problem.offsets if start is not None else np.zeros_like(train.change)
-        problem = LawProblem(candidate, train, offsets)
-        first = (
-            problem.first(None)
-            if start is None
-            else problem.solve(problem.theta0, start.state.scatter, start.state.u, steps=6)
-        )
-        return self.ended(problem, problem.fitted(first, *_ROUGH_STEPS) if roughly else problem.fitted(first))
+        problem = law_problem(candidate, train, offsets)
+        if start is None:
+            scatter = np.array([np.log(problem.rules.usual_variability), 0.0])
+            first = problem.solve(problem.theta0, scatter, np.zeros(len(train)), steps=12)
+        else:
+            first = problem.solve(problem.theta0, start.state.scatter, start.state.u, steps=6)
+        return self.climbed(problem, first, roughly=roughly)
 
-    def ended(self, problem: LawProblem, state: State) -> CourseFit:
-        """The fit where the steps of a problem have ended, without costs."""
+    def climbed(self, problem: Problem, state: State, *, roughly: bool = False) -> CourseFit:
+        """The fit to which steps from a state lead, without costs.
+
+        Parameters
+        ----------
+        problem : Problem
+            Of a `LawCandidate`.
+        state : State
+            The start.
+        roughly : bool
+            Whether few steps are enough.
+        """
+        state, _ = climbed(problem, state, *(_ROUGH_STEPS if roughly else _STEPS))
         candidate = problem.at(state.theta)
         assert isinstance(candidate, LawCandidate)
         return CourseFit(candidate, state, problem, np.zeros(0), self.data.criteria)
@@ -168,10 +181,10 @@ class CourseFits:
         if self.data.training == len(self.data.records):
             return replace(fit, costs=costs)
         unseen = self.data.part(hold_out=True, of=frozen)
-        plain = LawProblem(fit.candidate, unseen, np.zeros_like(unseen.change))
+        plain = law_problem(fit.candidate, unseen, np.zeros_like(unseen.change))
         at = _predictive(plain, fit.state)
         offsets = np.nan_to_num(self._offsets(fit.candidate, unseen, at.u, self.data.training))
-        problem = LawProblem(fit.candidate, unseen, offsets)
+        problem = law_problem(fit.candidate, unseen, offsets)
         # at a rate far from all others the correction at the first mode holds nowhere near
         hidden = np.fmin(_predictive(problem, fit.state).by_case, at.by_case)
         return replace(fit, costs=np.concatenate([costs, hidden + self._log_volume(problem, hold_out=True)]))
@@ -186,13 +199,13 @@ class CourseFits:
             out[struck] -= course(candidate, some, u[struck])
         return out
 
-    def _log_volume(self, problem: LawProblem, *, hold_out: bool = False) -> FloatArray:
+    def _log_volume(self, problem: Problem, *, hold_out: bool = False) -> FloatArray:
         """What another noise than the usual one adds to costs."""
         usual = np.linalg.slogdet(self.data.part(hold_out=hold_out).covariance)[1]
         return np.asarray(problem.log_determinant - usual)
 
 
-def _predictive(problem: LawProblem, at: State) -> State:
+def _predictive(problem: Problem, at: State) -> State:
     """Unseen records at fitted numbers, the deviations integrated out about the best mode."""
     lowest, place = np.full(len(problem.frozen), np.inf), np.zeros(len(problem.frozen))
     for start in _U_STARTS:

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.residual.base import Kind
+from discovery.residual.base import Kind, ProjectedResidual
 from rom.campaign.channels import FloatArray
 from rom.effects import Effect, ModelCorrection, SensorFault
 from rom.identification.force_balance import Balances
@@ -34,7 +34,7 @@ def sees_stiffness(effect: ModelCorrection) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class ForceBalanceResidual:
+class ForceBalanceResidual(ProjectedResidual):
     """Balances of forces, the effects of the model so far, and its numbers by path.
 
     Attributes
@@ -97,45 +97,14 @@ class ForceBalanceResidual:
         return np.asarray((self.force - self.balances.columns @ numbers) / self.balances.noise)
 
     @property
-    def training(self) -> npt.NDArray[np.bool_]:
-        """Whether a row may be fitted to, (rows,)."""
-        return self.balances.training
-
-    @property
     def owner(self) -> npt.NDArray[np.int64]:
         """Place of each row's record, (rows,)."""
         return self.balances.owner
 
     @property
-    def record_count(self) -> int:
-        """Records with a balance."""
-        return len(self.balances.records)
-
-    @cached_property
-    def samples(self) -> dict[str, int]:
-        """Rows of each record, by file."""
-        counts = np.bincount(self.owner, minlength=self.record_count)
-        return {r.settings.file: int(n) for r, n in zip(self.balances.records, counts, strict=True)}
-
-    @cached_property
-    def hold_out(self) -> frozenset[str]:
-        """Files that no number is fitted to."""
-        return frozenset(r.settings.file for r in self.balances.records if r.settings.hold_out)
-
-    @cached_property
-    def pieces(self) -> npt.NDArray[np.int64]:
-        """Block of each training row, (training rows,): what errs to either side by itself under the null.
-
-        Driven campaigns have few records, each long: a record is cut into blocks.
-        """
-        rows = self.owner[self.training]
-        found, done = np.zeros(len(rows), dtype=np.int64), 0
-        for place in np.unique(rows):
-            mine = np.flatnonzero(rows == place)
-            count = min(int(self.criteria.chance.blocks), len(mine))
-            found[mine] = done + np.arange(len(mine)) * count // len(mine)
-            done += count
-        return found
+    def held_out(self) -> list[tuple[str, bool]]:
+        """File of each record, and whether no number may be fitted to it."""
+        return [(record.settings.file, record.settings.hold_out) for record in self.balances.records]
 
     @cached_property
     def basis(self) -> FloatArray:
@@ -143,11 +112,6 @@ class ForceBalanceResidual:
         rows = self.training
         scaled = self.balances.columns[rows] / self.balances.noise[rows, None]
         return np.asarray(np.linalg.qr(scaled)[0])
-
-    def beyond(self, rows: FloatArray) -> FloatArray:
-        """What of whitened rows, (rows,), the model's numbers cannot balance; training rows."""
-        mine = rows[self.training]
-        return np.asarray(mine - self.basis @ (self.basis.T @ mine))
 
     def whitened(self, force: FloatArray) -> FloatArray:
         """Rows of a force [N] over the noise, (rows,)."""
@@ -157,12 +121,6 @@ class ForceBalanceResidual:
         """The same with the numbers that suit the training rows best."""
         names, found = self.balances.names, self.balances.fitted(self.force)[0]
         return replace(self, values={**self.values, **dict(zip(names, found.tolist(), strict=True))})
-
-    def costs(self, rows: FloatArray | None = None) -> dict[str, float]:
-        """Squares of whitened rows summed by record; of the residual where none are given."""
-        rows = self.residual if rows is None else rows
-        sums = np.bincount(self.owner, weights=rows**2, minlength=self.record_count)
-        return {r.settings.file: float(s) for r, s in zip(self.balances.records, sums, strict=True)}
 
     def force_error(self) -> float:
         """Norm of the unbalanced force [N] on hold-out records, or on all where none is held out."""

@@ -28,7 +28,7 @@ import numpy.typing as npt
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.criteria.number import Numerical
-from discovery.residual.base import Kind
+from discovery.residual.base import Kind, Residual
 from discovery.residual.effect_forces import lasting_force, lines_beyond_linear
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.trajectory import MeasuredTrajectory, Measurements, Progress, trace_records
@@ -55,7 +55,7 @@ MEDIAN_SQUARE: Numerical[float] = 0.4549  # of a normal number
 
 
 @dataclass(frozen=True, eq=False)
-class WhitenedResidual:
+class WhitenedResidual(Residual):
     """Whitened residual of a model on its records, and its slopes by the model's numbers.
 
     Attributes
@@ -96,20 +96,10 @@ class WhitenedResidual:
                     found[rows, column[name]] = slope
         return found
 
-    @cached_property
-    def training(self) -> npt.NDArray[np.bool_]:
-        """Rows of records that are not held out."""
-        return ~np.array([trace.settings.hold_out for trace in self.traces])[self.owner]
-
     @property
-    def record_count(self) -> int:
-        """Records that can be simulated with the model."""
-        return len(self.traces)
-
-    @cached_property
-    def hold_out(self) -> frozenset[str]:
-        """Files that no number is fitted to."""
-        return frozenset(t.settings.file for t in self.traces if t.settings.hold_out)
+    def held_out(self) -> list[tuple[str, bool]]:
+        """File of each record, and whether no number may be fitted to it."""
+        return [(trace.settings.file, trace.settings.hold_out) for trace in self.traces]
 
     def with_own(self, path: str, own: Mapping[str, Mapping[str, float]]) -> WhitenedResidual:
         """The same with numbers of an effect that are each record's own, by file and name."""
@@ -208,17 +198,6 @@ class WhitenedResidual:
         """All rows, held-out ones too, less what the numbers that suit the training rows explain."""
         steps = self.steps(rows)
         return np.asarray(rows - self.slopes @ np.array([steps[name] for name in self.names]))
-
-    def costs(self, rows: FloatArray) -> dict[str, float]:
-        """Squares of whitened rows by record."""
-        sums = np.bincount(self.owner, weights=rows**2, minlength=len(self.traces))
-        return {t.settings.file: float(value) for t, value in zip(self.traces, sums, strict=True)}
-
-    @cached_property
-    def samples(self) -> dict[str, int]:
-        """Whitened numbers by record."""
-        counts = np.bincount(self.owner, minlength=len(self.traces))
-        return {t.settings.file: int(n) for t, n in zip(self.traces, counts, strict=True)}
 
     def by_record(self) -> Iterator[tuple[MeasuredTrajectory, list[tuple[slice, Linearised]]]]:
         """Every record's motion, and the rows and the linear model of each of its parts."""

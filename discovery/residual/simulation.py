@@ -20,7 +20,7 @@ from scipy import linalg, optimize
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.criteria.number import Numerical
-from discovery.residual.base import Kind
+from discovery.residual.base import Kind, ProjectedResidual
 from rom.campaign.channels import FloatArray
 from rom.effects import ModelCorrection
 from rom.identification.ring_down import PERIODS, RingDown, first_state, fitted_state, state_slopes
@@ -37,7 +37,7 @@ _WORST: Numerical[float] = 3.0  # times the motion, where a simulation does not 
 
 
 @dataclass(frozen=True, eq=False)
-class SimulationResidual:
+class SimulationResidual(ProjectedResidual):
     """Records, a model with its effects, and the state of every record.
 
     Attributes
@@ -76,11 +76,10 @@ class SimulationResidual:
         """Place of each row's record, (rows,)."""
         return np.repeat(np.arange(len(self.rings)), [ring.measured.size for ring in self.rings])
 
-    @cached_property
-    def training(self) -> npt.NDArray[np.bool_]:
-        """Whether a row may be fitted to, (rows,)."""
-        held = np.array([ring.hold_out for ring in self.rings], dtype=np.bool_)
-        return np.asarray(~held[self.owner])
+    @property
+    def held_out(self) -> list[tuple[str, bool]]:
+        """File of each record, and whether no number may be fitted to it."""
+        return [(ring.file, ring.hold_out) for ring in self.rings]
 
     @property
     def trained(self) -> tuple[int, ...]:
@@ -91,28 +90,6 @@ class SimulationResidual:
     def record_count(self) -> int:
         """Records whose simulation finishes."""
         return sum(shown is not None for shown in self.shown)
-
-    @property
-    def samples(self) -> dict[str, int]:
-        """Rows of each record, by file."""
-        return {ring.file: ring.measured.size for ring in self.rings}
-
-    @property
-    def hold_out(self) -> frozenset[str]:
-        """Files that no number of the model is fitted to."""
-        return frozenset(ring.file for ring in self.rings if ring.hold_out)
-
-    @cached_property
-    def pieces(self) -> npt.NDArray[np.int64]:
-        """Block of each training row, (training rows,): what errs to either side by itself under the null."""
-        rows = self.owner[self.training]
-        found, done = np.zeros(len(rows), dtype=np.int64), 0
-        for place in np.unique(rows):
-            mine = np.flatnonzero(rows == place)
-            count = min(int(self.criteria.chance.blocks), len(mine))
-            found[mine] = done + np.arange(len(mine)) * count // len(mine)
-            done += count
-        return found
 
     @cached_property
     def basis(self) -> FloatArray:
@@ -125,17 +102,6 @@ class SimulationResidual:
     def unexplained(self) -> FloatArray:
         """What of the residual the numbers and states cannot imitate; training rows."""
         return self.beyond(self.residual)
-
-    def beyond(self, rows: FloatArray) -> FloatArray:
-        """What of whitened rows, (rows,), the numbers and states cannot imitate; training rows."""
-        mine = rows[self.training]
-        return np.asarray(mine - self.basis @ (self.basis.T @ mine))
-
-    def costs(self, rows: FloatArray | None = None) -> dict[str, float]:
-        """Squares of whitened rows summed by record; of the residual where none are given."""
-        rows = self.residual if rows is None else rows
-        sums = np.bincount(self.owner, weights=rows**2, minlength=len(self.rings))
-        return {ring.file: float(one) for ring, one in zip(self.rings, sums, strict=True)}
 
     def output_of(self, effect: ModelCorrection) -> FloatArray | None:
         """What an effect changes of the training records from the states as they are, (rows,).

@@ -119,7 +119,7 @@ def smoothed(fit: Fit, frozen: FrozenMotion) -> FloatArray:
     """The measured courses as a fit with its deviations predicts them on frozen motion, (cases, bins) [N]."""
     from discovery.courses.fit import predict
 
-    return predict(fit.candidate, frozen, deviations=fit.deviations)
+    return predict(fit.candidate, frozen, fit.deviations)
 
 
 def along(fit: Fit, frozen: FrozenMotion) -> FrozenMotion:

@@ -31,14 +31,15 @@ def public_functions(body: list[ast.stmt]) -> Iterator[tuple[Function, list[str]
 def excused(function: Function, arguments: list[str]) -> bool:
     """Whether arguments are told elsewhere, or at greater length than the function has.
 
-    Commands have a help text for every option. What only carries out a method of a model begins with "See"
-    and names it. A compiled helper, inlined into what calls it, may be shorter than its section would be.
+    Commands have a help text for every option. What only carries out a method of a model or of a campaign's
+    fits begins with "See" and names it. A compiled helper, inlined into what calls it, may be shorter than
+    its section would be.
     """
     decorators = " ".join(ast.unparse(one) for one in function.decorator_list)
     lines = (function.end_lineno or 0) - function.body[0].lineno
     return (
         "app.command" in decorators
-        or (ast.get_docstring(function) or "").startswith("See ``Model.")
+        or (ast.get_docstring(function) or "").startswith(("See ``Model.", "See ``CampaignRefits."))
         or ("inline" in decorators and lines < 2 * len(arguments) + 8)
     )
 

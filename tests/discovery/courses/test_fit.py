@@ -54,7 +54,7 @@ def test_the_scatter_is_estimated() -> None:
 def test_frozen_courses_and_full_simulation_agree(fitted: Fit) -> None:
     whole = frozen()
     full = resimulate(fitted.candidate, whole, fitted.deviations)
-    corrected = predict(fitted.candidate, whole, fitted.offsets, fitted.deviations)
+    corrected = predict(fitted.candidate, whole, fitted.deviations) + fitted.offsets
     error = np.sqrt(np.array([np.diag(course.covariance) for course in whole.courses]))
     assert np.abs((corrected - full) / error).max() < 0.1
     plain = predict(fitted.candidate, whole, deviations=fitted.deviations)

@@ -7,8 +7,8 @@ import pytest
 
 import rom
 from discovery.courses.frozen_motion import freeze
-from discovery.courses.marginal_likelihood import least_within
-from discovery.courses.tension_likelihood import LawProblem, course, law_candidate, resimulated
+from discovery.courses.likelihood_steps import climbed, least_within
+from discovery.courses.tension_likelihood import course, law_candidate, law_problem, resimulated
 from rom.effects import CATALOGUE
 from tests.discovery.synthetic import measured
 
@@ -40,8 +40,9 @@ def test_a_law_is_found_from_far_where_a_number_is_at_the_end_of_its_range() -> 
     offsets = resimulated(true, held, still, held.model) - course(true, held, still)
 
     def fitted(**values: float) -> float:
-        problem = LawProblem(true.with_values(values), held, offsets)
-        return problem.fitted(problem.solve(problem.theta0, _SCATTER, still, 12)).deviance
+        problem = law_problem(true.with_values(values), held, offsets)
+        start = problem.solve(problem.theta0, _SCATTER, still, 12)
+        return climbed(problem, start, 0.05, 20)[0].deviance
 
     least = fitted()
     for far, more in ((4.0, 2.0), (1.0, 2.0), (20.0, 8.0)):  # the last is 23 off by plain Gauss-Newton steps

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -11,24 +11,21 @@ import numpy.typing as npt
 
 import rom
 from discovery.decide.explanation import Explanation
-from discovery.explain.motion import Probe
 from discovery.localisation.localise import Localisation
-from discovery.loop.history import LoopHistory, Selection
-from discovery.loop.refits import Probes, Refits
-from discovery.loop.result import FoundEffect
+from discovery.loop.history import LoopHistory
+from discovery.loop.refits import CampaignRefits, Probes
 from discovery.loop.state import State
 from discovery.options import Options
 from discovery.residual.base import Kind, Residual
 from discovery.residual.course_fit import Misfit
-from discovery.residual.tension import TensionResidual
 from rom.campaign.channels import FloatArray
-from rom.effects import CATALOGUE, ModelCorrection, SensorFault
+from rom.effects import CATALOGUE, ModelCorrection
 
 ROWS = 100
 
 
 @dataclass(frozen=True, eq=False)
-class FakeResidual:
+class FakeResidual(Residual):
     """Rows of one size, and the effects beside which they are left over."""
 
     level: float = 1.0
@@ -41,23 +38,12 @@ class FakeResidual:
         return np.full(ROWS, np.sqrt(self.level))
 
     @property
-    def training(self) -> npt.NDArray[np.bool_]:
-        return np.ones(ROWS, dtype=np.bool_)
-
-    @property
     def owner(self) -> npt.NDArray[np.int64]:
         return np.zeros(ROWS, dtype=np.int64)
 
     @property
-    def samples(self) -> dict[str, int]:
-        return {"t.h5": ROWS}
-
-    @property
-    def hold_out(self) -> frozenset[str]:
-        return frozenset()
-
-    def costs(self, rows: FloatArray) -> dict[str, float]:
-        return {"t.h5": float(np.sum(rows**2))}
+    def held_out(self) -> list[tuple[str, bool]]:
+        return [("t.h5", False)]
 
     def beyond(self, rows: FloatArray) -> FloatArray:
         return rows
@@ -83,73 +69,41 @@ def explained(
 
 
 @dataclass(eq=False)
-class FakeRefits:
-    """Satisfies `discovery.loop.refits.Refits`: finds nothing, drops nothing, and has no bolt.
+class FakeRefits(CampaignRefits[FakeResidual]):
+    """Fits of a campaign without a bolt that find nothing and drop nothing.
 
     Tests override what they ask about.
     """
 
     options: Options = field(default_factory=Options)
-    set_aside: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
+    residual_type = FakeResidual
 
     def start(self) -> State:
         return fake_state(FakeResidual())
 
-    def corrected(self, fault: SensorFault) -> Refits:
-        raise AssertionError(fault)
-
     def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:
         del renew_noise
-        before = of_fake(state.residual)
+        before = self.own(state.residual)
         return FakeResidual(before.level, (*before.effects, explanation.effect.path))
-
-    def refit_from(self, residual: Residual, effect: ModelCorrection) -> Residual | None:
-        del residual, effect
-        return None
 
     def evaluated(self, residual: Residual, *, law_is_fitted: bool = False) -> State:
         del law_is_fitted
-        return fake_state(of_fake(residual))
-
-    def with_present_noise(self, residual: Residual) -> Residual:
-        return residual
-
-    def along_law(self, state: State) -> State:
-        return state
+        return fake_state(self.own(residual))
 
     def without(self, history: LoopHistory, place: int) -> Residual | None:
         del history, place
         return None
 
-    def views(self, history: LoopHistory) -> Iterable[State]:
-        yield history.last
-
     def screen(self, residual: Residual) -> Probes:
         del residual
         return ()
 
-    def explain(self, probes: Sequence[Sequence[Probe]], residual: Residual) -> list[Explanation]:
+    def explain(self, probes: Probes, residual: Residual) -> list[Explanation]:
         del probes, residual
         return []
 
-    def free_forms(self, state: State) -> Sequence[Explanation]:
-        del state
-        return ()
-
-    def tension(self, state: State) -> TensionResidual | None:
-        del state
-        return None
-
-    def doubts(self, history: LoopHistory) -> tuple[str, ...]:
-        del history
-        return ()
-
-    def localise(self, state: State, misfit: Sequence[Misfit]) -> Localisation:
+    def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:
         raise AssertionError((state, misfit))
-
-    def described(self, selection: Selection, state: State) -> FoundEffect:
-        raise AssertionError((selection, state))
 
 
 def of_fake(residual: Residual) -> FakeResidual:

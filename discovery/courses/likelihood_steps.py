@@ -1,0 +1,119 @@
+"""Levenberg-Marquardt steps that raise the marginal likelihood of a law."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import optimize
+
+from discovery.courses.marginal_likelihood import Problem, State
+from discovery.criteria.number import Numerical
+from rom.campaign.channels import FloatArray
+
+_NO_GAIN: Numerical[float] = 1e-3  # of the deviance, foreseen: not worth a trial
+_LENGTHENED_GAIN: Numerical[float] = 1e-3  # of the deviance: for less no number is to run far
+
+
+def climbed(problem: Problem, state: State, settled: float, most: int) -> tuple[State, bool]:
+    """The best place that steps from a state lead to, each lowering the deviance by more than asked.
+
+    Parameters
+    ----------
+    problem : Problem
+        The fit.
+    state : State
+        The start.
+    settled : float
+        Gain in deviance below which a step is the last.
+    most : int
+        Steps at most.
+
+    Returns
+    -------
+    tuple of (State, bool)
+        The place, with the scatter that suits it, and whether no more is to be gained.
+    """
+    damping = 1e-3
+    for _ in range(most):
+        state = problem.scattered(state)
+        trial, damping = step(problem, state, damping)
+        if trial is None:
+            return problem.scattered(state), True
+        gain, state = state.deviance - trial.deviance, trial
+        if gain < settled:
+            return problem.scattered(state), True
+    return problem.scattered(state), False
+
+
+def step(problem: Problem, state: State, damping: float) -> tuple[State | None, float]:
+    """One accepted Levenberg-Marquardt step, or None where none lowers the deviance.
+
+    Parameters
+    ----------
+    problem : Problem
+        The fit.
+    state : State
+        Where it is.
+    damping : float
+        Of the first trial, in diagonal elements of the normal equations.
+
+    Returns
+    -------
+    tuple of (State or None, float)
+        The better place, and the damping of the next step.
+    """
+    if not len(state.theta):
+        return None, damping
+    matrix, right = problem.normal_equations(state)
+    diagonal = np.diag(matrix).copy()
+    diagonal[diagonal <= 0] = max(float(diagonal.max()), 1.0) * 1e-12
+    low, high = (bound - state.theta for bound in problem.bounds)
+    for _ in range(8):
+        damped = matrix + np.diag(damping * diagonal + 1e-12 * diagonal.max())
+        change = least_within(damped, right, low, high)
+        if 2 * change @ right - change @ matrix @ change < _NO_GAIN:
+            return None, damping
+        trial = problem.solve(problem.clipped(state.theta + change), state.scatter, state.u)
+        if np.isfinite(trial.deviance) and trial.deviance < state.deviance:
+            return _lengthened(problem, state, trial, change), max(damping / 5, 1e-9)
+        damping *= 8
+    return None, damping
+
+
+def _lengthened(problem: Problem, state: State, best: State, change: FloatArray) -> State:
+    """Go on along a change for as long as twice as much lowers the deviance further.
+
+    Far from the measured courses their curvature makes a Gauss-Newton step up to twenty times too short.
+    """
+    while state.deviance - best.deviance > _LENGTHENED_GAIN * state.deviance:
+        change = 2 * change
+        trial = problem.solve(problem.clipped(state.theta + change), best.scatter, best.u)
+        if not trial.deviance < best.deviance:
+            break
+        best = trial
+    return best
+
+
+def least_within(matrix: FloatArray, right: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """The change d within a range that makes d' M d - 2 r' d least.
+
+    Were the free one clipped instead, numbers beside one at its end would make up for what it may not do.
+
+    Parameters
+    ----------
+    matrix, right : ndarray, shapes (numbers, numbers) and (numbers,)
+        M, positive definite, and r.
+    low, high : ndarray, shape (numbers,)
+        Ends of the range of d.
+
+    Returns
+    -------
+    ndarray, shape (numbers,)
+        d.
+    """
+    change = np.linalg.solve(matrix, right)
+    if not ((change < low) | (change > high)).any():  # nor where it is not finite
+        return np.asarray(change)
+    scale = np.sqrt(np.diag(matrix))
+    root = np.linalg.cholesky(matrix / np.outer(scale, scale)).T
+    aim = np.linalg.solve(root.T, right / scale)
+    return np.asarray(optimize.lsq_linear(root, aim, (low * scale, high * scale), method="bvls").x / scale)
