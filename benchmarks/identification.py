@@ -20,9 +20,10 @@ from scipy import stats
 
 from experiments.studies import rig
 from rom.campaign.campaign import read_campaign
+from rom.criteria.identification import RULES
 from rom.identification.curve_fits import gamma_curve, link_curve
 from rom.identification.identify import Identification, identify_campaign
-from rom.identification.joint import MODAL_LIMIT, JointEstimate
+from rom.identification.joint import JointEstimate
 from rom.model.laws import Law, logistic_damping, logistic_loosening, logistic_stiffness
 
 SOFT_N = 150.0
@@ -39,7 +40,7 @@ TARGETS = {  # largest error [%] at the median over seeds
     "k_LO": 2.0,
     "k_SO": 2.0,
     f"k_C(T), largest below {SOFT_N:g} N": 5.0,
-    f"c_C(T), largest where damping ratio < {MODAL_LIMIT:g}": 10.0,
+    f"c_C(T), largest where damping ratio < {RULES.modal_damping:g}": 10.0,
     LARGEST_GAMMA: 10.0,
     **{f"gamma(T) at {tension:g} N": 10.0 for tension in GRID_N},
 }
@@ -135,14 +136,18 @@ def _score_joint(
 ) -> tuple[dict[str, float], dict[str, tuple[bool, ...]]]:
     """Score k_C and c_C at the true tension of every coupled record: the curves, and record by record."""
     tension = np.array([truth.tension[estimate.file] for estimate in joint])
-    light = np.array([estimate.heaviest_damping_ratio < MODAL_LIMIT for estimate in joint])
+    light = np.array([estimate.heaviest_damping_ratio < RULES.modal_damping for estimate in joint])
     everywhere = np.ones(len(joint), bool)
     errors: dict[str, float] = {}
     covered: dict[str, tuple[bool, ...]] = {}
     for i, (symbol, place, masks) in enumerate(
         (
             ("k_C", "stiffness", {f"below {SOFT_N:g} N": tension < SOFT_N, "everywhere": everywhere}),
-            ("c_C", "damping", {f"where damping ratio < {MODAL_LIMIT:g}": light, "everywhere": everywhere}),
+            (
+                "c_C",
+                "damping",
+                {f"where damping ratio < {RULES.modal_damping:g}": light, "everywhere": everywhere},
+            ),
         )
     ):
         true = link_curve(truth.laws[place], tension)

@@ -16,9 +16,9 @@ from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.likelihood_steps import climbed
 from discovery.courses.marginal_likelihood import Problem
 from discovery.courses.prediction import predict, resimulate
-from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 __all__ = ["Fit", "fit", "fit_losses", "log_predictive", "predict", "refine", "resimulate"]
 

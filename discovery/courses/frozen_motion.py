@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.criteria.number import Numerical
 from discovery.laws.factors import Factor
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.identification.gamma import LooseningCase, identify_gamma
 from rom.model.laws import power_loosening
 from rom.model.model import Model

@@ -6,8 +6,8 @@ import numpy as np
 from scipy import optimize
 
 from discovery.courses.marginal_likelihood import Problem, State
-from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _NO_GAIN: Numerical[float] = 1e-3  # of the deviance, foreseen: not worth a trial
 _LENGTHENED_GAIN: Numerical[float] = 1e-3  # of the deviance: for less no number is to run far

@@ -21,9 +21,9 @@ from discovery.courses.prediction import predict
 from discovery.courses.unit_losses import unit_losses
 from discovery.courses.variability import log_limits, log_tension, of_logs, tau
 from discovery.criteria.courses import Courses
-from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _TALLEST_STEP: Numerical[float] = 1.0
 _STEP_U: Numerical[float] = 1e-4

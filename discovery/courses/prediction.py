@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from discovery.courses.frozen_motion import FrozenMotion
-from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
 from discovery.laws.given import OWN_RATE, GivenLaw
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.model.laws import Law
+from rom.model.model import Model
 
 HIGHEST: Numerical[float] = 10.0  # no tension beyond so many times the highest initial one
 
@@ -129,24 +132,39 @@ def resimulate(
     """
     if candidate.holds:
         return np.zeros_like(frozen.change)
-    link, law = frozen.link, candidate.law()
-    model = frozen.model.with_tension_law(law, link)
-    rates = frozen.factors(deviations)
+    model = frozen.model.with_tension_law(candidate.law(), frozen.link)
+    initial = np.maximum(frozen.initial, 0.0)
+    means = simulated_means(model, frozen, initial, candidate.rated(frozen.factors(deviations)))
+    return np.asarray(means - initial[:, None])
+
+
+def simulated_means(
+    model: Model, frozen: FrozenMotion, initial: FloatArray, own: Mapping[str, FloatArray]
+) -> FloatArray:
+    """Mean tension [N] in every bin by full simulation, (cases, bins); nan where it diverged.
+
+    Parameters
+    ----------
+    model : Model
+        With the tension law.
+    frozen : FrozenMotion
+        Forces and bins of all cases.
+    initial : ndarray, shape (cases,)
+        Tension before the hit [N].
+    own : mapping of str to ndarray, shape (cases,)
+        Numbers of the law that are each case's own, by name.
+    """
     out = np.empty_like(frozen.change)
     keys = [(c.body, c.rate_hz, len(c.force), c.tension_rate_hz) for c in frozen.courses]
     for key in dict.fromkeys(keys):
         index = [i for i, other in enumerate(keys) if other == key]
         courses = [frozen.courses[i] for i in index]
-        vary = {
-            f"{link}.tension_rate.{name}": values for name, values in candidate.rated(rates[index]).items()
-        }
-        initial = np.array([max(course.initial, 0.0) for course in courses])
-        means = model.mean_tensions(
-            np.stack([course.force for course in courses]), key[1], initial,
-            np.stack([course.edges_s for course in courses]), vary, key[0],
+        out[index] = model.mean_tensions(
+            np.stack([course.force for course in courses]), key[1], initial[index],
+            np.stack([course.edges_s for course in courses]),
+            {f"{frozen.link}.tension_rate.{name}": values[index] for name, values in own.items()}, key[0],
             tension_rate_hz=_common(key[1], key[3]),
         )  # fmt: skip
-        out[index] = means - initial[:, None]
     return out
 
 

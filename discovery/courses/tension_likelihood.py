@@ -15,12 +15,12 @@ import numpy as np
 
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.marginal_likelihood import Problem
-from discovery.courses.prediction import bin_edges, followed
-from discovery.criteria.number import Numerical
+from discovery.courses.prediction import bin_edges, followed, simulated_means
 from discovery.laws.candidate import Candidate
 from discovery.laws.given import OWN_RATE, scattering
 from rom.campaign.channels import FloatArray
-from rom.effects import LawChange, ModelCorrection, Motion, Reading, SensorFault
+from rom.criteria.number import Numerical
+from rom.effects import LawChange, ModelCorrection, Reading, SensorFault
 from rom.model.law_change import prefix_of
 from rom.model.laws import Law, Parameter
 from rom.model.model import Model
@@ -163,29 +163,37 @@ def course(candidate: Candidate, frozen: FrozenMotion, u: FloatArray) -> FloatAr
         Mean reading in the bin less the tension before the hit [N].
     """
     assert isinstance(candidate, LawCandidate)
-    effect, initial = candidate.effect, frozen.initial
-    true = effect.remove(initial, 1.0) if isinstance(effect, SensorFault) else initial
     rates = np.exp(np.clip(u, -50.0, 50.0))
+    true = _before(candidate.effect, frozen)
     means = followed(candidate.acting, OWN_RATE, frozen, rates, true, bin_edges(frozen))
-    means = np.nan_to_num(means, nan=_NEVER)
+    return _shown(candidate.effect, np.nan_to_num(means, nan=_NEVER), frozen)
+
+
+def _before(effect: ModelCorrection | None, frozen: FrozenMotion) -> FloatArray:
+    """Tension before the hit [N], (cases,), a fault of the gauge taken out."""
+    return effect.remove(frozen.initial, 1.0) if isinstance(effect, SensorFault) else frozen.initial
+
+
+def _shown(effect: ModelCorrection | None, means: FloatArray, frozen: FrozenMotion) -> FloatArray:
+    """What the gauge shows of mean tensions less what it showed before the hit [N], (cases, bins)."""
     if isinstance(effect, SensorFault):
-        return np.asarray(effect.apply(means, 1.0) - initial[:, None])
-    added = slow_reading(effect, bin_edges(frozen)) if isinstance(effect, Reading) else 0.0
-    return np.asarray(means - np.maximum(initial, 0.0)[:, None] + added)
+        return np.asarray(effect.apply(means, 1.0) - frozen.initial[:, None])
+    added = slow_reading(effect, bin_edges(frozen))
+    return np.asarray(means - np.maximum(frozen.initial, 0.0)[:, None] + added)
 
 
-def slow_reading(effect: Reading, edges: FloatArray) -> FloatArray:
-    """What a reading adds to the mean of every bin while nothing moves [N], (bins,)."""
+def slow_reading(effect: ModelCorrection | None, edges: FloatArray) -> FloatArray:
+    """What a reading adds to the mean of every bin while nothing moves [N], (bins,); no other effect does."""
+    if not isinstance(effect, Reading):
+        return np.zeros(len(edges) - 1)
     share = (np.arange(_PER_BIN) + 0.5) / _PER_BIN
     time = (edges[:-1, None] + np.diff(edges)[:, None] * share).ravel()
-    still = np.zeros_like(time)
-    added = effect.added(Motion(time, 0.0, still, still, {"": still}))
-    return np.asarray(added.reshape(-1, _PER_BIN).mean(axis=1))
+    return np.asarray(effect.at_rest(time).reshape(-1, _PER_BIN).mean(axis=1))
 
 
-def acts_at_rest(reading: Reading) -> bool:
-    """Whether a reading adds anything while nothing moves."""
-    return bool(np.any(slow_reading(reading, np.array([0.0, 0.1, 1.0]))))
+def acts_at_rest(effect: ModelCorrection) -> bool:
+    """Whether an effect is a reading that adds anything while nothing moves."""
+    return bool(np.any(slow_reading(effect, np.array([0.0, 0.1, 1.0]))))
 
 
 def resimulated(candidate: LawCandidate, frozen: FrozenMotion, u: FloatArray, model: Model) -> FloatArray:
@@ -207,23 +215,8 @@ def resimulated(candidate: LawCandidate, frozen: FrozenMotion, u: FloatArray, mo
     ndarray, shape (cases, bins)
         Mean reading in the bin less the tension before the hit [N].
     """
-    link, effect = frozen.link, candidate.effect
     own = model.without_effects_of("law change", "reading", "sensor fault")
-    own = own.with_tension_law(candidate.acting, link)
-    measured = frozen.initial
-    initial = effect.remove(measured, 1.0) if isinstance(effect, SensorFault) else measured
-    out = np.empty_like(frozen.change)
-    keys = [(c.body, c.rate_hz, len(c.force), c.tension_rate_hz) for c in frozen.courses]
-    for key in dict.fromkeys(keys):
-        index = [i for i, other in enumerate(keys) if other == key]
-        courses = [frozen.courses[i] for i in index]
-        rates = np.exp(np.clip(u[index], -50.0, 50.0))
-        out[index] = own.mean_tensions(
-            np.stack([c.force for c in courses]), key[1], np.maximum(initial[index], 0.0),
-            np.stack([c.edges_s for c in courses]), {f"{link}.tension_rate.{OWN_RATE}": rates}, key[0],
-            tension_rate_hz=key[3] if abs(key[1] / key[3] - round(key[1] / key[3])) < 1e-9 else None,
-        )  # fmt: skip
-    if isinstance(effect, SensorFault):
-        return np.asarray(effect.apply(out, 1.0) - measured[:, None])
-    added = slow_reading(effect, bin_edges(frozen)) if isinstance(effect, Reading) else 0.0
-    return np.asarray(out - np.maximum(measured, 0.0)[:, None] + added)
+    own, rates = own.with_tension_law(candidate.acting, frozen.link), np.exp(np.clip(u, -50.0, 50.0))
+    initial = np.maximum(_before(candidate.effect, frozen), 0.0)
+    means = simulated_means(own, frozen, initial, {OWN_RATE: rates})
+    return _shown(candidate.effect, means, frozen)

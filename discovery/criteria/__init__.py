@@ -2,5 +2,5 @@
 
 Belongs here: a number whose change can change what is named, accepted, ranked or told apart, with its unit,
 its meaning and where it was measured. A number that merely stops an iteration stays with its algorithm.
-May import: nothing of `discovery`.
+Those by which records are set aside are in `rom.criteria`. May import: nothing of `discovery`.
 """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from discovery.criteria.number import Group, number
+from rom.criteria.number import Group, number
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,8 @@ class Chance(Group):
         "chosen; the first effects of EMPS, Silverbox and the tribometer have p = 0.001, 0.001 and 0.03",
     )  # fmt: skip
     same_direction: float = number(
-        0.1, "1", "tangent of half the angle between directions of an effect's numbers that count once",
-        "chosen, not measured",
-    )  # fmt: skip
+        0.1, "1", "tangent of half the angle between directions of an effect's numbers that count once"
+    )
     normal_quantile: float = number(
         1.96, "1", "standard errors of 95 % limits, and of a correlation that is printed as chance",
         "convention",

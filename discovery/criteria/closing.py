@@ -4,35 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from discovery.criteria.number import Group, number
+from rom.criteria.number import Group, number
 
 
 @dataclass(frozen=True)
 class Closing(Group):
     """When a closed loop ends, and its verdict."""
 
-    far_less: float = number(
-        0.7,
-        "1",
-        "ratio of two residual levels that is no matter of chance",
-        "chosen, not measured",
-    )
+    far_less: float = number(0.7, "1", "ratio of two residual levels that is no matter of chance")
     special_case_share: float = number(
-        0.5, "1", "share of what a wider form explains, from which its special case comes first",
-        "chosen, not measured",
-    )  # fmt: skip
-    closing_share: float = number(
-        0.2, "1", "share of what was beyond noise: an effect that leaves no more closes the residual",
-        "chosen, not measured",
-    )  # fmt: skip
-    hit_limited_level: float = number(
-        5.0, "1", "level that the samples of a hit may leave where sensors are quiet",
-        "chosen, not measured",
-    )  # fmt: skip
-    far_from_structure: float = number(
-        10.0, "1", "level above which slopes along the measured motion screen too",
-        "chosen, not measured",
-    )  # fmt: skip
-    noise_ratio: float = number(
-        2.0, "1", "ratio of noise powers that is worth another whitening", "chosen, not measured"
+        0.5, "1", "share of what a wider form explains, from which its special case comes first"
     )
+    closing_share: float = number(
+        0.2, "1", "share of what was beyond noise: an effect that leaves no more closes the residual"
+    )
+    hit_limited_level: float = number(
+        5.0, "1", "level that the samples of a hit may leave where sensors are quiet"
+    )
+    far_from_structure: float = number(
+        10.0, "1", "level above which slopes along the measured motion screen too"
+    )
+    noise_ratio: float = number(2.0, "1", "ratio of noise powers that is worth another whitening")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from discovery.criteria.number import Group, number
+from rom.criteria.number import Group, number
 
 
 @dataclass(frozen=True)
@@ -12,42 +12,22 @@ class Courses(Group):
     """Fits of laws to tension histories of many tests."""
 
     least_variability: float = number(
-        0.01, "1",
-        "lowest standard deviation of the log rate from test to test",
-        "chosen, not measured",
-    )  # fmt: skip
+        0.01, "1", "lowest standard deviation of the log rate from test to test"
+    )
     largest_variability: float = number(
-        5.0, "1",
-        "highest standard deviation of the log rate from test to test",
-        "chosen, not measured",
-    )  # fmt: skip
+        5.0, "1", "highest standard deviation of the log rate from test to test"
+    )
     usual_variability: float = number(
-        0.5, "1",
-        "standard deviation of the log rate that is assumed before it is fitted",
-        "chosen, not measured",
-    )  # fmt: skip
-    signed_variability: float = number(
-        1.5, "1",
-        "the same where some tests tighten",
-        "chosen, not measured",
-    )  # fmt: skip
+        0.5, "1", "standard deviation of the log rate that is assumed before it is fitted"
+    )
+    signed_variability: float = number(1.5, "1", "the same where some tests tighten")
     slope_prior: float = number(
-        1.0, "1",
-        "prior standard deviation of the slope of ln(variability) over ln(tension)",
-        "chosen, not measured",
-    )  # fmt: skip
+        1.0, "1", "prior standard deviation of the slope of ln(variability) over ln(tension)"
+    )
     least_final: float = number(
-        0.01, "1",
-        "share of the initial tension that a measured final tension counts for at least",
-        "chosen, not measured",
-    )  # fmt: skip
+        0.01, "1", "share of the initial tension that a measured final tension counts for at least"
+    )
     lost_times: float = number(
-        1.5, "1",
-        "a refit is lost above so many times the deviance that it started from ...",
-        "chosen, not measured",
-    )  # fmt: skip
-    lost_beyond: float = number(
-        100.0, "2 ln L",
-        "... and so much more",
-        "chosen, not measured",
-    )  # fmt: skip
+        1.5, "1", "a refit is lost above so many times the deviance that it started from ..."
+    )
+    lost_beyond: float = number(100.0, "2 ln L", "... and so much more")

@@ -1,10 +1,8 @@
-"""All criteria of `discovery` in one frozen object."""
+"""All criteria in one frozen object."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field
 
 from discovery.criteria.acceptance import Acceptance
 from discovery.criteria.at_rest import AtRest
@@ -18,10 +16,11 @@ from discovery.criteria.screening import Screening
 from discovery.criteria.search import Search
 from discovery.criteria.separating import Separating
 from discovery.criteria.tension import Tension
+from rom.criteria.criteria import RecordCriteria
 
 
 @dataclass(frozen=True)
-class Criteria:
+class Criteria(RecordCriteria):
     """Every number that decides, in groups; `discovery.discover` and `discovery.close_loop` take another.
 
     Examples
@@ -45,47 +44,10 @@ class Criteria:
     ranking: RankingRules = field(default_factory=RankingRules)
     separating: Separating = field(default_factory=Separating)
 
-    def changed(self, **groups: Mapping[str, float]) -> Criteria:
-        """The same with other numbers.
-
-        Parameters
-        ----------
-        **groups : mapping of str to float
-            For each group, the numbers to change by name.
-
-        Raises
-        ------
-        ValueError
-            If there is no such group or number, or a value is none.
-        """
-        known = {one.name: getattr(self, one.name) for one in fields(self)}
-        new: dict[str, Any] = {}
-        for name, numbers in groups.items():
-            if name not in known:
-                raise ValueError(f"criteria: expected a group of {', '.join(known)}, got {name!r}")
-            there = [one.name for one in fields(known[name])]
-            wrong = [key for key in numbers if key not in there]
-            if wrong:
-                raise ValueError(
-                    f"criteria.{name}: expected numbers of {', '.join(there)}, got {', '.join(wrong)}"
-                )
-            new[name] = replace(known[name], **numbers)
-        return replace(self, **new)
-
-    def rows(self) -> Iterator[tuple[str, str, float, str, str, str]]:
-        """Yield group, name, value, unit, meaning and origin of every number."""
-        for group in fields(self):
-            held = getattr(self, group.name)
-            for one in fields(held):
-                told = one.metadata
-                yield (
-                    group.name,
-                    one.name,
-                    getattr(held, one.name),
-                    told["unit"],
-                    told["meaning"],
-                    told["measured"],
-                )
+    @property
+    def of_records(self) -> RecordCriteria:
+        """Those by which records are set aside."""
+        return RecordCriteria(self.records, self.suspicions)
 
 
 CRITERIA = Criteria()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from discovery.criteria.number import Group, number
+from rom.criteria.number import Group, number
 
 
 @dataclass(frozen=True)
@@ -12,12 +12,8 @@ class Motion(Group):
     """The whitened residual of the motion: noise, priors, what is aligned with the model's numbers."""
 
     final_share: float = number(
-        0.01,
-        "1",
-        "share of the initial tension, below which a record's loss tells no rate",
-        "chosen, not measured",
+        0.01, "1", "share of the initial tension, below which a record's loss tells no rate"
     )
     quiet_samples: float = number(
-        64, "1", "samples before a hit, below which their noise is not taken off the motion",
-        "chosen, not measured",
-    )  # fmt: skip
+        64, "1", "samples before a hit, below which their noise is not taken off the motion"
+    )

@@ -4,103 +4,43 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from discovery.criteria.number import Group, number
+from rom.criteria.number import Group, number
 
 
 @dataclass(frozen=True)
 class RankingRules(Group):
     """How laws are ranked, cross-validated and told apart."""
 
-    least_cases: float = number(
-        4, "1",
-        "loosening records that a comparison of laws needs",
-        "chosen, not measured",
-    )  # fmt: skip
+    least_cases: float = number(4, "1", "loosening records that a comparison of laws needs")
     tightened: float = number(
-        3.0, "1",
-        "standard errors by which a tension must rise for a record to be set aside",
-        "chosen, not measured",
-    )  # fmt: skip
+        3.0, "1", "standard errors by which a tension must rise for a record to be set aside"
+    )
     refined_least: float = number(
-        12, "1",
-        "laws of lowest BIC fitted again with full re-simulation, at least",
-        "chosen, not measured",
-    )  # fmt: skip
-    refined_most: float = number(
-        32, "1",
-        "... and at most",
-        "chosen, not measured",
-    )  # fmt: skip
-    refined_reach: float = number(
-        200.0, "2 ln L",
-        "BIC above the lowest up to which more are",
-        "chosen, not measured",
-    )  # fmt: skip
-    validated_least: float = number(
-        8, "1",
-        "laws of lowest BIC that are cross-validated, at least",
-        "chosen, not measured",
-    )  # fmt: skip
-    validated_most: float = number(
-        18, "1",
-        "... and at most",
-        "chosen, not measured",
-    )  # fmt: skip
-    validated_reach: float = number(
-        100.0, "2 ln L",
-        "BIC above the lowest up to which more are",
-        "chosen, not measured",
-    )  # fmt: skip
-    listed: float = number(
-        10, "1",
-        "laws that are listed with all error measures",
-        "chosen, not measured",
-    )  # fmt: skip
-    compared: float = number(
-        6, "1",
-        "first laws that are compared pair by pair",
-        "chosen, not measured",
-    )  # fmt: skip
+        12, "1", "laws of lowest BIC fitted again with full re-simulation, at least"
+    )
+    refined_most: float = number(32, "1", "... and at most")
+    refined_reach: float = number(200.0, "2 ln L", "BIC above the lowest up to which more are")
+    validated_least: float = number(8, "1", "laws of lowest BIC that are cross-validated, at least")
+    validated_most: float = number(18, "1", "... and at most")
+    validated_reach: float = number(100.0, "2 ln L", "BIC above the lowest up to which more are")
+    listed: float = number(10, "1", "laws that are listed with all error measures")
+    compared: float = number(6, "1", "first laws that are compared pair by pair")
     compared_reach: float = number(
         10.0, "2 ln L",
         "BIC above the first up to which others are compared as well",
         "R. Kass and A. Raftery (1995): very strong",
     )  # fmt: skip
-    misfit: float = number(
-        4.0, "1",
-        "dispersion beyond which a law is fitted to losses instead of courses",
-        "chosen, not measured",
-    )  # fmt: skip
-    equal_noise: float = number(
-        0.1, "1",
-        "share of the noise within which two predicted courses are equal",
-        "chosen, not measured",
-    )  # fmt: skip
-    equal_loss: float = number(
-        0.005, "1",
-        "share of the loss within which two predicted courses are equal",
-        "chosen, not measured",
-    )  # fmt: skip
+    misfit: float = number(4.0, "1", "dispersion beyond which a law is fitted to losses instead of courses")
+    equal_noise: float = number(0.1, "1", "share of the noise within which two predicted courses are equal")
+    equal_loss: float = number(0.005, "1", "share of the loss within which two predicted courses are equal")
     equal_fit: float = number(
-        1.0, "2 ln L",
-        "deviance within which a law with a number at its bound equals a simpler one",
-        "chosen, not measured",
-    )  # fmt: skip
-    folds: float = number(
-        8, "1",
-        "folds of the cross-validation over preloads, at most",
-        "chosen, not measured",
-    )  # fmt: skip
-    same_preload: float = number(
-        0.05, "1",
-        "relative difference within which preloads are the same",
-        "chosen, not measured",
-    )  # fmt: skip
+        1.0, "2 ln L", "deviance within which a law with a number at its bound equals a simpler one"
+    )
+    folds: float = number(8, "1", "folds of the cross-validation over preloads, at most")
+    same_preload: float = number(0.05, "1", "relative difference within which preloads are the same")
     record_bound: float = number(
-        5.0, "ln L",
-        "difference of log scores beyond which one record says no more: odds of 150 to 1",
-        "chosen, not measured",
-    )  # fmt: skip
+        5.0, "ln L", "difference of log scores beyond which one record says no more: odds of 150 to 1"
+    )
     log_odds: float = number(
         3.0, "ln L",
         "log likelihood ratio below which two laws are not told apart: odds of 20 to 1",
@@ -112,37 +52,13 @@ class RankingRules(Group):
         "convention",
     )  # fmt: skip
     resamples: float = number(
-        400, "1",
-        "draws of the preloads for limits and for how often a law comes first",
-        "chosen, not measured",
-    )  # fmt: skip
-    better: float = number(
-        0.01, "1",
-        "p-value below which a law is better than the baseline",
-        "chosen, not measured",
-    )  # fmt: skip
-    named: float = number(
-        0.05, "1",
-        "share of resamples from which a law that comes first is listed",
-        "chosen, not measured",
-    )  # fmt: skip
+        400, "1", "draws of the preloads for limits and for how often a law comes first"
+    )
+    better: float = number(0.01, "1", "p-value below which a law is better than the baseline")
+    named: float = number(0.05, "1", "share of resamples from which a law that comes first is listed")
     misfit_chance: float = number(
-        1e-4, "1",
-        "p-value of the dispersion below which a law does not fit to within noise",
-        "chosen, not measured",
-    )  # fmt: skip
-    least_exponent: float = number(
-        0.5, "1",
-        "lowest exponent of the velocity that is profiled",
-        "chosen, not measured",
-    )  # fmt: skip
-    largest_exponent: float = number(
-        8.0, "1",
-        "highest exponent of the velocity that is profiled",
-        "chosen, not measured",
-    )  # fmt: skip
-    largest_mixed: float = number(
-        4.0, "1",
-        "highest exponent of the displacement that is profiled beside it",
-        "chosen, not measured",
-    )  # fmt: skip
+        1e-4, "1", "p-value of the dispersion below which a law does not fit to within noise"
+    )
+    least_exponent: float = number(0.5, "1", "lowest exponent of the velocity that is profiled")
+    largest_exponent: float = number(8.0, "1", "highest exponent of the velocity that is profiled")
+    largest_mixed: float = number(4.0, "1", "highest exponent of the displacement that is profiled beside it")

@@ -18,8 +18,8 @@ import numpy.typing as npt
 from scipy import linalg
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _TINY: Numerical[float] = 1e-300
 _SEED: Numerical[int] = 0  # numbers of a closure are the same on every run

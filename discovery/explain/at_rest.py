@@ -21,13 +21,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
-from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
 from discovery.decide.explanation import Explanation, limited
 from discovery.explain.motion import motion_channels
 from discovery.options import Options
 from discovery.residual.output_error import MEDIAN_SQUARE, WhitenedResidual
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import Member, ModelCorrection, SensorFault, candidates
 from rom.signals.per_record_parameters import as_measured, per_record_names, quiet_samples
 

@@ -16,12 +16,12 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
-from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
 from discovery.decide.explanation import Explanation, limited
 from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import Member, SensorFault, candidates
 from rom.signals.sensor_correction import moves_levels
 

@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from discovery.residual.effect_forces import effect_lines
 from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
 from rom.identification.spectral_model import Linearised
 

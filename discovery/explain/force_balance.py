@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize
 
-from discovery.criteria.number import Numerical
 from discovery.decide.chance import p_value
 from discovery.decide.explanation import Explanation
 from discovery.explain.force_balance_screen import Start, screen, starts_of
@@ -24,6 +23,7 @@ from discovery.options import Options
 from discovery.residual.base import Residual, cost
 from discovery.residual.force_balance import ForceBalanceResidual, sees_stiffness
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import Member, ModelCorrection
 from rom.model.laws import Z95, Parameter
 

@@ -16,13 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.criteria.number import Numerical
 from discovery.decide.chance import by_record
 from discovery.explain.motion import Probe
 from discovery.explain.scales import Scale, at_scale, fault_at_scale, scale_of, sees_normal_force
 from discovery.options import Options
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, ModelCorrection, SensorFault, candidates
 from rom.identification.force_balance import declared_model
 from rom.model.structure import GROUND

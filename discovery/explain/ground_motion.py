@@ -15,7 +15,6 @@ import numpy as np
 from joblib import delayed
 from scipy import optimize
 
-from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
 from discovery.decide.explanation import Explanation
 from discovery.explain.motion import explanation, motion_channels
@@ -25,6 +24,7 @@ from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import MeasuredTrajectory
 from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, candidates
 from rom.identification.noise_spectrum import quiet_seconds, segment_before_hit
 from rom.identification.spectral_model import Linearised, SpectralRecord, linearise

@@ -14,7 +14,6 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.criteria.number import Numerical
 from discovery.decide.chance import by_record, largest_by_chance, p_value
 from discovery.decide.explanation import Explanation, limited, standard_errors
 from discovery.explain.effect_outputs import cut_to_bounds, output_of, outputs_of, slopes_of
@@ -22,6 +21,7 @@ from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import Progress
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import Member, ModelCorrection, candidates, look_alikes
 from rom.signals.per_record_parameters import per_record_names
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from discovery.explain.effect_outputs import output_of, slopes_of
 from discovery.explain.motion import Probe, explain_effect, free_numbers
 from discovery.residual.base import cost
 from discovery.residual.free_parameters import FreeParameters, effect_number, size_of
 from discovery.residual.output_error import WhitenedResidual, noise_of, whiten
+from rom.criteria.number import Numerical
 from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
 
 _REFITS: Numerical[int] = 5

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize
 
-from discovery.criteria.number import Numerical
 from discovery.decide.explanation import limited
 from discovery.residual.at_rest import RestResidual
 from rom.campaign.channels import FloatArray
-from rom.effects import Reading
+from rom.criteria.number import Numerical
+from rom.effects import ModelCorrection
 from rom.model.laws import Z95, Parameter
 from rom.signals.per_record_parameters import per_record_names
 
@@ -57,14 +57,14 @@ class _Number:
         return error * (self.value(at) if self.logarithm else self.size)
 
 
-def fitted(residual: RestResidual, effects: Sequence[Reading]) -> RestResidual:
+def fitted(residual: RestResidual, effects: Sequence[ModelCorrection]) -> RestResidual:
     """Return what effects leave over where their numbers suit the training records best, with 95 % limits.
 
     Parameters
     ----------
     residual : RestResidual
         For its records and its noise to start from.
-    effects : sequence of Reading
+    effects : sequence of ModelCorrection
         At their starts; those of the residual are not kept.
 
     Returns
@@ -82,8 +82,8 @@ def fitted(residual: RestResidual, effects: Sequence[Reading]) -> RestResidual:
 
 
 def _solved(
-    residual: RestResidual, effects: Sequence[Reading]
-) -> tuple[list[Reading], list[dict[str, float]]]:
+    residual: RestResidual, effects: Sequence[ModelCorrection]
+) -> tuple[list[ModelCorrection], list[dict[str, float]]]:
     """Effects with the numbers that suit best, and their standard errors."""
     numbers = [
         _Number(place, name, p, p.bounds[0] > 0)
@@ -94,7 +94,7 @@ def _solved(
     training = [k for k, record in enumerate(residual.records) if not record.settings.hold_out]
     weights = [1 / np.sqrt(residual.noise[k]) for k in training]
 
-    def at(point: FloatArray) -> list[Reading]:
+    def at(point: FloatArray) -> list[ModelCorrection]:
         found = list(effects)
         for number, value in zip(numbers, point, strict=True):
             changed = {number.name: number.value(float(value))}
@@ -124,7 +124,7 @@ def _solved(
     return at(found.x), errors
 
 
-def _limited(effect: Reading, errors: dict[str, float], residual: RestResidual) -> Reading:
+def _limited(effect: ModelCorrection, errors: dict[str, float], residual: RestResidual) -> ModelCorrection:
     """The effect with 95 % limits; of what is each record's own those of 95 % of the training records.
 
     Of one record it is not known by how much others differ.

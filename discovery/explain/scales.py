@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
+from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, SensorFault
 from rom.identification.equation_error import Balance
 from rom.identification.force_balance import Balances

@@ -13,7 +13,6 @@ from itertools import product
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from discovery.decide.chance import by_record, p_value
 from discovery.decide.explanation import Explanation, limited, standard_errors
 from discovery.explain.force_balance import explanation
@@ -24,6 +23,7 @@ from discovery.options import Options
 from discovery.residual.base import cost
 from discovery.residual.simulation import EVALUATIONS, Fit, SimulationResidual, refitted
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, ModelCorrection, candidates
 from rom.model.structure import GROUND
 

@@ -21,7 +21,7 @@ from discovery.residual.course_fit import CourseFit, Misfit
 from discovery.residual.tension import TensionResidual
 from discovery.residual.tension_data import TensionData
 from rom.campaign.channels import FloatArray
-from rom.effects import LawChange, Member, ModelCorrection, Reading, SensorFault, candidates
+from rom.effects import Member, ModelCorrection, SensorFault, candidates
 from rom.signals.per_record_parameters import per_record_names
 from rom.signals.sensor_correction import moves_levels
 
@@ -169,10 +169,7 @@ def _explanations(
 
 def _of_course(member: Member, effect: ModelCorrection) -> bool:
     """Whether an effect shows in the course: a law, a reading at rest, a fault that moves a constant."""
-    if isinstance(effect, LawChange):
+    if effect.kind == "law change":
         return True
     probe = member.at(effect.enters)
-    if isinstance(probe, Reading):
-        return acts_at_rest(probe)
-    assert isinstance(probe, SensorFault)
-    return moves_levels(probe)
+    return moves_levels(probe) if isinstance(probe, SensorFault) else acts_at_rest(probe)

@@ -19,7 +19,6 @@ from itertools import product
 import numpy as np
 
 from discovery.courses.tension_likelihood import acts_at_rest
-from discovery.criteria.number import Numerical
 from discovery.decide.chance import p_value
 from discovery.decide.explanation import Explanation
 from discovery.explain.motion import Probe
@@ -28,7 +27,8 @@ from discovery.options import Options
 from discovery.residual.at_rest import RestResidual
 from discovery.residual.gauge_noise import deviances, drawn_lines, wander_of
 from rom.campaign.channels import FloatArray
-from rom.effects import CATALOGUE, Member, Reading
+from rom.criteria.number import Numerical
+from rom.effects import CATALOGUE, Member, ModelCorrection
 from rom.model.laws import Parameter
 
 _WANDERS: Numerical[FloatArray] = np.concatenate([[0.0], np.geomspace(0.03, 30.0, 10)])
@@ -83,14 +83,10 @@ def screen(residual: RestResidual, options: Options) -> tuple[tuple[Probe, ...],
 
 def _shows(member: Member) -> bool:
     """Whether it is a reading that adds something while nothing moves."""
-    if member.kind != "measured tension":
-        return False
-    reading = member.at("tension")
-    assert isinstance(reading, Reading)
-    return acts_at_rest(reading)
+    return member.kind == "measured tension" and acts_at_rest(member.at("tension"))
 
 
-def at_campaign(member: Member, residual: RestResidual) -> Reading:
+def at_campaign(member: Member, residual: RestResidual) -> ModelCorrection:
     """Return a reading with the ranges of a campaign, by the units of its numbers.
 
     Parameters
@@ -115,12 +111,10 @@ def at_campaign(member: Member, residual: RestResidual) -> Reading:
             low, high = seconds
         value = float(np.clip(number.value, low, high))
         numbers[name] = replace(number, value=value, bounds=(float(low), float(high)))
-    made = member.at("tension", numbers)
-    assert isinstance(made, Reading)
-    return made
+    return member.at("tension", numbers)
 
 
-def _grid(member: Member, effect: Reading, residual: RestResidual) -> Iterator[Reading]:
+def _grid(member: Member, effect: ModelCorrection, residual: RestResidual) -> Iterator[ModelCorrection]:
     """The effect at small strengths, one at a time, over time constants and the member's grid."""
     times = int(residual.criteria.at_rest.times)
     none = effect.with_values(**dict.fromkeys(member.strengths, 0.0))
@@ -138,7 +132,7 @@ def _grid(member: Member, effect: Reading, residual: RestResidual) -> Iterator[R
             yield none.with_values(**{strength: size}, **values)
 
 
-def _probed(member: Member, probe: Reading, residual: RestResidual) -> Probe:
+def _probed(member: Member, probe: ModelCorrection, residual: RestResidual) -> Probe:
     output = _output(probe, residual)
     along, size = float(output @ residual.beyond(residual.residual)), float(output @ output)
     (name,) = [name for name in member.strengths if probe.parameters[name].value]
@@ -147,7 +141,7 @@ def _probed(member: Member, probe: Reading, residual: RestResidual) -> Probe:
     return Probe(member, probe, amplitude * (2 * along - amplitude * size), amplitude, 1.0)
 
 
-def _output(reading: Reading, residual: RestResidual) -> FloatArray:
+def _output(reading: ModelCorrection, residual: RestResidual) -> FloatArray:
     """Training rows of a reading over the gauge's noise."""
     lines = residual.rows([record.of(reading) for record in residual.records])
     return residual.beyond(lines / residual.sizes)
@@ -186,24 +180,22 @@ def explain_screened(
     return found
 
 
-def _start(probe: Probe) -> Reading:
+def _start(probe: Probe) -> ModelCorrection:
     """A probe at the strength that suits it."""
     values = {name: probe.amplitude * probe.effect.parameters[name].value for name in probe.member.strengths}
-    start = probe.effect.with_values(**values)
-    assert isinstance(start, Reading)
-    return start
+    return probe.effect.with_values(**values)
 
 
 def _training_cost(fit: RestResidual, before: RestResidual) -> float:
     return sum(cost for file, cost in fit.deviances(before).items() if file not in fit.hold_out)
 
 
-def explanation(effect: Reading, before: RestResidual, after: RestResidual) -> Explanation:
+def explanation(effect: ModelCorrection, before: RestResidual, after: RestResidual) -> Explanation:
     """Costs of all records with an effect and without.
 
     Parameters
     ----------
-    effect : Reading
+    effect : ModelCorrection
         With its fitted numbers.
     before, after : RestResidual
         Without it and with it, all other numbers fitted.
@@ -244,7 +236,7 @@ def _by_chance(
     scale = wander_of(rows[:, 0] ** 2, shapes) or 1 / float(shapes.max())
     lowest = np.full(rows.shape[1], np.inf)
     best = np.full((len(probes), rows.shape[1]), np.inf)
-    outputs = [np.stack([_output(_of(one), residual) for one in ones]) for ones in probes]
+    outputs = [np.stack([_output(one.effect, residual) for one in ones]) for ones in probes]
     for wander in scale * _WANDERS:
         variances = 1 + wander * shapes
         cost = deviances(rows**2, variances[:, None]).sum(axis=0)
@@ -255,8 +247,3 @@ def _by_chance(
             best[place] = np.minimum(best[place], cost - gain.max(axis=0))
     gains = lowest - best
     return gains[:, 0].tolist(), gains[:, 1:].max(axis=0)
-
-
-def _of(probe: Probe) -> Reading:
-    assert isinstance(probe.effect, Reading)
-    return probe.effect

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from discovery.criteria.number import Numerical
 from discovery.residual.course_fit import CourseFit
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import Member, ModelCorrection
 from rom.model.laws import Parameter
 

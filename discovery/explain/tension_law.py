@@ -22,7 +22,6 @@ from discovery.courses.tension_likelihood import (
     names_of,
 )
 from discovery.courses.variability import tau
-from discovery.criteria.number import Numerical
 from discovery.decide.chance import largest_of_noise, p_value
 from discovery.decide.explanation import limited, limited_number
 from discovery.explain.tension_gain import Pair, TensionGain, at_bounds
@@ -31,6 +30,7 @@ from discovery.residual.tension_data import TensionData
 from discovery.residual.tension_records import coarse
 from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import CATALOGUE, LawChange, Member, ModelCorrection
 from rom.model.laws import Parameter
 from rom.signals.per_record_parameters import per_record_names

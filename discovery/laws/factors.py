@@ -12,8 +12,8 @@ from functools import cache
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.model.laws import Parameter, free_form_law
 
 _BASE_UNITS = {

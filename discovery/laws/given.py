@@ -14,9 +14,9 @@ from itertools import product
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.model.dimensions import RATE, dimension_of, free_names, spaced
 from rom.model.expressions import is_linear_in
 from rom.model.laws import Law, Parameter, free_form_law

@@ -6,9 +6,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from discovery.criteria.number import Numerical
 from discovery.laws.candidate import ALWAYS_LISTED, NO_LOOSENING, Candidate, Term
 from discovery.laws.factors import Factor, tension_logistic
+from rom.criteria.number import Numerical
 
 _DIGITS: Numerical[int] = 3
 _LOGISTIC = tension_logistic().text

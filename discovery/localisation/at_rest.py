@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import stats
 
-from discovery.criteria.number import Numerical
 from discovery.localisation.localise import PRELOADS_N, Localisation, Profile, class_label
 from discovery.residual.at_rest import RestResidual
+from rom.criteria.number import Numerical
 
 _CYCLES: Numerical[tuple[float, ...]] = (1.0, 2.0, 4.0)  # in a record
 

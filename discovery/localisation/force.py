@@ -8,12 +8,12 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from scipy import stats
 
-from discovery.criteria.number import Numerical
 from discovery.localisation.force_history import Course
 from discovery.localisation.force_map import ForceMap, force_map
 from discovery.localisation.localise import Localisation, Profile, sides_of
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.evaluation.evaluate import Evaluation
 from rom.identification.equation_error import Balance, ForceRecord
 

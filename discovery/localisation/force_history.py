@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _DISTANCES: Numerical[FloatArray] = 10.0 ** (np.arange(-12, 0) / 12)  # from rest, of a record's largest
 _CLASSES: Numerical[int] = 2 * (len(_DISTANCES) + 1) ** 2

@@ -23,10 +23,10 @@ import numpy.typing as npt
 from scipy import fft, interpolate
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.criteria.number import Numerical
 from discovery.localisation.force_history import Course, by_sign
 from discovery.localisation.lines import Lines, Place
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _HALF_BINS: Numerical[int] = 13  # of displacement and of velocity, on either side of the middle one
 _PER_DECADE: Numerical[int] = 6

@@ -21,8 +21,8 @@ from scipy import fft, stats
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.criteria.localisation import Localising
-from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.identification.spectral_model import ComplexArray, Linearised, SpectralRecord
 
 if TYPE_CHECKING:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import stats
 
-from discovery.criteria.number import Numerical
 from discovery.localisation.force_map import ForceMap, force_maps
 from discovery.localisation.lines import (
     Profile,
@@ -24,6 +23,7 @@ from discovery.localisation.lines import (
     training_lines,
 )
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 if TYPE_CHECKING:
     from discovery.residual.output_error import WhitenedResidual

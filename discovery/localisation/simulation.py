@@ -7,12 +7,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from discovery.localisation.force import whiteness
 from discovery.localisation.lines import Profile
 from discovery.localisation.localise import Localisation
 from discovery.residual.simulation import SimulationResidual
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.identification.ring_down import RingDown
 
 _BANDS: Numerical[int] = 4

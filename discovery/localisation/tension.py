@@ -8,10 +8,10 @@ import numpy as np
 
 from discovery.courses.prediction import bin_edges
 from discovery.courses.variability import tau
-from discovery.criteria.number import Numerical
 from discovery.localisation.localise import PRELOADS_N, Profile, class_label
 from discovery.residual.course_fit import CourseFit, Misfit
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _SPEEDS: Numerical[tuple[float, ...]] = (1.0, 3.0, 10.0, 30.0, 100.0)  # [mm/s]
 _TIMES: Numerical[tuple[float, ...]] = (10.0, 30.0, 100.0, 300.0, 1000.0)  # [ms]

@@ -20,7 +20,7 @@ from rom.campaign.campaign import Campaign
 from rom.identification.force_balance import is_driven
 from rom.identification.free_decay import is_free
 from rom.one_thread import one_threaded
-from rom.signals.measured_records import screened, with_something_left, with_stored_records
+from rom.signals.measured_records import judged_by, screened, with_something_left, with_stored_records
 
 
 @one_threaded
@@ -61,7 +61,7 @@ def close_loop(
         If nothing can be identified from the campaign.
     """
     options = Options(jobs, progress or no_progress, seed, criteria)
-    refits = refits_of(with_something_left(screened(campaign, jobs)), options)
+    refits = refits_of(with_something_left(screened(judged_by(campaign, criteria.of_records), jobs)), options)
     refits, history = gauged(refits, LoopHistory((refits.start(),), criteria=criteria))
     start = law_first(refits, before_hits(refits, history))
     history = with_later_disturbances(refits, start)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from discovery.criteria.number import Numerical
 from discovery.decide.explanation import Explanation
 from discovery.explain.simulation import explain_screened, fitted, free_forms, screen, together
 from discovery.localisation.localise import Localisation
@@ -19,6 +18,7 @@ from discovery.residual.course_fit import Misfit
 from discovery.residual.simulation import LEAST_MASS, SimulationResidual, refitted
 from rom.campaign.campaign import Campaign
 from rom.campaign.settings import RecordSettings
+from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
 from rom.identification.free_decay import FreeDecayFit, fit_free_decay, free_model, ring_downs
 from rom.identification.ring_down import RingDown, fitted_state

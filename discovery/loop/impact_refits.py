@@ -162,7 +162,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         found = (
             replace(self.identification, model=model)
             if law_is_fitted
-            else self.identification.with_model(model)
+            else self.identification.with_model(model, self.options.stage("tension law"))
         )
         model = replace(found.model, identification=None)
         evaluations = self._simulated(model)

@@ -22,7 +22,7 @@ from discovery.residual.course_fit import Misfit
 from discovery.residual.rest_records import rest_record
 from discovery.separating_tests.rests import longer_rests
 from rom.campaign.campaign import Campaign
-from rom.effects import ModelCorrection, Reading
+from rom.effects import ModelCorrection
 from rom.evaluation.at_rest import held_tension
 from rom.evaluation.error_measures import ErrorsByKind
 from rom.identification.identify import Identification, identify_campaign
@@ -89,7 +89,6 @@ class RestRefits(FixedTensionRefits[RestResidual]):
 
     def _fitted_with(self, residual: RestResidual, effect: ModelCorrection) -> RestResidual:
         """All effects fitted together, beside the noise as it then is."""
-        assert isinstance(effect, Reading)
         return fitted(residual, (*residual.effects, effect))
 
     def _fitted_without(self, residual: RestResidual, effect: ModelCorrection) -> RestResidual:
@@ -98,7 +97,6 @@ class RestRefits(FixedTensionRefits[RestResidual]):
 
     def _explanation(self, effect: ModelCorrection, before: RestResidual, after: RestResidual) -> Explanation:
         """Costs of all records with an effect and without, beside the noise of each."""
-        assert isinstance(effect, Reading)
         return explanation(effect, before, after)
 
     def screen(self, residual: Residual) -> Probes:

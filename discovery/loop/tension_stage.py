@@ -15,7 +15,7 @@ from discovery.loop.redundant import without_redundant, without_redundant_in_ten
 from discovery.loop.refits import Refits
 from discovery.loop.state import State
 from discovery.residual.course_fit import Misfit
-from rom.effects import ModelCorrection, Reading
+from rom.effects import ModelCorrection
 
 
 def in_tension(refits: Refits, history: LoopHistory) -> LoopHistory:
@@ -93,7 +93,7 @@ def adopted(refits: Refits, state: State, explanation: Explanation) -> State:
 
 def _is_apart(effect: ModelCorrection) -> bool:
     """Whether an effect is a reading that tension histories are blind to: nothing of a law hangs on it."""
-    return isinstance(effect, Reading) and not acts_at_rest(effect)
+    return effect.kind == "reading" and not acts_at_rest(effect)
 
 
 def _with_free_rate(refits: Refits, named: LoopHistory, starts: Sequence[LoopHistory]) -> LoopHistory:

@@ -21,12 +21,12 @@ from scipy import stats
 
 from discovery.courses.fit import Fit, fit
 from discovery.courses.frozen_motion import FrozenMotion
-from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate, Term, baseline, no_loosening
 from discovery.laws.factors import Factor, Inner, velocity_power
 from discovery.ranking.pairwise import Pair, compare_laws, not_told_apart, separation
 from discovery.ranking.profile_likelihood import Curve, dispersion_of
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 __all__ = [
     "ExponentProfile",

@@ -17,10 +17,10 @@ from discovery.courses.fit import Fit, fit, fit_losses, log_predictive, predict
 from discovery.courses.frozen_motion import NUISANCE_DIRECTIONS, FrozenMotion
 from discovery.courses.marginal_likelihood import Problem
 from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.number import Numerical
 from discovery.criteria.ranking import RankingRules
 from discovery.ranking.ordering import Index, tails
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 Fold = tuple[Index, Index]
 

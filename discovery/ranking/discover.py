@@ -11,7 +11,6 @@ import numpy as np
 from discovery.courses.fit import refine
 from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.criteria.number import Numerical
 from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import Candidate, baseline
 from discovery.laws.given import GivenLaw, check_finite, given_law, starts_of
@@ -22,11 +21,12 @@ from discovery.ranking.result import RankedLaw, Ranking
 from discovery.search.shortlist import Proposals, propose
 from discovery.separating_tests.hits import propose_tests
 from rom.campaign.campaign import Campaign
+from rom.criteria.number import Numerical
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.reduce import Progress, reduce_records, tension_courses
 from rom.model.laws import Law
 from rom.one_thread import one_threaded
-from rom.signals.measured_records import screened, with_something_left, with_stored_records
+from rom.signals.measured_records import judged_by, screened, with_something_left, with_stored_records
 from rom.signals.quality import Doubt
 from rom.signals.tension_bins import TensionCourse
 
@@ -144,7 +144,7 @@ class _Data:
 
 
 def _data(campaign: Campaign, jobs: int, stage: Stages, tightening: bool, criteria: Criteria) -> _Data:
-    campaign = with_something_left(screened(campaign, jobs))
+    campaign = with_something_left(screened(judged_by(campaign, criteria.of_records), jobs))
     found = identify_campaign(campaign, jobs, stage("identifying"))
     unseen, doubts = _held_out(campaign, found, jobs, stage)
     rules = criteria.ranking

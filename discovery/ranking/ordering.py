@@ -12,9 +12,9 @@ import numpy.typing as npt
 from scipy import stats
 
 from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.number import Numerical
 from discovery.criteria.ranking import RankingRules
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 Index = npt.NDArray[np.int64]
 

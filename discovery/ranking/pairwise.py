@@ -11,10 +11,10 @@ import numpy as np
 from discovery.courses.fit import Fit, log_predictive, predict
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.number import Numerical
 from discovery.ranking.cross_validation import preload_groups
 from discovery.ranking.ordering import Index, beyond_chance, paired
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _STEP: Numerical[float] = 1e-4  # of ln rate
 

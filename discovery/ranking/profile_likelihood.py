@@ -12,10 +12,10 @@ from scipy import optimize, stats
 
 from discovery.courses.fit import Fit, correction, fit, predict, refine, resimulate
 from discovery.courses.frozen_motion import NUISANCE_DIRECTIONS, FrozenMotion
-from discovery.criteria.number import Numerical
 from discovery.laws.candidate import Candidate
 from discovery.laws.factors import Factor, Inner
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _CLOSE: Numerical[float] = 0.005  # of an exponent
 _FAR: Numerical[float] = 100.0  # no value is worth a fit beyond this deviance

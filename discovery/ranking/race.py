@@ -11,7 +11,6 @@ from joblib import Parallel, delayed
 
 from discovery.courses.fit import ROUNDS, Fit, correction, fit, fit_losses, predict, unchanged
 from discovery.courses.frozen_motion import FrozenMotion
-from discovery.criteria.number import Numerical
 from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import ALWAYS_LISTED, BASELINE, Candidate, rivals_always_in_the_race
 from discovery.laws.names import names_of
@@ -22,6 +21,7 @@ from discovery.ranking.ordering import Index
 from discovery.ranking.result import RankedLaw, Ranking, with_law
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.evaluation.error_measures import Errors, summarise
 from rom.evaluation.evaluate import evaluate
 from rom.identification.reduce import Progress

@@ -19,7 +19,7 @@ from discovery.residual.base import Kind, Residual
 from discovery.residual.gauge_noise import deviances, gauge_noise, wander_of
 from discovery.residual.rest_records import RestRecord
 from rom.campaign.channels import FloatArray
-from rom.effects import Reading
+from rom.effects import ModelCorrection
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,16 +30,16 @@ class RestResidual(Residual):
     ----------
     records : tuple of RestRecord
         Training and held-out ones.
-    effects : tuple of Reading
+    effects : tuple of ModelCorrection
         What the gauge shows beyond a tension that stays as it is.
     """
 
     kind: ClassVar[Kind] = "tension at rest"
     records: tuple[RestRecord, ...]
-    effects: tuple[Reading, ...] = ()
+    effects: tuple[ModelCorrection, ...] = ()
     criteria: Criteria = CRITERIA
 
-    def with_effects(self, effects: Iterable[Reading]) -> RestResidual:
+    def with_effects(self, effects: Iterable[ModelCorrection]) -> RestResidual:
         """The same records with other readings, the noise as these leave it."""
         return replace(self, effects=tuple(effects))
 

@@ -25,10 +25,10 @@ from discovery.courses.tension_likelihood import (
 )
 from discovery.courses.variability import tau
 from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
 from discovery.residual.tension_data import TensionData
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _STEPS: Numerical[tuple[float, int]] = (0.05, 20)  # gain of a step in deviance, number of steps
 _ROUGH_STEPS: Numerical[tuple[float, int]] = (0.5, 8)  # the same to screen by

@@ -6,10 +6,10 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from discovery.residual.array_cache import ArrayCache
 from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import Effect, ModelCorrection
 from rom.effects.free_form import FreeForm
 from rom.identification.spectral_model import ComplexArray, SpectralRecord

@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
-from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
 from discovery.residual.tension_records import TensionObservation
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import SensorFault
 
 # any loss is nearly a sum of these

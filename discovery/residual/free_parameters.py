@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
+from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection, with_stiffness
 from rom.identification.priors import PriorConstraint
 from rom.identification.record_spectra import UNCOUPLED

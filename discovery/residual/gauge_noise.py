@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import optimize
 
-from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _STEPS: Numerical[int] = 12
 _ROUGH_STEPS: Numerical[int] = 3  # before lines are left out

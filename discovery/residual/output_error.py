@@ -27,16 +27,16 @@ import numpy as np
 import numpy.typing as npt
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.criteria.number import Numerical
 from discovery.residual.base import Kind, Residual
 from discovery.residual.effect_forces import lasting_force, lines_beyond_linear
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.trajectory import MeasuredTrajectory, Measurements, Progress, trace_records
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
+from rom.criteria.identification import RULES
+from rom.criteria.number import Numerical
 from rom.identification.identify import Identification
 from rom.identification.noise_spectrum import Group, NoiseFloor, before_hit, noise_floors, quiet_seconds
-from rom.identification.priors import ALIGNED
 from rom.identification.spectral_model import (
     CORNER,
     STRUCTURAL,
@@ -171,7 +171,7 @@ class WhitenedResidual(Residual):
         if not ties or beyond <= 0:
             return np.zeros((0, len(self.names))), np.zeros(0)
         rows = np.array([[tie.factors.get(name, 0.0) / tie.error for name in self.names] for tie in ties])
-        weight = np.sqrt(ALIGNED * beyond)
+        weight = np.sqrt(RULES.aligned * beyond)
         return weight * rows, weight * np.array([tie.offset(values) for tie in ties])
 
     def beyond(self, rows: FloatArray) -> FloatArray:

@@ -9,10 +9,10 @@ from scipy import fft
 
 from discovery.criteria.at_rest import AtRest
 from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.number import Numerical
 from rom.campaign.campaign import RecordSettings
 from rom.campaign.channels import FloatArray
-from rom.effects import Motion, Reading
+from rom.criteria.number import Numerical
+from rom.effects import ModelCorrection, Reading
 
 _MOST: Numerical[int] = 4096  # means of a record; its lines are far fewer
 _ROUNDING: Numerical[float] = 1e-9  # of a tension
@@ -52,10 +52,10 @@ class RestRecord:
         """Lines of values at the record's times, (lines,)."""
         return _lines(values, len(self.measured))
 
-    def of(self, reading: Reading) -> FloatArray:
+    def of(self, reading: ModelCorrection) -> FloatArray:
         """Lines of what a reading adds to the tension [N]."""
-        still = np.zeros_like(self.time)
-        return self.lines(reading.added(Motion(self.time, 0.0, still, still, {"": still})))
+        assert isinstance(reading, Reading)
+        return self.lines(reading.at_rest(self.time))
 
     @property
     def wander(self) -> FloatArray:

@@ -19,9 +19,9 @@ import numpy.typing as npt
 from scipy import linalg, optimize
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.criteria.number import Numerical
 from discovery.residual.base import Kind, ProjectedResidual
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
 from rom.identification.ring_down import PERIODS, RingDown, first_state, fitted_state, state_slopes
 from rom.model.model import Model

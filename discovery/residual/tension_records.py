@@ -10,10 +10,10 @@ from joblib import Parallel, delayed
 
 from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.criteria.number import Numerical
 from discovery.criteria.tension import Tension
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import Motion
 from rom.model.model import Model
 from rom.signals.measured_records import measured_record

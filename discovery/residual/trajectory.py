@@ -10,10 +10,10 @@ import numpy as np
 from scipy import fft, ndimage
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.criteria.number import Numerical
 from discovery.residual.free_parameters import FreeParameters
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import MOTIONS, FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import SensorFault
 from rom.evaluation.replay import Replay, replay
 from rom.identification.gamma import LooseningCase, matching_factors, matching_gammas, own_rate

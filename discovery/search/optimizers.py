@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.number import Numerical
 from discovery.criteria.search import Search
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _LONG: Numerical[int] = 300  # iterations of SR3
 _EXACT: Numerical[float] = 1e-10  # of the bounded fits, whose own default stops among near-equal columns

@@ -19,9 +19,9 @@ from scipy import optimize
 
 from discovery.criteria.courses import Courses
 from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.number import Numerical
 from discovery.search.sparse_regression import Rows
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _SCATTERS: Numerical[tuple[float, ...]] = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0)
 _MIXTURES: Numerical[tuple[float, ...]] = (0.1, 0.3, 0.5, 0.7, 0.9)

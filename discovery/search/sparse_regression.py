@@ -21,8 +21,8 @@ import numpy as np
 from scipy import optimize
 
 from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 if TYPE_CHECKING:
     from discovery.courses.fit import Fit

@@ -12,12 +12,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from discovery.explain.free_form import member_of
 from discovery.explain.motion import free_numbers
 from discovery.residual.force_balance import ForceBalanceResidual
 from discovery.separating_tests.normal_sums import NormalSums
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
 
 _FACTORS: Numerical[tuple[float, ...]] = (2.0, 0.5, 4.0, 0.25)  # of the motion, the mildest first

@@ -16,7 +16,6 @@ from itertools import product
 import numpy as np
 
 from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.number import Numerical
 from discovery.criteria.separating import Separating
 from discovery.explain.effect_outputs import output_of, slopes_of
 from discovery.explain.motion import free_numbers
@@ -26,6 +25,7 @@ from discovery.residual.output_error import WhitenedResidual, whiten
 from discovery.residual.trajectory import MeasuredTrajectory
 from discovery.separating_tests.normal_sums import NormalSums
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import CATALOGUE, ModelCorrection
 from rom.evaluation.replay import replay
 from rom.identification.spectral_model import ComplexArray, SpectralRecord

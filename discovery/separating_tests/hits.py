@@ -22,10 +22,10 @@ import numpy as np
 
 from discovery.courses.fit import Fit
 from discovery.courses.frozen_motion import FrozenMotion
-from discovery.criteria.number import Numerical
 from discovery.criteria.separating import Separating
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _FORCES: Numerical[tuple[float, ...]] = (
     0.25,

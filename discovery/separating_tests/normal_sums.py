@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 _RCOND: Numerical[float] = 1e-12
 

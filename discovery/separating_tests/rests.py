@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from discovery.residual.at_rest import RestResidual
 from discovery.residual.rest_records import RestRecord
 from rom.campaign.channels import FloatArray
-from rom.effects import ModelCorrection, Motion, Reading
+from rom.criteria.number import Numerical
+from rom.effects import ModelCorrection, Reading
 
 _LONGER: Numerical[tuple[float, ...]] = (2.0, 4.0, 8.0, 16.0, 32.0)
 _POINTS: Numerical[int] = 512
@@ -62,16 +62,14 @@ def _apart(
     assert isinstance(effect, Reading)
     assert isinstance(rival, Reading)
     time = np.linspace(0.0, times * record.duration_s, _POINTS)
-    still = np.zeros_like(time)
-    motion = Motion(time, 0.0, still, still, {"": still})
-    shown = rival.added(motion)
+    shown = rival.at_rest(time)
     columns = [np.ones_like(time)]
     for name, number in rival.parameters.items():
         step = _STEP * (abs(number.value) or number.bounds[1])
         step = step if number.value + step <= number.bounds[1] else -step
-        columns.append((rival.with_values(**{name: number.value + step}).added(motion) - shown) / step)
+        columns.append((rival.with_values(**{name: number.value + step}).at_rest(time) - shown) / step)
     basis = np.linalg.qr(np.stack(columns, axis=1))[0]
-    difference = effect.added(motion) - shown
+    difference = effect.at_rest(time) - shown
     rest = difference - basis @ (basis.T @ difference)
     of_mean = float(np.mean(variance[: record.slow])) / (len(record.time) * times)  # of a slow change [N^2]
     return float(np.mean(rest**2)) / of_mean

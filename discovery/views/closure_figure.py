@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from discovery.views.closure_prose import view_words
 from discovery.views.force import FORCE, Units, draw_loop, draw_map, pair, scale_of, units_of
 from discovery.views.palette import AFTER, BACKGROUND, BEFORE, GREY
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from discovery.criteria.criteria import CRITERIA
-from discovery.criteria.number import Numerical
 from discovery.localisation.localise import COURSES
 from discovery.views.force import explained_level
+from rom.criteria.number import Numerical
 
 Data = Mapping[str, Any]
 

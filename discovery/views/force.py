@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from discovery.criteria.number import Numerical
+from rom.criteria.number import Numerical
 
 BLACK = "#000000"
 BLUE = "#0072B2"

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.views.palette import BLUE, GREY, VERMILLION
+from rom.criteria.number import Numerical
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

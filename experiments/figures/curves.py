@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 
 from discovery.views.palette import BACKGROUND, MEASURED, MODEL
 from experiments.figures.style import FloatArray, panels, styled, tension_axis
+from rom.criteria.identification import RULES
 from rom.identification.curve_fits import LawFit
-from rom.identification.joint import MODAL_LIMIT, JointEstimate
+from rom.identification.joint import JointEstimate
 from rom.identification.reduce import UncoupledTest
 from rom.model.laws import Z95
 from rom.model.model import Model
@@ -197,7 +198,8 @@ def _joint(joint: Sequence[JointEstimate], fit: LawFit | None, label: str, what:
     modal = np.array(
         [np.nan if (m := getattr(j, f"modal_{what}")) is None else m for j in joint], dtype=float
     )
-    doubtful = np.array([j.heaviest_damping_ratio > MODAL_LIMIT for j in joint])
+    limit = RULES.modal_damping
+    doubtful = np.array([j.heaviest_damping_ratio > limit for j in joint])
     grid = tension_axis(ax, tension)
     limits = [value * np.exp(-Z95 * error), value * np.exp(Z95 * error)]
     shown = np.concatenate([value, *(limit[error < _TELLING] for limit in limits)])
@@ -211,7 +213,7 @@ def _joint(joint: Sequence[JointEstimate], fit: LawFit | None, label: str, what:
     low, high = max(low - margin, 0.0), high + margin
     inside = np.isfinite(modal) & (modal >= low) & (modal <= high)
     for chosen, marker, text in ((~doubtful, "s", "Modal (Eqs. 3, 9, 10)"),
-                                 (doubtful, "x", f"Modal where $\\zeta$ > {MODAL_LIMIT:g}")):  # fmt: skip
+                                 (doubtful, "x", f"Modal where $\\zeta$ > {limit:g}")):  # fmt: skip
         if np.any(inside & chosen):
             ax.plot(tension[inside & chosen], modal[inside & chosen], marker, color=BACKGROUND, markersize=5,
                     markerfacecolor="none", markeredgewidth=0.7, label=text, zorder=1)  # fmt: skip

@@ -38,6 +38,7 @@ from rom.campaign.settings import (
     record_faults,
     structure_faults,
 )
+from rom.criteria.criteria import RECORD_CRITERIA, RecordCriteria
 from rom.result_views import HasViews
 
 __all__ = [
@@ -149,13 +150,14 @@ class Campaign(HasViews):
     """A checked campaign folder: `path`, its settings, and `digest` (SHA-256 of settings and records).
 
     `digests` holds that of each record by file: what is read later must be what was checked. A record without
-    one is not compared.
+    one is not compared. `criteria` are those by which its records are set aside.
     """
 
     path: Path
     settings: CampaignSettings
     digest: str
     digests: Mapping[str, str] = field(default_factory=dict, repr=False, hash=False)
+    criteria: RecordCriteria = field(default=RECORD_CRITERIA, repr=False)
 
     def select(
         self, test: str | Collection[str] | None = None, hold_out: bool | None = None

@@ -14,6 +14,7 @@ import numpy as np
 
 from rom.campaign.campaign import WindowSettings
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.evaluation.at_rest import held_tension
 from rom.evaluation.replay import (
     Replay,
@@ -39,7 +40,7 @@ __all__ = [
     "window_mean",
 ]
 
-_SIDE_BY_SIDE = 8  # models whose responses are in memory at once
+_SIDE_BY_SIDE: Numerical[int] = 8  # models whose responses are in memory at once
 _MOTION_TESTS = ("uncoupled", "coupled", "loosening", "free", "driven")
 
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rom.campaign.channels import Channel, FloatArray
+from rom.criteria.number import Numerical
 from rom.effects.observation import motion_of
 from rom.identification.ring_down import fitted_state, of_moving, ring_down
 from rom.model.assembly import Response
@@ -29,8 +30,8 @@ from rom.signals.processing import (
 )
 from rom.signals.sensor_correction import corrected
 
-_STATE_ITERATIONS = 3
-_FIRST = 64  # samples tell the start of a driven record
+_STATE_ITERATIONS: Numerical[int] = 3
+_FIRST: Numerical[int] = 64  # samples tell the start of a driven record
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,13 @@ import numpy as np
 from scipy import optimize, stats
 
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.model.laws import Law, Parameter
 
 Curve = Callable[[Law, FloatArray], FloatArray]
-_TINY = 1e-300
-_LEAST_SCALE = 1e-100  # its inverse can still be squared
-_LEAST_INFORMATION = 1e-9  # of the best told direction of the parameters, to a direction
+_TINY: Numerical[float] = 1e-300
+_LEAST_SCALE: Numerical[float] = 1e-100  # its inverse can still be squared
+_LEAST_INFORMATION: Numerical[float] = 1e-9  # of the best told direction of the parameters, to a direction
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class LawFit:
     """A fitted law with 95 % limits on its parameters.
 
     `free` names the fitted parameters in the order of `covariance`; `scatter` is tau, a standard deviation of
-    ln y; `r_squared` is that of y, as the paper reports it.
+    ln y; `r_squared` is that of y, as the paper reports it; `settled` tells whether the fit has ended.
     """
 
     law: Law
@@ -37,6 +38,7 @@ class LawFit:
     r_squared: float
     records: tuple[str, ...]
     curve: Curve
+    settled: bool = True
 
     def log_error(self, tension: FloatArray) -> FloatArray:
         """Return the standard error of ln f at tensions [N], from the parameters' covariance."""

@@ -22,16 +22,21 @@ from scipy import interpolate, ndimage, signal
 
 from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import Channel, FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import Effect
 
 TESTS = ("driven", "free", "cycled")
-_REACH = 7.0  # widths on each side: beyond, a Gaussian is below the digits of a displacement
-_STRIDE = 3.0  # widths from row to row: white noise is nearly independent there
-_SMALLEST = 1.4  # samples: a Gaussian of less has no accurate derivatives
-_OF_FORCE = 0.99  # of its power lies below the frequency at which the filter lets half the power pass
-_OF_MOTION, _KEPT = 0.999, 0.14  # of the velocity's power; its loss at that frequency is one per cent
-_TOP = 0.8  # of half the rate: above, a sensor shows its noise
-_LONGEST_S = 5e-4  # of a step; a slider that must give way does so within 0.2 ms, stable up to 0.55 ms
+# widths on each side: beyond, a Gaussian is below the digits of a displacement
+_REACH: Numerical[float] = 7.0
+_STRIDE: Numerical[float] = 3.0  # widths from row to row: white noise is nearly independent there
+_SMALLEST: Numerical[float] = 1.4  # samples: a Gaussian of less has no accurate derivatives
+# of its power lies below the frequency at which the filter lets half the power pass
+_OF_FORCE: Numerical[float] = 0.99
+_OF_MOTION: Numerical[float] = 0.999  # of the velocity's power
+_KEPT: Numerical[float] = 0.14  # its loss at that frequency is one per cent
+_TOP: Numerical[float] = 0.8  # of half the rate: above, a sensor shows its noise
+# of a step; a slider that must give way does so within 0.2 ms, stable up to 0.55 ms
+_LONGEST_S: Numerical[float] = 5e-4
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ from scipy import optimize
 
 from rom.campaign.campaign import Campaign, CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import FloatArray
+from rom.criteria.identification import RULES
+from rom.criteria.number import Numerical
 from rom.effects import CATALOGUE, Effect
 from rom.identification.equation_error import TESTS, Balance, ForceRecord, force_records
 from rom.model.description import LinkLaws
@@ -30,11 +32,9 @@ from rom.signals.measured_records import measured_record
 from rom.signals.quality import Doubt
 
 OFFSET = "constant-force"
-_TOLD = 3.0  # standard errors beyond which an offset is part of the model
-SOUND = 1e-3
 """Share of noise in a term, below which least squares on balances is as good as the output error."""
-_LEAST_NOISE = 1e-6  # of a force: rounding
-_ITERATIONS = 3
+_LEAST_NOISE: Numerical[float] = 1e-6  # of a force: rounding
+_ITERATIONS: Numerical[int] = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +304,7 @@ def model_of(
     effects = []
     for name, (value, error) in found.items():
         place, _, _ = name.partition(f".{OFFSET}.")
-        if place != name and abs(value) > _TOLD * error:
+        if place != name and abs(value) > RULES.beyond_chance * error:
             offset = Parameter(float(value), "N", *_limits(value, error), source="identified")
             effects.append(CATALOGUE[OFFSET].at(place, {"F_0": offset}))
     structure = Structure(tuple(bodies), tuple(Link(x.name, *x.between, x.law) for x in settings.link))
@@ -363,7 +363,7 @@ def standard_errors(balances: Balances, force: FloatArray, values: Sequence[floa
 def noise_warnings(balances: Balances) -> tuple[str, ...]:
     """A line where noise behind the filter makes numbers too small."""
     share = noise_share(balances)
-    if share <= SOUND:
+    if share <= RULES.noise_bias:
         return ()
     return (
         f"noise makes {100 * share:.2g} % of the square of a term behind the filter: its number comes out "
@@ -388,7 +388,7 @@ def sign_warnings(balances: Balances) -> tuple[str, ...]:
             found = np.linalg.lstsq(table, force, rcond=None)[0]
             spread = float(np.mean((force - table @ found) ** 2))
             error = np.sqrt(spread * np.linalg.pinv(table.T @ table, hermitian=True)[0, 0])
-            if found[0] < -_TOLD * error:
+            if found[0] < -RULES.beyond_chance * error:
                 lines.append(
                     f"link_force_{link.name}: gives out energy along the motion; expected the force that "
                     "pulls the first body back, turn its sign round"

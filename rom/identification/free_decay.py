@@ -18,8 +18,9 @@ from scipy import linalg, optimize, signal
 
 from rom.campaign.campaign import Campaign, CampaignSettings
 from rom.campaign.channels import FloatArray
+from rom.criteria.identification import RULES
+from rom.criteria.number import Numerical
 from rom.identification.free_scale import Scale, mass_of, scale_of
-from rom.identification.link_laws import UNDETERMINED
 from rom.identification.record_spectra import LinearNames, with_starts
 from rom.identification.record_spectra import spectral_records as spectra_of
 from rom.identification.ring_down import RingDown, ring_down
@@ -31,11 +32,11 @@ from rom.signals.measured_records import measured_record
 from rom.signals.quality import Doubt
 
 TESTS = ("free", "driven")
-_PERIODS = 6.0  # of the strongest line: where a fit starts
-_EVALUATIONS = 40
-_MASSES = (1e-3, 1e3)  # of its start, as far as a mass may go
-_LEAST = 1e-9  # of a stiffness or damping's start
-_STEP = 1e-6
+_PERIODS: Numerical[float] = 6.0  # of the strongest line: where a fit starts
+_EVALUATIONS: Numerical[int] = 40
+_MASSES: Numerical[tuple[float, float]] = (1e-3, 1e3)  # of its start, as far as a mass may go
+_LEAST: Numerical[float] = 1e-9  # of a stiffness or damping's start
+_STEP: Numerical[float] = 1e-6
 
 
 def is_free(campaign: Campaign) -> bool:
@@ -239,7 +240,7 @@ def fit_free_decay(rings: Sequence[RingDown], campaign: Campaign) -> FreeDecayFi
     fits = [_fitted(rings, settings, scale, start) for start in _starts(rings, settings, scale)]
     best = min(fits, key=lambda fit: fit[2])
     values, errors, _ = best
-    open_ = [n for n in scale.free if n.endswith(".mass") and not errors[n] < UNDETERMINED]
+    open_ = [n for n in scale.free if n.endswith(".mass") and not errors[n] < RULES.undetermined]
     open_ += [n for n in scale.free if n.endswith(".mass") and n not in open_
               and _at_end(values[n], _starts(rings, settings, scale)[0][n])]  # fmt: skip
     lines = list(scale.lines)
@@ -306,7 +307,7 @@ def free_model(settings: CampaignSettings, fit: FreeDecayFit) -> Model:
         error = fit.errors.get(path, np.inf)
         if path not in fit.free:
             return replace(made, parameters={name: replace(old, value=value, source="given")})
-        reach = Z95 * error * value if error < UNDETERMINED else None
+        reach = Z95 * error * value if error < RULES.undetermined else None
         limits = (None, None) if reach is None else (value - reach, value + reach)
         number: Parameter = replace(old, value=value, low=limits[0], high=limits[1], source="identified")
         return replace(made, parameters={name: number})

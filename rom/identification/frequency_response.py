@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import optimize
 
+from rom.criteria.number import Numerical
 from rom.signals.filters import find_impact
 
 FloatArray = npt.NDArray[np.float64]
@@ -16,9 +17,9 @@ ComplexArray = npt.NDArray[np.complex128]
 Motion = Literal["displacement", "velocity", "acceleration"]
 
 _DERIVATIVES: dict[Motion, int] = {"displacement": 0, "velocity": 1, "acceleration": 2}
-_LEAD_S = 1e-3  # kept before the onset of the force
-_PULSE_S = 0.01  # force after it is noise
-_REWEIGHTINGS = 3
+_LEAD_S: Numerical[float] = 1e-3  # kept before the onset of the force
+_PULSE_S: Numerical[float] = 0.01  # force after it is noise
+_REWEIGHTINGS: Numerical[int] = 3
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ from scipy import optimize
 from scipy.optimize import elementwise
 
 from rom.campaign.channels import FloatArray
+from rom.criteria.identification import RULES
+from rom.criteria.number import Numerical
 from rom.effects import LawChange
 from rom.identification.curve_fits import LawFit, covariance_of, gamma_curve, with_limits
 from rom.model.effect import SensorFault
@@ -25,15 +27,18 @@ from rom.model.model import Model
 from rom.signals.sensor_correction import true_hit
 from rom.signals.tension_bins import TensionCourse
 
-GAMMA_BOUND = 1e10
-_REFINEMENTS = 3
-_PROBE = 100.0  # loosens by a small share, yet far above rounding
-_LEAST_EXPOSURE = 1e-30  # a touch so weak that the probe's loss is lost in rounding
-_LEAST_LOSS_ERROR = 1e-9  # [N]
-_LEAST_SCATTER, _LARGEST_SCATTER = 1e-6, 10.0  # of ln gamma
-_BRACKETS, _HALVINGS = 16, 80  # at most; so many steps end within 1e-3 of the bound, in asinh(gamma)
-_LOSS_TOLERANCE = 1e-10  # [N]
-_NEVER = 1e12  # stands for the tension of a simulation that tightened beyond all bounds [N]
+Progress = Callable[[int, int], None]
+_REFINEMENTS: Numerical[int] = 3
+_EVALUATIONS: Numerical[int] = 30  # of a refinement, at most; 4 are usual
+_PROBE: Numerical[float] = 100.0  # loosens by a small share, yet far above rounding
+_LEAST_EXPOSURE: Numerical[float] = 1e-30  # a touch so weak that the probe's loss is lost in rounding
+_LEAST_LOSS_ERROR: Numerical[float] = 1e-9  # [N]
+_LEAST_SCATTER: Numerical[float] = 1e-6  # of ln gamma
+_LARGEST_SCATTER: Numerical[float] = 10.0
+_BRACKETS: Numerical[int] = 16  # at most
+_HALVINGS: Numerical[int] = 80  # at most; so many steps end within 1e-3 of the bound, in asinh(gamma)
+_LOSS_TOLERANCE: Numerical[float] = 1e-10  # [N]
+_NEVER: Numerical[float] = 1e12  # stands for the tension of a simulation that tightened beyond all bounds [N]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +125,11 @@ def final_tensions(
 
 
 def identify_gamma(
-    model: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float], exponent: float = 4.0
+    model: Model,
+    cases: Sequence[LooseningCase],
+    window_s: tuple[float, float],
+    exponent: float = 4.0,
+    progress: Progress | None = None,
 ) -> tuple[GammaEstimate, ...]:
     """Return gamma per case such that simulated and measured final tension agree; bounds +-1e10.
 
@@ -134,6 +143,8 @@ def identify_gamma(
         Window [s], from and to.
     exponent : float
         Power of the velocity in the law.
+    progress : callable
+        Called with the number of cases that are solved and their total.
 
     Returns
     -------
@@ -143,7 +154,7 @@ def identify_gamma(
     if not cases:
         return ()
     trial = _with_power(model, exponent)
-    gamma, at_bound = matching_gammas(model, cases, window_s, exponent)
+    gamma, at_bound = matching_gammas(model, cases, window_s, exponent, progress=progress)
     step = 1e-3 * np.abs(gamma)
     slope = np.abs(
         final_tensions(trial, cases, window_s, gamma + step)
@@ -162,6 +173,7 @@ def matching_gammas(
     window_s: tuple[float, float],
     exponent: float = 4.0,
     tolerance: float = 1e-10,
+    progress: Progress | None = None,
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Return gammas [s^3/m^4] to a tolerance of asinh(gamma), (cases,), and which of them are at a bound.
 
@@ -177,6 +189,8 @@ def matching_gammas(
         Power of the velocity in the law.
     tolerance : float
         Tolerance of the root.
+    progress : callable
+        Called with the number of cases that are solved and their total.
 
     Returns
     -------
@@ -184,7 +198,8 @@ def matching_gammas(
         Gammas, shape (cases,), and whether each is at a bound.
     """
     trial = _with_power(model, exponent)
-    return _matching(trial, None, cases, window_s, _small_loss_gamma(trial, cases, window_s), tolerance)
+    near = _small_loss_gamma(trial, cases, window_s)
+    return _matching(trial, None, cases, window_s, near, tolerance, progress)
 
 
 def own_rate(factor: float) -> LawChange:
@@ -225,18 +240,21 @@ def _matching(
     window_s: tuple[float, float],
     near: FloatArray,
     tolerance: float,
+    progress: Progress | None = None,
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     """Return the values at a path near some with which the final tensions are the measured ones."""
     measured = np.array([case.final for case in cases])
 
     def miss(place: FloatArray, index: FloatArray) -> FloatArray:
         rows = index.astype(int).ravel()
+        if progress is not None:  # only cases that are not solved are asked for
+            progress(len(cases) - len(rows), len(cases))
         final = final_tensions(trial, [cases[i] for i in rows], window_s, np.sinh(place.ravel()), path)
         final = np.where(np.isfinite(final), final, _NEVER)
         return np.asarray((final - measured[rows]).reshape(place.shape))
 
     index = np.arange(len(cases), dtype=float)
-    guess, limit = np.arcsinh(near), float(np.arcsinh(GAMMA_BOUND))
+    guess, limit = np.arcsinh(near), float(np.arcsinh(RULES.gamma_bound))
     bracket = elementwise.bracket_root(
         miss, np.clip(guess - 1, -limit, limit - 1), np.clip(guess + 1, 1 - limit, limit), xmin=-limit,
         xmax=limit, args=(index,), maxiter=_BRACKETS,
@@ -248,6 +266,8 @@ def _matching(
         tolerances={"xatol": 0.0, "xrtol": tolerance, "fatol": _LOSS_TOLERANCE, "frtol": 0.0},
         maxiter=_HALVINGS,
     )
+    if progress is not None:
+        progress(len(cases), len(cases))
     at_bound = ~np.asarray(bracket.success)
     ends = np.where(guess > 0, limit, -limit)
     return np.sinh(np.where(at_bound, ends, root.x)), at_bound
@@ -292,7 +312,7 @@ def refine_gamma_law(
     Returns
     -------
     LawFit
-        The law refitted.
+        The law refitted; not ``settled`` where the last fit had not ended.
     """
     initial = np.array([case.initial for case in cases])
     measured = initial - np.array([case.final for case in cases])
@@ -309,13 +329,17 @@ def refine_gamma_law(
         found = optimize.least_squares(
             partial(_loss_misfit, loss, measured, error, scatter), values, xtol=1e-6, ftol=1e-8,
             x_scale=np.maximum(np.abs(values), 1e-9), diff_step=np.full(len(values), 1e-4),
+            max_nfev=_EVALUATIONS,
         )  # fmt: skip
         values, covariance = found.x, covariance_of(np.asarray(found.jac))
         scatter = _loss_scatter(measured, loss(values), error, len(values))
     law = fit.law.with_values(**dict(zip(fit.free, values, strict=True)))
     limited = with_limits(law, fit.free, covariance, len(cases) - len(fit.free))
     files = tuple(case.file for case in cases)
-    return replace(fit, law=limited, covariance=covariance, scatter=scatter, records=files, curve=gamma_curve)
+    return replace(
+        fit, law=limited, covariance=covariance, scatter=scatter, records=files, curve=gamma_curve,
+        settled=bool(found.status),
+    )  # fmt: skip
 
 
 def _loss_misfit(

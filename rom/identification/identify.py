@@ -14,14 +14,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rom.campaign.campaign import Campaign, CampaignSettings
+from rom.criteria.identification import RULES
 from rom.effects import CATALOGUE
 from rom.identification.at_rest import STILL, model_at_rest
 from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
-from rom.identification.force_balance import SOUND, balances_of, declared_model, is_driven, noise_share
+from rom.identification.force_balance import balances_of, declared_model, is_driven, noise_share
 from rom.identification.free_decay import fit_free_decay, free_model, is_free, ring_downs
 from rom.identification.gamma import GammaEstimate, LooseningCase, identify_gamma, refine_gamma_law
 from rom.identification.joint import (
-    LEAST_FOR_A_CURVE,
     JointEstimate,
     given_curves,
     joint_curves,
@@ -29,7 +29,7 @@ from rom.identification.joint import (
     tension_levels,
 )
 from rom.identification.left_open import undetermined, untensioned, vanished
-from rom.identification.link_laws import UNDETERMINED, bolted_laws, linear_laws, mean_laws
+from rom.identification.link_laws import bolted_laws, linear_laws, mean_laws
 from rom.identification.output_error import OutputErrorFit
 from rom.identification.record_spectra import LinearNames, with_starts
 from rom.identification.reduce import (
@@ -60,8 +60,6 @@ from rom.signals.measured_records import screened, with_something_left, with_sto
 from rom.signals.quality import Doubt
 from rom.signals.sensor_correction import faults_of
 from rom.signals.tension_bins import CourseNoise, TensionCourse, course_noise
-
-_LOST = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +92,10 @@ class Identification(HasViews):
         """Whether nothing speaks against the numbers as a start."""
         return not self.unsettled
 
-    def with_model(self, model: Model) -> Identification:
+    def with_model(self, model: Model, progress: Progress | None = None) -> Identification:
         """The same with another model, gamma(T) fitted anew beside what changes it there.
 
+        ``progress`` is called with the number of cases whose gamma is found, and their total.
         Hits are those without the faults that the model has beyond the identification, alike in all records.
         """
         changed = replace(self, model=model)
@@ -109,7 +108,7 @@ class Identification(HasViews):
             for course in self.courses
             if not course.hold_out
         ]
-        return _with_loosening(changed, cases, self.courses[0].final_window)
+        return _with_loosening(changed, cases, self.courses[0].final_window, progress)
 
     def refitted_to(
         self,
@@ -163,7 +162,7 @@ def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None
     jobs : int
         Processes for reading and processing records; the numbers do not depend on it.
     progress : callable
-        Called with (records done, records in all).
+        Called with (records done, records in all), then the same of the cases whose gamma is sought.
 
     Returns
     -------
@@ -256,7 +255,7 @@ def identify_campaign(
         text = "several bolted links, one measured tension: no law of loosening is identified"
         found = replace(found, warnings=(*found.warnings, text))
     elif model.structure.bolted_links and cases:
-        found = _with_loosening(found, cases, settings.windows.final_s)
+        found = _with_loosening(found, cases, settings.windows.final_s, progress)
     return replace(found, model=replace(found.model, effects=tuple(faults), identification=found))
 
 
@@ -266,7 +265,7 @@ def _of_driven(campaign: Campaign) -> Identification | None:
     None where a displacement is too noisy to be differentiated: the output error does without.
     """
     balances, doubts = balances_of(campaign)
-    if noise_share(balances) > SOUND:
+    if noise_share(balances) > RULES.noise_bias:
         return None
     model, lines = declared_model(balances)
     files = tuple(r.settings.file for r in balances.records if not r.settings.hold_out)
@@ -353,7 +352,9 @@ def _bodies(
 
 def _without_loosening(found: Identification) -> Identification:
     """Return the model of a bolt that no test loosened: dT/dt = 0, or one negative gamma near one tension."""
-    told = [g.gamma for g in found.gamma if g.gamma < 0 and not g.at_bound and g.log_error < UNDETERMINED]
+    told = [
+        g.gamma for g in found.gamma if g.gamma < 0 and not g.at_bound and g.log_error < RULES.undetermined
+    ]
     if not told or tension_levels(np.array([g.initial for g in found.gamma])):
         text = "no case loosened: the tension law stays dT/dt = 0"
         return replace(found, warnings=(*found.warnings, text))
@@ -364,15 +365,18 @@ def _without_loosening(found: Identification) -> Identification:
 
 def _case_error(case: GammaEstimate) -> float:
     """Return the standard error of ln gamma; a bolt that fell to the noise tells little more than a bound."""
-    lost = case.final < _LOST * case.loss_error
+    lost = case.final < RULES.lost_tension * case.loss_error
     return float(np.clip(case.log_error, 1.0 if lost else 0.0, 3.0))
 
 
 def _with_loosening(
-    found: Identification, cases: Sequence[LooseningCase], window_s: tuple[float, float]
+    found: Identification,
+    cases: Sequence[LooseningCase],
+    window_s: tuple[float, float],
+    progress: Progress | None = None,
 ) -> Identification:
     """Add gamma per case and gamma(T), fitted to the net-loosening cases and refined by re-simulation."""
-    gamma = identify_gamma(found.model, cases, window_s)
+    gamma = identify_gamma(found.model, cases, window_s, progress=progress)
     usable = [g for g in gamma if g.gamma > 0 and not g.at_bound and np.isfinite(g.log_error)]
     if not usable:
         return _without_loosening(replace(found, gamma=gamma))
@@ -387,11 +391,15 @@ def _with_loosening(
     else:
         top, bottom = float(np.log10(values.max())), float(np.log10(values.min()))
         scales, free = np.geomspace(30.0, max(tension.max(), 60.0), 6), ["gamma_d", "gamma_i", "rho"]
-        if levels == LEAST_FOR_A_CURVE:  # two levels tell two parameters
+        if levels == RULES.curve_levels:  # two levels tell two parameters
             scales, free = np.sqrt([tension.min() * tension.max()]) / 2, free[:2]
         starts = [logistic_loosening(2 * top - bottom, 2 * (top - bottom), -1 / scale) for scale in scales]
         case_fit = fit_law(starts, free, tension, values, covariance, files, gamma_curve)
     by_file = {case.file: case for case in cases}
     refined = refine_gamma_law(found.model, [by_file[file] for file in files], window_s, case_fit)
-    model = found.model.with_tension_law(refined.law)
-    return replace(found, model=model, gamma=gamma, gamma_case_fit=case_fit, gamma_fit=refined)
+    model, warnings = found.model.with_tension_law(refined.law), found.warnings
+    if not refined.settled:
+        warnings = (*warnings, "the fit of gamma(T) by re-simulation had not settled when it ended")
+    return replace(
+        found, model=model, gamma=gamma, gamma_case_fit=case_fit, gamma_fit=refined, warnings=warnings
+    )

@@ -9,6 +9,7 @@ import numpy as np
 
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import FloatArray
+from rom.criteria.identification import RULES
 from rom.identification.curve_fits import LawFit, fit_law
 from rom.identification.modal import joint_damping, joint_stiffness
 from rom.identification.output_error import OutputErrorFit
@@ -17,12 +18,6 @@ from rom.identification.reduce import FirstMode, ReducedRecord
 from rom.identification.spectral_model import CORNER, SpectralRecord
 from rom.identification.uncoupled_priors import fit_near
 from rom.model.laws import constant_damping, constant_stiffness, logistic_damping, logistic_stiffness
-
-MODAL_LIMIT = 0.2  # largest damping ratio of any mode at which Eq. 7 is to be trusted
-LEAST_FOR_A_CURVE = 2
-_LEVEL = 0.1
-_LEFT_OPEN = 0.3
-WIDE_ENOUGH = 3.0  # a curve needs tensions that span at least this factor
 
 
 @dataclass(frozen=True)
@@ -227,7 +222,7 @@ def joint_curves(
         )
     scales = np.geomspace(tension[tension > 0].min(), tension.max(), 7)
     free_k, free_c = ["k_i", "alpha", "beta"], ["c_d", "c_i", "eta"]
-    if levels == LEAST_FOR_A_CURVE:  # two levels tell two parameters: the shape between them is given
+    if levels == RULES.curve_levels:  # two levels tell two parameters: the shape between them is given
         scales = np.sqrt(scales[:1] * scales[-1:]) / 2
         free_k, free_c = ["k_i", "beta"], ["c_d", "c_i"]
     plateau = float(stiffness.max())
@@ -245,9 +240,9 @@ def joint_curves(
 def tension_levels(tension: FloatArray) -> int:
     """Return how many levels tensions [N] hold that differ by a tenth at least; 0 if too few or too near."""
     ordered = np.sort(tension[tension > 0])
-    if len(ordered) < LEAST_FOR_A_CURVE or ordered[-1] < WIDE_ENOUGH * ordered[0]:
+    if len(ordered) < RULES.curve_levels or ordered[-1] < RULES.curve_span * ordered[0]:
         return 0
-    return 1 + int(np.sum(np.diff(np.log(ordered)) > _LEVEL))
+    return 1 + int(np.sum(np.diff(np.log(ordered)) > RULES.level_step))
 
 
 def given_curves(
@@ -281,7 +276,7 @@ def given_curves(
     tension = {estimate.file: estimate.tension for estimate in joint}
     unplaced = any(part.local and part.file not in tension for part in parts)
     several = len({name for part in parts for name in part.local}) > len(curves)
-    if unplaced or several or not any(linear.relative_error(name) > _LEFT_OPEN for name in shared):
+    if unplaced or several or not any(linear.relative_error(name) > RULES.left_open for name in shared):
         return linear
     fixed = []
     for part in parts:

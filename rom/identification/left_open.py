@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rom.campaign.campaign import CampaignSettings
-from rom.identification.link_laws import UNDETERMINED
+from rom.criteria.identification import RULES
 from rom.identification.output_error import OutputErrorFit
 from rom.identification.record_spectra import UNCOUPLED
 from rom.identification.reduce import ReducedRecord
 from rom.identification.spectral_model import CORNER
 from rom.model.model import Model
-
-_LIGHTEST = 1e-4  # share of the heaviest body's mass
 
 
 def vanished(model: Model, settings: CampaignSettings) -> tuple[str, ...]:
@@ -23,7 +21,7 @@ def vanished(model: Model, settings: CampaignSettings) -> tuple[str, ...]:
         f"body {body.name}: its mass came out as {masses[body.name]:.2g} kg beside {heaviest:.3g} kg of the "
         "heaviest body: the records do not tell it; give mass_kg, or leave the body out"
         for body in settings.body
-        if body.mass_kg is None and masses[body.name] < _LIGHTEST * heaviest
+        if body.mass_kg is None and masses[body.name] < RULES.vanished_mass * heaviest
     )
 
 
@@ -35,7 +33,7 @@ def undetermined(linear: OutputErrorFit | None) -> tuple[str, ...]:
     lines = [
         f"{name}: the records do not tell it from what lies beside it; its value has no limits"
         for name in shared
-        if linear.relative_error(name) > UNDETERMINED
+        if linear.relative_error(name) > RULES.undetermined
     ]
     if not linear.converged:
         lines.append("the fit of the linear links had not settled when it ended")

@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from rom.campaign.campaign import LinkSettings
+from rom.criteria.identification import RULES
 from rom.identification.curve_fits import LawFit
 from rom.identification.output_error import OutputErrorFit
 from rom.identification.record_spectra import LinearNames
 from rom.model.description import LinkLaws
 from rom.model.laws import Z95, Law, constant_damping, constant_stiffness, no_loosening
-
-UNDETERMINED = 1.0  # standard error of a logarithm
 
 
 def bolted_laws(
@@ -111,7 +110,7 @@ def _constant(law: Callable[[float], Law], parameter: str, linear: OutputErrorFi
         return law(0.0)
     value, error = linear.value(name), linear.relative_error(name)
     made = law(value)
-    if error > UNDETERMINED:
+    if error > RULES.undetermined:
         return made
     limited = replace(
         made.parameters[parameter],

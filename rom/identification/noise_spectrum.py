@@ -13,6 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
+from rom.criteria.identification import RULES
+from rom.criteria.number import Numerical
 from rom.identification.output_error import ambient_forces, root_of, sensor_noise, whitener
 from rom.identification.spectral_model import (
     ComplexArray,
@@ -26,10 +28,9 @@ from rom.identification.spectral_model import (
 from rom.signals.processing import Measurement
 
 Group = tuple[str, tuple[str, ...]]
-_MARGIN_S = 0.02
-_SHORTEST_S = 0.2
-_HIGHEST_HZ = 1000.0
-_NEARLY = 4.0  # in power
+_MARGIN_S: Numerical[float] = 0.02
+_SHORTEST_S: Numerical[float] = 0.2
+_HIGHEST_HZ: Numerical[float] = 1000.0
 
 
 @dataclass(frozen=True)
@@ -218,7 +219,7 @@ def _source(
     Of those with nearly the quietest sensors the one of most records: a spectrum wants many means.
     """
     able = {other: float(np.max(sensors[other])) for other in sensors if set(group[1]) <= set(other[1])}
-    quiet = [other for other, noise in able.items() if noise <= _NEARLY * min(able.values())]
+    quiet = [other for other, noise in able.items() if noise <= RULES.quiet_sensors * min(able.values())]
     best = max(quiet, key=lambda other: (counts[other], other == group))
     return [best[1].index(body) for body in group[1]], best
 

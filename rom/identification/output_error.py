@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rom.criteria.number import Numerical
 from rom.identification.priors import Misfit, PriorConstraint, misfits, pull
 from rom.identification.small_matrices import inverse_root, product
 from rom.identification.spectral_model import (
@@ -31,15 +32,16 @@ from rom.identification.spectral_model import (
     step_unit,
 )
 
-_STEP = (-0.6, 1.0)  # shares of a value that it may lose or gain at once
-_OUTER_ITERATIONS = 12
-_FIRST_ITERATIONS = 60  # weights taken from a half-done fit would make its misfit look like noise
-_INNER_ITERATIONS = 12
-_SMOOTHING_HZ = 2.0
-_NEGLIGIBLE = 1e-7  # share of the cost that a step may still promise
-_UNTOLD = 1e-12
-_TINY = 1e-6  # stands for a sensor's corner that comes out at zero or below [rad/s]
-_SETTLED = 0.05  # square of a change in standard errors
+_STEP: Numerical[tuple[float, float]] = (-0.6, 1.0)  # shares of a value that it may lose or gain at once
+_OUTER_ITERATIONS: Numerical[int] = 12
+# weights taken from a half-done fit would make its misfit look like noise
+_FIRST_ITERATIONS: Numerical[int] = 60
+_INNER_ITERATIONS: Numerical[int] = 12
+_SMOOTHING_HZ: Numerical[float] = 2.0
+_NEGLIGIBLE: Numerical[float] = 1e-7  # share of the cost that a step may still promise
+_UNTOLD: Numerical[float] = 1e-12
+_TINY: Numerical[float] = 1e-6  # stands for a sensor's corner that comes out at zero or below [rad/s]
+_SETTLED: Numerical[float] = 0.05  # square of a change in standard errors
 
 
 @dataclass(frozen=True)

@@ -15,11 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rom.criteria.identification import RULES
 from rom.identification.spectral_model import Linearised, SpectralRecord
-
-ALIGNED = 0.2  # square of the cosine that a misfit may have with the slope by a coefficient
-_DEAD = 0.1  # share that a good model may leave: pulses of few samples, a bolt that loosens
-_BEYOND_CHANCE = 4.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +64,7 @@ def misfits(records: Sequence[SpectralRecord], parts: Sequence[Linearised]) -> t
     found = []
     for group, (product, square, n) in sums.items():
         share = abs(product) / max(square, 1e-300)
-        beyond = max(share - max(_DEAD, _BEYOND_CHANCE / np.sqrt(n)), 0.0)
+        beyond = max(share - max(RULES.misfit_share, RULES.misfit_chance / np.sqrt(n)), 0.0)
         found.append(Misfit(group, share, beyond * square))
     return tuple(found)
 
@@ -96,6 +93,7 @@ def pull(
     for record in records:
         terms.setdefault(record.group, set()).update(term.name for term in record.terms if term.free)
     return tuple(
-        ALIGNED * sum(cost[group] for group, names in terms.items() if not names.isdisjoint(tie.leaning))
+        RULES.aligned
+        * sum(cost[group] for group, names in terms.items() if not names.isdisjoint(tie.leaning))
         for tie in ties
     )

@@ -16,6 +16,7 @@ from scipy import fft
 
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.identification.spectral_model import (
     CORNER,
     DERIVATIVE_ORDER,
@@ -29,21 +30,22 @@ from rom.signals.processing import Measurement
 
 LINEAR_TESTS = ("uncoupled", "coupled", "free", "driven")
 UNCOUPLED = "uncoupled"
-_FIRST_CORNER = 0.5  # [rad/s]: a time constant of 2 s
-_HIGHEST_HZ = 1000.0
-_LENGTH_S = 8.0
-_BEFORE_IMPACT_S = 0.1
-_LOWEST_LINES = 1.5
-STRIDES = (1, 2, 4, 8)
+_FIRST_CORNER: Numerical[float] = 0.5  # [rad/s]: a time constant of 2 s
+_HIGHEST_HZ: Numerical[float] = 1000.0
+_LENGTH_S: Numerical[float] = 8.0
+_BEFORE_IMPACT_S: Numerical[float] = 0.1
+_LOWEST_LINES: Numerical[float] = 1.5
+STRIDES: Numerical[tuple[int, ...]] = (1, 2, 4, 8)
 """The samples that spectra cover can be counted in these: every such sample alone has the same lines."""
-_SPLIT = 4.0  # above this multiple of the strongest frequency the first second says all
-_BRIEF_S = 0.5
-_BRIEF_PERIODS = 16
-_FLOOR = 5.0
-_NEAR_HALF_RATE = 0.7
-_SHAPES_MORE = 3  # of a hammer's noise than its band and contact ask for
-_ROUNDING = 1e-12  # share of the strongest line
-_FORCE_BAND = 1e-2  # lines weaker than this share of the strongest force line say nothing of the structure
+_SPLIT: Numerical[float] = 4.0  # above this multiple of the strongest frequency the first second says all
+_BRIEF_S: Numerical[float] = 0.5
+_BRIEF_PERIODS: Numerical[int] = 16
+_FLOOR: Numerical[float] = 5.0
+_NEAR_HALF_RATE: Numerical[float] = 0.7
+_SHAPES_MORE: Numerical[int] = 3  # of a hammer's noise than its band and contact ask for
+_ROUNDING: Numerical[float] = 1e-12  # share of the strongest line
+# lines weaker than this share of the strongest force line say nothing of the structure
+_FORCE_BAND: Numerical[float] = 1e-2
 
 
 @dataclass(frozen=True)

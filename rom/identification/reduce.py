@@ -13,6 +13,8 @@ from scipy import ndimage
 
 from rom.campaign.campaign import Campaign, CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import FloatArray
+from rom.criteria.identification import RULES
+from rom.criteria.number import Numerical
 from rom.identification.frequency_response import (
     Estimate,
     FrequencyResponse,
@@ -32,15 +34,14 @@ from rom.signals.sensor_correction import without_faults
 from rom.signals.tension_bins import CourseNoise, TensionBins, TensionCourse, bins_after_hit, bins_before_hit
 
 Progress = Callable[[int, int], None]
-_PERIOD_MARGIN = 17.0 / 15.78  # the paper drops what lies above 17 Hz, its first mode being at most 15.78 Hz
-_FILTER_REACH_S = 0.2
-_SIMULATED_S = 30.0
-_SMALL_LOSS = 0.01
-_LEAST_FOR_NOISE = 6  # coupled tests
-_SMOOTH_S = 0.01
-_SHORTEST_LOSS_S = 0.02
-_LONGEST_LOSS_S = 1.0
-_ENOUGH = 5
+_PERIOD_MARGIN: Numerical[float] = (
+    17.0 / 15.78
+)  # the paper drops what lies above 17 Hz, its first mode being at most 15.78 Hz
+_FILTER_REACH_S: Numerical[float] = 0.2
+_SIMULATED_S: Numerical[float] = 30.0
+_SMOOTH_S: Numerical[float] = 0.01
+_SHORTEST_LOSS_S: Numerical[float] = 0.02
+_LONGEST_LOSS_S: Numerical[float] = 1.0
 
 
 @dataclass(frozen=True)
@@ -226,7 +227,7 @@ def _loss_noise(records: Sequence[ReducedRecord]) -> float:
     """
     scale = [(r.tensions, r.settings.test) for r in records if r.tensions is not None]
     quiet = np.array([(t.initial - t.final) / t.slope for t, test in scale if test == "coupled"])
-    if len(quiet) >= _LEAST_FOR_NOISE:
+    if len(quiet) >= RULES.quiet_cases:
         return float(np.sqrt(np.mean(quiet**2)))
     batch = [np.hypot(t.initial_error, t.final_error) / t.slope for t, _ in scale]
     return float(np.median(batch)) if batch else 0.0
@@ -288,7 +289,7 @@ def _spectra(measurement: Measurement, settings: CampaignSettings) -> tuple[Spec
     """Return the spectra; of a bolt that loosens, from the ringing after its loss if all masses are known."""
     tension, start = measurement.tension, None
     loosens = measurement.test == "loosening" and all(body.mass_kg is not None for body in settings.body)
-    if loosens and tension is not None and abs(tension.loss) > _SMALL_LOSS * abs(tension.initial):
+    if loosens and tension is not None and abs(tension.loss) > RULES.small_loss * abs(tension.initial):
         start = _settled(tension, measurement.impact_s or 0.0)
     return spectral_records(measurement, settings, start_s=start)
 
@@ -299,13 +300,15 @@ def _settled(tension: TensionRecord, impact_s: float) -> float:
     first = int((impact_s + _SHORTEST_LOSS_S) * tension.rate_hz)
     noise = float(np.std(smooth[-(len(smooth) // 4) :]))
     window = smooth[first : first + int(_LONGEST_LOSS_S * tension.rate_hz)]
-    off = np.flatnonzero(np.abs(window - tension.final) > max(_SMALL_LOSS * abs(tension.final), 4 * noise))
+    off = np.flatnonzero(
+        np.abs(window - tension.final) > max(RULES.small_loss * abs(tension.final), 4 * noise)
+    )
     return (first + (int(off[-1]) + 1 if len(off) else 0)) / tension.rate_hz
 
 
 def _has_linear(campaign: Campaign) -> bool:
     """Return whether records other than loosening ones tell the joint's curves."""
-    return len(campaign.select(("coupled", "free", "driven"), hold_out=False)) >= _ENOUGH
+    return len(campaign.select(("coupled", "free", "driven"), hold_out=False)) >= RULES.enough_linear
 
 
 def _tensions(tension: TensionRecord) -> Tensions:

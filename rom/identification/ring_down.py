@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from rom.campaign.channels import Channel, FloatArray
+from rom.criteria.number import Numerical
 from rom.identification.equation_error import noise_of
 from rom.model.assembly import TOLERANCE, Response
 from rom.model.model import Model
@@ -20,15 +21,17 @@ from rom.model.structure import GROUND, Structure
 from rom.signals.filters import decimate
 from rom.signals.processing import Measurement, Motion
 
-PERIODS = 6.0
+PERIODS: Numerical[float] = 6.0
 """Of the strongest line, in which a frequency that is a little wrong does not lose the phase."""
-_SAMPLES = 24.0  # a period of the strongest line, at least: finer records are brought to a lower rate
-_LEAST_NOISE = 1e-4  # of a channel's RMS: below, a simulation and a converter have errors of their own
-_TOLERANCE = 1e-6  # of a simulation: slopes are differences of two
-_ESCAPED = 1e6  # times the motion: no simulation of it
-_STEP = 1e-3  # of the state's scale
-_STATE_STEPS = 12
-_SETTLED = 1e-4  # of the cost
+# a period of the strongest line, at least: finer records are brought to a lower rate
+_SAMPLES: Numerical[float] = 24.0
+# of a channel's RMS: below, a simulation and a converter have errors of their own
+_LEAST_NOISE: Numerical[float] = 1e-4
+_TOLERANCE: Numerical[float] = 1e-6  # of a simulation: slopes are differences of two
+_ESCAPED: Numerical[float] = 1e6  # times the motion: no simulation of it
+_STEP: Numerical[float] = 1e-3  # of the state's scale
+_STATE_STEPS: Numerical[int] = 12
+_SETTLED: Numerical[float] = 1e-4  # of the cost
 
 
 Tension = Mapping[str, float] | None

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rom.criteria.number import Numerical
+
 ComplexArray = npt.NDArray[np.complexfloating[Any, Any]]
-_FEW = 8  # columns: for more a call a line is faster
+_FEW: Numerical[int] = 8  # columns: for more a call a line is faster
 _QUIETLY = np.errstate(over="ignore", invalid="ignore")  # a step of a fit too far has no number for a cost
 
 

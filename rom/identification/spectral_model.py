@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from rom.criteria.number import Numerical
 from rom.identification.small_matrices import by_one, inverse, product
 
 FloatArray = npt.NDArray[np.float64]
@@ -28,7 +29,7 @@ ComplexArray = npt.NDArray[np.complexfloating[Any, Any]]
 DERIVATIVE_ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
 STRUCTURAL = ("stiffness", "damping", "mass")
 CORNER = "sensor.corner"
-_CORNER_STEP = 0.5
+_CORNER_STEP: Numerical[float] = 0.5
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from rom.campaign.campaign import CampaignSettings, LinkSettings
+from rom.criteria.identification import RULES
 from rom.identification.output_error import OutputErrorFit, fit_output_error, values_of
 from rom.identification.priors import PriorConstraint, pull
 from rom.identification.record_spectra import UNCOUPLED, LinearNames
@@ -18,12 +19,6 @@ from rom.model.description import LinkLaws
 from rom.model.laws import constant_damping, constant_stiffness
 from rom.model.model import Model
 from rom.model.structure import GROUND
-
-_LEAST_ERROR = (0.02, 0.3)  # of ln k and ln c: a peak's amplitude may differ from that of a coupled test
-_STRAINED, _FAR = 1.0, 3.0  # standard errors off: a tie is called upon; numbers are unlikely
-_USEFUL = 0.5  # largest standard error of a logarithm that a mode may have
-_MUCH_MISFIT = 0.3  # systematic share of what coupled tests leave over
-_ALIKE = 0.15  # by how much the stiffening by the bolt may differ from link to link
 
 
 def flexure_ties(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[PriorConstraint, ...]:
@@ -39,7 +34,9 @@ def flexure_ties(records: Sequence[ReducedRecord], settings: CampaignSettings) -
         for record in records
         if record.uncoupled is not None and (link := _only_link(record.uncoupled.body, settings)) is not None
     }
-    ties = [tie for link, test in tests.items() for tie in _of_mode(link, test) if tie.error < _USEFUL]
+    ties = [
+        tie for link, test in tests.items() for tie in _of_mode(link, test) if tie.error < RULES.useful_mode
+    ]
     return (*ties, *_stiffened_alike(tuple(tests)))
 
 
@@ -58,7 +55,7 @@ def _of_mode(link: str, test: UncoupledTest) -> Iterator[PriorConstraint]:
     yield PriorConstraint(
         {stiffness: 1.0, mass: -1.0},
         float(2 * np.log(omega)),
-        float(np.hypot(2 * frequency.standard_error / frequency.value, _LEAST_ERROR[0])),
+        float(np.hypot(2 * frequency.standard_error / frequency.value, RULES.prior_stiffness)),
         (stiffness,),
         f"{link}: stiffness without the bolt and the frequency of {test.file}",
     )
@@ -66,7 +63,7 @@ def _of_mode(link: str, test: UncoupledTest) -> Iterator[PriorConstraint]:
         yield PriorConstraint(
             {damping: 1.0, mass: -1.0},
             float(np.log(2 * ratio.value * omega)),
-            float(np.hypot(ratio.standard_error / ratio.value, _LEAST_ERROR[1])),
+            float(np.hypot(ratio.standard_error / ratio.value, RULES.prior_damping)),
             (damping,),
             f"{link}: damping and the damping ratio of {test.file}",
         )
@@ -78,7 +75,11 @@ def _stiffened_alike(links: Sequence[str]) -> Iterator[PriorConstraint]:
         without = tuple(LinearNames.stiffness(link, bolted_in=False) for link in (first, second))
         factors = dict(zip((*with_bolt, *without), (1.0, -1.0, -1.0, 1.0), strict=True))
         yield PriorConstraint(
-            factors, 0.0, _ALIKE, with_bolt, f"{first} and {second}: what the bolt adds to their stiffnesses"
+            factors,
+            0.0,
+            RULES.stiffened_alike,
+            with_bolt,
+            f"{first} and {second}: what the bolt adds to their stiffnesses",
         )
 
 
@@ -93,7 +94,9 @@ def fit_near(records: Sequence[SpectralRecord], ties: Sequence[PriorConstraint])
     ties = tuple(tie for tie in ties if tie.factors.keys() <= values.keys())
     pulled = zip(ties, pull(ties, records, free.misfits), strict=True)
     stiff = of_stiffness(ties)
-    if any(weight > 0 and tie in stiff and abs(tie.offset(values)) > _STRAINED for tie, weight in pulled):
+    if any(
+        weight > 0 and tie in stiff and abs(tie.offset(values)) > RULES.strained for tie, weight in pulled
+    ):
         return fit_output_error(_restarted(records, values, ties), ties=ties)
     return replace(free, ties=ties)
 
@@ -191,7 +194,7 @@ def unlikely(model: Model, ties: Sequence[PriorConstraint]) -> tuple[str, ...]:
     for tie in ties:
         if tie.factors.keys() <= values.keys():
             offset = tie.offset(values)
-            if offset < -_FAR or (offset > _FAR and tie in stiff):
+            if offset < -RULES.unlikely or (offset > RULES.unlikely and tie in stiff):
                 factor = float(np.exp(-offset * tie.error))
                 far = f"a factor of {factor:.3g}, {abs(offset):.0f} standard errors"
                 lines.append(f"{tie.statement} do not agree: {far}")
@@ -206,7 +209,7 @@ def unsettled(model: Model, fit: OutputErrorFit) -> tuple[str, ...]:
         (m.share for m in fit.misfits if m.systematic and not m.group.startswith(UNCOUPLED)), default=0
     )
     lines = unlikely(model, fit.ties)
-    if share > _MUCH_MISFIT and not of_stiffness(fit.ties):
+    if share > RULES.much_misfit and not of_stiffness(fit.ties):
         text = (
             f"{100 * share:.0f} % of what the linear model leaves over is no noise, and no uncoupled test "
             "tells the links by themselves: their numbers may be far from the structure's"

@@ -187,6 +187,11 @@ class Reading(ModelCorrection):
         """What the reading adds to the tension [N]."""
         return self.reading(motion, self._numbers)
 
+    def at_rest(self, time: FloatArray) -> FloatArray:
+        """What the reading adds while nothing moves [N], at times [s] from the first sample."""
+        still = np.zeros_like(time)
+        return self.added(Motion(time, 0.0, still, still, {"": still}))
+
     def apply(self, tension: npt.ArrayLike, motion: Motion) -> FloatArray:
         """The reading [N] of a simulated tension."""
         return np.asarray(tension, dtype=np.float64) + self.added(motion)

@@ -10,12 +10,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, optimize
 
+from rom.criteria.identification import RULES
+from rom.criteria.number import Numerical
+
 FloatArray = npt.NDArray[np.float64]
 
-_BINS = 200  # of force, over the loading branch: a plateau of slipping jaws then counts as one bin
-_TOP = 0.9  # of the peak force: the flanks above it align the clocks
-_REACH = 0.02  # of the test's duration: how far the alignment may move from the highest samples
-_SLACK = 0.01  # of the calibrated range: noise about its ends is no extrapolation
+# of force, over the loading branch: a plateau of slipping jaws then counts as one bin
+_BINS: Numerical[int] = 200
+_TOP: Numerical[float] = 0.9  # of the peak force: the flanks above it align the clocks
+# of the test's duration: how far the alignment may move from the highest samples
+_REACH: Numerical[float] = 0.02
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,7 @@ class Calibration:
         if self.strain_range is None:
             return None
         (low, high), reading = self.strain_range, np.asarray(strain, dtype=np.float64)
-        slack = _SLACK * (high - low)
+        slack = RULES.calibration_slack * (high - low)
         outside = (reading < low - slack) | (reading > high + slack)
         if not outside.any():
             return None

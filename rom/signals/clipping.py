@@ -5,16 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
+from rom.criteria.records import Records
 
-QUIET_SAMPLES = 20_000  # enough of a record's begin to tell noise and quantisation of a channel
-FINE_STEPS = 10.0  # noise of so many quantisation steps hardly gives equal readings in a row
-FLAT_SAMPLES = 3  # fewer at the top may be chance
-FLAT_NOISE, FLAT_STEPS = 8.0, 2.5  # width of a flat top in noise and quantisation steps
-LEVEL_NOISE = 1.5  # scatter on a flat top in noise of the channel: a slow crest scatters more
-FLAT_EXCESS, FLAT_SHARE = 4.0, 0.02  # what was cut off, in widths of the flat top and in shares of the peak
+# enough of a record's begin to tell noise and quantisation of a channel
+QUIET_SAMPLES: Numerical[int] = 20_000
 
 
-def flat_top(samples: FloatArray) -> tuple[int, float] | None:
+def flat_top(samples: FloatArray, rules: Records) -> tuple[int, float] | None:
     """Return samples and level of a flat top whose flanks point well above it, None where there is none.
 
     A parabola that stays within a band b of its top for n samples falls by 3 b over the next n / 2 on either
@@ -23,11 +21,11 @@ def flat_top(samples: FloatArray) -> tuple[int, float] | None:
     """
     noise, step = resolution(samples)
     peak = float(samples.max() - np.median(samples))
-    scatter = max(FLAT_NOISE * noise, FLAT_STEPS * step)
-    bands = [band for band in (0.0, scatter) if band or noise > FINE_STEPS * step or not scatter]
+    scatter = max(rules.flat_noise * noise, rules.flat_steps * step)
+    bands = [band for band in (0.0, scatter) if band or noise > rules.fine_steps * step or not scatter]
     for band in bands:
-        start, stop = _flat_stretch(samples, peak, band) if peak > 5 * band else (0, 0)
-        if stop > start and samples[start:stop].std() <= LEVEL_NOISE * noise + step:
+        start, stop = _flat_stretch(samples, peak, band, rules) if peak > rules.flat_height * band else (0, 0)
+        if stop > start and samples[start:stop].std() <= rules.level_noise * noise + step:
             return stop - start, float(samples.max())
     return None
 
@@ -43,7 +41,7 @@ def resolution(samples: FloatArray) -> tuple[float, float]:
     return float(noise), step if on_grid else 0.0
 
 
-def _flat_stretch(samples: FloatArray, peak: float, band: float) -> tuple[int, int]:
+def _flat_stretch(samples: FloatArray, peak: float, band: float, rules: Records) -> tuple[int, int]:
     """Return the longest [start, stop) within a band of the top, (0, 0) if the flanks do not point above."""
     top = float(samples.max())
     edges = np.flatnonzero(np.diff(samples >= top - max(band, 1e-9 * peak), prepend=False, append=False))
@@ -52,8 +50,8 @@ def _flat_stretch(samples: FloatArray, peak: float, band: float) -> tuple[int, i
     start, stop = int(starts[longest]), int(stops[longest])
     count = stop - start
     reach = -(-count // 2)
-    if count < FLAT_SAMPLES or start < reach or stop + reach > len(samples):
+    if count < rules.flat_samples or start < reach or stop + reach > len(samples):
         return 0, 0
     fall = top - max(samples[start - reach], samples[stop - 1 + reach])
     excess = fall / reach * count / 4
-    return (start, stop) if excess > max(FLAT_EXCESS * band, FLAT_SHARE * peak) else (0, 0)
+    return (start, stop) if excess > max(rules.flat_excess * band, rules.flat_share * peak) else (0, 0)

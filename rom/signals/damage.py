@@ -13,19 +13,11 @@ from scipy import ndimage
 
 from rom.campaign.campaign import Record
 from rom.campaign.channels import BOLT_CHANNELS, Channel, FloatArray
+from rom.criteria.number import Numerical
+from rom.criteria.suspicions import Suspicions
 from rom.signals.hits import Hit
 
-# Measured on campaigns of the rig with something undeclared, and on the data of others in docs/measured.md.
-LONE_SAMPLES, LONE_SHARE = 2, 0.1  # a longer run is a signal; the rest reaches less of its height
-HIT_GUARD_S = 5e-3  # of a short blow a slow channel has one sample
-WRAP_STEP, WRAP_SMOOTH, WRAP_BEYOND = 0.6, 0.45, 0.02  # in ranges: a jump, what unwrapping leaves, and adds
-DROPPED, DROP_NOISE = 0.5, 10.0  # of the level, from which it falls to exactly nothing; of that in noise
-DROP_RUN, DROP_BESIDE = 4, 5  # samples: so many equal ones are no chance; a loose bolt falls slowly
-WINDOW_PARTS, WINDOW_NOISE, WINDOW_STRAIGHT = 8, 0.4, 0.97  # noise at the end over that before the hit
-SETTLING_SHARE, SETTLING_NOISE, SETTLING_SIZE = 0.9, 20.0, 0.1  # of the variance; in noise; of the motion
-MEAN_SPEED = 3.0  # that a mean that moves stands for, in speeds that the hit gave
-MEAN_ERRORS, MEAN_SIZE = 10.0, 0.1  # of it: in standard errors; of the motion after the hit
-SHORTEST = 256  # samples: fewer tell no noise
+WINDOW_PARTS: Numerical[int] = 8
 
 
 @dataclass(frozen=True)
@@ -37,7 +29,7 @@ class Damage:
     likely: str
 
 
-def damages(record: Record, hit: Hit | None) -> Iterator[Damage]:
+def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Damage]:
     """Yield what is wrong with the channels of a record.
 
     Parameters
@@ -46,21 +38,27 @@ def damages(record: Record, hit: Hit | None) -> Iterator[Damage]:
         The record.
     hit : Hit, optional
         Its hit, where there is one.
+    rules : Suspicions
+        The numbers that decide.
     """
     hit_s = None if hit is None else hit.start / hit.force.rate_hz
     for name, channel in record.channels.items():
         if name.startswith("force_") and record.test != "driven":
             continue  # a blow may be one sample
-        found = _overflow(channel, hit_s) or _wrapped(channel)
+        found = _overflow(channel, hit_s, rules) or _wrapped(channel, rules)
         if not found and name in BOLT_CHANNELS:
-            found = _dropped(channel)
+            found = _dropped(channel, rules)
         if not found and hit_s is not None and name.startswith("acceleration_"):
-            found = _windowed(channel, hit_s) or _settling(channel, hit_s) or _moving(channel, hit_s)
+            found = (
+                _windowed(channel, hit_s, rules)
+                or _settling(channel, hit_s, rules)
+                or _moving(channel, hit_s, rules)
+            )
         if found:
             yield Damage(name, f"{name} {found[0]}", found[1])
 
 
-def _overflow(channel: Channel, hit_s: float | None) -> tuple[str, str] | None:
+def _overflow(channel: Channel, hit_s: float | None, rules: Suspicions) -> tuple[str, str] | None:
     """Lone samples far beyond all others: the code of an input that was overrun."""
     height = np.abs(channel.samples - np.median(channel.samples))
     high = height > 0.5 * height.max()
@@ -68,31 +66,31 @@ def _overflow(channel: Channel, hit_s: float | None) -> tuple[str, str] | None:
     starts, stops = edges[::2], edges[1::2]
     if (
         not len(starts)
-        or (stops - starts).max() > LONE_SAMPLES
-        or height[~high].max() > LONE_SHARE * height.max()
+        or (stops - starts).max() > rules.lone_samples
+        or height[~high].max() > rules.lone_share * height.max()
     ):
         return None
-    if hit_s is not None and np.all(np.abs(starts / channel.rate_hz - hit_s) < HIT_GUARD_S):
+    if hit_s is not None and np.all(np.abs(starts / channel.rate_hz - hit_s) < rules.hit_guard_s):
         return None
     value = channel.samples[np.argmax(height)]
     return f"has {int(high.sum())} lone samples of {value:.4g}, all others stay far below", "overload"
 
 
-def _wrapped(channel: Channel) -> tuple[str, str] | None:
+def _wrapped(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     """Jumps over the whole range without which the signal is smooth, goes beyond it and comes back."""
     low, high = float(channel.samples.min()), float(channel.samples.max())
     steps = np.abs(np.diff(channel.samples))
-    if high <= low or np.sum(steps > WRAP_STEP * (high - low)) < LONE_SAMPLES:
+    if high <= low or np.sum(steps > rules.wrap_step * (high - low)) < rules.lone_samples:
         return None
     whole = np.unwrap(channel.samples, period=high - low)
-    smooth = np.abs(np.diff(whole)).max() < WRAP_SMOOTH * (high - low)
-    beyond = max(whole.max() - high, low - whole.min()) > WRAP_BEYOND * (high - low)
+    smooth = np.abs(np.diff(whole)).max() < rules.wrap_smooth * (high - low)
+    beyond = max(whole.max() - high, low - whole.min()) > rules.wrap_beyond * (high - low)
     if not (smooth and beyond and abs(whole[-1] - channel.samples[-1]) < 0.5 * (high - low)):
         return None
     return f"jumps from one end of its range, {low:.4g} to {high:.4g}, to the other", "wrap-around"
 
 
-def _dropped(channel: Channel) -> tuple[str, str] | None:
+def _dropped(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     """Samples of exactly zero amid a level far from it."""
     level, noise = float(np.median(channel.samples)), _noise(channel.samples)
     zero = channel.samples == 0.0
@@ -100,11 +98,14 @@ def _dropped(channel: Channel) -> tuple[str, str] | None:
         return None
     fallen = 0
     for (run,) in ndimage.find_objects(ndimage.label(zero)[0]):
-        beside = channel.samples[max(run.start - DROP_BESIDE, 0) : run.start], channel.samples[run.stop :]
+        beside = (
+            channel.samples[max(run.start - rules.drop_beside, 0) : run.start],
+            channel.samples[run.stop :],
+        )
         inside = run.start > 0 and run.stop < len(zero)
-        if not inside or min(ends[:DROP_BESIDE].mean() / level for ends in beside) < DROPPED:
+        if not inside or min(ends[: rules.drop_beside].mean() / level for ends in beside) < rules.dropped:
             continue
-        fallen += abs(level) > DROP_NOISE * noise or run.stop - run.start >= DROP_RUN
+        fallen += abs(level) > rules.drop_noise * noise or run.stop - run.start >= rules.drop_run
     if not fallen:
         return None
     return f"falls to zero {fallen} times amid a level of {level:.4g}", "dropouts"
@@ -115,55 +116,57 @@ def _noise(samples: FloatArray) -> float:
     return float(1.4826 * np.median(np.abs(np.diff(samples, 3))) / np.sqrt(20.0))
 
 
-def _windowed(channel: Channel, hit_s: float) -> tuple[str, str] | None:
+def _windowed(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, str] | None:
     """Noise that fades evenly along the record: an analyser's exponential window."""
-    start = round((hit_s + HIT_GUARD_S) * channel.rate_hz)
+    start = round((hit_s + rules.hit_guard_s) * channel.rate_hz)
     before, after = channel.samples[: round(hit_s * channel.rate_hz)], channel.samples[start:]
     size = len(after) // WINDOW_PARTS
-    if size < SHORTEST or len(before) < SHORTEST:
+    if size < rules.shortest or len(before) < rules.shortest:
         return None
     levels = np.array([_noise(after[i * size : (i + 1) * size]) for i in range(WINDOW_PARTS)])
     quiet = _noise(before[-min(len(before), size) :])
     last = WINDOW_PARTS // 2  # before it the ringing of fast modes may pass for noise
-    if quiet <= 0 or levels.min() <= 0 or levels[-1] > WINDOW_NOISE * quiet:
+    if quiet <= 0 or levels.min() <= 0 or levels[-1] > rules.window_noise * quiet:
         return None
     time, logs = np.arange(last, WINDOW_PARTS) * size / channel.rate_hz, np.log(levels[last:])
-    if np.corrcoef(time, logs)[0, 1] > -WINDOW_STRAIGHT:
+    if np.corrcoef(time, logs)[0, 1] > -rules.window_straight:
         return None
     decay = -float(np.polyfit(time, logs, 1)[0])
     text = f"has a noise that fades with {decay:.3g} 1/s to {levels[-1] / quiet:.2g} of that before the hit"
     return text, "exponential window"
 
 
-def _settling(channel: Channel, hit_s: float) -> tuple[str, str] | None:
+def _settling(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, str] | None:
     """A sensor that runs towards its rest when the hit comes."""
     stop = round(0.98 * hit_s * channel.rate_hz)
     before, after = channel.samples[:stop], channel.samples[round(hit_s * channel.rate_hz) :]
-    if len(before) < SHORTEST or len(after) < SHORTEST:
+    if len(before) < rules.shortest or len(after) < rules.shortest:
         return None
     time = np.linspace(-1, 1, stop)
     trend = np.polynomial.Polynomial.fit(time, before, 3)(time)
     steps = np.diff(trend)
     run = float(np.ptp(trend))
     one_way = np.all(steps <= 0) or np.all(steps >= 0)
-    explained = trend.var() > SETTLING_SHARE * (before.var() - _noise(before) ** 2)
-    large = run > max(SETTLING_NOISE * _noise(before), SETTLING_SIZE * after.std())
+    explained = trend.var() > rules.settling_share * (before.var() - _noise(before) ** 2)
+    large = run > max(rules.settling_noise * _noise(before), rules.settling_size * after.std())
     if not (one_way and explained and large):
         return None
     return f"still runs by {run:.3g} m/s2 before the hit", "sensor still settling"
 
 
-def _moving(channel: Channel, hit_s: float) -> tuple[str, str] | None:
+def _moving(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, str] | None:
     """A mean at the end that is not that before the hit: it would be a speed beyond all that the hit gave."""
     rate = channel.rate_hz
     before, after = channel.samples[: round(0.98 * hit_s * rate)], channel.samples[round(hit_s * rate) :]
     end = after[len(after) // 2 :]
-    if len(before) < SHORTEST or len(end) < SHORTEST:
+    if len(before) < rules.shortest or len(end) < rules.shortest:
         return None
     rest, mean = (float(np.average(part, weights=np.hanning(len(part)))) for part in (before, end))
     moved = abs(mean - rest)
     given = float(np.abs(np.cumsum(after[: len(after) // 10] - rest)).max())  # speed times rate
     error = _noise(before) / np.sqrt(min(len(before), len(end)))
-    if moved * len(end) < MEAN_SPEED * given or moved < max(MEAN_ERRORS * error, MEAN_SIZE * after.std()):
+    if moved * len(end) < rules.mean_speed * given or moved < max(
+        rules.mean_errors * error, rules.mean_size * after.std()
+    ):
         return None
     return f"has a mean at the end that differs by {moved:.3g} m/s2 from that before the hit", "mean moves"

@@ -9,13 +9,15 @@ import numpy as np
 
 from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.channels import BOLT_CHANNELS
+from rom.criteria.criteria import RECORD_CRITERIA, RecordCriteria
+from rom.criteria.number import Numerical
 from rom.signals.damage import Damage, damages
 from rom.signals.filters import find_impact
 from rom.signals.hits import first_hit
 from rom.signals.momentum import HitBalance, hit_balance
 from rom.signals.quality import HIT_TESTS, Doubt
 
-OF_DOUBTS = 0.95  # confidence of what one record tells by itself
+OF_DOUBTS: Numerical[float] = 0.95  # confidence of what one record tells by itself
 _KEPT = ("sampling rate",)  # of what is likely: the record is used
 
 
@@ -82,7 +84,12 @@ class Evidence:
     rates: Mapping[str, float]
 
 
-def evidence(record: Record, settings: CampaignSettings, doubts: tuple[Doubt, ...]) -> Evidence:
+def evidence(
+    record: Record,
+    settings: CampaignSettings,
+    doubts: tuple[Doubt, ...],
+    criteria: RecordCriteria = RECORD_CRITERIA,
+) -> Evidence:
     """Return what is kept of a record.
 
     Parameters
@@ -93,9 +100,11 @@ def evidence(record: Record, settings: CampaignSettings, doubts: tuple[Doubt, ..
         The campaign's.
     doubts : tuple of Doubt
         What the record tells by itself.
+    criteria : RecordCriteria
+        The numbers that decide.
     """
     is_hit = record.test in HIT_TESTS
-    hit = first_hit(record) if is_hit else None
+    hit = first_hit(record, criteria.records) if is_hit else None
     forces = [channel for body in settings.body_names if (channel := record.force(body)) is not None]
     still = [channel for channel in forces if not np.ptp(channel.samples)]
     missed = is_hit and forces and hit is None and (len(still) == len(forces) or _moves(record))
@@ -106,10 +115,12 @@ def evidence(record: Record, settings: CampaignSettings, doubts: tuple[Doubt, ..
         preload_n=record.preload_n,
         doubts=doubts,
         pushed=hit is None or float(hit.pulse.sum()) > 0,
-        balance=hit_balance(record, settings, hit) if hit is not None and not spoilt else None,
+        balance=hit_balance(record, settings, hit, criteria.suspicions)
+        if hit is not None and not spoilt
+        else None,
         unhit=forces[0].name if missed else "",
         gauge=_gauge(record, settings, None if hit is None else hit.start / hit.force.rate_hz),
-        damages=tuple(damages(record, hit)),
+        damages=tuple(damages(record, hit, criteria.suspicions)),
         rates={name: channel.rate_hz for name, channel in record.channels.items()},
     )
 

@@ -10,14 +10,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy import integrate, ndimage, signal
 
+from rom.criteria.number import Numerical
 from rom.model.laws import Z95
 
 FloatArray = npt.NDArray[np.float64]
 
 INTEGRATIONS = {"acceleration": 2, "velocity": 1, "displacement": 0}
-_LONGEST_PULSE_S = 0.02  # a hammer's pulse is over within this time; anything longer is a driven force
-_MANY_ROWS = 4  # fewer are filtered one by one as fast
-_SHORTEST_PULSE_S = 5e-4  # a pulse this long must survive the removal of single-sample spikes
+# a hammer's pulse is over within this time; anything longer is a driven force
+_LONGEST_PULSE_S: Numerical[float] = 0.02
+_MANY_ROWS: Numerical[int] = 4  # fewer are filtered one by one as fast
+# a pulse this long must survive the removal of single-sample spikes
+_SHORTEST_PULSE_S: Numerical[float] = 5e-4
 
 
 @dataclass(frozen=True)

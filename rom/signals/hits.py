@@ -14,30 +14,20 @@ from scipy import integrate, optimize, signal
 from rom.campaign.campaign import Record
 from rom.campaign.channels import MOTIONS, Channel, FloatArray
 from rom.campaign.settings import LinkSettings
+from rom.criteria.records import Records
 from rom.signals.clipping import resolution
 from rom.signals.filters import find_impact
-
-CONTACT_SHARE = 0.02  # of the peak force: below it the contact is over
-SHORTEST_PULSE = 4  # samples: fewer have no shape
-SHORTEST_RINGING_S = 0.5  # after the hit: less does not show the lowest mode
-LOWEST_HZ = 2.0  # below it a displacement from an acceleration is drift
-MOMENTUM_WINDOW_S, JOINT_WINDOW_S = 0.25, 0.02  # after the hit: balanced for the masses, for a sign
-GUARD_S = 0.005  # after the hit: belongs to it still
-HIT_SHARE, HIT_NOISE = 0.03, 8.0  # smallest second hit, in shares of the first and in noise of its estimate
-HIT_LIKENESS = 0.8  # correlation of its shape with the first
-HIT_ALONE = 2.5  # it stands out so much above what recurs: contacts within the structure come in numbers
-MOVED = 4.0  # motion during the contact in noise of the channel: with less its sign is left open
-OPPOSED = -0.7  # correlation from which motion opposes the force, or two bodies oppose each other
 
 
 @dataclass(frozen=True)
 class Hit:
-    """The first blow of a record: on which body, and the samples [start, stop) of the contact."""
+    """The first blow of a record: on which body, the samples [start, stop) of the contact, by which rules."""
 
     body: str
     force: Channel
     start: int
     stop: int
+    rules: Records
 
     @property
     def pulse(self) -> FloatArray:
@@ -45,7 +35,7 @@ class Hit:
         return self.force.samples[self.start : self.stop]
 
 
-def first_hit(record: Record) -> Hit | None:
+def first_hit(record: Record, rules: Records) -> Hit | None:
     """Return the hit with the highest force, None where no force channel shows one."""
     hits = []
     for body in record.bodies:
@@ -55,9 +45,11 @@ def first_hit(record: Record) -> Hit | None:
             continue
         start = round(impact_s * force.rate_hz)
         span = np.abs(force.samples[start : start + round(0.02 * force.rate_hz)])
-        over = np.flatnonzero(span[np.argmax(span) :] < CONTACT_SHARE * span.max())
+        over = np.flatnonzero(span[np.argmax(span) :] < rules.contact_share * span.max())
         if over.size and span.size > 3:
-            hits.append((span.max(), Hit(body, force, start, start + int(np.argmax(span)) + int(over[0]))))
+            hits.append(
+                (span.max(), Hit(body, force, start, start + int(np.argmax(span)) + int(over[0]), rules))
+            )
     return max(hits, key=lambda hit: hit[0])[1] if hits else None
 
 
@@ -116,13 +108,13 @@ def _struck_sign(record: Record, hit: Hit) -> int:
     for _ in range(order):
         expected = np.cumsum(expected)
     found = channel.samples[span] - channel.samples[hit.start - contact : hit.start].mean()
-    if np.sqrt(np.mean(found**2)) < MOVED * max(resolution(channel.samples)):
+    if np.sqrt(np.mean(found**2)) < hit.rules.moved * max(resolution(channel.samples)):
         return 0
-    return _sign(_correlation(expected, found))
+    return _sign(_correlation(expected, found), hit)
 
 
-def _sign(correlation: float) -> int:
-    return 0 if abs(correlation) < -OPPOSED else int(np.sign(correlation))
+def _sign(correlation: float, hit: Hit) -> int:
+    return 0 if abs(correlation) < hit.rules.opposed else int(np.sign(correlation))
 
 
 def _neighbour_sign(record: Record, hit: Hit, known: str, other: str) -> int:
@@ -133,7 +125,7 @@ def _neighbour_sign(record: Record, hit: Hit, known: str, other: str) -> int:
     """
     rate = hit.force.rate_hz
     accelerations = _accelerations(record, hit)
-    if accelerations is None or len(accelerations) - hit.stop < SHORTEST_RINGING_S * rate:
+    if accelerations is None or len(accelerations) - hit.stop < hit.rules.shortest_ringing_s * rate:
         return 0
     columns = [record.bodies.index(known), record.bodies.index(other)]
     pair = accelerations[hit.stop : hit.stop + round(3 * rate), columns].T
@@ -142,15 +134,16 @@ def _neighbour_sign(record: Record, hit: Hit, known: str, other: str) -> int:
     spectra = np.fft.rfft((pair - offset[:, None]) * signal.windows.hann(pair.shape[1]))
     frequency = np.fft.rfftfreq(pair.shape[1], 1 / rate)
     cross, level = (spectra[0] * spectra[1].conj()).real, np.abs(spectra[0] * spectra[1])
-    heard = frequency >= max(LOWEST_HZ, 3 * frequency[1])
+    heard = frequency >= max(hit.rules.lowest_hz, 3 * frequency[1])
     peak = frequency[heard][np.argmax(level[heard] / frequency[heard] ** 4)]
     band = np.abs(frequency - peak) <= max(0.2 * peak, 2 * frequency[1])
-    sign = _sign(float(cross[band].sum() / max(level[band].sum(), np.finfo(float).tiny)))
+    sign = _sign(float(cross[band].sum() / max(level[band].sum(), np.finfo(float).tiny)), hit)
     turned = np.where(np.arange(len(record.bodies)) == columns[1], -1.0, 1.0)
     as_is, if_turned = (
-        _balance(accelerations * signs, hit, JOINT_WINDOW_S, flexures=False)[1] for signs in (1.0, turned)
+        _balance(accelerations * signs, hit, hit.rules.joint_window_s, flexures=False)[1]
+        for signs in (1.0, turned)
     )
-    return 0 if sign < 0 and as_is < 0.7 * if_turned else sign
+    return 0 if sign < 0 and as_is < hit.rules.unturned * if_turned else sign
 
 
 def _accelerations(record: Record, hit: Hit) -> FloatArray | None:
@@ -170,7 +163,7 @@ def _balance(
     is left out.
     """
     rate = hit.force.rate_hz
-    span = slice(max(hit.start - round(GUARD_S * rate), 0), hit.stop + round(window_s * rate))
+    span = slice(max(hit.start - round(hit.rules.guard_s * rate), 0), hit.stop + round(window_s * rate))
     inertia, force = accelerations[span], hit.force.samples[span]
     velocities = integrate.cumulative_trapezoid(inertia, dx=1 / rate, axis=0, initial=0)
     displacements = integrate.cumulative_trapezoid(velocities, dx=1 / rate, axis=0, initial=0)
@@ -189,11 +182,14 @@ def _balance(
 def second_hit(record: Record, hit: Hit) -> tuple[float, float] | None:
     """Return time [s] and size (share of the first) of one more hit that the force channel does not show."""
     accelerations = _accelerations(record, hit)
-    if accelerations is None or len(hit.pulse) < SHORTEST_PULSE:
+    if accelerations is None or len(hit.pulse) < hit.rules.shortest_pulse:
         return None
-    missed = accelerations @ _balance(accelerations, hit, MOMENTUM_WINDOW_S)[0] - hit.force.samples
+    missed = accelerations @ _balance(accelerations, hit, hit.rules.momentum_window_s)[0] - hit.force.samples
     suspect = int(np.argmax(np.abs(_outside(_shares(missed, hit.pulse), hit))))
-    missed = accelerations @ _balance(accelerations, hit, MOMENTUM_WINDOW_S, suspect)[0] - hit.force.samples
+    missed = (
+        accelerations @ _balance(accelerations, hit, hit.rules.momentum_window_s, suspect)[0]
+        - hit.force.samples
+    )
     found = _lonely_peak(missed, hit)
     return None if found is None else (found[0] / hit.force.rate_hz, found[1])
 
@@ -215,7 +211,7 @@ def _shares(missed: FloatArray, pulse: FloatArray) -> FloatArray:
 def _outside(share: FloatArray, hit: Hit) -> FloatArray:
     """Return shares with zero where no second hit can be: before and during the first, and at the end."""
     width = len(hit.pulse)
-    first = hit.start + max(round(GUARD_S * hit.force.rate_hz), 4 * width)
+    first = hit.start + max(round(hit.rules.guard_s * hit.force.rate_hz), 4 * width)
     outside = np.zeros_like(share)
     outside[first : -4 * width] = share[first : -4 * width]
     return outside
@@ -233,11 +229,17 @@ def _lonely_peak(missed: FloatArray, hit: Hit) -> tuple[int, float] | None:
         tops.append(int(np.argmax(size)))
         size[max(tops[-1] - width, 0) : tops[-1] + width] = 0
     at = tops[0]
-    if share[at] < max(HIT_SHARE, HIT_NOISE * noise, HIT_ALONE * abs(share[tops[2]])):
+    if share[at] < max(
+        hit.rules.hit_share, hit.rules.hit_noise * noise, hit.rules.hit_alone * abs(share[tops[2]])
+    ):
         return None
     kernel, margin = _kernel(hit.pulse)
     around = missed[at - margin : at - margin + len(kernel)]
-    return (at, float(share[at])) if _correlation(_without_parabola(around), kernel) > HIT_LIKENESS else None
+    return (
+        (at, float(share[at]))
+        if _correlation(_without_parabola(around), kernel) > hit.rules.hit_likeness
+        else None
+    )
 
 
 def _without_parabola(samples: FloatArray) -> FloatArray:

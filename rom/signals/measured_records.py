@@ -20,6 +20,7 @@ from joblib import Parallel, delayed
 
 from rom.campaign.campaign import Campaign, Record, RecordSettings
 from rom.campaign.record import replacing
+from rom.criteria.criteria import RecordCriteria
 from rom.signals.processing import Measurement, process
 from rom.signals.quality import Doubt, assess
 from rom.signals.suspicions import Evidence, Suspicion, causes, doubts_of, evidence, suspicions
@@ -97,6 +98,7 @@ def stored(campaign: Campaign) -> Iterator[Campaign]:
             campaign.settings,
             campaign.digest,
             campaign.digests,
+            campaign.criteria,
             source=campaign,
             scratch=Path(scratch),
         )
@@ -133,7 +135,8 @@ def measured_record(campaign: Campaign, settings: RecordSettings) -> MeasuredRec
 
 
 def _stored_record(campaign: StoredCampaign, settings: RecordSettings) -> MeasuredRecord:
-    path = campaign.scratch / f"{campaign.settings.record.index(settings)}.pickle"
+    place = campaign.settings.record.index(settings)
+    path = campaign.scratch / f"{place}-{hash(campaign.criteria)}.pickle"
     with suppress(FileNotFoundError), path.open("rb") as file:
         found: MeasuredRecord = pickle.load(file)
         return found
@@ -141,6 +144,15 @@ def _stored_record(campaign: StoredCampaign, settings: RecordSettings) -> Measur
     with suppress(OSError), replacing(path) as part, part.open("wb") as file:  # no room: made again next time
         pickle.dump(made, file, protocol=pickle.HIGHEST_PROTOCOL)
     return made
+
+
+def judged_by(campaign: Campaign, criteria: RecordCriteria) -> Campaign:
+    """Return the campaign with other criteria by which records are set aside."""
+    if criteria == campaign.criteria:
+        return campaign
+    if isinstance(campaign, StoredCampaign):
+        return replace(campaign, criteria=criteria, screening=None)
+    return replace(campaign, criteria=criteria)
 
 
 def screened(campaign: Campaign, jobs: int = 1) -> Campaign:
@@ -152,7 +164,7 @@ def screened(campaign: Campaign, jobs: int = 1) -> Campaign:
         return campaign
     tasks = (delayed(_evidence)(campaign, record) for record in campaign.settings.record)
     records = Parallel(n_jobs=jobs, pre_dispatch="2*n_jobs")(tasks)
-    found = suspicions(records, campaign.settings)
+    found = suspicions(records, campaign.settings, campaign.criteria.suspicions)
     doubts = doubts_of(found, records)
     aside = {record.file for record in records if record.doubts} | doubts.keys()
     training = campaign.select(hold_out=False)
@@ -186,7 +198,7 @@ def _evidence(campaign: StoredCampaign, settings: RecordSettings) -> Evidence:
 
 def _made(campaign: Campaign, settings: RecordSettings) -> MeasuredRecord:
     record = campaign.load(settings)
-    doubts = assess(record, campaign.settings)
+    doubts = assess(record, campaign.settings, campaign.criteria.records)
     raw = record if record.test in _RAW_TESTS else None
-    told = evidence(record, campaign.settings, doubts)
+    told = evidence(record, campaign.settings, doubts, campaign.criteria)
     return MeasuredRecord(settings, doubts, process(record, campaign.settings), raw, told)

@@ -17,12 +17,11 @@ from scipy import integrate, optimize
 from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.channels import MOTIONS, FloatArray
 from rom.campaign.settings import GROUND
+from rom.criteria.number import Numerical
+from rom.criteria.suspicions import Suspicions
 from rom.signals.hits import Hit
 
-WINDOW_S, GUARD_S = 0.02, 0.003  # after the contact: the joint passes momentum on; before it
-UNBALANCED = 0.02  # of the force's square: with less there is no delay to look for
-LATEST_S = 3e-3  # beyond it motion belongs to another event
-TREND = 3  # order of the polynomial that offsets and slow motion leave in displacements
+TREND: Numerical[int] = 3  # order of the polynomial that offsets and slow motion leave in displacements
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +39,8 @@ class HitBalance:
         of that without.
     peak_n : float
         Largest force of the contact [N].
+    rules : Suspicions
+        The numbers that decide.
     """
 
     bodies: tuple[str, ...]
@@ -50,6 +51,7 @@ class HitBalance:
     root: FloatArray
     late_s: float
     late_misfit: float
+    rules: Suspicions
 
     def misfit(self, masses: Sequence[float] | FloatArray, channels: Sequence[int] | None = None) -> float:
         """Return what is left of the force, as a share of its square.
@@ -70,7 +72,7 @@ class HitBalance:
         return _free(self.root, self.grounded)[0]
 
 
-def hit_balance(record: Record, settings: CampaignSettings, hit: Hit) -> HitBalance | None:
+def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Suspicions) -> HitBalance | None:
     """Return the balance of a record's hit; None where force and motions are not sampled together.
 
     Parameters
@@ -81,13 +83,17 @@ def hit_balance(record: Record, settings: CampaignSettings, hit: Hit) -> HitBala
         For the links to the ground.
     hit : Hit
         Its hit.
+    rules : Suspicions
+        The numbers that decide.
     """
     motions = [record.motion(body) for body in record.bodies]
     rate = hit.force.rate_hz
     if not motions or any(channel.rate_hz != rate for _, channel in motions):
         return None
-    first = max(hit.start - round(GUARD_S * rate), 0)
-    last = min(hit.stop + round(WINDOW_S * rate), *(len(channel.samples) for _, channel in motions))
+    first = max(hit.start - round(rules.balance_guard_s * rate), 0)
+    last = min(
+        hit.stop + round(rules.balance_window_s * rate), *(len(channel.samples) for _, channel in motions)
+    )
     grounded = tuple(
         any(GROUND in link.between and body in link.between for link in settings.link)
         for body in record.bodies
@@ -96,11 +102,11 @@ def hit_balance(record: Record, settings: CampaignSettings, hit: Hit) -> HitBala
     orders = [order - MOTIONS.index(kind) for kind, _ in motions]
     rows = [channel.samples for _, channel in motions]
     force = hit.force.samples[first:last]
-    reach = round(LATEST_S * rate)
+    reach = round(rules.latest_s * rate)
     lags = [lag for lag in range(-reach, reach + 1) if first + lag >= 0 and last + lag <= min(map(len, rows))]
     roots = {0: _root(force, [row[first:last] for row in rows], order, orders, rate)}
     left = {0: _free(roots[0], grounded)[1]}
-    for lag in lags if left[0] > UNBALANCED else ():
+    for lag in lags if left[0] > rules.unbalanced else ():
         roots[lag] = _root(force, [row[first + lag : last + lag] for row in rows], order, orders, rate)
         left[lag] = _free(roots[lag], grounded)[1]
     best = min(left, key=lambda lag: left[lag])
@@ -113,6 +119,7 @@ def hit_balance(record: Record, settings: CampaignSettings, hit: Hit) -> HitBala
         root=roots[best],
         late_s=_between(left, best) / rate,
         late_misfit=left[best] / max(left[0], 1e-300),
+        rules=rules,
     )
 
 

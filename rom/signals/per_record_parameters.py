@@ -18,6 +18,7 @@ from typing import TypeVar
 import numpy as np
 
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import CATALOGUE
 from rom.model.effect import Effect, ModelCorrection, Motion, Reading, SensorFault
 from rom.model.laws import Z95
@@ -26,10 +27,10 @@ from rom.signals.processing import Measurement
 from rom.signals.sensor_correction import corrected
 
 _Kind = TypeVar("_Kind", bound=ModelCorrection)
-_GUARD_S = 2e-3  # before the impact: its onset is known no better
-_FEWEST = 64  # samples before the impact
-_BATCHES = 8
-_STILL = 1e-9  # share of the largest singular value below which a direction is not told
+_GUARD_S: Numerical[float] = 2e-3  # before the impact: its onset is known no better
+_FEWEST: Numerical[int] = 64  # samples before the impact
+_BATCHES: Numerical[int] = 8
+_STILL: Numerical[float] = 1e-9  # share of the largest singular value below which a direction is not told
 
 
 @dataclass(frozen=True)

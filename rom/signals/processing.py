@@ -17,6 +17,7 @@ from scipy import fft, ndimage, signal
 from rom.campaign.campaign import CampaignSettings, Record, WindowSettings
 from rom.campaign.channels import BOLT_CHANNELS, Channel, FloatArray
 from rom.campaign.channels import Motion as MotionKind
+from rom.criteria.number import Numerical
 from rom.signals.calibration import Calibration
 from rom.signals.filters import (
     INTEGRATIONS,
@@ -30,16 +31,16 @@ from rom.signals.filters import (
 
 IMPACT_TESTS = ("uncoupled", "coupled", "loosening")
 CUTOFF_HZ = {"uncoupled": 2.0}
-COUPLED_CUTOFF_HZ = 5.0
-_CUTOFF_BELOW_FIRST_MODE = 0.45
-_FAST_HZ = 100.0
-_CUTOFF_OF_FAST = 0.1
-_BATCHES = 8
-_FLANK_S = 5e-4
-_STRONGEST_S = 4.0
-_LONGEST_S = 30.0
-_LARGEST_NOISE = 30.0  # medians of a density; the largest of 10^6 lines of noise has 20
-_FEWEST_BEFORE_HIT = 8
+COUPLED_CUTOFF_HZ: Numerical[float] = 5.0
+_CUTOFF_BELOW_FIRST_MODE: Numerical[float] = 0.45
+_FAST_HZ: Numerical[float] = 100.0
+_CUTOFF_OF_FAST: Numerical[float] = 0.1
+_BATCHES: Numerical[int] = 8
+_FLANK_S: Numerical[float] = 5e-4
+_STRONGEST_S: Numerical[float] = 4.0
+_LONGEST_S: Numerical[float] = 30.0
+_LARGEST_NOISE: Numerical[float] = 30.0  # medians of a density; the largest of 10^6 lines of noise has 20
+_FEWEST_BEFORE_HIT: Numerical[int] = 8
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,8 @@ from typing import Literal, TypeAlias
 
 from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.channels import BOLT_CHANNELS
+from rom.criteria.criteria import RECORD_CRITERIA
+from rom.criteria.records import Records
 from rom.signals.clipping import flat_top
 from rom.signals.hits import Hit, first_hit, second_hit, signs
 
@@ -29,7 +31,9 @@ class Doubt:
     message: str
 
 
-def assess(record: Record, settings: CampaignSettings) -> tuple[Doubt, ...]:
+def assess(
+    record: Record, settings: CampaignSettings, rules: Records = RECORD_CRITERIA.records
+) -> tuple[Doubt, ...]:
     """Name every reason to doubt a record; none for a good one.
 
     Clipped: the channel's extreme is a flat top whose flanks point well above it. Polarity: the struck body
@@ -43,16 +47,18 @@ def assess(record: Record, settings: CampaignSettings) -> tuple[Doubt, ...]:
         The record; of `cycled` and `hold` records none is doubted, of `driven` and `free` ones clipping only.
     settings
         The campaign's, for its links.
+    rules
+        The numbers that decide.
     """
-    clipped = tuple(_clipped(record))
-    hit = first_hit(record) if record.test in HIT_TESTS and not clipped else None
+    clipped = tuple(_clipped(record, rules))
+    hit = first_hit(record, rules) if record.test in HIT_TESTS and not clipped else None
     if hit is None:
         return clipped
     flipped = tuple(_flipped(record, settings, hit))
     return flipped or tuple(_second_hit(record, hit))
 
 
-def _clipped(record: Record) -> Iterator[Doubt]:
+def _clipped(record: Record, rules: Records) -> Iterator[Doubt]:
     if record.test in ("cycled", "hold"):
         return  # a prescribed motion may rest, friction has flat tops
     for name, channel in record.channels.items():
@@ -60,7 +66,7 @@ def _clipped(record: Record) -> Iterator[Doubt]:
             continue  # a command may be a square wave
         sides = (1.0,) if name in BOLT_CHANNELS else (1.0, -1.0)  # a loose bolt rests at zero tension
         for side in sides:
-            if cut := flat_top(side * channel.samples):
+            if cut := flat_top(side * channel.samples, rules):
                 count, level = cut
                 message = f"{name} is clipped: flat for {count} samples at its extreme of {side * level:.6g}"
                 yield Doubt(record.file, name, "clipped", message)

@@ -8,26 +8,12 @@ from itertools import combinations
 
 import numpy as np
 from scipy import optimize
+from scipy.constants import g
 
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import FloatArray
 from rom.signals.evidence import Evidence, Suspicion
 from rom.signals.momentum import HitBalance
-
-G = 9.80665
-
-# Measured on 240 records of 40 campaigns of the rig (two sets of masses and flexures, 0.3 to 3 times usual
-# noise, something undeclared). Sound ones leave at most 1 % of the force's square, and every slip would leave
-# 1.9 times as much. With a slip 0.09 % and more is left, and it explains all but 1.4 % of that; only a light
-# body's accelerometer in g may drown in three times the usual noise.
-SLIP_LEFT = 5e-4  # of the force's square, that a slip is to explain
-SLIP_SHARE = 0.15  # of that, which it may leave
-SLIP_NEAR = 1.12  # a unit's factor is met so nearly: sensors are off by a tenth
-SCALE_LEFT = 0.05  # of the force's square, for a factor without a name
-SCALE_FACTOR = 1.25  # smaller ones are the gain of a sensor
-LATE_S = 2.2e-4  # sensors sampled in turn differ by 0.2 ms at most
-WEAK_HIT_N = 5.0  # hammers hit harder
-FEWEST = 3  # records that tell a mass which nobody declares
 
 _LENGTHS = {"acceleration": "mm/s2", "velocity": "mm/s", "displacement": "mm"}
 
@@ -47,7 +33,11 @@ def late(records: Sequence[Evidence]) -> Iterator[Suspicion]:
 
 def delay_of(balance: HitBalance | None) -> float:
     """Return the delay [s] of all motions behind the force, 0 where there is none."""
-    if balance is None or abs(balance.late_s) < LATE_S or balance.late_misfit > SLIP_SHARE:
+    if (
+        balance is None
+        or abs(balance.late_s) < balance.rules.late_s
+        or balance.late_misfit > balance.rules.slip_share
+    ):
         return 0.0
     return balance.late_s
 
@@ -76,10 +66,20 @@ class _Slip:
         return self.apparent * float(np.exp(found.x))
 
 
-def slips(records: Sequence[Evidence], settings: CampaignSettings) -> Iterator[Suspicion]:
-    """What the balances of momentum tell: units, exchanged channels, masses."""
+def slips(records: Sequence[Evidence], settings: CampaignSettings, fewest: int) -> Iterator[Suspicion]:
+    """What the balances of momentum tell: units, exchanged channels, masses.
+
+    Parameters
+    ----------
+    records : sequence of Evidence
+        Of all records of the campaign.
+    settings : CampaignSettings
+        The campaign's.
+    fewest : int
+        Records that tell a mass which nobody declares.
+    """
     judged = [r for r in records if r.balance is not None and (not r.doubts or delay_of(r.balance))]
-    masses = _masses([r.balance for r in judged if r.balance is not None], settings)
+    masses = _masses([r.balance for r in judged if r.balance is not None], settings, fewest)
     found: dict[str, tuple[_Slip | None, float, float]] = {}
     known = [r for r in judged if r.balance is not None and all(b in masses for b in r.balance.bodies)]
     for record in known:
@@ -94,7 +94,7 @@ def slips(records: Sequence[Evidence], settings: CampaignSettings) -> Iterator[S
             yield from _told(record, *found[record.file], shared)
 
 
-def _masses(balances: Sequence[HitBalance], settings: CampaignSettings) -> dict[str, float]:
+def _masses(balances: Sequence[HitBalance], settings: CampaignSettings, fewest: int) -> dict[str, float]:
     """Masses [kg] as declared, or else as bodies alone show them, or as most records do."""
     masses = {}
     for body in settings.body:
@@ -102,40 +102,40 @@ def _masses(balances: Sequence[HitBalance], settings: CampaignSettings) -> dict[
         alone = [mass for balance, mass in shown if len(balance.bodies) == 1]
         if body.mass_kg is not None:
             masses[body.name] = body.mass_kg
-        elif alone or len(shown) >= FEWEST:
+        elif alone or len(shown) >= fewest:
             masses[body.name] = float(np.median(alone or [mass for _, mass in shown]))
     return {body: mass for body, mass in masses.items() if mass > 0}
 
 
 def _slip_of(balance: HitBalance, masses: FloatArray) -> tuple[_Slip | None, float, float] | None:
     """Return the slip that a balance shows, its factor, and its confidence; a slip of None has no name."""
-    left = balance.misfit(masses)
-    if left < SLIP_LEFT:
+    left, rules = balance.misfit(masses), balance.rules
+    if left < rules.slip_left:
         return None
     best = min(_candidates(len(masses)), key=lambda slip: slip.misfit(balance, masses))
     share = best.misfit(balance, masses) / left
     measured = best.measured(balance, masses)
-    if share < SLIP_SHARE and abs(np.log(measured / best.apparent)) < np.log(SLIP_NEAR):
+    if share < rules.slip_share and abs(np.log(measured / best.apparent)) < np.log(rules.slip_near):
         return best, measured, 1 - share
-    if left < SCALE_LEFT:
+    if left < rules.scale_left:
         return None
     whole = _Slip(tuple(range(len(masses))))
     found = optimize.minimize_scalar(
         lambda log: whole.misfit(balance, masses, np.exp(log)), bounds=(-12.0, 12.0), method="bounded"
     )
     share = float(found.fun) / left
-    if share < SLIP_SHARE and abs(found.x) > np.log(SCALE_FACTOR):
+    if share < rules.slip_share and abs(found.x) > np.log(rules.scale_factor):
         return None, float(np.exp(found.x)), 1 - share
     return None
 
 
 def _candidates(count: int) -> Iterator[_Slip]:
     every = tuple(range(count))
-    for apparent in (G, 1 / G, 1e-3, 1e3, 1 / 4.44822):
+    for apparent in (g, 1 / g, 1e-3, 1e3, 1 / 4.44822):
         yield _Slip(every, apparent)
     if count > 1:
         for place in every:
-            for apparent in (G, 1e-3, 1e3):
+            for apparent in (g, 1e-3, 1e3):
                 yield _Slip((place,), apparent)
         for pair in combinations(every, 2):
             yield _Slip(pair, exchanged=True)
@@ -170,14 +170,14 @@ def _unit(slip: _Slip, balance: HitBalance, shared: bool) -> tuple[str, bool, bo
     """Return the likeliest wrong unit, and whether it is the force's, or that of declared masses."""
     whole = len(slip.places) == len(balance.bodies)
     kind = balance.channels[slip.places[0]].partition("_")[0]
-    if slip.apparent == G:
+    if slip.apparent == g:
         return f"{kind} in g", False, False
-    if slip.apparent == 1 / G:
+    if slip.apparent == 1 / g:
         return "force in kgf", True, False
     if slip.apparent == 1 / 4.44822:
         return "force in lbf", True, False
     if slip.apparent == 1e3:
         return ("mass in t", False, True) if shared else (f"{kind} in km/s2", False, False)
-    if whole and balance.peak_n < WEAK_HIT_N:
+    if whole and balance.peak_n < balance.rules.weak_hit_n:
         return "force in kN", True, False
     return ("mass in g", False, True) if shared else (f"{kind} in {_LENGTHS[kind]}", False, False)

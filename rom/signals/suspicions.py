@@ -14,21 +14,23 @@ import numpy as np
 
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import default_rate
+from rom.criteria.criteria import RECORD_CRITERIA
+from rom.criteria.suspicions import Suspicions
 from rom.signals.evidence import OF_DOUBTS, Evidence, Suspicion, evidence
 from rom.signals.quality import Doubt
-from rom.signals.slips import FEWEST, delay_of, late, slips
+from rom.signals.slips import delay_of, late, slips
 
 __all__ = ["Evidence", "Suspicion", "causes", "doubts_of", "evidence", "suspicions"]
 
-PRELOAD_FACTOR = 2.0  # gauges are off by a factor of 0.6 to 1.7
-PRELOAD_LIKE = 1.5  # so near is a preload once the unit is right
-PRELOAD_SHARE = 0.05  # of the largest: a smaller one may be a wrong zero
-RATE_SLIP = 1e-4, 0.02  # of a rate: what is less is one rate, what is more is another that was meant
 
 _GAUGE_UNITS = {1e3: "kN", 1e-3: "mN", 1e6: "MN"}
 
 
-def suspicions(records: Sequence[Evidence], settings: CampaignSettings) -> tuple[Suspicion, ...]:
+def suspicions(
+    records: Sequence[Evidence],
+    settings: CampaignSettings,
+    rules: Suspicions = RECORD_CRITERIA.suspicions,
+) -> tuple[Suspicion, ...]:
     """Name what does not fit what a campaign declares; nothing for a sound one.
 
     Parameters
@@ -37,15 +39,17 @@ def suspicions(records: Sequence[Evidence], settings: CampaignSettings) -> tuple
         Of all records of the campaign.
     settings : CampaignSettings
         The campaign's.
+    rules : Suspicions
+        The numbers that decide.
     """
     found = (
         *_of_doubts(records),
         *_without_force(records),
         *_damaged(records),
         *late(records),
-        *slips(records, settings),
-        *_preloads(records, settings),
-        *_rates(records, settings),
+        *slips(records, settings, rules.fewest),
+        *_preloads(records, settings, rules),
+        *_rates(records, settings, rules),
     )
     places = {record.file: place for place, record in enumerate(records)}
     return tuple(sorted(found, key=lambda one: places[one.record]))
@@ -109,10 +113,12 @@ def _damaged(records: Sequence[Evidence]) -> Iterator[Suspicion]:
             yield Suspicion(record.file, one.channel, one.finding, None, one.likely, OF_DOUBTS)
 
 
-def _preloads(records: Sequence[Evidence], settings: CampaignSettings) -> Iterator[Suspicion]:
+def _preloads(
+    records: Sequence[Evidence], settings: CampaignSettings, rules: Suspicions
+) -> Iterator[Suspicion]:
     """Mean of the gauge before the hit against the nominal preload, where a bolt is in."""
     told = [(r, *r.gauge, r.preload_n) for r in records if r.gauge and r.preload_n and r.test != "uncoupled"]
-    least = PRELOAD_SHARE * max((preload for *_, preload in told), default=0.0)
+    least = rules.preload_share * max((preload for *_, preload in told), default=0.0)
     logs = {
         r.file: np.log(max(_tension(channel, mean, settings), 1e-12) / preload)
         for r, channel, mean, preload in told
@@ -120,16 +126,22 @@ def _preloads(records: Sequence[Evidence], settings: CampaignSettings) -> Iterat
     middle = float(np.median([logs[r.file] for r, *_, preload in told if preload >= least] or [0.0]))
     for record, channel, mean, preload in told:
         log = float(logs[record.file])
-        if abs(log) < np.log(PRELOAD_FACTOR):
+        if abs(log) < np.log(rules.preload_factor):
             continue
-        unit = next((f for f in _GAUGE_UNITS if _like(preload, _tension(channel, f * mean, settings))), None)
+        unit = next(
+            (f for f in _GAUGE_UNITS if _like(preload, _tension(channel, f * mean, settings), rules)), None
+        )
         if unit is not None:
             likely = f"tension in {_GAUGE_UNITS[unit]}" if channel == "tension" else "strain in another unit"
             finding = (
                 f"{channel} before the hit fits the preload of {preload:.4g} N if multiplied by {unit:g}"
             )
             yield Suspicion(record.file, channel, finding, unit, likely, OF_DOUBTS)
-        elif len(told) >= FEWEST and preload >= least and abs(log - middle) > np.log(PRELOAD_FACTOR):
+        elif (
+            len(told) >= rules.fewest
+            and preload >= least
+            and abs(log - middle) > np.log(rules.preload_factor)
+        ):
             finding = f"{channel} before the hit is {np.exp(log):.3g} times the preload of {preload:.4g} N"
             yield Suspicion(record.file, channel, finding, float(np.exp(-log)), "", 0.5)
 
@@ -139,15 +151,15 @@ def _tension(channel: str, mean: float, settings: CampaignSettings) -> float:
     return sum(c * mean ** (power + 1) for power, c in enumerate(terms or (1.0,)))
 
 
-def _like(preload: float, tension: float) -> bool:
-    return tension > 0 and abs(np.log(tension / preload)) < np.log(PRELOAD_LIKE)
+def _like(preload: float, tension: float, rules: Suspicions) -> bool:
+    return tension > 0 and abs(np.log(tension / preload)) < np.log(rules.preload_like)
 
 
-def _rates(records: Sequence[Evidence], settings: CampaignSettings) -> Iterator[Suspicion]:
+def _rates(records: Sequence[Evidence], settings: CampaignSettings, rules: Suspicions) -> Iterator[Suspicion]:
     sampling = settings.sampling
     for record in records:
         for channel, rate in record.rates.items():
             declared = default_rate(channel, sampling.motion_rate_hz, sampling.tension_rate_hz)
-            if RATE_SLIP[0] < abs(rate / declared - 1) < RATE_SLIP[1]:
+            if rules.rate_same < abs(rate / declared - 1) < rules.rate_other:
                 finding = f"{channel} is sampled at {rate:.7g} Hz, {declared:.7g} Hz is declared"
                 yield Suspicion(record.file, channel, finding, rate / declared, "sampling rate", OF_DOUBTS)

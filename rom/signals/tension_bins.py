@@ -19,15 +19,16 @@ from scipy import optimize
 
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.signals.processing import Measurement
 
-_SHORTEST_S = 3e-3
-_FEWEST_SAMPLES = 8
-_BINS = 12
-_MARGIN_S = 0.05  # a late hit does not push the last bin out of the record
-_LEAST_QUIET = 6
-_LEAST_ERROR = 1e-6  # [N]; of a record without noise
-_TINY = 1e-24
+_SHORTEST_S: Numerical[float] = 3e-3
+_FEWEST_SAMPLES: Numerical[int] = 8
+_BINS: Numerical[int] = 12
+_MARGIN_S: Numerical[float] = 0.05  # a late hit does not push the last bin out of the record
+_LEAST_QUIET: Numerical[int] = 6
+_LEAST_ERROR: Numerical[float] = 1e-6  # [N]; of a record without noise
+_TINY: Numerical[float] = 1e-24
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,14 +14,20 @@ import pytest
 import discovery
 import rom
 from experiments.run.execution import execution
-from rom.campaign.campaign import Campaign, CampaignSettings, Record, RecordSettings
+from rom.campaign.campaign import Campaign, Record, RecordSettings
 from rom.campaign.record import RecordError
 from rom.signals import measured_records
-from rom.signals.measured_records import measured_record, stored, with_stored_records
+from rom.signals.measured_records import (
+    NothingLeftError,
+    judged_by,
+    measured_record,
+    stored,
+    with_stored_records,
+)
 from tests.discovery import driven_twins
 
 STEPS = ("load", "assess", "process")
-Command = Callable[[Campaign, int], object]
+Command = Callable[..., object]
 Noting = Callable[[Campaign], "Noted"]
 
 
@@ -44,11 +50,11 @@ class Noted(Campaign):
 class _Noting:
     log: Path
     step: str
-    plain: Callable[[Record, CampaignSettings], object]
+    plain: Callable[..., object]
 
-    def __call__(self, record: Record, settings: CampaignSettings) -> object:
+    def __call__(self, record: Record, *others: object) -> object:
         _note(self.log, self.step, record.file)
-        return self.plain(record, settings)
+        return self.plain(record, *others)
 
 
 def _note(log: Path, step: str, file: str) -> None:
@@ -126,6 +132,26 @@ def test_without_a_place_to_store_it_a_record_is_read_again(noted: Noting, rig: 
     assert campaign.log.read_text().count("load") == 2
     for body, motion in first.motion.items():
         assert (motion.samples == again.motion[body].samples).all()
+
+
+EAGER = discovery.Criteria().changed(
+    records={"hit_share": 0.0, "hit_noise": 0.0, "hit_alone": 0.0, "hit_likeness": -1.0},
+    suspicions={"slip_left": -1.0, "slip_share": 1e9, "slip_near": 1e9},
+)
+"""A second hit is seen where none is, and in every hit a wrong unit."""
+
+
+def test_a_stored_record_is_judged_by_the_criteria_of_its_campaign(rig: Path) -> None:
+    with stored(rom.read_campaign(rig)) as work:
+        record, eager = work.select("coupled")[0], judged_by(work, EAGER.of_records)
+        kinds = [[d.kind for d in measured_record(one, record).doubts] for one in (work, eager, work)]
+    assert kinds == [[], ["second-hit"], []]
+
+
+@pytest.mark.parametrize("command", [discovery.close_loop, discovery.discover])
+def test_criteria_given_to_a_command_judge_the_records(rig: Path, command: Command) -> None:
+    with pytest.raises(NothingLeftError, match="training records set aside"):
+        command(rom.read_campaign(rig), criteria=EAGER)
 
 
 def test_a_record_that_changed_since_it_was_checked_is_refused(tmp_path: Path) -> None:

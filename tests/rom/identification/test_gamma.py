@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
+from rom.criteria.identification import RULES
 from rom.effects import CATALOGUE
 from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
 from rom.identification.gamma import (
-    GAMMA_BOUND,
     GammaEstimate,
     LooseningCase,
     final_tensions,
@@ -53,7 +53,7 @@ def searched(initial: float, final: float) -> float:
         found = trial.final_tension(PULSE[None], RATE_HZ, [initial], {path: np.sinh(place)}, WINDOW_S)[0]
         return abs(float(found) - final) if np.isfinite(found) else 1e12
 
-    limit = float(np.arcsinh(GAMMA_BOUND))
+    limit = float(np.arcsinh(RULES.gamma_bound))
     found = optimize.direct(
         miss, optimize.Bounds([-limit], [limit]), maxfun=300, eps=1e-8, locally_biased=True, vol_tol=0
     )
@@ -133,14 +133,22 @@ def test_no_loss_is_gamma_zero() -> None:
     assert not estimate.at_bound
 
 
+def test_progress_is_told_for_as_long_as_gammas_are_sought() -> None:
+    told: list[tuple[int, int]] = []
+    cases = [case(152.7, final) for final in (150.0, 147.0)]
+    identify_gamma(MODEL, cases, WINDOW_S, progress=lambda done, total: told.append((done, total)))
+    assert (told[0], told[-1]) == ((0, 2), (2, 2))
+    assert len(told) > 4
+
+
 def test_a_final_tension_out_of_reach_is_flagged_at_the_bound() -> None:
     """A weak touch cannot take half of the tension away, nor add half, whatever gamma."""
     weak = [replace(case(500.0, final), force=1e-3 * PULSE) for final in (250.0, 750.0)]
     lost, gained = identify_gamma(MODEL, weak, WINDOW_S)
     assert lost.at_bound
-    assert lost.gamma == pytest.approx(GAMMA_BOUND)
+    assert lost.gamma == pytest.approx(RULES.gamma_bound)
     assert gained.at_bound
-    assert gained.gamma == pytest.approx(-GAMMA_BOUND)
+    assert gained.gamma == pytest.approx(-RULES.gamma_bound)
 
 
 def test_a_case_that_cannot_be_simulated_is_flagged_after_few_simulations(
@@ -155,7 +163,7 @@ def test_a_case_that_cannot_be_simulated_is_flagged_after_few_simulations(
     monkeypatch.setattr("rom.identification.gamma.final_tensions", diverged)
     found, at_bound = matching_factors(MODEL, [case(152.7, 147.0)] * 3, WINDOW_S)
     assert at_bound.all()
-    np.testing.assert_allclose(found, GAMMA_BOUND)
+    np.testing.assert_allclose(found, RULES.gamma_bound)
     assert len(asked) <= 20
 
 
@@ -188,6 +196,13 @@ def law_of(cases: list[LooseningCase]) -> tuple[LawFit, LawFit]:
     model = MODEL.with_tension_law(no_loosening())
     used = {g.file for g in gamma}
     return per_case, refine_gamma_law(model, [c for c in cases if c.file in used], WINDOW_S, per_case)
+
+
+@pytest.mark.parametrize("evaluations", [1, 30])
+def test_a_refinement_that_had_to_stop_says_so(monkeypatch: pytest.MonkeyPatch, evaluations: int) -> None:
+    monkeypatch.setattr("rom.identification.gamma._EVALUATIONS", evaluations)
+    _, refined = law_of(with_true_losses(np.geomspace(10.0, 3000.0, 12), 1e-4))
+    assert refined.settled == (evaluations > 1)
 
 
 def test_gamma_of_tension_comes_back_exactly_only_by_resimulation() -> None:

@@ -1,0 +1,79 @@
+"""What an identification takes for told, warns of, or leaves open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rom.criteria.number import Group, number
+
+
+@dataclass(frozen=True)
+class Identifying(Group):
+    """What an identification takes for told, warns of, or leaves open."""
+
+    undetermined: float = number(1.0, "1", "standard error of a logarithm, from which a value has no limits")
+    vanished_mass: float = number(
+        1e-4, "1", "share of the heaviest body's mass, below which a mass is not told"
+    )
+    modal_damping: float = number(
+        0.2, "1", "largest damping ratio of a mode at which the paper's Eq. 7 is to be trusted"
+    )
+    curve_levels: int = number(2, "1", "levels of tension that tell a curve")
+    curve_span: float = number(3.0, "1", "factor that tensions span at least to tell a curve")
+    level_step: float = number(0.1, "1", "logarithm of tension by which two levels differ")
+    left_open: float = number(
+        0.3, "1", "relative error of a shared number, from which joints are put on their curve"
+    )
+    aligned: float = number(
+        0.2, "1", "square of the cosine that a misfit may have with the slope by a number"
+    )
+    misfit_share: float = number(
+        0.1, "1", "systematic share of what is left that a good model may have",
+        "pulses of few samples, a bolt that loosens",
+    )  # fmt: skip
+    misfit_chance: float = number(4.0, "1", "the same by chance, in 1 / sqrt(lines)")
+    much_misfit: float = number(
+        0.3, "1", "systematic share of what coupled tests leave over that is warned of"
+    )
+    prior_stiffness: float = number(
+        0.02, "1", "least error of ln k from an uncoupled test", "amplitudes differ from coupled tests"
+    )
+    prior_damping: float = number(
+        0.3, "1", "least error of ln c from an uncoupled test", "amplitudes differ from coupled tests"
+    )
+    strained: float = number(1.0, "1", "standard errors off, from which a prior is asked for")
+    unlikely: float = number(3.0, "1", "standard errors off a prior, from which numbers are unlikely")
+    useful_mode: float = number(
+        0.5, "1", "standard error of a logarithm, above which an uncoupled mode is no prior"
+    )
+    stiffened_alike: float = number(
+        0.15,
+        "1",
+        "error of the logarithm by which bolts stiffen links alike",
+        "He et al. (2025), 3.2",
+    )
+    beyond_chance: float = number(
+        3.0, "1", "standard errors from which an offset is in a driven model, or a damping's sign is wrong"
+    )
+    noise_bias: float = number(
+        1e-3, "1", "share of noise in a term behind the filter, from which its number is too small"
+    )
+    quiet_cases: int = number(6, "1", "coupled tests that tell the error of a loss")
+    lost_tension: float = number(
+        3.0, "1", "final tension in its errors, below which gamma is little more than a bound"
+    )
+    gamma_bound: float = number(1e10, "1", "size of gamma at which it is given up as unbounded")
+    small_loss: float = number(
+        0.01, "1", "share of the tension that a bolt may lose in a ringing taken for linear"
+    )
+    enough_linear: int = number(5, "1", "records besides loosening tests that tell the joint's curves")
+    quiet_sensors: float = number(
+        4.0, "1", "power of the noise over the least, up to which a group's ambient forces serve"
+    )
+    calibration_slack: float = number(
+        0.01, "1", "share of the calibrated range beyond which a tension is extrapolated"
+    )
+
+
+RULES = Identifying()
+"""The values."""

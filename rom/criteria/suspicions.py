@@ -1,0 +1,82 @@
+"""What does not fit what a campaign declares: units, channels, masses, clocks, damaged channels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rom.criteria.number import Group, number
+
+_RIG = "40 rig campaigns: sound records leave at most 1 % of the force's square, slips 0.09 % or more"
+_SEEN = "rig campaigns with something undeclared, and docs/measured.md"
+
+
+@dataclass(frozen=True)
+class Suspicions(Group):
+    """What does not fit what a campaign declares: units, channels, masses, clocks, damaged channels."""
+
+    balance_window_s: float = number(
+        0.02, "s", "time after a contact over which momentum is balanced", "the joint passes momentum on"
+    )
+    balance_guard_s: float = number(0.003, "s", "time before a contact that is balanced too")
+    unbalanced: float = number(
+        0.02, "1", "share of the force's square left, below which no delay is looked for", _RIG
+    )
+    latest_s: float = number(3e-3, "s", "delay beyond which motion belongs to another event")
+    slip_left: float = number(5e-4, "1", "share of the force's square that a slip is to explain", _RIG)
+    slip_share: float = number(
+        0.15, "1", "share of that which a slip may leave", "rig: slips leave at most 1.4 %"
+    )
+    slip_near: float = number(
+        1.12, "1", "factor to which a unit's factor is met", "sensors are off by a tenth"
+    )
+    scale_left: float = number(
+        0.05, "1", "share of the force's square left, for a factor without a name", _RIG
+    )
+    scale_factor: float = number(
+        1.25, "1", "factor below which it is the gain of a sensor", "sensors are off by a tenth"
+    )
+    late_s: float = number(
+        2.2e-4, "s", "delay that sensors sampled in turn may have", "data loggers: at most 0.2 ms"
+    )
+    weak_hit_n: float = number(5.0, "N", "peak force below which a hit is one in kN", "hammers hit harder")
+    fewest: int = number(3, "1", "records that tell a mass or a preload which nobody declares")
+    preload_factor: float = number(
+        2.0, "1", "factor between gauge and preload that is suspected", "gauges: 0.6 to 1.7"
+    )
+    preload_like: float = number(1.5, "1", "factor to which a preload is met once the unit is right")
+    preload_share: float = number(
+        0.05, "1", "share of the largest preload, below which a wrong zero explains it"
+    )
+    rate_same: float = number(1e-4, "1", "relative difference below which two rates are one")
+    rate_other: float = number(0.02, "1", "relative difference above which another rate was meant")
+    lone_samples: int = number(2, "1", "samples in a row, above which an extreme is a signal", _SEEN)
+    lone_share: float = number(0.1, "1", "share of lone samples' height that the rest stays below", _SEEN)
+    hit_guard_s: float = number(
+        5e-3, "s", "time about a hit in which a lone sample may be the blow itself", _SEEN
+    )
+    wrap_step: float = number(0.6, "1", "jump in ranges of a channel that may be a wrap-around", _SEEN)
+    wrap_smooth: float = number(0.45, "1", "largest step in ranges that unwrapping may leave", _SEEN)
+    wrap_beyond: float = number(0.02, "1", "least that unwrapping adds to the range, in ranges", _SEEN)
+    dropped: float = number(0.5, "1", "share of the level beside a dropout", _SEEN)
+    drop_noise: float = number(10.0, "1", "least level of a channel with dropouts, in its noise", _SEEN)
+    drop_run: int = number(4, "1", "zeros in a row that are no chance at any level", _SEEN)
+    drop_beside: int = number(
+        5, "1", "samples beside a dropout that are looked at", "a loose bolt falls slowly"
+    )
+    window_noise: float = number(
+        0.4, "1", "noise at the end over that before the hit, below which a window is suspected", _SEEN
+    )
+    window_straight: float = number(
+        0.97, "1", "correlation of its logarithm with time from which noise fades evenly", _SEEN
+    )
+    settling_share: float = number(
+        0.9, "1", "share of the variance before the hit that a settling sensor explains", _SEEN
+    )
+    settling_noise: float = number(20.0, "1", "least run of a settling sensor, in its noise", _SEEN)
+    settling_size: float = number(0.1, "1", "least run of a settling sensor, in the motion", _SEEN)
+    mean_speed: float = number(
+        3.0, "1", "speed that a mean which moves stands for, in speeds that the hit gave", _SEEN
+    )
+    mean_errors: float = number(10.0, "1", "least change of a mean, in standard errors", _SEEN)
+    mean_size: float = number(0.1, "1", "least change of a mean, in the motion after the hit", _SEEN)
+    shortest: int = number(256, "1", "samples that tell a channel's noise")
