@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import signal
 import sys
@@ -12,7 +11,9 @@ from typing import Annotated
 
 import typer
 
-from experiments.errors import INTERRUPTED, UNFIT, a_campaign, a_model, existing, tell
+from experiments.errors import INTERRUPTED, UNFIT, a_model, existing, tell
+from experiments.options import CORES as _CORES
+from experiments.options import CampaignPath, Cluster, Jobs, OneProcess, Out, Quiet, Seed, Unseeded
 from experiments.results import results_folder, writable
 from experiments.run.execution import execution
 from experiments.run.memory import return_freed_arrays
@@ -28,27 +29,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-CampaignPath = Annotated[
-    Path, typer.Argument(help="Campaign folder: campaign.toml and its records.", callback=a_campaign)
-]
-Out = Annotated[
-    Path | None, typer.Option(help="Folder for results; default: CAMPAIGN-results beside the campaign.")
-]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
-Unseeded = Annotated[int, typer.Option(min=0, help="Accepted by every command; nothing here is random.")]
-Jobs = Annotated[
-    int, typer.Option(min=1, help="Processes; results do not depend on it.", show_default="all cores")
-]
-OneProcess = Annotated[
-    int,
-    typer.Option(
-        min=1, help="Accepted by every command; nothing here runs in parallel.", show_default="all cores"
-    ),
-]
-Cluster = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, tcp://host:port.")]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no summary.")]
-_CORES = os.cpu_count() or 1
 
 
 def _show_version(wanted: bool) -> None:
@@ -252,6 +232,22 @@ def discover(
         Path | None,
         typer.Option(metavar="LAWS.toml", help="Laws of your own that run among all candidates."),
     ] = None,
+    library: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Search only this library of factors, such as velocity; may be repeated. An unknown name "
+            "lists all.",
+        ),
+    ] = None,
+    optimizer: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Use only this optimizer, such as STLSQ; may be repeated. An unknown name lists all.",
+        ),
+    ] = None,
+    max_terms: Annotated[int | None, typer.Option(min=1, help="Terms of a law, at most; default: 3.")] = None,
     out: Out = None,
     seed: Seed = 0,
     jobs: Jobs = _CORES,
@@ -264,7 +260,7 @@ def discover(
     with progress_bars(quiet) as report, execution(cluster):
         path = study.run(
             campaign, results_folder(campaign, out), seed, jobs, report, _command(), tightening=tightening,
-            laws=laws,
+            laws=laws, libraries=library, optimizers=optimizer, max_terms=max_terms,
         )  # fmt: skip
     _say(study.summary(path), quiet)
     _say(f"wrote {path}, the first law's model.json and figures beside it", quiet)

@@ -24,15 +24,8 @@ from rom.model.units import parse_unit, unit_text
 
 OWN_RATE = "own_rate"
 _SYMBOLS = ("N", "m", "s")
-_TENSIONS: Numerical[tuple[float, ...]] = (
-    0.0,
-    1.0,
-    10.0,
-    100.0,
-    1e3,
-    1e4,
-)  # [N], where a law is tried at rest
-_AT_REST: Numerical[float] = 1e-12  # [N/s]
+TRIED_TENSIONS: Numerical[tuple[float, ...]] = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4)  # [N], for a law at rest
+AT_REST: Numerical[float] = 1e-12  # [N/s]
 _STARTS: Numerical[int] = 27  # at most, of all numbers with a range
 _PER_RANGE: Numerical[tuple[float, ...]] = (0.1, 0.5, 0.9)  # of a range, where a fit starts too
 
@@ -187,18 +180,18 @@ def check_units(law: Law) -> None:
 
 
 def _check_at_rest(law: Law) -> None:
-    still = law.rate(np.array(_TENSIONS), 0.0, 0.0, 0.0, 0.0)
+    still = law.rate(np.array(TRIED_TENSIONS), 0.0, 0.0, 0.0, 0.0)
     known = np.isfinite(still)
     if not known.any():
         raise ValueError(f"law {law.name!r}: its rate is not a number at rest, expected 0 N/s there")
     still = np.where(
         known, still, 0.0
     )  # whether it is a number at measured tensions is asked with the records
-    if np.abs(still).max() > _AT_REST:
+    if np.abs(still).max() > AT_REST:
         place = int(np.argmax(np.abs(still)))
         raise ValueError(
-            f"law {law.name!r}: found {still[place]:.3g} N/s at {_TENSIONS[place]:g} N while nothing moves, "
-            "expected 0: multiply by a motion (v, x, F or D)"
+            f"law {law.name!r}: found {still[place]:.3g} N/s at {TRIED_TENSIONS[place]:g} N while nothing "
+            "moves, expected 0: multiply by a motion (v, x, F or D)"
         )
 
 

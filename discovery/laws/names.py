@@ -8,6 +8,7 @@ from dataclasses import replace
 
 from discovery.laws.candidate import ALWAYS_LISTED, NO_LOOSENING, Candidate, Term
 from discovery.laws.factors import Factor, tension_logistic
+from discovery.laws.given import GivenLaw
 from rom.criteria.number import Numerical
 
 _DIGITS: Numerical[int] = 3
@@ -21,7 +22,7 @@ def names_of(candidates: Sequence[Candidate]) -> list[str]:
     """
     names: list[str] = []
     for candidate in candidates:
-        known = candidate.source in ALWAYS_LISTED
+        known = candidate.source in ALWAYS_LISTED or isinstance(candidate, GivenLaw)
         spelt = [candidate.name] if known else [equation_name(candidate, d) for d in (_DIGITS, 4, 5, 6)]
         spelt += [f"{spelt[0]} ({k})" for k in range(2, len(candidates) + 2)]
         names.append(next(name for name in spelt if name not in names))
@@ -58,6 +59,11 @@ def _spelt(factor: Factor, digits: int | None) -> str:
             free = f"{inner.value:#.{digits or _DIGITS}g}".rstrip(".")
             shown = free if inner.free else f"{inner.value:.3g}"
             text = re.sub(rf"\b{name}\b", shown, text)
+    return in_symbols(text)
+
+
+def in_symbols(text: str) -> str:
+    """Return an expression with ``|v|`` for abs(v), ``^`` for powers, and T for max(T, 0)."""
     text = text.replace("max(T, 0)", "T")
     text = re.sub(r"abs\(([^()]*)\)", lambda found: f"|{found[1]}|", text)
     return text.replace(" ** ", "^").replace(" * ", " ").replace(" / ", "/")

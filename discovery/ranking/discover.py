@@ -18,6 +18,7 @@ from discovery.ranking.confidence_sets import exponent_profile, motion_profile
 from discovery.ranking.pairwise import compare_laws, not_told_apart
 from discovery.ranking.race import race
 from discovery.ranking.result import RankedLaw, Ranking
+from discovery.search.selection import select
 from discovery.search.shortlist import Proposals, propose
 from discovery.separating_tests.hits import propose_tests
 from rom.campaign.campaign import Campaign
@@ -45,6 +46,9 @@ def discover(
     tightening: bool = False,
     criteria: Criteria = CRITERIA,
     laws: Sequence[Given] = (),
+    libraries: Sequence[str | object] | None = None,
+    optimizers: Sequence[str | object] | None = None,
+    max_terms: int | None = None,
 ) -> Ranking:
     """Rank the tension laws that the loosening records of a campaign support.
 
@@ -64,6 +68,15 @@ def discover(
         The numbers that decide.
     laws : sequence of str, Law or Candidate
         Laws of one's own that run among the candidates (`discovery.laws.given.given_law`).
+    libraries : sequence of str or object
+        Names in `discovery.LIBRARIES`, or pysindy libraries over the inputs ``v, x, T, F, D``
+        (`discovery.search.own_libraries`); all of `discovery.LIBRARIES` if not given.
+    optimizers : sequence of str or object
+        Names in `discovery.OPTIMIZERS`, or objects with ``fit(theta, target)`` and then ``coef_``, such as
+        pysindy's; they see columns and a target of length 1. All of `discovery.OPTIMIZERS`, and the best
+        pairs of columns, if not given.
+    max_terms : int
+        Terms of a sum, at most; the criterion ``search.largest_support`` if not given.
 
     Returns
     -------
@@ -74,14 +87,20 @@ def discover(
     ------
     ValueError
         If the model has not one bolted link, fewer than four training records with a hit and a tension are
-        left, or a law of one's own cannot be one.
+        left, a law of one's own cannot be one, or a library or an optimizer cannot be used.
+
+    Examples
+    --------
+    >>> discovery.discover(campaign, libraries=[PolynomialLibrary(3)], optimizers=["STLSQ"])  # doctest: +SKIP
     """
     stage: Stages = progress or (lambda _: None)
-    given = _given(laws)
+    given, selection = _given(laws), select(libraries, optimizers)
+    if max_terms is not None:
+        criteria = criteria.changed(search={"largest_support": _at_least_one(max_terms)})
     data = _data(campaign, jobs, stage, tightening, criteria)
     check_given(given, data.frozen)
     first = refine(baseline(), data.frozen)
-    proposals = propose(data.frozen, first, seed, tightening, jobs, stage("proposing laws"))
+    proposals = propose(data.frozen, first, seed, tightening, jobs, stage("proposing laws"), selection)
     return _ranking(data, given, proposals, seed, jobs, stage)
 
 
@@ -160,8 +179,14 @@ def _data(campaign: Campaign, jobs: int, stage: Stages, tightening: bool, criter
     return _Data(campaign, found, frozen, hold_out, doubts, rose)
 
 
+def _at_least_one(terms: int) -> int:
+    if isinstance(terms, bool) or not isinstance(terms, int) or terms < 1:
+        raise ValueError(f"max_terms: found {terms!r}, expected 1 or more")
+    return terms
+
+
 def _given(laws: Sequence[Given]) -> tuple[Candidate, ...]:
-    return tuple(law if isinstance(law, GivenLaw) else given_law(law) for law in laws)
+    return tuple(given_law(law) for law in laws)
 
 
 def check_given(laws: Sequence[Candidate], frozen: FrozenMotion) -> None:
@@ -198,6 +223,7 @@ def _ranking(
             *found.warnings,
             *(f"{file}: its tension rose; not fitted" for file in data.rose),
             *_left_out(proposals.dropped),
+            *proposals.notes,
             *_not_fitted(given, laws),
         ),
     )

@@ -10,7 +10,7 @@ alone makes at these scales, and c over both factors' scales is the term's coeff
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from itertools import groupby, product
 from typing import TYPE_CHECKING, Any, Literal
@@ -263,21 +263,38 @@ LIBRARIES: dict[str, Library] = {
 """Name -> family of factors; every motion factor is tried with every tension factor."""
 
 
-def _of_all(of: str, scales: Scales, rules: Search) -> list[Factor]:
-    families = (library.factors(scales, rules) for library in LIBRARIES.values() if library.of == of)
+def _of_all(of: str, scales: Scales, rules: Search, names: Collection[str] | None) -> list[Factor]:
+    """Factors of the named families of a kind; of all where none of this kind is named."""
+    there = {name: library for name, library in LIBRARIES.items() if library.of == of}
+    chosen = [library for name, library in there.items() if names is None or name in names]
+    families = (library.factors(scales, rules) for library in chosen or there.values())
     return [factor for family in families for factor in family]
 
 
-def motion_factors(scales: Scales, rules: Search = CRITERIA.search) -> tuple[Factor, ...]:
-    """All motion factors of `LIBRARIES`, each once, in their order."""
+def motion_factors(
+    scales: Scales, rules: Search = CRITERIA.search, names: Collection[str] | None = None
+) -> tuple[Factor, ...]:
+    """Motion factors of `LIBRARIES`, each once, in their order.
+
+    Parameters
+    ----------
+    scales : Scales
+        The campaign's.
+    rules : Search
+        The criteria of the libraries.
+    names : collection of str, optional
+        Families to take; all where no family of motion is named.
+    """
     unique: dict[object, Factor] = {}
-    for factor in _of_all("motion", scales, rules):
+    for factor in _of_all("motion", scales, rules, names):
         unique.setdefault(factor.key, factor)
     return tuple(unique.values())
 
 
-def tension_factors(scales: Scales, *fitted: Factor, rules: Search = CRITERIA.search) -> tuple[Factor, ...]:
-    """All tension factors of `LIBRARIES`, T alone first, and those that are fitted already.
+def tension_factors(
+    scales: Scales, *fitted: Factor, rules: Search = CRITERIA.search, names: Collection[str] | None = None
+) -> tuple[Factor, ...]:
+    """Tension factors of `LIBRARIES`, T alone first, and those of their forms that are fitted already.
 
     Parameters
     ----------
@@ -287,13 +304,17 @@ def tension_factors(scales: Scales, *fitted: Factor, rules: Search = CRITERIA.se
         Come last, unless they are there.
     rules : Search
         The criteria of the libraries.
+    names : collection of str, optional
+        Families to take; all where no family of tension is named.
 
     Returns
     -------
     tuple of Factor
         Each once.
     """
-    points = [*_of_all("tension", scales, rules), *fitted]
+    points = _of_all("tension", scales, rules, names)
+    forms = {factor.text for factor in points}
+    points += [factor for factor in fitted if factor.text in forms]
     proportional = tension_power(1.0, free=True).key
     unique = {factor.key: factor for factor in points if factor.key != proportional}
     return tuple(unique.values())

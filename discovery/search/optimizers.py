@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -147,7 +148,9 @@ def ensemble(problem: SparseProblem) -> list[FloatArray]:
         ]
 
 
-OPTIMIZERS: dict[str, Callable[[SparseProblem], list[FloatArray]]] = {
+Path = Callable[[SparseProblem], list[FloatArray]]
+
+OPTIMIZERS: dict[str, Path] = {
     "FROLS": frols,
     "SSR": ssr,
     "STLSQ": stlsq,
@@ -158,14 +161,50 @@ OPTIMIZERS: dict[str, Callable[[SparseProblem], list[FloatArray]]] = {
 """Name -> function from a problem to the coefficients along its path, each of shape (columns,)."""
 
 
+def path_of(optimizer: Any) -> Path:
+    """Return the path of an optimizer of one's own.
+
+    It is copied, then fitted as ``fit(theta, target)`` to columns and a target of length 1: a threshold is a
+    share of the target. Its result is ``coef_``, and of pysindy's FROLS and SSR, whose stop is a guess, every
+    step.
+
+    Raises
+    ------
+    ValueError
+        When its coefficients are not one finite number a column.
+    """
+
+    def path(problem: SparseProblem) -> list[FloatArray]:
+        from pysindy import FROLS, SSR
+
+        with _global_seed(problem.rng):
+            fitted = copy.deepcopy(optimizer)
+            fitted.fit(problem.theta, problem.target)
+        greedy = isinstance(fitted, FROLS | SSR)
+        rows = [
+            np.asarray(row, dtype=float).reshape(-1)
+            for row in (fitted.history_ if greedy else [fitted.coef_])
+        ]
+        for row in rows:
+            if row.shape != (problem.columns,) or not np.isfinite(row).all():
+                raise ValueError(
+                    f"optimizer {type(optimizer).__name__}: found coef_ of shape {row.shape}, expected one "
+                    f"finite number for each of {problem.columns} columns"
+                )
+        return rows
+
+    return path
+
+
 def sparse_supports(
     theta: FloatArray,
     target: FloatArray,
     rng: np.random.Generator,
     signed: bool = False,
     rules: Search = CRITERIA.search,
+    optimizers: Mapping[str, Path] | None = None,
 ) -> dict[frozenset[int], tuple[str, ...]]:
-    """Distinct supports on the paths of all optimizers, each with the optimizers that found it.
+    """Distinct supports on the paths of optimizers, each with the optimizers that found it.
 
     Parameters
     ----------
@@ -179,16 +218,18 @@ def sparse_supports(
         Whether terms of either sign are sought: no fit is then held to positive coefficients.
     rules : Search
         Thresholds, ridge and largest support.
+    optimizers : mapping of str to callable
+        Those of `OPTIMIZERS` if not given.
 
     Returns
     -------
     dict of frozenset to tuple of str
-        Places of the columns, and names in `OPTIMIZERS`.
+        Places of the columns, and names of optimizers.
     """
     unit = theta / np.linalg.norm(theta, axis=0)
     problem = SparseProblem(unit, target / np.linalg.norm(target), rng, signed, rules)
     found: dict[frozenset[int], tuple[str, ...]] = {}
-    for name, path in OPTIMIZERS.items():
+    for name, path in (OPTIMIZERS if optimizers is None else optimizers).items():
         for row in path(problem):
             support = frozenset(int(j) for j in np.flatnonzero(row))
             if 0 < len(support) <= rules.largest_support and name not in found.get(support, ()):

@@ -11,29 +11,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from discovery.criteria.criteria import Criteria
 from discovery.criteria.search import Search
 from discovery.laws.candidate import Candidate, Term
 from discovery.laws.factors import Factor, tension_exponential, tension_logistic, tension_power
 from discovery.laws.names import term_form
 from discovery.search.libraries import Scales, TermLibrary, motion_factors, printed, tension_factors
-from discovery.search.optimizers import sparse_supports
-from discovery.search.quick_likelihood import Found, assumed_variability, best_pairs, fitted_sum, single_terms
+from discovery.search.own_libraries import read_library
+from discovery.search.quick_likelihood import Found, assumed_variability, single_terms
+from discovery.search.selection import EVERYTHING, Selection
 from discovery.search.sparse_regression import (
     Rows,
     along,
     forward,
     integrals,
-    least_squares,
     smoothed,
     usable,
     weighted,
     whitener,
 )
+from discovery.search.sums import Sums
 from rom.campaign.channels import FloatArray
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from discovery.courses.frozen_motion import FrozenMotion
 
 Progress = Callable[[int, int], None]
+Law = TypeVar("Law", bound=Candidate)
 
 _SINGLE = "pysindy:grid/single term"
 
@@ -61,6 +62,8 @@ class Proposals:
         Columns that are zero or a multiple of another one.
     scores : tuple of float
         Quick measure of every candidate with its price for free numbers, as `candidates`.
+    notes : tuple of str
+        What of the libraries and optimizers did not take part, a line each.
     """
 
     candidates: tuple[Candidate, ...]
@@ -68,6 +71,7 @@ class Proposals:
     inclusion: Mapping[str, float]
     dropped: tuple[str, ...] = ()
     scores: tuple[float, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def propose(
@@ -77,6 +81,7 @@ def propose(
     tightening: bool = False,
     jobs: int = 1,  # noqa: ARG001 - the same signature as the race
     progress: Progress | None = None,
+    selection: Selection = EVERYTHING,
 ) -> Proposals:
     """Propose tension laws: all single terms on their grids, and sparse sums of terms.
 
@@ -94,8 +99,10 @@ def propose(
         Not used: one core is enough.
     progress : callable
         Called as ``progress(done, total)``.
+    selection : Selection
+        Libraries and optimizers; all of ours if not given.
     """
-    return _proposed(frozen, baseline_fit, seed, tightening, progress or _silent)
+    return _proposed(frozen, baseline_fit, seed, tightening, progress or _silent, selection)
 
 
 def _silent(done: int, total: int) -> None:  # noqa: ARG001 - the signature of progress
@@ -103,38 +110,115 @@ def _silent(done: int, total: int) -> None:  # noqa: ARG001 - the signature of p
 
 
 def _proposed(
-    frozen: FrozenMotion, baseline_fit: Fit, seed: int, tightening: bool, tell: Progress
+    frozen: FrozenMotion, baseline_fit: Fit, seed: int, tightening: bool, tell: Progress, selection: Selection
 ) -> Proposals:
     rng = np.random.default_rng(seed)
     tell(0, 4)
-    scales, rules = Scales.of(frozen), frozen.criteria.search
-    motions = motion_factors(scales, rules)
-    guide = _guide(frozen, baseline_fit, scales, motions)
+    scales = Scales.of(frozen)
+    guide = _guide(frozen, baseline_fit, scales)
     tell(1, 4)
-    followed = along(guide, frozen)
-    fitted = [t.tension for f in (baseline_fit, guide) for t in f.candidate.terms if t.tension.inner]
-    library = TermLibrary(
-        "grid", scales, motions, tension_factors(scales, *fitted, rules=rules), int(rules.degree)
-    )
-    columns, smooth = integrals(library, followed), smoothed(guide, followed)
-    plain = weighted(columns, followed, whitener(followed, smooth))
-    scatter = np.minimum(guide.tau(frozen.initial), assumed_variability(tightening, frozen.criteria.courses))
-    damped = weighted(columns, followed, whitener(followed, smooth, scatter))
-    singles = single_terms(plain, _SINGLE, signed=tightening)
+    at = _Guided.by(guide, frozen, tightening, selection)
+    parts = [] if selection.families == () else [_of_grid(at, baseline_fit, scales, rng)]
     tell(2, 4)
-    search = _Search(library, plain, damped, singles, tightening, frozen.criteria)
-    sums, dropped = search.sums(rng)
+    parts += [_of_own(at, name, library, rng) for name, library in selection.own.items()]
     tell(3, 4)
-    kept, scores = _merged(library, (*singles, *sums), plain.target.size, rules)
-    inclusion = search.inclusion(rng)
+    proposals = _together(parts, selection, int(frozen.criteria.search.largest_support))
     tell(4, 4)
-    return Proposals(kept, len(singles) + len(sums), inclusion, dropped, scores)
+    return proposals
 
 
-def _guide(frozen: FrozenMotion, baseline_fit: Fit, scales: Scales, motions: tuple[Factor, ...]) -> Fit:
-    """The best of a few single-term laws of different motion and the baseline, fitted."""
+@dataclass(frozen=True, eq=False)
+class _Guided:
+    """Motion along the tension that a fitted law predicts, and what whitens rows of integrals there."""
+
+    guide: Fit
+    frozen: FrozenMotion
+    tightening: bool
+    selection: Selection
+    plain: FloatArray
+    damped: FloatArray
+
+    @classmethod
+    def by(cls, guide: Fit, frozen: FrozenMotion, tightening: bool, selection: Selection) -> _Guided:
+        followed = along(guide, frozen)
+        smooth = smoothed(guide, followed)
+        assumed = assumed_variability(tightening, frozen.criteria.courses)
+        scatter = np.minimum(guide.tau(frozen.initial), assumed)
+        roots = whitener(followed, smooth), whitener(followed, smooth, scatter)
+        return cls(guide, followed, tightening, selection, *roots)
+
+    def rows(self, columns: FloatArray) -> tuple[Rows, Rows]:
+        """Rows whitened by the noise alone, and also by the scatter."""
+        return weighted(columns, self.frozen, self.plain), weighted(columns, self.frozen, self.damped)
+
+    def sums(self, rows: tuple[Rows, Rows], singles: Sequence[Found], *, credited: bool) -> Sums:
+        """What finds sums among the columns of these rows."""
+        criteria, optimizers = self.frozen.criteria, self.selection.optimizers
+        return Sums(*rows, singles, self.tightening, criteria, optimizers, credited)
+
+
+def _of_grid(at: _Guided, baseline_fit: Fit, scales: Scales, rng: np.random.Generator) -> Proposals:
+    """Return laws of our own families of factors."""
+    rules, names = at.frozen.criteria.search, at.selection.families
+    fitted = [t.tension for f in (baseline_fit, at.guide) for t in f.candidate.terms if t.tension.inner]
+    tensions = tension_factors(scales, *fitted, rules=rules, names=names)
+    library = TermLibrary("grid", scales, motion_factors(scales, rules, names), tensions, int(rules.degree))
+    plain, damped = at.rows(integrals(library, at.frozen))
+    singles = single_terms(plain, _SINGLE, signed=at.tightening)
+    groups = _groups(library, singles, int(rules.shared))
+    search = at.sums((plain, damped), singles, credited=at.selection.optimizers is not None)
+    found, dropped = search.found(library.names(), groups, rng)
+    kept, scores = _merged(library, found, plain.target.size, rules)
+    inclusion = _inclusion(library, next(iter(groups.values())), damped, rules, rng)
+    return Proposals(kept, len(found), inclusion, dropped, scores)
+
+
+def _of_own(at: _Guided, name: str, given: object, rng: np.random.Generator) -> Proposals:
+    """Return laws of a library of one's own: every column alone, and sums of columns."""
+    library, rules = read_library(given, name, at.frozen, signed=at.tightening), at.frozen.criteria.search
+    rows = at.rows(library.integrals)
+    singles = single_terms(rows[0], f"pysindy:{name}/single term", signed=at.tightening)
+    members = {name: range(len(library.texts))}
+    found, dropped = at.sums(rows, singles, credited=True).found(library.texts, members, rng)
+    price = float(np.log(rows[0].target.size))
+    scored = [(one.deviance + price * len(one.columns), library.law(one)) for one in found]
+    kept, scores = _shortened(scored, lambda law: len(law.scales), rules)
+    notes = (library.note,) if library.note else ()
+    return Proposals(kept, len(scored), {}, dropped, scores, notes)
+
+
+def _together(parts: Sequence[Proposals], selection: Selection, most: int) -> Proposals:
+    """Return the laws of several libraries, best first, a law that two of them propose once."""
+    pairs = [pair for part in parts for pair in zip(part.scores, part.candidates, strict=True)]
+    best: dict[tuple[object, ...], tuple[float, Candidate]] = {}
+    for score, law in sorted(pairs, key=lambda item: item[0]):
+        value, kept = best.get(law.key, (score, replace(law, source="")))
+        texts = dict.fromkeys((*filter(None, kept.source.split("; ")), *law.source.split("; ")))
+        best[law.key] = value, replace(kept, source="; ".join(texts))
+    found = set().union(*(law.source.split("; ") for _, law in best.values()))
+    idle = [
+        f"optimizer {name}: selected no law of 1 to {most} terms that goes on"
+        for name in selection.optimizers or ()
+        if not any(source.endswith(f"/{name}") for source in found)
+    ]
+    return Proposals(
+        candidates=tuple(law for _, law in best.values()),
+        considered=sum(part.considered for part in parts),
+        inclusion=parts[0].inclusion if parts else {},
+        dropped=tuple(dict.fromkeys(name for part in parts for name in part.dropped)),
+        scores=tuple(score for score, _ in best.values()),
+        notes=(*(note for part in parts for note in part.notes), *idle),
+    )
+
+
+def _guide(frozen: FrozenMotion, baseline_fit: Fit, scales: Scales) -> Fit:
+    """The best of a few single-term laws of different motion and the baseline, fitted.
+
+    It smooths the measured tension, whatever is sought, and so comes from all of our families of motion.
+    """
     from discovery.courses.fit import fit, refine
 
+    motions = motion_factors(scales, frozen.criteria.search)
     tensions = (tension_power(), tension_exponential(2 * scales.tension), tension_logistic())
     library = TermLibrary("first", scales, motions, tensions, int(frozen.criteria.search.degree))
     roots = whitener(frozen, smoothed(baseline_fit, frozen))
@@ -152,104 +236,44 @@ def _guide(frozen: FrozenMotion, baseline_fit: Fit, scales: Scales, motions: tup
     return refined if refined.converged else best
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """Sums of terms from the sparse fits of several libraries, all parts of one grid of columns.
+def _inclusion(
+    library: TermLibrary, members: Sequence[int], damped: Rows, rules: Search, rng: np.random.Generator
+) -> dict[str, float]:
+    """How often FROLS takes a term of each form among its first two when records are drawn again.
 
-    ``plain`` rows are whitened by the noise alone and judge; ``damped`` ones also by the scatter and feed the
-    sparse fits.
+    All terms have one tension factor, the best; points of a grid that differ in numbers are one form.
     """
+    theta, target = damped.columns[:, :, members], damped.target
+    kept, _ = usable(theta.reshape(-1, len(members)), [str(k) for k in members])
+    terms = library.terms
+    forms = [term_form(terms[members[k]]) for k in kept]
+    counts: dict[str, int] = {}
+    draws = int(rules.bootstraps)
+    for _ in range(draws):
+        drawn = rng.integers(len(target), size=len(target))
+        rows = theta[drawn][:, :, kept].reshape(-1, len(kept))
+        first = forward(rows, target[drawn].ravel(), int(rules.first_terms), rules.ridge)
+        for form in {forms[k]: None for k in first}:
+            counts[form] = counts.get(form, 0) + 1
+    shares = {form: count / draws for form, count in counts.items()}
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
-    library: TermLibrary
-    plain: Rows
-    damped: Rows
-    singles: Sequence[Found]
-    tightening: bool
-    criteria: Criteria
 
-    def sums(self, rng: np.random.Generator) -> tuple[list[Found], tuple[str, ...]]:
-        """Every distinct sum on the paths of the sparse fits, and the best pairs; and dropped columns."""
-        names = self.library.names()
-        sources: dict[frozenset[int], tuple[str, ...]] = {}
-        dropped: dict[str, None] = {}
-        for label, members in self._libraries().items():
-            theta, target = self._stacked(members)
-            kept, gone = usable(theta, [names[k] for k in members])
-            dropped |= dict.fromkeys(gone)
-            if len(kept) < 2:
-                continue
-            place = [members[k] for k in kept]
-            found = {
-                support: tuple(f"pysindy:{label}/{optimizer}" for optimizer in optimizers)
-                for support, optimizers in sparse_supports(
-                    theta[:, kept], target, rng, self.tightening, self.criteria.search
-                ).items()
-            }
-            for pair in self._pairs(place):
-                found[frozenset(pair)] = (*found.get(frozenset(pair), ()), f"pysindy:{label}/best pairs")
-            for support, texts in found.items():
-                whole = frozenset(place[k] for k in support)
-                sources[whole] = tuple(dict.fromkeys((*sources.get(whole, ()), *texts)))
-        sums = [self._fitted(support, texts) for support, texts in sources.items() if len(support) > 1]
-        return sums, tuple(dropped)
-
-    def inclusion(self, rng: np.random.Generator) -> dict[str, float]:
-        """How often FROLS takes a term of each form among its first two when records are drawn again.
-
-        All terms have one tension factor, the best; points of a grid that differ in numbers are one form.
-        """
-        members = next(iter(self._libraries().values()))
-        theta, target = self.damped.columns[:, :, members], self.damped.target
-        kept, _ = usable(theta.reshape(-1, len(members)), [str(k) for k in members])
-        terms = self.library.terms
-        forms = [term_form(terms[members[k]]) for k in kept]
-        counts: dict[str, int] = {}
-        rules = self.criteria.search
-        draws = int(rules.bootstraps)
-        for _ in range(draws):
-            drawn = rng.integers(len(target), size=len(target))
-            rows = theta[drawn][:, :, kept].reshape(-1, len(kept))
-            for form in {
-                forms[k]: None
-                for k in forward(rows, target[drawn].ravel(), int(rules.first_terms), rules.ridge)
-            }:
-                counts[form] = counts.get(form, 0) + 1
-        shares = {form: count / draws for form, count in counts.items()}
-        return dict(sorted(shares.items(), key=lambda item: -item[1]))
-
-    def _libraries(self) -> dict[str, list[int]]:
-        """Columns of libraries: all motions with one tension factor, several times; each with its best."""
-        width = len(self.library.tensions)
-        motions = np.arange(len(self.library.motions))
-        deviance = np.full(len(motions) * width, np.inf)
-        for found in self.singles:
-            deviance[found.columns[0]] = found.deviance
-        table = deviance.reshape(-1, width)
-        order = [int(k) for k in np.argsort(table.min(axis=0))]
-        texts: dict[str, int] = {}
-        for k in order:
-            texts.setdefault(self.library.tensions[k].text, k)
-        shared = list(dict.fromkeys((*texts.values(), *order)))[: int(self.criteria.search.shared)]
-        libraries = {printed(self.library.tensions[k]): [int(j) for j in motions * width + k] for k in shared}
-        return {**libraries, "each with its best T": [int(j * width + table[j].argmin()) for j in motions]}
-
-    def _stacked(self, members: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        return self.damped.columns[:, :, members].reshape(-1, len(members)), self.damped.target.ravel()
-
-    def _pairs(self, members: Sequence[int]) -> list[tuple[int, int]]:
-        """Places in ``members`` of the best pairs."""
-        sizes = {found.columns[0]: found.coefficients[0] for found in self.singles}
-        alone = [k for k, column in enumerate(members) if column in sizes]
-        chosen = [members[k] for k in alone]
-        rows = Rows(self.plain.columns[:, :, chosen], self.plain.target)
-        values, count = np.array([sizes[k] for k in chosen]), int(self.criteria.search.pairs)
-        pairs = best_pairs(rows, values, count, self.tightening, self.criteria.courses)
-        return [(alone[j], alone[k]) for j, k in pairs]
-
-    def _fitted(self, support: frozenset[int], sources: tuple[str, ...]) -> Found:
-        members = sorted(support)
-        start = least_squares(*self._stacked(members), signed=self.tightening)
-        return fitted_sum(self.plain, members, start, sources, self.criteria.courses)
+def _groups(library: TermLibrary, singles: Sequence[Found], shared: int) -> dict[str, list[int]]:
+    """Columns of libraries: all motions with one tension factor, several times; each with its best."""
+    width = len(library.tensions)
+    motions = np.arange(len(library.motions))
+    deviance = np.full(len(motions) * width, np.inf)
+    for found in singles:
+        deviance[found.columns[0]] = found.deviance
+    table = deviance.reshape(-1, width)
+    order = [int(k) for k in np.argsort(table.min(axis=0))]
+    texts: dict[str, int] = {}
+    for k in order:
+        texts.setdefault(library.tensions[k].text, k)
+    chosen = list(dict.fromkeys((*texts.values(), *order)))[:shared]
+    groups = {printed(library.tensions[k]): [int(j) for j in motions * width + k] for k in chosen}
+    return {**groups, "each with its best T": [int(j * width + table[j].argmin()) for j in motions]}
 
 
 def _merged(
@@ -278,10 +302,17 @@ def _merged(
             value, kept = best.get(guise.key, (score, replace(guise, source="")))
             texts = dict.fromkeys((*filter(None, kept.source.split("; ")), *one.sources))
             best[guise.key] = value, replace(kept, source="; ".join(texts))
-    ranked = sorted(best.values(), key=lambda item: item[0])
-    singles = [item for item in ranked if len(item[1].terms) == 1]
+    return _shortened(list(best.values()), lambda law: len(law.terms), rules)
+
+
+def _shortened(
+    scored: Sequence[tuple[float, Law]], terms: Callable[[Law], int], rules: Search
+) -> tuple[tuple[Law, ...], tuple[float, ...]]:
+    """The best laws and their scores; of sums no better than the best single term a few."""
+    ranked = sorted(scored, key=lambda item: item[0])
+    singles = [item for item in ranked if terms(item[1]) == 1]
     least = singles[0][0] if singles else np.inf
-    sums = [item for item in ranked if len(item[1].terms) > 1]
+    sums = [item for item in ranked if terms(item[1]) > 1]
     worth = [item for item in sums if item[0] < least]
     chosen = [*singles, *worth, *sums[len(worth) : len(worth) + int(rules.beaten)]][: int(rules.shortlist)]
     chosen.sort(key=lambda item: item[0])

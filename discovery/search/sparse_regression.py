@@ -57,12 +57,12 @@ def integrals(library: TermLibrary, frozen: FrozenMotion) -> FloatArray:
     for case in range(len(frozen)):
         nodes = frozen.of_case(case)
         motion, tension = library.factors(nodes)
-        for place, row in enumerate(_node_weights(nodes[0], frozen)):
+        for place, row in enumerate(node_weights(nodes[0], frozen)):
             out[case, place] = (motion * row[:, None]).T @ tension
     return out
 
 
-def _node_weights(time: FloatArray, frozen: FrozenMotion) -> FloatArray:
+def node_weights(time: FloatArray, frozen: FrozenMotion) -> FloatArray:
     """Weights of an integrand's nodes in the mean of its integral over each bin, (bins, nodes) [s].
 
     Trapezoids up to the knots, then the knots' averages: as along exposures, so that offsets mean the same.

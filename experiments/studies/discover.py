@@ -43,6 +43,9 @@ def run(
     tightening: bool = False,
     laws: Path | None = None,
     given_only: bool = False,
+    libraries: Sequence[str] | None = None,
+    optimizers: Sequence[str] | None = None,
+    max_terms: int | None = None,
 ) -> Path:
     """Write ``ranking.json``, ``model.json`` with the first law, and the figures; return the ranking's path.
 
@@ -66,6 +69,10 @@ def run(
         A file of laws of one's own that are in the race (`discovery.laws.law_file`).
     given_only : bool
         Whether these and the standing laws are all.
+    libraries, optimizers : sequence of str, optional
+        Names in `discovery.LIBRARIES` and `discovery.OPTIMIZERS`; all if not given.
+    max_terms : int, optional
+        Terms of a law, at most.
 
     Returns
     -------
@@ -95,7 +102,10 @@ def run(
             if given_only:
                 ranking = discovery.compare(campaign, given, jobs, report, seed, tightening)
             else:
-                ranking = discovery.discover(campaign, jobs, report, seed, tightening, laws=given)
+                ranking = discovery.discover(
+                    campaign, jobs, report, seed, tightening, laws=given, libraries=libraries,
+                    optimizers=optimizers, max_terms=max_terms,
+                )  # fmt: skip
         except NothingLeftError as nothing:
             header |= {"elapsed_s": time.perf_counter() - started, "command": command}
             header["campaign_digest"] = campaign.digest

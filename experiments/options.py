@@ -1,0 +1,32 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiments.errors import a_campaign
+
+CORES = os.cpu_count() or 1
+CampaignPath = Annotated[
+    Path, typer.Argument(help="Campaign folder: campaign.toml and its records.", callback=a_campaign)
+]
+Out = Annotated[
+    Path | None, typer.Option(help="Folder for results; default: CAMPAIGN-results beside the campaign.")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
+Unseeded = Annotated[int, typer.Option(min=0, help="Accepted by every command; nothing here is random.")]
+Jobs = Annotated[
+    int, typer.Option(min=1, help="Processes; results do not depend on it.", show_default="all cores")
+]
+OneProcess = Annotated[
+    int,
+    typer.Option(
+        min=1, help="Accepted by every command; nothing here runs in parallel.", show_default="all cores"
+    ),
+]
+Cluster = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, tcp://host:port.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no summary.")]
