@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _ROWS = 60  # of a table in a notebook; the middle is left out
+_COLUMNS = 14  # of it, the first ones
 
 
 def _unregistered(view: str, result: object) -> NoReturn:
@@ -76,7 +77,11 @@ class HasViews:
         return figure(self)
 
     def _repr_html_(self) -> str:
-        table = self.to_frame().to_html(float_format=lambda x: f"{x:.4g}", na_rep="", max_rows=_ROWS)
+        table = (
+            self.to_frame()
+            .iloc[:, :_COLUMNS]
+            .to_html(float_format=lambda x: f"{x:.4g}", na_rep="", max_rows=_ROWS)
+        )
         return f"<pre>{escape(self.summary())}</pre>{table}"
 
 

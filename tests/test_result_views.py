@@ -29,7 +29,7 @@ from tests.rom.sound_campaign import write_sound_campaign
 
 WITH_EXAMPLES = (
     "rom", "rom.campaign.campaign", "rom.model_file", "rom.model.assembly", "discovery.loop.result",
-    "discovery.ranking.result",
+    "discovery.ranking.result", "rom.model.latex", "discovery.search.own_libraries",
 )  # fmt: skip
 
 
@@ -76,7 +76,7 @@ def test_examples_run_as_printed(name: str, folder: Path, monkeypatch: pytest.Mo
     monkeypatch.chdir(folder)
     names = {"closure": closure(friction()), "ranking": ranking()}
     ran = doctest.testmod(importlib.import_module(name), extraglobs=names, optionflags=doctest.ELLIPSIS)
-    assert ran.attempted > 2
+    assert ran.attempted > 0
     assert ran.failed == 0
 
 
@@ -86,7 +86,7 @@ def test_examples_run_as_printed(name: str, folder: Path, monkeypatch: pytest.Mo
         ("campaign", "loosening: 1, 0 of them held out, preloads 152.7 to 152.7 N", "test", 1),
         ("model", "1 set aside", "value", 3),
         ("identification", "force_lo is clipped", "gamma_s3_per_m4", 3),
-        ("ranking", "First of 2000 candidate laws", "name", 2),
+        ("ranking", "First of 2000 candidate laws", "name", 3),
         ("closure", "What was missing: coulomb-friction", "motion_nrmse", None),
         ("response", "tension: 60 N at first", "displacement_so", 2),
     ],

@@ -306,6 +306,7 @@ def _ranked(
             candidate=replace(fits[k].candidate, name=name),
             scores=scores[k],
             chosen=float(shares[k]),
+            identified=frozen.model,
         )
         for rank, (name, k) in enumerate(zip(names, places, strict=True), 1)
     )

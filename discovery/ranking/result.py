@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy.typing as npt
+
 from discovery.courses.fit import Fit
 from discovery.criteria.criteria import CRITERIA
 from discovery.criteria.ranking import RankingRules
@@ -13,15 +15,16 @@ from discovery.laws.candidate import Candidate
 from discovery.laws.names import term_form
 from rom.campaign.channels import FloatArray
 from rom.evaluation.error_measures import Errors
-from rom.model.laws import Parameter, free_form_law
+from rom.model.latex import latex_of
+from rom.model.laws import Law, Parameter, free_form_law
 from rom.model.model import Model
 from rom.result_views import HasViews
 from rom.signals.tension_bins import TensionCourse
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RankedLaw:
-    """One law of a ranking.
+    r"""One law of a ranking: as an equation, as LaTeX, as a function, as a model that simulates and saves.
 
     Attributes
     ----------
@@ -51,6 +54,17 @@ class RankedLaw:
     look_alikes : tuple of str
         Equations of other candidates that became the same law, or that ended with a number at its bound and
         fit as well.
+    identified : Model
+        The identified model; `model` is the same with this law.
+
+    Examples
+    --------
+    >>> row = ranking.laws[0]
+    >>> print(row.latex)
+    \dot{T} = -\gamma \left|v\right|^{n} T \cdot 10^{-\frac{\gamma_{i}}{1 + \mathrm{e}^{\rho T}}}
+    >>> row.rate(T=100.0, x=0.0, v=0.0)
+    array(-0.)
+    >>> row.model.save("model.json")
     """
 
     rank: int
@@ -72,9 +86,64 @@ class RankedLaw:
     chosen: float = 0.0
     probability: float = 0.0
     indistinguishable: tuple[str, ...] = ()
+    identified: Model | None = None
+
+    def __repr__(self) -> str:
+        return f"RankedLaw({self.rank}, {self.name!r}, {self.equation!r}, source={self.source!r})"
+
+    @property
+    def law(self) -> Law:
+        """The law for a bolted link of any model."""
+        return free_form_law(self.name, self.equation, "tension rate", self.parameters)
+
+    @property
+    def latex(self) -> str:
+        r"""The law as LaTeX, ``\dot{T} = ...``, its numbers as letters."""
+        return rf"\dot{{T}} = {latex_of(self.equation)}"
+
+    def rate(
+        self,
+        T: npt.ArrayLike,
+        x: npt.ArrayLike,
+        v: npt.ArrayLike,
+        F: npt.ArrayLike = 0.0,
+        D: npt.ArrayLike = 0.0,
+    ) -> FloatArray:
+        """Return dT/dt [N/s]; arrays broadcast.
+
+        Parameters
+        ----------
+        T : array
+            Tension [N].
+        x, v : array
+            Relative displacement [m] and velocity [m/s] of the joint, first body minus second.
+        F, D : array
+            Force of the joint, and its damping part [N].
+
+        Returns
+        -------
+        ndarray
+            In the broadcast shape.
+        """
+        return self.law.rate(T, x, v, F, D)
+
+    @property
+    def model(self) -> Model:
+        """The identified model with this law: it simulates, and saves itself as ``model.json``.
+
+        Raises
+        ------
+        ValueError
+            If the law comes without an identified model.
+        """
+        if self.identified is None:
+            raise ValueError(
+                f"law {self.name!r}: found no identified model with it, expected a law of a ranking"
+            )
+        return with_law(self.identified, self)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Ranking(HasViews):
     """Tension laws in the order in which the records support them.
 
@@ -125,6 +194,10 @@ class Ranking(HasViews):
     warnings: tuple[str, ...] = ()
     rules: RankingRules = CRITERIA.ranking
 
+    def __repr__(self) -> str:
+        first = f", first: {self.laws[0].name!r}" if self.laws else ""
+        return f"Ranking({len(self.laws)} laws of {self.considered} candidates{first})"
+
     def __getitem__(self, name: str) -> RankedLaw:
         """Return the law of this name."""
         for law in self.laws:
@@ -163,4 +236,4 @@ class Ranking(HasViews):
 
 def with_law(model: Model, law: RankedLaw) -> Model:
     """Return the model with this tension law in its bolted link."""
-    return model.with_tension_law(free_form_law(law.name, law.equation, "tension rate", law.parameters))
+    return model.with_tension_law(law.law)

@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discovery.criteria.number import Numerical
 from discovery.laws.given import AT_REST, TRIED_TENSIONS, GivenLaw
 from discovery.laws.names import in_symbols
 from discovery.search.quick_likelihood import Found
 from discovery.search.sparse_regression import node_weights
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.model.dimensions import RATE, dimension_of, spaced
 from rom.model.expressions import compile_expression
 from rom.model.laws import Parameter, free_form_law

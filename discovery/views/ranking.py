@@ -7,15 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.ranking.result import RankedLaw, Ranking
+from discovery.views.closure_section import parameter_row
 from discovery.views.palette import INCH_PER_MM, WIDTH
-from discovery.views.ranking_figure import draw_leader_board, leader_board_height_mm
+from discovery.views.ranking_figure import draw_front, draw_leader_board, leader_board_height_mm
 from discovery.views.ranking_section import ranking_section
 from rom import result_views
+from rom.criteria.number import Numerical
 from rom.views.model import with_limits
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
+
+
+_FRONT_MM: Numerical[float] = 65.0  # height of the front
 
 
 @result_views.summary.register(Ranking)
@@ -41,7 +46,7 @@ def summary(ranking: Ranking) -> str:
 
 @result_views.frame.register(Ranking)
 def frame(ranking: Ranking) -> DataFrame:
-    """Return the leader board, a row for each law."""
+    """Return the leader board, a row for each law: what decides first, then all else of ``ranking.json``."""
     from pandas import DataFrame
 
     rows = [
@@ -60,6 +65,15 @@ def frame(ranking: Ranking) -> DataFrame:
             "probability": law.probability,
             "free_numbers": law.free_numbers,
             "source": law.source,
+            "equation": law.equation,
+            "parameters": {name: parameter_row(p) for name, p in law.parameters.items()},
+            "indistinguishable": list(law.indistinguishable),
+            "look_alikes": list(law.look_alikes),
+            **{
+                f"{records}_{key}": value
+                for records in ("training", "hold_out")
+                for key, value in (law.errors.get(records) or {}).items()
+            },
         }
         for law in ranking.laws
     ]
@@ -68,12 +82,17 @@ def frame(ranking: Ranking) -> DataFrame:
 
 @result_views.figure.register(Ranking)
 def figure(ranking: Ranking) -> Figure:
-    """Draw the leader board: difference of BIC and cross-validated error of the first laws."""
+    """Draw the leader board, and the error of all laws over their numbers with its Pareto front."""
     from matplotlib.figure import Figure
 
     data = ranking_section(ranking)
-    made = Figure(figsize=(WIDTH, leader_board_height_mm(data) * INCH_PER_MM), layout="constrained")
-    draw_leader_board(made, data)
+    heights = leader_board_height_mm(data), _FRONT_MM
+    made = Figure(figsize=(WIDTH, sum(heights) * INCH_PER_MM), layout="constrained")
+    board, front = made.subfigures(2, 1, squeeze=False, height_ratios=heights).ravel()
+    draw_leader_board(board, data)
+    axes = front.subplots()
+    draw_front(axes, data)
+    axes.legend(frameon=False, fontsize="small")
     return made
 
 

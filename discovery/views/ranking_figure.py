@@ -10,6 +10,7 @@ import numpy as np
 
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.views.palette import BLUE, GREY, VERMILLION
+from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 Data = Mapping[str, Any]
 OWN_COLOURS = {BASELINE: VERMILLION, NO_LOOSENING: GREY}  # in every figure
 _ROWS: Numerical[int] = 10
+_LONGEST: Numerical[int] = 48  # characters of a name in a legend
 _LAW_WORDS = {BASELINE: "γ(T), the paper's law"}
 _NUMBER = r"[\w.+-]+"
 _LAW_PATTERNS = (
@@ -110,3 +112,43 @@ def plain_decades(axis: Axis) -> None:
     axis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]) if high < 4 * low else dense)
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
+
+
+def front_points(data: Data) -> FloatArray:
+    """Return (free numbers, cross-validated error [%]) of every law with both."""
+    rows = [
+        (law["free_numbers"], law["cross_validated_loss_error_percent_median"])
+        for law in [*ranked(data), *(data.get("considered_laws") or ())]
+        if law.get("free_numbers") is not None
+        and law.get("cross_validated_loss_error_percent_median") is not None
+    ]
+    return np.array(rows, dtype=float).reshape(-1, 2)
+
+
+def draw_front(ax: Axes, data: Data) -> None:
+    """Draw the cross-validated error of the loss over the free numbers of all laws, and its Pareto front."""
+    from matplotlib.ticker import MaxNLocator
+
+    count, error = front_points(data).T
+    ax.plot(count, error, "o", color=GREY, markersize=3.0, alpha=0.6, mew=0, label="Laws")
+    steps = np.unique(count)
+    best = np.minimum.accumulate([error[count <= step].min() for step in steps])
+    ax.step(steps, best, where="post", color=BLUE, label="Best with as many or fewer")
+    for law in ranked(data):
+        if law["rank"] == 1 or law["name"] in (BASELINE, NO_LOOSENING):
+            _point_out(ax, law)
+    ax.set_yscale("log")
+    plain_decades(ax.yaxis)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set_xlim(steps.min() - 0.5, steps.max() + 0.5)
+    ax.set_xlabel("Free numbers of the law [1]")
+    ax.set_ylabel("Error of loss, cross-validated [%]")
+
+
+def _point_out(ax: Axes, law: Data) -> None:
+    error = law.get("cross_validated_loss_error_percent_median")
+    if error is None or law.get("free_numbers") is None:
+        return
+    name = str(law["name"])
+    ax.plot(law["free_numbers"], error, "D", color=OWN_COLOURS.get(name, BLUE), markersize=4.5,
+            label=("First: " if law["rank"] == 1 else "") + law_name(name, _LONGEST))  # fmt: skip

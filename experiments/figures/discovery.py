@@ -14,7 +14,9 @@ from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.views.palette import BACKGROUND, BLUE, GREEN, GREY, MEASURED, SKY, VERMILLION
 from discovery.views.ranking_figure import (
     OWN_COLOURS,
+    draw_front,
     draw_leader_board,
+    front_points,
     law_name,
     leader_board_height_mm,
     plain_decades,
@@ -42,7 +44,7 @@ def discovery_figures(data: Data) -> dict[str, Figure]:
         "law-trajectories": (_cases(data), trajectories),
         "law-errors": (_cases(data), errors_over_preload),
         "exponent-profile": (_profiles(data), profiles),
-        "accuracy-complexity": (len(_front_points(data)) > 1, accuracy_and_complexity),
+        "accuracy-complexity": (len(front_points(data)) > 1, accuracy_and_complexity),
         "term-inclusion": (_term_shares(data), inclusion),
     }
     return {name: draw(data) for name, (there, draw) in made.items() if there}
@@ -256,48 +258,13 @@ def _curve(profile: Data) -> tuple[FloatArray, FloatArray]:
     return value, rise - rise.min()
 
 
-def _front_points(data: Data) -> FloatArray:
-    """Return (free numbers, difference of BIC, cross-validated error [%]) of every law with all three."""
-    rows = [
-        (law["free_numbers"], law["delta_bic"], law["cross_validated_loss_error_percent_median"])
-        for law in [*ranked(data), *(data.get("considered_laws") or ())]
-        if law.get("free_numbers") is not None
-        and law.get("cross_validated_loss_error_percent_median") is not None
-    ]
-    return np.array(rows, dtype=float).reshape(-1, 3)
-
-
 @styled
 def accuracy_and_complexity(data: Data) -> Figure:
     """Cross-validated error of the loss over the number of free numbers, with the front of what is best."""
     figure, axes = panels(height_mm=60.0)
-    ax = axes[0, 0]
-    points = _front_points(data)
-    count, error = points[:, 0], points[:, 2]
-    ax.plot(count, error, "o", color=GREY, markersize=3.0, alpha=0.6, mew=0, label="Laws")
-    steps = np.unique(count)
-    best = np.minimum.accumulate([error[count <= step].min() for step in steps])
-    ax.step(steps, best, where="post", color=BLUE, label="Best with as many or fewer")
-    for law in ranked(data):
-        if law["rank"] == 1 or law["name"] in (BASELINE, NO_LOOSENING):
-            _point_out(ax, law)
-    ax.set_yscale("log")
-    plain_decades(ax.yaxis)
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set_xlim(steps.min() - 0.5, steps.max() + 0.5)
-    ax.set_xlabel("Free numbers of the law [1]")
-    ax.set_ylabel("Error of loss, cross-validated [%]")
-    _legend(figure, ax)
+    draw_front(axes[0, 0], data)
+    _legend(figure, axes[0, 0])
     return figure
-
-
-def _point_out(ax: Axes, law: Data) -> None:
-    error = law.get("cross_validated_loss_error_percent_median")
-    if error is None or law.get("free_numbers") is None:
-        return
-    name = str(law["name"])
-    ax.plot(law["free_numbers"], error, "D", color=_colour(name, 1), markersize=4.5,
-            label=("First: " if law["rank"] == 1 else "") + law_name(name, _LONGEST))  # fmt: skip
 
 
 def _term_shares(data: Data) -> list[tuple[str, float, float]]:

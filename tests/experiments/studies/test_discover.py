@@ -74,6 +74,7 @@ def ranked(rank: int, candidate: Candidate, values: dict[str, float]) -> RankedL
         {kind: errors(10.0, 3) for kind in ("training", "hold_out")},
         10.0 * rank, -5.0 * rank, 3.0 * (rank - 1), (0 if base else 3, 5), None if base else float("nan"),
         candidate.source, len(fitted.free), (), fit, fitted, np.zeros(5), 1.0 if rank == 1 else 0.0,
+        identified=paper_model(),
     )  # fmt: skip
 
 
