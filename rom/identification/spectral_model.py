@@ -13,8 +13,9 @@ integral: of motion y' = A y that gains dy between the ends it is (s - A)^-1 + h
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ DERIVATIVE_ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
 STRUCTURAL = ("stiffness", "damping", "mass")
 CORNER = "sensor.corner"
 _CORNER_STEP: Numerical[float] = 0.5
+_SAME: Numerical[float] = 1e-13  # of the largest variance: columns alike
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,8 @@ class Term:
 
     @property
     def power(self) -> int:
-        """Return the power of s that the term carries in Z(s)."""
-        return STRUCTURAL.index(self.matrix)
+        """Return the power of s that the term carries in Z(s); -1 for the corner."""
+        return STRUCTURAL.index(self.matrix) if self.matrix in STRUCTURAL else -1
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,11 @@ class SpectralRecord:
     sampling_errors: tuple[float, float] = (0.0, 0.0)
     samples: tuple[int, int] = (0, 0)
     step_s: float = 0.0
+
+    @cached_property
+    def layout(self) -> tuple[tuple[Term, int, FloatArray], ...]:
+        """Every term, the place of its matrix in `STRUCTURAL` (-1: the corner), and ``direction direction^T``."""
+        return tuple((term, term.power, np.outer(term.direction, term.direction)) for term in self.terms)
 
 
 @dataclass(frozen=True)
@@ -181,25 +188,19 @@ def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Com
         Residual and derivatives.
     """
     system = _system(record, values)
-    forced = product(system.gain, record.force[:, :, None])[:, :, 0]
-    ends, errors = _nuisance(record, system, forced)
-    prior = np.eye(ends.shape[2])[ends.shape[2] - errors :]
-    columns = np.concatenate([_whitened(ends, whitener), prior])
+    gain, forced, ends, columns, errors = _nuisance(record, system, whitener)
     white = np.concatenate([_whitened(record.motion - forced, whitener), np.zeros(errors)])
     inverse = _inverse_gram(columns)
     states, left_over = _projected_out(columns, inverse, white)
     residual = record.motion - forced - ends @ states
-    free = [term for term in record.terms if term.free]
-    jacobian = np.zeros((len(white), len(free)))
-    if free:
-        derivatives = _derivatives(record, values, system, states, residual)
-        jacobian[: len(white) - errors] = _whitened(derivatives, whitener)
+    jacobian = np.zeros((len(white), sum(term.free for term in record.terms)))
+    _derivatives(record, values, system, gain, states, residual, whitener, jacobian)
     return Linearised(
         left_over,
         _projected_out(columns, inverse, jacobian)[1],
-        tuple(key(record, term) for term in free),
+        tuple(key(record, term) for term in record.terms if term.free),
         residual,
-        system.gain,
+        gain,
         columns,
         inverse,
         whitener,
@@ -208,12 +209,16 @@ def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Com
 
 def transfer(record: SpectralRecord, values: Mapping[str, float]) -> ComplexArray:
     """Return the matrices from forces on the bodies to the channels, (lines, channels, bodies)."""
-    return _system(record, values).gain
+    system = _system(record, values)
+    shown = [
+        system.s**order / (1 + (system.corner / system.s if order == 2 else 0)) for order in record.orders
+    ]
+    return np.asarray(np.stack(shown, axis=1)[:, :, None] * system.receptance)
 
 
 @dataclass(frozen=True)
 class _System:
-    """Matrices and transfer functions of one record at given coefficients."""
+    """Matrices and receptance of one record at given coefficients."""
 
     s: ComplexArray
     mass: FloatArray
@@ -221,84 +226,75 @@ class _System:
     stiffness: FloatArray
     corner: float
     receptance: ComplexArray
-    coupled: ComplexArray
-    gain: ComplexArray
 
 
 def _system(record: SpectralRecord, values: Mapping[str, float]) -> _System:
     n = record.force.shape[1]
-    s = 2j * np.pi * record.frequency
-    matrices = {name: np.zeros((n, n)) for name in STRUCTURAL}
+    matrices = np.zeros((len(STRUCTURAL), n, n))
     corner = 0.0
-    for term in record.terms:
-        if term.matrix == "corner":
-            corner = values[key(record, term)]
+    for term, matrix, along in record.layout:
+        value = values[key(record, term)]
+        if matrix < 0:
+            corner = value
         else:
-            matrices[term.matrix] += values[key(record, term)] * np.outer(term.direction, term.direction)
+            matrices[matrix] += value * along
+    stiffness, damping, mass = matrices
+    s = 2j * np.pi * record.frequency
     s_ = s[:, None, None]
-    receptance = inverse(s_**2 * matrices["mass"] + s_ * matrices["damping"] + matrices["stiffness"])
-    coupled = np.stack(
-        [s / (s + corner) if order == 2 else np.ones_like(s) for order in record.orders], axis=1
-    )
-    gain = (coupled * np.stack([s**order for order in record.orders], axis=1))[:, :, None] * receptance
-    mass, damping, stiffness = (matrices[name] for name in ("mass", "damping", "stiffness"))
-    return _System(s, mass, damping, stiffness, corner, receptance, coupled, gain)
+    return _System(s, mass, damping, stiffness, corner, inverse(s_ * (s_ * mass + damping) + stiffness))
 
 
-def _nuisance(record: SpectralRecord, system: _System, forced: ComplexArray) -> tuple[ComplexArray, int]:
-    """Return columns of the end states and, last, of the force's errors, and how many the latter are."""
-    s, gain, coupled = system.s, system.gain, system.coupled
-    accelerations = np.array(record.orders) == 2
-    aliased = forced - coupled * accelerations * (record.force / np.diag(system.mass))
-    errors = np.stack([aliased, s[:, None] * aliased], axis=2) * np.array(record.sampling_errors)
-    if record.force_errors is not None:
-        errors = np.concatenate([product(gain, record.force_errors), errors], axis=2)
-    of_velocity, of_displacement = _of_samples(system, record)
-    columns = [
-        by_one(gain, -system.mass) + coupled[:, :, None] * (_polynomial(s, record.orders, 1) - of_velocity),
-        -s[:, None, None] * by_one(gain, system.mass)
-        - by_one(gain, system.damping)
-        + coupled[:, :, None] * (_polynomial(s, record.orders, 0) - of_displacement),
-        *([_sensor_ends(s, system.corner, record.orders)] if any(accelerations) else []),
-        errors,
-    ]
-    return np.concatenate(columns, axis=2), errors.shape[2]
+def _nuisance(
+    record: SpectralRecord, system: _System, whitener: ComplexArray
+) -> tuple[ComplexArray, ComplexArray, ComplexArray, FloatArray, int]:
+    """Gain, forced output, and the columns of the end states and, last, of the force's errors.
+
+    Those as they are and whitened, a row below for each of the errors' unit variance; and how many they are.
+    """
+    from rom.kernels.spectral_outputs import outputs
+
+    lines, n = record.force.shape
+    orders = np.array(record.orders, dtype=np.int64)
+    given = record.force_errors
+    given = np.zeros((lines, n, 0), dtype=np.complex128) if given is None else given
+    errors = given.shape[2] + 2
+    count = 2 * n + int(np.sum(orders == 2)) + errors
+    gain, forced = np.empty((lines, n, n), dtype=np.complex128), np.empty((lines, n), dtype=np.complex128)
+    ends = np.empty((lines, n, count), dtype=np.complex128)
+    columns = np.zeros((2 * lines * n + errors, count))
+    columns[2 * lines * n :, count - errors :] = np.eye(errors)
+    outputs(
+        system.s, system.mass, system.damping, _of_samples(system, record), system.corner, orders,
+        system.receptance, record.force, given, np.array(record.sampling_errors), whitener,
+        gain, forced, ends, columns,
+    )  # fmt: skip
+    return gain, forced, ends, columns, errors
 
 
 def _derivatives(
     record: SpectralRecord,
     values: Mapping[str, float],
     system: _System,
+    gain: ComplexArray,
     states: FloatArray,
     residual: ComplexArray,
-) -> ComplexArray:
-    """Return the derivative of the output by each free term in its `step_unit`: (lines, channels, terms)."""
-    n, s = record.force.shape[1], system.s[:, None]
-    gain_v, gain_x = states[:n], states[n : 2 * n]
-    total = record.force - gain_v @ system.mass - (s * (gain_x @ system.mass) + gain_x @ system.damping)
-    motion = product(system.receptance, total[:, :, None])[:, :, 0]
-    powers = (motion, s * motion + gain_x, s**2 * motion + s * gain_x + gain_v)
-    accelerations = np.array(record.orders) == 2
-    columns = [
-        -by_one(system.gain, t.direction[:, None])[:, :, 0] * (powers[t.power] @ t.direction)[:, None]
-        if t.matrix in STRUCTURAL
-        else -np.where(accelerations, (record.motion - residual) / (s + system.corner), 0.0)
-        for t in record.terms
-        if t.free
-    ]
-    weights = [step_unit(t.name, values[key(record, t)]) for t in record.terms if t.free]
-    return np.asarray(np.stack(columns, axis=2) * weights)
+    whitener: ComplexArray,
+    jacobian: FloatArray,
+) -> None:
+    """Fill the derivative of the whitened output by each free term in its `step_unit`: (rows, terms)."""
+    from rom.kernels.spectral_outputs import derivatives
 
-
-def _sensor_ends(s: ComplexArray, corner: float, orders: Sequence[int]) -> ComplexArray:
-    """Return what the state of each accelerometer's AC coupling at the record's ends adds: (lines, channels,
-    sensors).
-    """
-    sensors = [channel for channel, order in enumerate(orders) if order == 2]
-    out = np.zeros((len(s), len(orders), len(sensors)), dtype=np.complex128)
-    for place, channel in enumerate(sensors):
-        out[:, channel, place] = 1 / (s + corner)
-    return out
+    free = [term for term in record.terms if term.free]
+    if not free:
+        return
+    derivatives(
+        system.s, system.mass, system.damping, system.corner, np.array(record.orders, dtype=np.int64),
+        system.receptance, gain, record.force, record.motion - residual, states,
+        np.array([t.direction for t in free]),
+        np.array([t.power for t in free]),
+        np.array([step_unit(t.name, values[key(record, t)]) for t in free]),
+        whitener, np.empty((*record.force.shape, len(free)), dtype=np.complex128), jacobian,
+    )  # fmt: skip
 
 
 def _inverse_gram(columns: FloatArray) -> FloatArray:
@@ -307,7 +303,9 @@ def _inverse_gram(columns: FloatArray) -> FloatArray:
     gram = (columns.T @ columns) / np.multiply.outer(size, size)
     if not np.isfinite(gram).all():
         return np.full_like(gram, np.nan)
-    return np.asarray(np.linalg.pinv(gram, rcond=1e-13, hermitian=True) / np.multiply.outer(size, size))
+    values, vectors = np.linalg.eigh(gram)
+    kept = vectors[:, values > _SAME * values[-1]] / size[:, None]
+    return np.asarray((kept / values[values > _SAME * values[-1]]) @ kept.T)
 
 
 def _projected_out(
@@ -320,36 +318,21 @@ def _projected_out(
     return first + second, left - columns @ second
 
 
-def _polynomial(s: ComplexArray, orders: Sequence[int], state: int) -> ComplexArray:
-    """Return what the end states add to the transform of x' (dx) and x'' (dv + s dx): (lines, channels,
-    bodies).
-    """
-    n = len(orders)
-    out = np.zeros((len(s), n, n), dtype=np.complex128)
-    for channel, order in enumerate(orders):
-        exponent = order - 1 - state
-        if exponent >= 0:
-            out[:, channel, channel] = s**exponent
-    return out
+def _of_samples(system: _System, record: SpectralRecord) -> FloatArray:
+    """By how much sums over samples differ from integrals for each gain in velocity, and in displacement.
 
-
-def _of_samples(system: _System, record: SpectralRecord) -> tuple[ComplexArray, ComplexArray]:
-    """Return by how much sums over samples differ from integrals for each gain in velocity, and in
-    displacement: (lines, channels, bodies).
+    ``a + s b``: (velocity and displacement, a and b, channels, bodies).
     """
-    n, h, s = len(record.orders), record.step_s, system.s[:, None, None]
-    none, one = np.zeros((n, n)), np.eye(n)
-    by_damping = -np.linalg.solve(system.mass, system.damping)
-    by_stiffness = -np.linalg.solve(system.mass, system.stiffness)
+    n, h = len(record.orders), record.step_s
+    by_damping, by_stiffness = -np.linalg.solve(system.mass, np.stack([system.damping, system.stiffness]))
     # displacement and its first three derivatives, of a gain in velocity and of one in displacement
-    of_velocity = np.stack([none, one, by_damping, by_damping @ by_damping + by_stiffness])
-    of_displacement = np.stack([one, none, by_stiffness, by_damping @ by_stiffness])
+    gained = np.zeros((2, 4, n, n))
+    gained[0, 1] = gained[1, 0] = np.eye(n)
+    gained[0, 2], gained[0, 3] = by_damping, by_damping @ by_damping + by_stiffness
+    gained[1, 2], gained[1, 3] = by_stiffness, by_damping @ by_stiffness
     orders, channels = np.array(record.orders), np.arange(n)
-    first, second = (
-        gained[orders, channels] * (h / 2 + s * h**2 / 12) - gained[orders + 1, channels] * h**2 / 12
-        for gained in (of_velocity, of_displacement)
-    )
-    return first, second
+    shown, after = gained[:, orders, channels], gained[:, orders + 1, channels]
+    return np.stack([shown * (h / 2) - after * (h**2 / 12), shown * (h**2 / 12)], axis=1)
 
 
 def _whitened(values: ComplexArray, whitener: ComplexArray) -> FloatArray:

@@ -1,0 +1,181 @@
+"""A record's output and its derivatives at the lines of its spectra, whitened, line by line.
+
+`rom.identification.spectral_model` gives the equations. At a hundred lines of two bodies array expressions
+spend their time on being called.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _whiten(whitener: Any, line: int, value: Any, column: int, out: Any) -> None:
+    """Real parts of S^-1/2 times one column of values (lines, bodies, columns), imaginary ones below."""
+    lines, n = whitener.shape[0], whitener.shape[1]
+    for i in range(n):
+        total = 0j
+        for j in range(n):
+            total += whitener[line, i, j] * value[line, j, column]
+        out[line * n + i, column] = total.real
+        out[(lines + line) * n + i, column] = total.imag
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def outputs(  # noqa: C901, PLR0912 - one flat pass over the lines
+    s: Any, mass: Any, damping: Any, sampled: Any, corner: float, orders: Any, receptance: Any, force: Any,
+    force_errors: Any, sampling_errors: Any, whitener: Any, gain: Any, forced: Any, ends: Any, columns: Any,
+) -> None:  # fmt: skip
+    """Fill the gain, the forced output and the columns of the end states and of the force's errors.
+
+    Parameters
+    ----------
+    s : ndarray of complex, shape (lines,)
+        2 pi i f [rad/s].
+    mass, damping : ndarray, shape (bodies, bodies)
+        M and C.
+    sampled : ndarray, shape (2, 2, bodies, bodies)
+        Derivatives of the channels' order, and of one more, of motion that gains one in velocity, and in
+        displacement, times what sums over samples weigh them with: ``a + s b``, a and b.
+    corner : float
+        Of the accelerometers' AC coupling [rad/s].
+    orders : ndarray of int, shape (bodies,)
+        Order of the derivative that a body's channel shows.
+    receptance : ndarray of complex, shape (lines, bodies, bodies)
+        Z^-1.
+    force : ndarray of complex, shape (lines, bodies)
+        Spectra of the forces.
+    force_errors : ndarray of complex, shape (lines, bodies, errors)
+        Spectra that the hammer's noise adds.
+    sampling_errors : ndarray, shape (2,)
+        Standard errors of the force's gain and delay.
+    whitener : ndarray of complex, shape (lines, bodies, bodies)
+        S^-1/2.
+    gain : ndarray of complex, shape (lines, bodies, bodies)
+        Filled: from forces to channels.
+    forced : ndarray of complex, shape (lines, bodies)
+        Filled: the output without end states.
+    ends : ndarray of complex, shape (lines, bodies, columns)
+        Filled: of velocity, displacement, accelerometers, the hammer's errors, gain and delay.
+    columns : ndarray, shape (2 lines bodies, columns)
+        Filled: the same, whitened.
+    """
+    n, errors = orders.size, force_errors.shape[2]
+    sensors = 0
+    for i in range(n):
+        sensors += orders[i] == 2
+    for line in range(s.size):
+        at, sensor = s[line], 2 * n
+        for i in range(n):
+            accelerates = orders[i] == 2
+            coupling = at / (at + corner) if accelerates else 1.0 + 0j
+            shown = coupling
+            for _ in range(orders[i]):
+                shown *= at
+            answer = 0j
+            for j in range(n):
+                gain[line, i, j] = shown * receptance[line, i, j]
+                answer += gain[line, i, j] * force[line, j]
+            forced[line, i] = answer
+            for k in range(n):
+                by_mass, by_damping = 0j, 0j
+                for j in range(n):
+                    by_mass += gain[line, i, j] * mass[j, k]
+                    by_damping += gain[line, i, j] * damping[j, k]
+                of_v = sampled[0, 0, i, k] + at * sampled[0, 1, i, k]
+                of_x = sampled[1, 0, i, k] + at * sampled[1, 1, i, k]
+                ends[line, i, k] = -by_mass - coupling * of_v
+                ends[line, i, n + k] = -at * by_mass - by_damping - coupling * of_x
+            if orders[i] == 2:
+                ends[line, i, i] += coupling
+            if orders[i] >= 1:
+                ends[line, i, n + i] += coupling * (at if accelerates else 1.0)
+            for k in range(2 * n, 2 * n + sensors):
+                ends[line, i, k] = 0.0
+            if accelerates:
+                ends[line, i, sensor] = 1.0 / (at + corner)
+                sensor += 1
+            first = 2 * n + sensors
+            for k in range(errors):
+                total = 0j
+                for j in range(n):
+                    total += gain[line, i, j] * force_errors[line, j, k]
+                ends[line, i, first + k] = total
+            aliased = answer - (coupling * force[line, i] / mass[i, i] if accelerates else 0.0)
+            ends[line, i, first + errors] = aliased * sampling_errors[0]
+            ends[line, i, first + errors + 1] = at * aliased * sampling_errors[1]
+        for k in range(ends.shape[2]):
+            _whiten(whitener, line, ends, k, columns)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def derivatives(  # noqa: C901, PLR0912 - one flat pass over the lines
+    s: Any, mass: Any, damping: Any, corner: float, orders: Any, receptance: Any, gain: Any, force: Any,
+    modelled: Any, states: Any, directions: Any, powers: Any, weights: Any, whitener: Any, changes: Any,
+    jacobian: Any,
+) -> None:  # fmt: skip
+    """Fill the derivatives of the output by terms, end states held, and the same whitened.
+
+    Parameters
+    ----------
+    s : ndarray of complex, shape (lines,)
+        2 pi i f [rad/s].
+    mass, damping : ndarray, shape (bodies, bodies)
+        M and C.
+    corner : float
+        Of the accelerometers' AC coupling [rad/s].
+    orders : ndarray of int, shape (bodies,)
+        Order of the derivative that a body's channel shows.
+    receptance, gain : ndarray of complex, shape (lines, bodies, bodies)
+        Z^-1, and from forces to channels.
+    force, modelled : ndarray of complex, shape (lines, bodies)
+        Spectra of the forces, and of the output with its end states.
+    states : ndarray, shape (columns,)
+        Of the record's end, gains in velocity and displacement first.
+    directions : ndarray, shape (terms, bodies)
+        Along which a coefficient acts.
+    powers : ndarray of int, shape (terms,)
+        Of s that it carries in Z; -1: the corner.
+    weights : ndarray, shape (terms,)
+        Step in which each is counted.
+    whitener : ndarray of complex, shape (lines, bodies, bodies)
+        S^-1/2.
+    changes : ndarray of complex, shape (lines, bodies, terms)
+        Filled.
+    jacobian : ndarray, shape (2 lines bodies or more, terms)
+        Its first rows are filled.
+    """
+    n = orders.size
+    total, motion = np.zeros(n, np.complex128), np.zeros(n, np.complex128)
+    for line in range(s.size):
+        at = s[line]
+        for j in range(n):
+            total[j] = force[line, j]
+            for i in range(n):
+                by_v, by_x = states[i], states[n + i]
+                total[j] -= by_v * mass[i, j] + at * by_x * mass[i, j] + by_x * damping[i, j]
+        for i in range(n):
+            motion[i] = 0.0
+            for j in range(n):
+                motion[i] += receptance[line, i, j] * total[j]
+        for term in range(powers.size):
+            power, along = powers[term], 0j
+            for j in range(n):
+                moved = motion[j]
+                if power > 0:
+                    moved = at * moved + states[n + j]
+                if power > 1:
+                    moved = at * moved + states[j]
+                along += moved * directions[term, j]
+            for i in range(n):
+                change = 0j
+                if power >= 0:
+                    for j in range(n):
+                        change -= gain[line, i, j] * directions[term, j] * along
+                elif orders[i] == 2:
+                    change = -modelled[line, i] / (at + corner)
+                changes[line, i, term] = change * weights[term]
+            _whiten(whitener, line, changes, term, jacobian)
