@@ -319,10 +319,15 @@ def refine_gamma_law(
     error = np.maximum([case.loss_error for case in cases], _LEAST_LOSS_ERROR)
     scatter, values = fit.scatter, np.array([fit.law.parameters[name].value for name in fit.free])
 
+    known: dict[bytes, FloatArray] = {}  # a fit begins with the slopes that the one before ended with
+
     def loss(parameters: FloatArray) -> FloatArray:
-        law = fit.law.with_values(**dict(zip(fit.free, parameters, strict=True)))
-        final = final_tensions(model.with_tension_law(law), cases, window_s)
-        return np.asarray(initial - np.where(np.isfinite(final), final, 0.0))
+        here = parameters.tobytes()
+        if here not in known:
+            law = fit.law.with_values(**dict(zip(fit.free, parameters, strict=True)))
+            final = final_tensions(model.with_tension_law(law), cases, window_s)
+            known[here] = np.asarray(initial - np.where(np.isfinite(final), final, 0.0))
+        return known[here]
 
     covariance = fit.covariance
     for _ in range(_REFINEMENTS):

@@ -82,7 +82,7 @@ class SpectralRecord:
 
     @cached_property
     def layout(self) -> tuple[tuple[Term, int, FloatArray], ...]:
-        """Every term, the place of its matrix in `STRUCTURAL` (-1: the corner), and ``direction direction^T``."""
+        """Every term, the power of s it carries (-1: the corner), and ``direction direction^T``."""
         return tuple((term, term.power, np.outer(term.direction, term.direction)) for term in self.terms)
 
 
