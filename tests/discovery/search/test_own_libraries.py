@@ -31,7 +31,7 @@ from tests.discovery.synthetic import measured
 CUBIC = Candidate("cubic", (Term(velocity_power().held(n=3.0), tension_power()),), (600.0,))
 
 
-UNREAD: Any = SimpleNamespace(path=Path(), settings=None, digest="", digests={})
+UNREAD: Any = SimpleNamespace(path=Path(), settings=None, digest="", digests={}, criteria=None)
 
 
 def abs_of(v: Any) -> Any:
