@@ -25,8 +25,9 @@ from rich.table import Table
 from discovery.criteria.criteria import CRITERIA
 from discovery.decide.acceptance import is_accepted, spread_of
 from discovery.decide.explanation import Explanation
-from discovery.explain.motion import by_chance, explain_effect, screen
+from discovery.explain.motion import explain_effect, screen
 from discovery.explain.motion_fit import refit
+from discovery.explain.probes import by_chance
 from discovery.explain.tension import explain as explain_tension
 from discovery.options import Options
 from discovery.residual.output_error import starting, whitened_residual_of

@@ -145,9 +145,9 @@ class Problem:
         """The start: coefficients scaled to the measured losses unless a fit is at hand."""
         if start is not None:
             return self.solve(self.theta0, np.array(start.scatter), start.deviations, steps=6)
-        factors, told = self._own_rates()
+        factors, weight = self._own_rates()
         logs = np.log(np.maximum(np.abs(factors), _TINY))
-        shift = float((told * logs).sum() / told.sum()) if told.sum() > 0 else 0.0
+        shift = float((weight * logs).sum() / weight.sum()) if weight.sum() > 0 else 0.0
         u = np.clip(factors / np.exp(shift) - 1, -3, 3) if self.frozen.signed else logs - shift
         theta = self.theta0.copy()
         for place, name in enumerate(self.candidate.free):
@@ -172,12 +172,12 @@ class Problem:
         error = np.sqrt(self.frozen.covariance[:, -1, -1])
         lost = np.abs(self.frozen.change[:, -1]) if self.frozen.signed else -self.frozen.change[:, -1]
         loss = np.maximum(lost, 0.3 * error)
-        told = (exposure > 0) * loss**2 / (loss**2 + 4 * error**2)
+        weight = (exposure > 0) * loss**2 / (loss**2 + 4 * error**2)
         exposure = np.maximum(exposure, float(exposure[exposure > 0].min()))
         if self.frozen.signed:
             change = np.log(np.maximum(1 + self.frozen.change[:, -1] / initial, 1e-3))
-            return -change / exposure, told
-        return -np.log(np.maximum(1 - loss / initial, 1e-3)) / exposure, told
+            return -change / exposure, weight
+        return -np.log(np.maximum(1 - loss / initial, 1e-3)) / exposure, weight
 
     def solve(self, theta: FloatArray, scatter: FloatArray, u: FloatArray, steps: int = 4) -> State:
         """Modes of u by Newton steps, all cases at once, and the likelihood there.

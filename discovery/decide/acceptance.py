@@ -46,11 +46,11 @@ def is_exact(errors: ErrorsByKind, criteria: Criteria = CRITERIA) -> bool:
     rules = criteria.acceptance
     limits = {"motion_nrmse": rules.exact_motion, "relative_motion_nrmse": rules.exact_relative_motion}
     kinds = [of for of in errors.values() if of["records"]]
-    told = [(_error(of, name), most) for of in kinds for name, most in limits.items()]
+    compared = [(_error(of, name), most) for of in kinds for name, most in limits.items()]
     return (
         errors["training"]["motion_nrmse"] is not None
         and not any(of["failed"] for of in kinds)
-        and all(value is None or value < most for value, most in told)
+        and all(value is None or value < most for value, most in compared)
     )
 
 

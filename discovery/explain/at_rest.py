@@ -28,7 +28,7 @@ from discovery.options import Options
 from discovery.residual.output_error import MEDIAN_SQUARE, WhitenedResidual
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.effects import Member, ModelCorrection, SensorFault, candidates
+from rom.effects import Member, ModelCorrection, SensorFault, candidates_of
 from rom.signals.per_record_parameters import as_measured, per_record_names, quiet_samples
 
 _STEP_HZ: Numerical[float] = 0.05
@@ -56,9 +56,8 @@ def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, 
         Criteria.
     """
     model, found, criteria = residual.baseline.model, [], options.criteria.tension
-    known = {effect.path for effect in model.effects}
-    for member, effect in candidates(model, motion_channels(residual)):
-        if not isinstance(effect, SensorFault) or effect.path in known or not _shows(member, effect):
+    for member, effect in candidates_of(SensorFault, model, motion_channels(residual)):
+        if not _shows(member, effect):
             continue
         still = _before_hits(residual, effect.channel, criteria.quiet_s)
         if still is not None and still.training.sum() >= criteria.quiet_records:

@@ -22,7 +22,7 @@ from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.effects import Member, SensorFault, candidates
+from rom.effects import Member, SensorFault, candidates_of
 from rom.signals.sensor_correction import moves_levels
 
 _LEAST_SCATTER: Numerical[FloatArray] = np.log([1e-3, 1e-4])  # [N], and of a preload
@@ -68,14 +68,13 @@ def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, 
     options : Options
         Criteria.
     """
-    known, shown = {effect.path for effect in residual.baseline.model.effects}, _shown(residual)
-    criteria = options.criteria.tension
+    shown, criteria = _shown(residual), options.criteria.tension
     if _levels(shown.declared[shown.training], criteria.same_preload) < criteria.preload_levels:
         return ()
     found = (
         _explained(member, effect, shown, criteria)
-        for member, effect in candidates(residual.baseline.model, ["tension"])
-        if isinstance(effect, SensorFault) and effect.path not in known and moves_levels(effect)
+        for member, effect in candidates_of(SensorFault, residual.baseline.model, ["tension"])
+        if moves_levels(effect)
     )
     return tuple(one for one in found if one is not None)
 

@@ -5,10 +5,11 @@ A force acts along the motion that was measured; a fault changes what the sensor
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
+from discovery.explain.probes import cut_to_bounds
 from discovery.residual.effect_forces import effect_lines
 from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import MeasuredTrajectory
@@ -129,10 +130,3 @@ def _lone_strength(effect: ModelCorrection) -> str | None:
         return None
     strengths = [name for name in member.strengths if effect.parameters[name].value]
     return strengths[0] if len(member.strengths) == len(strengths) == 1 else None
-
-
-def cut_to_bounds(effect: ModelCorrection, values: Mapping[str, float]) -> ModelCorrection:
-    """The effect with values cut to their bounds."""
-    return effect.with_values(
-        **{name: float(np.clip(value, *effect.parameters[name].bounds)) for name, value in values.items()}
-    )

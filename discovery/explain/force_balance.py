@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize
 
-from discovery.decide.chance import p_value
 from discovery.decide.explanation import Explanation
 from discovery.explain.force_balance_screen import Start, screen, starts_of
 from discovery.explain.free_form import member_of
-from discovery.explain.motion import Probe, by_chance, free_numbers, worth_fitting
+from discovery.explain.motion import free_numbers
+from discovery.explain.probes import Probe, fit_promising
 from discovery.options import Options
 from discovery.residual.base import Residual, cost
 from discovery.residual.force_balance import ForceBalanceResidual, sees_stiffness
@@ -68,19 +68,15 @@ def explain_screened(
     list of Explanation
         Each with the residual beside it.
     """
-    promising = worth_fitting(probes, cost(residual), options.criteria)
-    largest = by_chance(probes, options.criteria)
-    tell, found = options.stage("fitting effects"), []
     before = residual.with_numbers()
-    for done, ones in enumerate(promising, 1):
+
+    def fit(ones: Sequence[Probe]) -> Explanation | None:
         after, effects = best_fit(starts_of(ones, residual, options.criteria))
-        explained = explanation(effects[-1], ones[0].member, before, after)
-        p_value_ = None if largest is None else p_value(ones[0].gain, largest)
-        if not is_degenerate(effects[-1], ones[0].member):
-            found.append(replace(explained, p_value=p_value_, residual=after))
-        if tell is not None:
-            tell(done, len(promising))
-    return found
+        if is_degenerate(effects[-1], ones[0].member):
+            return None
+        return replace(explanation(effects[-1], before, after), residual=after)
+
+    return fit_promising(probes, residual, options, fit)
 
 
 def best_fit(starts: Sequence[Start]) -> Fit:
@@ -97,15 +93,13 @@ def is_degenerate(effect: ModelCorrection, member: Member) -> bool:
     return any(n.low is None or n.low <= max(n.bounds[0], 0.0) for n in numbers)
 
 
-def explanation(effect: ModelCorrection, member: Member, before: Residual, after: Residual) -> Explanation:
+def explanation(effect: ModelCorrection, before: Residual, after: Residual) -> Explanation:
     """Costs of all records with an effect and without.
 
     Parameters
     ----------
     effect : ModelCorrection
         With its fitted numbers.
-    member : Member
-        What the catalogue says of it.
     before, after : Residual
         Without it and with it, all other numbers fitted.
 
@@ -114,7 +108,7 @@ def explanation(effect: ModelCorrection, member: Member, before: Residual, after
     Explanation
         Costs by record, and the numbers that lie at an end of their range.
     """
-    free = free_numbers(effect, member)
+    free = free_numbers(effect, member_of(effect))
     return Explanation(
         effect=effect,
         before=before.costs(before.residual),

@@ -8,7 +8,7 @@ numbers fitted to each by least squares (variable projection; G. Golub and V. Pe
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -16,18 +16,14 @@ from typing import NamedTuple
 import numpy as np
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.decide.chance import by_record
-from discovery.explain.motion import Probe
+from discovery.explain.probes import Probe, cut_to_bounds, probed_in_pieces
 from discovery.explain.scales import Scale, at_scale, fault_at_scale, scale_of, sees_normal_force
 from discovery.options import Options
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.channels import FloatArray
-from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, ModelCorrection, SensorFault, candidates
 from rom.identification.force_balance import declared_model
 from rom.model.structure import GROUND
-
-_IMITATED: Numerical[float] = 1e-12  # share of an output that is left beyond the model's numbers: rounding
 
 
 class Start(NamedTuple):
@@ -130,7 +126,7 @@ def _sliders(
         limit = step * scale.displacement * spring / unit
         for point in product(*others.values()):
             values = {**dict.fromkeys(member.limits, 0.0), **dict(zip(others, point, strict=True))}
-            found.append(_cut(effect, {**values, strength: size, name: limit}))
+            found.append(cut_to_bounds(effect, {**values, strength: size, name: limit}))
     return found
 
 
@@ -155,12 +151,6 @@ def _normal_force(residual: ForceBalanceResidual, enters: str) -> float:
     return float(np.mean(np.concatenate(held))) if held else 0.0
 
 
-def _cut(effect: ModelCorrection, values: Mapping[str, float]) -> ModelCorrection:
-    """The effect with values within its ranges."""
-    within = {name: float(np.clip(v, *effect.parameters[name].bounds)) for name, v in values.items()}
-    return effect.with_values(**within)
-
-
 def _probed(
     member: Member, probe: ModelCorrection, residual: ForceBalanceResidual, left: FloatArray
 ) -> Probe | None:
@@ -168,14 +158,8 @@ def _probed(
     output = force[residual.training]
     if not np.isfinite(output).all() or not np.any(output):
         return None
-    beyond = residual.beyond(force)
-    size, whole, along = float(beyond @ beyond), float(output @ output), float(beyond @ left)
-    if size <= _IMITATED * whole:
-        return None
-    amplitude = float(np.clip(along / size, *_reach(member, probe, residual)))
-    scores = by_record(beyond, left, residual.pieces, int(residual.pieces.max(initial=0)) + 1)
-    gain = amplitude * (2 * along - amplitude * size)
-    return Probe(member, probe, gain, amplitude, np.sqrt(size / whole), scores)
+    within = (0.0, np.inf) if _share(member, probe, residual) else None  # a stiffness that is fitted too
+    return probed_in_pieces(member, probe, force, residual, left, within)
 
 
 def _by_shape(member: Member, probed: Sequence[Probe]) -> list[list[Probe]]:
@@ -203,15 +187,6 @@ def _together(
     if any(not low <= values[n] <= high for n in values for low, high in [effect.parameters[n].bounds]):
         return None
     return _probed(member, effect.with_values(**values), residual, left)
-
-
-def _reach(member: Member, probe: ModelCorrection, residual: ForceBalanceResidual) -> tuple[float, float]:
-    """Multiples of a probe's strength that its range allows; any share of a stiffness that is fitted too."""
-    if _share(member, probe, residual):
-        return 0.0, np.inf
-    numbers = [probe.parameters[name] for name in member.strengths if probe.parameters[name].value]
-    ends = [sorted(bound / number.value for bound in number.bounds) for number in numbers]
-    return max(low for low, _ in ends), min(high for _, high in ends)
 
 
 def _share(member: Member, effect: ModelCorrection, residual: ForceBalanceResidual) -> str:
@@ -250,11 +225,11 @@ def _start(probe: Probe, residual: ForceBalanceResidual) -> Start:
     scaled = {name: effect.parameters[name].value * amplitude for name in (*member.strengths, *member.limits)}
     share = _share(member, effect, residual)
     if not share or not amplitude > 0:
-        return Start(residual, (_cut(effect, scaled),))
+        return Start(residual, (cut_to_bounds(effect, scaled),))
     balances, path = residual.balances, f"{effect.enters}.stiffness.k"
     rest = residual.force - amplitude * residual.force_of(effect, training=True)
     beside = float(balances.fitted(rest)[0][balances.names.index(path)])
     spring = scaled[share] * residual.values[path]
     stiffness = max(beside, spring / effect.parameters[share].bounds[1])
     state = replace(residual, values={**residual.values, path: stiffness})
-    return Start(state, (_cut(effect, {**scaled, share: spring / stiffness}),))
+    return Start(state, (cut_to_bounds(effect, {**scaled, share: spring / stiffness}),))

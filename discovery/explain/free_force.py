@@ -8,7 +8,7 @@ import numpy as np
 
 from discovery.decide.explanation import Explanation
 from discovery.explain.force_balance import explanation, fitted
-from discovery.explain.free_form import member_of, single_terms, sparse_sum, terms_at
+from discovery.explain.free_form import single_terms, sparse_sum, terms_at
 from discovery.explain.scales import scale_of, sees_normal_force
 from discovery.options import Options
 from discovery.residual.force_balance import ForceBalanceResidual
@@ -26,7 +26,7 @@ def explain(residual: ForceBalanceResidual, options: Options) -> tuple[Explanati
         effect = _in_link(residual, link.name, options.seed)
         if effect is not None:
             after, (limited,) = fitted(residual, (effect,))
-            explained = explanation(limited, member_of(limited), residual, after)
+            explained = explanation(limited, residual, after)
             found.append(replace(explained, residual=after))
     return tuple(sorted(found, key=lambda one: one.cost(hold_out=False))[:1])
 

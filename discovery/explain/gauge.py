@@ -37,7 +37,9 @@ def explained_by_gauge(data: TensionData, effects: Sequence[Pair]) -> tuple[list
     return gained, cost
 
 
-def _rows(data: TensionData, readings: Sequence[Pair]) -> tuple[list[Projected], Mapping[str, slice]]:
+def _rows(
+    data: TensionData, readings: Sequence[tuple[Member, Reading]]
+) -> tuple[list[Projected], Mapping[str, slice]]:
     units: list[Reading] = []
     places = {}
     for member, effect in readings:
@@ -45,7 +47,6 @@ def _rows(data: TensionData, readings: Sequence[Pair]) -> tuple[list[Projected],
         for name in member.strengths:
             none = effect.with_values(**dict.fromkeys(member.strengths, 0.0))
             unit = none.with_values(**{name: member.strengths[name]})
-            assert isinstance(unit, Reading)
             units.append(unit)
         places[effect.path] = slice(first, len(units))
     rows = []

@@ -25,7 +25,7 @@ from discovery.residual.trajectory import MeasuredTrajectory
 from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.effects import Effect, Member, candidates
+from rom.effects import Effect, Member, candidates_of
 from rom.identification.noise_spectrum import quiet_seconds, segment_before_hit
 from rom.identification.spectral_model import Linearised, SpectralRecord, linearise
 from rom.signals.per_record_parameters import per_record_names
@@ -47,13 +47,12 @@ def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, 
         Threads, criteria.
     """
     seconds = quiet_seconds([trace.measurement for trace in residual.traces])
-    known = {effect.path for effect in residual.baseline.model.effects}
     if seconds == 0:
         return ()
     tasks = (
         delayed(_explained)(member, effect, residual, seconds, options.criteria.tension)
-        for member, effect in candidates(residual.baseline.model, motion_channels(residual))
-        if isinstance(effect, Effect) and _lasts(member, effect) and effect.path not in known
+        for member, effect in candidates_of(Effect, residual.baseline.model, motion_channels(residual))
+        if _lasts(member, effect)
     )
     return tuple(found for found in side_by_side(options.jobs)(tasks) if found is not None)
 

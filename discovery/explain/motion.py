@@ -8,43 +8,26 @@ Numer. Anal. 10, 413, 1973). Numbers come from training records; costs are told 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from joblib import Parallel, delayed
 
-from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.decide.chance import by_record, largest_by_chance, p_value
+from discovery.decide.chance import by_record, p_value
 from discovery.decide.explanation import Explanation, limited, standard_errors
-from discovery.explain.effect_outputs import cut_to_bounds, output_of, outputs_of, slopes_of
+from discovery.explain.effect_outputs import output_of, outputs_of, slopes_of
+from discovery.explain.probes import Probe, by_chance, cut_to_bounds, probed, promising
 from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import Progress
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.effects import Member, ModelCorrection, candidates, look_alikes
+from rom.effects import Member, ModelCorrection, candidates
 from rom.signals.per_record_parameters import per_record_names
 
 _ITERATIONS: Numerical[int] = 12
 _AT_ONCE: Numerical[int] = 16  # probes
 _SETTLED: Numerical[float] = 1e-4  # of the cost
-
-
-@dataclass(frozen=True, eq=False)
-class Probe:
-    """An effect at a small strength, and how much of the residual it explains at its best strength.
-
-    `gain` is the cost taken away from the training records, `amplitude` the best multiple of the probe's
-    strength, `kept` the share of its output that no number of the model can imitate, `scores` what each
-    record tells of it (`discovery.decide.chance`).
-    """
-
-    member: Member
-    effect: ModelCorrection
-    gain: float
-    amplitude: float
-    kept: float
-    scores: FloatArray | None = None
 
 
 def motion_channels(residual: WhitenedResidual) -> tuple[str, ...]:
@@ -89,12 +72,12 @@ def screen(residual: WhitenedResidual, options: Options) -> tuple[tuple[Probe, .
     jobs, tell, rules = options.jobs, options.stage("screening effects"), residual.criteria.screening
     rough = _probed_all(there, residual.of(_telling(residual)), jobs, tell)
     least = rules.rough_share * rough[0][0].gain if rough else 0.0
-    worth = [
+    best = [
         (probes[0].member, [probe.effect for probe in probes[: int(rules.rough_probes)]])
         for place, probes in enumerate(rough)
         if place < rules.rough_effects or probes[0].gain > least
     ]
-    return _probed_all(worth, residual, jobs, None)
+    return _probed_all(best, residual, jobs, None)
 
 
 def _telling(residual: WhitenedResidual) -> list[int]:
@@ -115,8 +98,8 @@ def _probed_all(
     left = residual.beyond(residual.residual)
     tasks = (delayed(_probed)(member, probes, residual, left) for member, probes in there)
     found: list[tuple[Probe, ...]] = []
-    for probed in Parallel(n_jobs=jobs, prefer="threads", return_as="generator")(tasks):
-        found.append(probed)
+    for probes in Parallel(n_jobs=jobs, prefer="threads", return_as="generator")(tasks):
+        found.append(probes)
         if progress is not None:
             progress(len(found), len(there))
     return tuple(sorted((probes for probes in found if probes), key=lambda probes: -probes[0].gain))
@@ -133,70 +116,10 @@ def _probed(
         rows = np.ascontiguousarray(residual.beyond(outputs).T)
         for probe, beyond, whole in zip(some, rows, wholes.tolist(), strict=True):
             size = float(beyond @ beyond)
-            if size <= 1e-18 * whole or whole == 0.0 or not np.isfinite(size):
-                continue
-            along = float(beyond @ left)
-            amplitude = float(np.clip(along / size, *_reach(member, probe)))
-            gain = amplitude * (2 * along - amplitude * size)
-            kept = float(np.sqrt(size / whole))
-            scores = by_record(beyond, left, owner, len(residual.traces))
-            found.append(Probe(member, probe, gain, amplitude, kept, scores))
+            if size > 1e-18 * whole and whole and np.isfinite(size):
+                scores = by_record(beyond, left, owner, len(residual.traces))
+                found.append(probed(member, probe, beyond, left, whole, scores))
     return tuple(sorted(found, key=lambda probe: -probe.gain))
-
-
-def _reach(member: Member, probe: ModelCorrection) -> tuple[float, float]:
-    """Multiples of a probe's strength that its range allows."""
-    numbers = [probe.parameters[name] for name in member.strengths if probe.parameters[name].value]
-    ends = [sorted(bound / number.value for bound in number.bounds) for number in numbers]
-    return max(low for low, _ in ends), min(high for _, high in ends)
-
-
-def by_chance(probes: Sequence[Sequence[Probe]], criteria: Criteria = CRITERIA) -> FloatArray | None:
-    """The largest gain of any effect of a screen under draws of the records' signs, (draws,).
-
-    Over effects that a rough screen left out too it was the same on three campaigns. None where there are too
-    few records for their signs to tell anything.
-    """
-    scores = [one.scores for ones in probes for one in ones if one.scores is not None]
-    if not scores or len(scores[0]) < criteria.chance.fewest_pieces:
-        return None
-    return largest_by_chance(np.stack(scores), criteria)
-
-
-def worth_fitting(
-    probes: Sequence[Sequence[Probe]], left: float, criteria: Criteria = CRITERIA
-) -> list[Sequence[Probe]]:
-    """The first effects of a screen, and what shares a class and place with the very first.
-
-    Not those that explain next to nothing of what is left, or far less than the first.
-
-    Parameters
-    ----------
-    probes : sequence
-        From `screen`.
-    left : float
-        Cost of the residual, the model's numbers taken off.
-    criteria : Criteria
-        The numbers that decide.
-
-    Returns
-    -------
-    list
-        Probes of the effects to fit.
-    """
-    rules = criteria.screening
-    least = rules.least_share * criteria.acceptance.material_share * left
-    first = probes[0][0] if probes else None
-    if first is None or first.gain < least:
-        return []
-    alike = look_alikes(first.effect.name)
-
-    def in_class(one: Sequence[Probe]) -> bool:
-        return one[0].effect.name in alike and one[0].effect.enters == first.effect.enters
-
-    near = [one for one in probes if one[0].gain >= max(rules.share_of_first * first.gain, least)]
-    most = int(rules.fitted_effects)
-    return [*near[:most], *(one for one in near[most:] if in_class(one))]
 
 
 def explain_screened(
@@ -219,14 +142,14 @@ def explain_screened(
         One for each effect that was fitted, in the order of the screen.
     """
     remainder, criteria = residual.beyond(residual.residual), options.criteria
-    promising = worth_fitting(probes, float(remainder @ remainder), criteria)
+    chosen = promising(probes, float(remainder @ remainder), criteria)
     largest, tell = by_chance(probes, criteria), options.stage("fitting effects")
-    tasks = (delayed(explain_effect)(probed, residual, largest) for probed in promising)
+    tasks = (delayed(explain_effect)(ones, residual, largest) for ones in chosen)
     explanations: list[Explanation] = []
     for found in Parallel(n_jobs=options.jobs, prefer="threads", return_as="generator")(tasks):
         explanations.append(found)
         if tell is not None:
-            tell(len(explanations), len(promising))
+            tell(len(explanations), len(chosen))
     return explanations
 
 
@@ -260,14 +183,9 @@ def _starts(probes: Sequence[Probe], most: int) -> list[ModelCorrection]:
     """The best probes of different inner numbers, each at the strength that suits it."""
     found: dict[tuple[float, ...], ModelCorrection] = {}
     for probe in probes:
-        strengths = {
-            name: probe.effect.parameters[name].value * probe.amplitude
-            for name in probe.member.strengths
-            if probe.effect.parameters[name].value
-        }
         inner = tuple(probe.effect.parameters[name].value for name in probe.member.inner)
         if inner not in found and len(found) < most:
-            found[inner] = cut_to_bounds(probe.effect, strengths)
+            found[inner] = probe.start
     return list(found.values())
 
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from discovery.explain.effect_outputs import output_of, slopes_of
-from discovery.explain.motion import Probe, explain_effect, free_numbers
+from discovery.explain.motion import explain_effect, free_numbers
+from discovery.explain.probes import Probe
 from discovery.residual.base import cost
 from discovery.residual.free_parameters import FreeParameters, effect_number, size_of
 from discovery.residual.output_error import WhitenedResidual, noise_of, whiten

@@ -101,7 +101,7 @@ def _solved(
             found[number.effect] = found[number.effect].with_values(**changed)
         return found
 
-    def left(point: FloatArray) -> FloatArray:
+    def weighted(point: FloatArray) -> FloatArray:
         readings, rows = at(point), []
         for k, weight in zip(training, weights, strict=True):
             record = residual.records[k]
@@ -112,7 +112,7 @@ def _solved(
     margin = _INSIDE * np.minimum(high - low, 1.0)
     start = np.clip([n.to(n.parameter.value) for n in numbers], low + margin, high - margin)
     found = optimize.least_squares(
-        left, start, bounds=(low, high), x_scale="jac", max_nfev=_EVALUATIONS, ftol=1e-6
+        weighted, start, bounds=(low, high), x_scale="jac", max_nfev=_EVALUATIONS, ftol=1e-6
     )
     slopes = np.asarray(found.jac, dtype=np.float64)
     wander = np.concatenate([residual.variances[k] / residual.noise[k] for k in training])
@@ -138,7 +138,7 @@ def _limited(effect: ModelCorrection, errors: dict[str, float], residual: RestRe
         for k, record in enumerate(residual.records):
             if not record.settings.hold_out:
                 column, weight = record.of(unit) / step, 1 / residual.variances[k]
-                apart.append(float((column * weight) @ residual.left[k] / ((column * weight) @ column)))
+                apart.append(float((column * weight) @ residual.remainder[k] / ((column * weight) @ column)))
         half = Z95 * float(np.std(apart, ddof=1)) if len(apart) >= _FEWEST else None
         low, high = (None, None) if half is None else (number.value - half, number.value + half)
         limits[name] = replace(number, low=low, high=high)

@@ -13,18 +13,18 @@ from itertools import product
 
 import numpy as np
 
-from discovery.decide.chance import by_record, p_value
 from discovery.decide.explanation import Explanation, limited, standard_errors
 from discovery.explain.force_balance import explanation
 from discovery.explain.free_form import member_of, single_terms, sparse_sum, terms_at
-from discovery.explain.motion import Probe, by_chance, free_numbers, worth_fitting
+from discovery.explain.motion import free_numbers
+from discovery.explain.probes import Probe, cut_to_bounds, fit_promising, probed_in_pieces
 from discovery.explain.scales import Scale, at_scale
 from discovery.options import Options
 from discovery.residual.base import cost
 from discovery.residual.simulation import EVALUATIONS, Fit, SimulationResidual, refitted
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.effects import Effect, Member, ModelCorrection, candidates
+from rom.effects import Effect, Member, ModelCorrection, candidates_of
 from rom.model.structure import GROUND
 
 _CHANGE: Numerical[float] = 1e-2  # of the motion, by which a probe moves it
@@ -32,7 +32,6 @@ _DAMPINGS: Numerical[tuple[float, ...]] = (1.0, 0.5)  # shares of the dampings a
 _ROUGH: Numerical[int] = 12  # parts
 _SHORT: Numerical[int] = 8  # evaluations that tell which start is best
 _OF_TENSION = re.compile(r"\bT\b")
-_IMITATED: Numerical[float] = 1e-12  # share of an output that is left beyond the model's numbers: rounding
 
 
 def explain(residual: SimulationResidual, options: Options) -> list[Explanation]:
@@ -53,8 +52,7 @@ def screen(residual: SimulationResidual, options: Options) -> tuple[tuple[Probe,
 
     Of a wide grid the points that a few parts of the records promise most of are tried on all.
     """
-    known = {effect.path for effect in residual.model.effects}
-    pairs = [(member, effect) for member, effect in _candidates(residual) if effect.path not in known]
+    pairs = list(_candidates(residual))
     tell, found, most = options.stage("screening effects"), [], int(options.criteria.screening.rough_probes)
     rough = residual.in_parts(_ROUGH)
     for done, (member, effect) in enumerate(pairs, 1):
@@ -86,8 +84,8 @@ def _candidates(residual: SimulationResidual) -> Iterator[tuple[Member, Effect]]
     """Core forces of the catalogue at the scales of their places: as simulated, the others cost too much."""
     structure = residual.model.structure
     ends = {link.name: (link.first, link.second) for link in structure.links}
-    for member, added in candidates(residual.model):
-        if member.kind != "force" or member.by_record or not isinstance(added, Effect):
+    for member, added in candidates_of(Effect, residual.model):
+        if member.kind != "force" or member.by_record:
             continue
         scale = scale_at(residual, added.enters)
         if scale is not None:
@@ -125,30 +123,7 @@ def _probed(
     small = _small(member, probe, residual)
     if small is None:
         return None
-    probe, output = small
-    beyond, mine = residual.beyond(output), output[residual.training]
-    size, whole, along = float(beyond @ beyond), float(mine @ mine), float(beyond @ left)
-    if size <= _IMITATED * whole:
-        return None
-    amplitude = float(np.clip(along / size, *_reach(member, probe)))
-    scores = by_record(beyond, left, residual.pieces, int(residual.pieces.max(initial=0)) + 1)
-    gain = amplitude * (2 * along - amplitude * size)
-    return Probe(member, probe, gain, amplitude, np.sqrt(size / whole), scores)
-
-
-def _reach(member: Member, probe: ModelCorrection) -> tuple[float, float]:
-    """Multiples of a probe's strength that its range allows."""
-    numbers = [probe.parameters[name] for name in member.strengths if probe.parameters[name].value]
-    ends = [sorted(bound / number.value for bound in number.bounds) for number in numbers]
-    return max(low for low, _ in ends), min(high for _, high in ends)
-
-
-def _start(probe: Probe) -> ModelCorrection:
-    """A probe at the strength that suits it."""
-    effect = probe.effect
-    numbers = {name: effect.parameters[name] for name in probe.member.strengths}
-    values = {name: float(np.clip(n.value * probe.amplitude, *n.bounds)) for name, n in numbers.items()}
-    return effect.with_values(**values)
+    return probed_in_pieces(member, small[0], small[1], residual, left)
 
 
 def _small(
@@ -166,9 +141,7 @@ def _small(
             return None
         factor = max(_CHANGE / share, 1e-4) if np.isfinite(share) else 1e-2
         values = {n: probe.parameters[n].value * factor for n in member.strengths}
-        probe = probe.with_values(
-            **{n: float(np.clip(v, *probe.parameters[n].bounds)) for n, v in values.items()}
-        )
+        probe = cut_to_bounds(probe, values)
     return None
 
 
@@ -191,18 +164,14 @@ def explain_screened(
     list of Explanation
         Each with the residual beside it.
     """
-    rules, largest = options.criteria.screening, by_chance(probes, options.criteria)
-    promising = worth_fitting(probes, cost(residual), options.criteria)
-    parts, tell, found = residual.in_parts(), options.stage("fitting effects"), []
-    for ones in promising:
-        begun = _begun(parts, [_start(one) for one in ones[: int(rules.starts)]])
+    starts, parts = int(options.criteria.screening.starts), residual.in_parts()
+
+    def fit(ones: Sequence[Probe]) -> Explanation:
+        begun = _begun(parts, [one.start for one in ones[:starts]])
         after = together(residual.of_model(begun.model))
-        explained = explanation(after.model.effects[-1], ones[0].member, residual, after)
-        p = None if largest is None else p_value(ones[0].gain, largest)
-        found.append(replace(explained, p_value=p, residual=after))
-        if tell is not None:
-            tell(len(found), len(promising))
-    return found
+        return replace(explanation(after.model.effects[-1], residual, after), residual=after)
+
+    return fit_promising(probes, residual, options, fit)
 
 
 def fitted(residual: SimulationResidual, effect: ModelCorrection) -> SimulationResidual:
@@ -230,13 +199,13 @@ def together(residual: SimulationResidual, evaluations: int = EVALUATIONS) -> Si
         residual, {effect.path: _shown_numbers(effect, residual) for effect in effects}, evaluations
     )
     errors, after = _errors(fit), fit.residual
-    told = tuple(
+    with_limits = tuple(
         limited(
             effect, {n: errors[path] for n in effect.parameters if (path := f"{effect.path}.{n}") in errors}
         )
         for effect in after.model.effects
     )
-    return replace(after, model=replace(after.model, effects=told))
+    return replace(after, model=replace(after.model, effects=with_limits))
 
 
 def _errors(fit: Fit) -> dict[str, float]:
@@ -281,7 +250,7 @@ def free_forms(residual: SimulationResidual, options: Options) -> tuple[Explanat
         if effect is not None:
             after = fitted(residual, effect)
             formed = after.model.effects[-1]
-            found.append(replace(explanation(formed, member_of(formed), residual, after), residual=after))
+            found.append(replace(explanation(formed, residual, after), residual=after))
     return tuple(sorted(found, key=lambda one: one.cost(hold_out=False))[:1])
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from discovery.courses.tension_likelihood import acts_at_rest
 from discovery.decide.chance import p_value
 from discovery.decide.explanation import Explanation
-from discovery.explain.motion import Probe
+from discovery.explain.probes import Probe, reach
 from discovery.explain.rest_fit import fitted
 from discovery.options import Options
 from discovery.residual.at_rest import RestResidual
@@ -135,9 +135,7 @@ def _grid(member: Member, effect: ModelCorrection, residual: RestResidual) -> It
 def _probed(member: Member, probe: ModelCorrection, residual: RestResidual) -> Probe:
     output = _output(probe, residual)
     along, size = float(output @ residual.beyond(residual.residual)), float(output @ output)
-    (name,) = [name for name in member.strengths if probe.parameters[name].value]
-    low, high = (bound / probe.parameters[name].value for bound in probe.parameters[name].bounds)
-    amplitude = float(np.clip(along / size, low, high)) if size > 0 else 0.0
+    amplitude = float(np.clip(along / size, *reach(member, probe))) if size > 0 else 0.0
     return Probe(member, probe, amplitude * (2 * along - amplitude * size), amplitude, 1.0)
 
 
@@ -171,19 +169,13 @@ def explain_screened(
     found, progress = [], options.stage("fitting effects")
     gains, drawn = _by_chance(probes, residual, options)
     for place, ones in enumerate(probes):
-        fits = [fitted(residual, (*residual.effects, _start(one))) for one in ones[:_STARTS]]
+        fits = [fitted(residual, (*residual.effects, one.start)) for one in ones[:_STARTS]]
         after = min(fits, key=lambda fit: _training_cost(fit, residual))
         explained = explanation(after.effects[-1], residual, after)
         found.append(replace(explained, p_value=p_value(gains[place], drawn), residual=after))
         if progress is not None:
             progress(len(found), len(probes))
     return found
-
-
-def _start(probe: Probe) -> ModelCorrection:
-    """A probe at the strength that suits it."""
-    values = {name: probe.amplitude * probe.effect.parameters[name].value for name in probe.member.strengths}
-    return probe.effect.with_values(**values)
 
 
 def _training_cost(fit: RestResidual, before: RestResidual) -> float:

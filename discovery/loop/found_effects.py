@@ -9,7 +9,7 @@ from scipy import stats
 
 from discovery.decide.acceptance import spread_of
 from discovery.decide.explanation import Explanation
-from discovery.explain.motion import Probe
+from discovery.explain.probes import Probe
 from discovery.loop.history import Selection
 from discovery.loop.result import FoundEffect, LookAlike, Screened
 from discovery.loop.state import State

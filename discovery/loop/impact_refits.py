@@ -89,8 +89,8 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
             If nothing can be identified from the campaign.
         """
         identification = identify_campaign(campaign, options.jobs, options.stage("identifying"), faults)
-        told = (*identification.warnings, *warnings)
-        return cls(campaign, replace(identification, warnings=told), options)
+        warnings = (*identification.warnings, *warnings)
+        return cls(campaign, replace(identification, warnings=warnings), options)
 
     @property
     def aside(self) -> Sequence[Doubt]:

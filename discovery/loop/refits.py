@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 from discovery.decide.acceptance import MaterialErrors, is_accepted, motion_errors
 from discovery.decide.explanation import Explanation
 from discovery.explain.force_balance import explanation
-from discovery.explain.motion import Probe
+from discovery.explain.probes import Probe
 from discovery.localisation.localise import Localisation
 from discovery.loop.found_effects import describe
 from discovery.loop.history import LoopHistory, Selection
@@ -261,4 +261,4 @@ class FixedTensionRefits(CampaignRefits[ResidualT]):
 
     def _explanation(self, effect: ModelCorrection, before: ResidualT, after: ResidualT) -> Explanation:
         """Costs of all records with an effect of the catalogue and without."""
-        return explanation(effect, CATALOGUE[effect.name], before, after)
+        return explanation(effect, before, after)

@@ -105,7 +105,7 @@ class ExponentProfile:
     @property
     def summary(self) -> str:
         """The result in one sentence."""
-        told = {
+        verdict = {
             "identified": f"{self.name} = {self.best:.2f}, 95 % limits {self.low:.2f} to {self.high:.2f}",
             "open below": f"{self.name} is {self.high:.2f} at most; no lower limit within the range",
             "open above": f"{self.name} is {self.low:.2f} at least; no upper limit within the range",
@@ -113,7 +113,7 @@ class ExponentProfile:
             "no loss above noise": f"{self.name} is not identifiable: no loss stands out from the noise",
         }[self.reach]
         misfit = f"; but no value fits to within noise (dispersion {self.dispersion:.1f})"
-        return told + ("" if self.fits else misfit)
+        return verdict + ("" if self.fits else misfit)
 
 
 @dataclass(frozen=True)
@@ -144,14 +144,14 @@ class MotionProfile:
     @property
     def summary(self) -> str:
         """The result in one sentence."""
-        told = {
+        verdict = {
             "velocity": "velocity drives the loosening; displacement is not needed",
             "displacement": "displacement drives the loosening; velocity is not needed",
             "both": "velocity and displacement both act",
             "undecided": "velocity and displacement cannot be told apart as drivers",
             "neither": "no product of powers of velocity and displacement explains the courses",
         }[self.driver]
-        return f"{told} ({self.velocity.summary}; {self.displacement.summary})"
+        return f"{verdict} ({self.velocity.summary}; {self.displacement.summary})"
 
 
 def exponent_profile(

@@ -85,7 +85,7 @@ def beyond_chance(groups: int, rules: RankingRules = CRITERIA.ranking) -> float:
 
 def order(
     scores: FloatArray,
-    worth: FloatArray,
+    evidence: FloatArray,
     complexity: Sequence[tuple[int, int]],
     groups: Index,
     rules: RankingRules = CRITERIA.ranking,
@@ -103,7 +103,7 @@ def order(
     ----------
     scores : ndarray, shape (laws, cases)
         Log scores of cross-validation.
-    worth : ndarray, shape (laws, cases)
+    evidence : ndarray, shape (laws, cases)
         Evidence.
     complexity : sequence of (int, int)
         A law's count of free numbers and the length of its equation.
@@ -117,15 +117,16 @@ def order(
     list of int
         Places of the laws, the first law's first.
     """
-    return _ordered(*_compared(scores, worth, groups, rules), np.asarray(complexity), rules)
+    return _ordered(*_compared(scores, evidence, groups, rules), np.asarray(complexity), rules)
 
 
 def _compared(
-    scores: FloatArray, worth: FloatArray, groups: Index, rules: RankingRules
+    scores: FloatArray, evidence: FloatArray, groups: Index, rules: RankingRules
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Sums by preload of scores, and of bounded differences of any two laws: (laws, laws, groups), twice."""
     pairs = [
-        by_group(bounded_difference(each[:, None], each[None, :], rules), groups) for each in (scores, worth)
+        by_group(bounded_difference(each[:, None], each[None, :], rules), groups)
+        for each in (scores, evidence)
     ]
     return by_group(scores, groups), pairs[0], pairs[1]
 
@@ -133,14 +134,14 @@ def _compared(
 def _ordered(
     sums: FloatArray,
     pairs: FloatArray,
-    worth: FloatArray,
+    evidence: FloatArray,
     complexity: npt.NDArray[np.int64],
     rules: RankingRules,
 ) -> list[int]:
     totals = sums.sum(axis=1)  # they only part laws that are as far behind, at the bound on every record
     leads = pairs.sum(axis=-1)
     best = max(range(len(totals)), key=lambda k: (leads[k].min(), totals[k]))
-    lead, behind = leads[best], worth[best].sum(axis=-1)
+    lead, behind = leads[best], evidence[best].sum(axis=-1)
     error = np.sqrt(sums.shape[1]) * pairs[best].std(axis=1, ddof=1)
     equal = lead <= np.maximum(beyond_chance(sums.shape[1], rules) * error, rules.log_odds)
     equal[best] = True
@@ -161,7 +162,7 @@ def _ordered(
 
 def chosen(
     scores: FloatArray,
-    worth: FloatArray,
+    evidence: FloatArray,
     complexity: Sequence[tuple[int, int]],
     groups: Index,
     rng: np.random.Generator,
@@ -171,7 +172,7 @@ def chosen(
 
     Parameters
     ----------
-    scores, worth, complexity, groups
+    scores, evidence, complexity, groups
         As for `order`.
     rng : numpy.random.Generator
         Source of the draws.
@@ -183,7 +184,7 @@ def chosen(
     ndarray, shape (laws,)
         Shares of the draws.
     """
-    sums, pairs, prices = _compared(scores, worth, groups, rules)
+    sums, pairs, prices = _compared(scores, evidence, groups, rules)
     counts, draws = np.zeros(len(scores)), int(rules.resamples)
     for _ in range(draws):
         drawn = rng.integers(0, sums.shape[1], sums.shape[1])

@@ -282,10 +282,10 @@ def _ranked(
     p_values = ordering.p_values(scores, scores[base], groups, rng, rules)
     spread = validation.dispersion(min(fits, key=lambda found: found.deviance), frozen)
     criteria = [validation.information_criterion(found, frozen, spread) for found in fits]
-    worth = np.stack([validation.evidence(found, frozen, spread) for found in fits])
+    evidence = np.stack([validation.evidence(found, frozen, spread) for found in fits])
     complexity = [(len(found.free), len(found.candidate.equation)) for found in fits]
-    shares = ordering.chosen(scores, worth, complexity, groups, rng, rules)
-    places = ordering.order(scores, worth, complexity, groups, rules)
+    shares = ordering.chosen(scores, evidence, complexity, groups, rng, rules)
+    places = ordering.order(scores, evidence, complexity, groups, rules)
     names = names_of([fits[k].candidate for k in places])
     return tuple(
         RankedLaw(

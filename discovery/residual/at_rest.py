@@ -44,7 +44,7 @@ class RestResidual(Residual):
         return replace(self, effects=tuple(effects))
 
     @cached_property
-    def left(self) -> tuple[FloatArray, ...]:
+    def remainder(self) -> tuple[FloatArray, ...]:
         """Lines that are left over of every record [N]."""
         return tuple(
             np.asarray(record.measured - sum((record.of(e) for e in self.effects), np.zeros(1)))
@@ -57,7 +57,7 @@ class RestResidual(Residual):
         limit = self.criteria.at_rest.outlier
         return tuple(
             gauge_noise(lines, record.slow, limit, record.floor)
-            for record, lines in zip(self.records, self.left, strict=True)
+            for record, lines in zip(self.records, self.remainder, strict=True)
         )
 
     @cached_property
@@ -79,7 +79,7 @@ class RestResidual(Residual):
     @cached_property
     def residual(self) -> FloatArray:
         """What is left over, over the gauge's noise, (rows,)."""
-        return self.rows(self.left) / self.sizes
+        return self.rows(self.remainder) / self.sizes
 
     @cached_property
     def owner(self) -> npt.NDArray[np.int64]:

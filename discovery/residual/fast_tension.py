@@ -183,8 +183,8 @@ def _projected(
     left = columns - basis @ (basis.T @ columns)
     sizes = np.maximum(np.linalg.norm(left, axis=0), 1e-300)
     main, singular, _ = np.linalg.svd(left / sizes, full_matrices=False)
-    told = singular > _SAME * singular[0]
-    main = main[:, told][:, :rank]
+    determined = singular > _SAME * singular[0]
+    main = main[:, determined][:, :rank]
     rest = target - basis @ (basis.T @ target)
     noise = np.sqrt(white)
     return Projected(main.T @ rest / noise, main.T @ left / noise)

@@ -165,9 +165,9 @@ class WhitenedResidual(Residual):
         if ties:
             slopes = self.slopes[self.training]
             slopes /= np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
-            told = np.linalg.lstsq(slopes, mine, rcond=_SAME)[0]
+            steps = np.linalg.lstsq(slopes, mine, rcond=_SAME)[0]
             noise = self.criteria.acceptance.noise_level * len(mine)
-            beyond = float(np.sum((mine - slopes @ told) ** 2)) - noise
+            beyond = float(np.sum((mine - slopes @ steps) ** 2)) - noise
         if not ties or beyond <= 0:
             return np.zeros((0, len(self.names))), np.zeros(0)
         rows = np.array([[tie.factors.get(name, 0.0) / tie.error for name in self.names] for tie in ties])

@@ -216,7 +216,7 @@ def refitted(
 
     latest: list[tuple[FloatArray, SimulationResidual]] = []
 
-    def left(x: FloatArray) -> FloatArray:
+    def rows(x: FloatArray) -> FloatArray:
         found = at(x)
         latest[:] = [*latest[-3:], (x.copy(), found)]
         return np.asarray(_trained_rows(found))
@@ -230,7 +230,7 @@ def refitted(
     high = np.array([n.high / n.size for n in numbers] + [np.inf] * (len(start) - len(numbers)))
     margin = 1e-9 * np.minimum(high - low, 1.0)
     found = optimize.least_squares(
-        left, np.clip(start, low + margin, high - margin), jac=slopes, bounds=(low, high), x_scale="jac",
+        rows, np.clip(start, low + margin, high - margin), jac=slopes, bounds=(low, high), x_scale="jac",
         max_nfev=evaluations, ftol=_SETTLED, xtol=1e-8,
     )  # fmt: skip
     after = at(found.x)

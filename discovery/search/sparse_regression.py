@@ -197,26 +197,3 @@ def least_squares(theta: FloatArray, target: FloatArray, signed: bool = False) -
     largest = max(float(np.abs(found).max()), np.finfo(float).tiny)
     least = _SMALL * largest * np.where(found < 0, -1.0, 1.0)
     return np.asarray(np.where(np.abs(found) < np.abs(least), least, found) / norms)
-
-
-def strong_form(
-    library: TermLibrary, nodes: FloatArray, tension: FloatArray, rate_hz: float
-) -> tuple[FloatArray, FloatArray]:
-    """Rows of the textbook form: columns at the samples, and the finite difference of the tension [N/s].
-
-    Parameters
-    ----------
-    library : TermLibrary
-        Columns.
-    nodes : ndarray, shape (6, samples)
-        Time, x, v, F, D at the samples of the tension; the tension's row is ignored.
-    tension : ndarray, shape (samples,)
-        Measured tension [N].
-    rate_hz : float
-        Its sampling rate.
-    """
-    from pysindy import FiniteDifference
-
-    rows = np.vstack([nodes[:5], tension])
-    slope = FiniteDifference()(tension[:, None], 1.0 / rate_hz)
-    return library.transform(rows), np.asarray(slope)[:, 0]

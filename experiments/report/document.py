@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from experiments.report.results import Result, Results, read_results
 from experiments.text import closures, equations, rankings, suspicions, verdicts
 from experiments.text.tables import Table, parameters_table, tables_of
 from experiments.text.wording import label, mappings, number
+from rom.provenance import program_version
 
 Data = Mapping[str, Any]
 
@@ -86,7 +86,7 @@ def render(directory: Path) -> str:
         notes=_notes(found),
         details=_details(found.results),
         made=_made(found.results),
-        version=_version(),
+        version=program_version(),
     )
 
 
@@ -229,10 +229,3 @@ def _short(cell: object) -> bool:
     if not isinstance(cell, str):
         return False
     return len(cell) < (_LONGEST_NUMBER if cell[:1] in "−–0123456789" else _LONGEST_WORD)
-
-
-def _version() -> str:
-    try:
-        return version("boltlaw")
-    except PackageNotFoundError:
-        return "unknown"

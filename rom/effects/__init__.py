@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from importlib import import_module
 from pkgutil import iter_modules
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -33,6 +33,7 @@ __all__ = [
     "Reading",
     "SensorFault",
     "candidates",
+    "candidates_of",
     "free_form",
     "look_alikes",
     "make",
@@ -41,6 +42,7 @@ __all__ = [
     "with_stiffness",
 ]
 
+E = TypeVar("E", bound=ModelCorrection)
 _members: dict[str, Member] = {}
 CATALOGUE: Mapping[str, Member] = MappingProxyType(_members)
 """Members of the catalogue by name."""
@@ -136,6 +138,23 @@ def candidates(
         for enters, kind in places(model, channels).items()
         if kind in member.places
     )
+
+
+def candidates_of(kind: type[E], model: Model, channels: Iterable[str] = ()) -> tuple[tuple[Member, E], ...]:
+    """Core candidates of one type that the model does not hold yet.
+
+    Parameters
+    ----------
+    kind : type
+        `Effect`, `LawChange`, `Reading` or `SensorFault`.
+    model : Model
+        The model that may lack one.
+    channels : iterable of str
+        As for `candidates`.
+    """
+    known = {effect.path for effect in model.effects}
+    found = candidates(model, channels)
+    return tuple((m, e) for m, e in found if isinstance(e, kind) and e.path not in known)
 
 
 def with_stiffness(effect: ModelCorrection, model: Model) -> ModelCorrection:

@@ -168,8 +168,8 @@ def force_records(records: Sequence[Record], settings: CampaignSettings) -> tupl
     ValueError
         Where a moving body has no displacement channel, or a record is shorter than the filter.
     """
-    told = [record for record in records if not record.hold_out]
-    smoothing, fine_s = _filter(told, "force"), _filter(told, "displacement").width_s
+    training = [record for record in records if not record.hold_out]
+    smoothing, fine_s = _filter(training, "force"), _filter(training, "displacement").width_s
     made = (_force_record(record, settings, smoothing, fine_s) for record in records)
     return tuple(record for record in made if record.balances)
 

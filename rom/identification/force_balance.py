@@ -194,8 +194,8 @@ def balances_of(campaign: Campaign) -> tuple[Balances, tuple[Doubt, ...]]:
         doubts += found.doubts
         chosen += [found.raw] if found.raw is not None and not found.doubts else []
     records = force_records(chosen, settings)
-    told = [b for r in records if not r.settings.hold_out for b in r.balances]
-    if not any(np.any(balance.terms["force"]) for balance in told):
+    trained = [b for r in records if not r.settings.hold_out for b in r.balances]
+    if not any(np.any(balance.terms["force"]) for balance in trained):
         raise ValueError(f"{campaign.path}: found no training record with a force, expected one")
     pairs = [(record, balance) for record in records for balance in record.balances]
     tables = [_columns(balance, settings) for _, balance in pairs]

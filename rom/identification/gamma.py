@@ -1,4 +1,4 @@
-"""Gamma of every loosening case, and the law gamma(T), by re-simulation.
+"""Gamma of every loosening case by re-simulation.
 
 The final tension falls monotonically with gamma, so that a bracketing root-finder finds what the pattern
 search of He et al. (2025), Section 3.5, finds: the gamma whose simulated final tension is the measured one,
@@ -8,19 +8,16 @@ negative for net tightening.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize
 from scipy.optimize import elementwise
 
 from rom.campaign.channels import FloatArray
 from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
 from rom.effects import LawChange
-from rom.identification.curve_fits import LawFit, covariance_of, gamma_curve, with_limits
 from rom.model.effect import SensorFault
 from rom.model.laws import Parameter, power_loosening
 from rom.model.model import Model
@@ -28,13 +25,8 @@ from rom.signals.sensor_correction import true_hit
 from rom.signals.tension_bins import TensionCourse
 
 Progress = Callable[[int, int], None]
-_REFINEMENTS: Numerical[int] = 3
-_EVALUATIONS: Numerical[int] = 30  # of a refinement, at most; 4 are usual
 _PROBE: Numerical[float] = 100.0  # loosens by a small share, yet far above rounding
 _LEAST_EXPOSURE: Numerical[float] = 1e-30  # a touch so weak that the probe's loss is lost in rounding
-_LEAST_LOSS_ERROR: Numerical[float] = 1e-9  # [N]
-_LEAST_SCATTER: Numerical[float] = 1e-6  # of ln gamma
-_LARGEST_SCATTER: Numerical[float] = 10.0
 _BRACKETS: Numerical[int] = 16  # at most
 _HALVINGS: Numerical[int] = 80  # at most; so many steps end within 1e-3 of the bound, in asinh(gamma)
 _LOSS_TOLERANCE: Numerical[float] = 1e-10  # [N]
@@ -287,92 +279,3 @@ def _small_loss_gamma(
     exposure = np.log(initial / final_tensions(trial, cases, window_s, probe)) / probe
     final = np.maximum([case.final for case in cases], 1e-3 * initial)
     return np.asarray(np.log(initial / final) / np.maximum(np.nan_to_num(exposure), _LEAST_EXPOSURE))
-
-
-def refine_gamma_law(
-    model: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float], fit: LawFit
-) -> LawFit:
-    """Refit a law to the losses of `cases` by re-simulation, for gamma moves while the tension falls.
-
-    r_i = [asinh(tau m_i / s_i) - asinh(tau l_i / s_i)] / tau: measured loss m, simulated loss l, standard
-    error s of the loss, scatter tau of ln gamma. It is (m - l) / s where a loss is small and ln(m / l) / tau
-    where it is large, with unit variance in between, so that small losses neither bias the law nor drop out.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    cases : sequence of LooseningCase
-        Impacts with the tensions before and after.
-    window_s : tuple of float
-        Window [s], from and to.
-    fit : LawFit
-        The law as fitted to gamma of each case.
-
-    Returns
-    -------
-    LawFit
-        The law refitted; not ``settled`` where the last fit had not ended.
-    """
-    initial = np.array([case.initial for case in cases])
-    measured = initial - np.array([case.final for case in cases])
-    error = np.maximum([case.loss_error for case in cases], _LEAST_LOSS_ERROR)
-    scatter, values = fit.scatter, np.array([fit.law.parameters[name].value for name in fit.free])
-
-    known: dict[bytes, FloatArray] = {}  # a fit begins with the slopes that the one before ended with
-
-    def loss(parameters: FloatArray) -> FloatArray:
-        here = parameters.tobytes()
-        if here not in known:
-            law = fit.law.with_values(**dict(zip(fit.free, parameters, strict=True)))
-            final = final_tensions(model.with_tension_law(law), cases, window_s)
-            known[here] = np.asarray(initial - np.where(np.isfinite(final), final, 0.0))
-        return known[here]
-
-    covariance = fit.covariance
-    for _ in range(_REFINEMENTS):
-        found = optimize.least_squares(
-            partial(_loss_misfit, loss, measured, error, scatter), values, xtol=1e-6, ftol=1e-8,
-            x_scale=np.maximum(np.abs(values), 1e-9), diff_step=np.full(len(values), 1e-4),
-            max_nfev=_EVALUATIONS,
-        )  # fmt: skip
-        values, covariance = found.x, covariance_of(np.asarray(found.jac))
-        scatter = _loss_scatter(measured, loss(values), error, len(values))
-    law = fit.law.with_values(**dict(zip(fit.free, values, strict=True)))
-    limited = with_limits(law, fit.free, covariance, len(cases) - len(fit.free))
-    files = tuple(case.file for case in cases)
-    return replace(
-        fit, law=limited, covariance=covariance, scatter=scatter, records=files, curve=gamma_curve,
-        settled=bool(found.status),
-    )  # fmt: skip
-
-
-def _loss_misfit(
-    loss: Callable[[FloatArray], FloatArray],
-    measured: FloatArray,
-    error: FloatArray,
-    scatter: float,
-    values: FloatArray,
-) -> FloatArray:
-    return _standardised(measured, loss(values), error, scatter)
-
-
-def _standardised(measured: FloatArray, loss: FloatArray, error: FloatArray, scatter: float) -> FloatArray:
-    """Return misfits of losses in standard deviations of noise and scatter together."""
-    share = max(scatter, _LEAST_SCATTER)
-    return np.asarray((np.arcsinh(share * measured / error) - np.arcsinh(share * loss / error)) / share)
-
-
-def _loss_scatter(measured: FloatArray, loss: FloatArray, error: FloatArray, parameters: int) -> float:
-    """Return the scatter at which the misfit equals its degrees of freedom; 0 where the noise suffices."""
-    freedom = len(measured) - parameters
-
-    def excess(scatter: float) -> float:
-        misfit = _standardised(measured, loss, error, scatter)
-        return float(misfit @ misfit) - freedom
-
-    if freedom < 1 or excess(0.0) <= 0:
-        return 0.0
-    if excess(_LARGEST_SCATTER) >= 0:
-        return _LARGEST_SCATTER
-    return float(optimize.brentq(excess, 0.0, _LARGEST_SCATTER, xtol=1e-9))

@@ -11,22 +11,20 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from rom.campaign.campaign import Campaign, CampaignSettings
 from rom.criteria.identification import RULES
 from rom.effects import CATALOGUE
 from rom.identification.at_rest import STILL, model_at_rest
-from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
+from rom.identification.curve_fits import LawFit
 from rom.identification.force_balance import balances_of, declared_model, is_driven, noise_share
 from rom.identification.free_decay import fit_free_decay, free_model, is_free, ring_downs
-from rom.identification.gamma import GammaEstimate, LooseningCase, identify_gamma, refine_gamma_law
+from rom.identification.gamma import GammaEstimate, LooseningCase
+from rom.identification.gamma_law import loosening_law
 from rom.identification.joint import (
     JointEstimate,
     given_curves,
     joint_curves,
     joint_estimates,
-    tension_levels,
 )
 from rom.identification.left_open import undetermined, untensioned, vanished
 from rom.identification.link_laws import bolted_laws, linear_laws, mean_laws
@@ -48,9 +46,7 @@ from rom.model.effect import SensorFault
 from rom.model.laws import (
     constant_damping,
     constant_stiffness,
-    logistic_loosening,
     no_loosening,
-    power_loosening,
 )
 from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
@@ -214,10 +210,27 @@ def identify_campaign(
     if is_driven(campaign) and (driven := _of_driven(campaign)) is not None:
         return driven
     settings = campaign.settings
-    records = list(reduce_records(campaign, campaign.select(hold_out=False), jobs, progress, faults))
-    set_aside = tuple(doubt for record in records for doubt in record.doubts)
-    warnings = tuple(dict.fromkeys(text for record in records for text in record.warnings))
-    records = [record for record in records if not record.doubts]
+    reduced = list(reduce_records(campaign, campaign.select(hold_out=False), jobs, progress, faults))
+    records = [record for record in reduced if not record.doubts]
+    found = replace(
+        _of_impacts(campaign, records),
+        set_aside=tuple(doubt for record in reduced for doubt in record.doubts),
+        records=tuple(record.settings.file for record in records),
+    )
+    of_records = dict.fromkeys(text for record in reduced for text in record.warnings)
+    found = replace(found, warnings=(*of_records, *found.warnings))
+    links, cases = found.model.structure.bolted_links, loosening_cases(records)
+    if len(links) > 1:
+        text = "several bolted links, one measured tension: no law of loosening is identified"
+        found = replace(found, warnings=(*found.warnings, text))
+    elif links and cases:
+        found = _with_loosening(found, cases, settings.windows.final_s, progress)
+    return replace(found, model=replace(found.model, effects=tuple(faults), identification=found))
+
+
+def _of_impacts(campaign: Campaign, records: Sequence[ReducedRecord]) -> Identification:
+    """Return what sound records tell of links and joint, by output error; no law of loosening yet."""
+    settings = campaign.settings
     parts = _started(records, settings)
     linear = fit_near(parts, flexure_ties(records, settings)) if parts else None
     if linear is None and not any(record.link for record in records):
@@ -231,12 +244,11 @@ def identify_campaign(
         linear = given_curves(parts, linear, joint, (stiffness_fit, damping_fit))
     model, missing = _model(campaign, records, linear, (stiffness_fit, damping_fit))
     far_off = unsettled(model, linear) if linear is not None else ()
-    missing = (*missing, *vanished(model, settings))
     noise = course_noise(
         [r.bins for r in records if r.bins and r.settings.test == "coupled"],
         [r.bins_before for r in records if r.bins_before],
     )
-    found = Identification(
+    return Identification(
         model=model,
         linear=linear,
         uncoupled=tuple(record.uncoupled for record in records if record.uncoupled is not None),
@@ -245,18 +257,11 @@ def identify_campaign(
         damping_fit=damping_fit,
         courses=tension_courses(records, noise, settings),
         course_noise=noise,
-        set_aside=set_aside,
-        warnings=(*warnings, *missing, *doubtful, *far_off, *untensioned(records, settings)),
+        warnings=(
+            *missing, *vanished(model, settings), *doubtful, *far_off, *untensioned(records, settings)
+        ),
         unsettled=far_off,
-        records=tuple(record.settings.file for record in records),
-    )
-    cases = loosening_cases(records)
-    if len(model.structure.bolted_links) > 1:
-        text = "several bolted links, one measured tension: no law of loosening is identified"
-        found = replace(found, warnings=(*found.warnings, text))
-    elif model.structure.bolted_links and cases:
-        found = _with_loosening(found, cases, settings.windows.final_s, progress)
-    return replace(found, model=replace(found.model, effects=tuple(faults), identification=found))
+    )  # fmt: skip
 
 
 def _of_driven(campaign: Campaign) -> Identification | None:
@@ -350,56 +355,19 @@ def _bodies(
     return tuple(bodies), tuple(unknown)
 
 
-def _without_loosening(found: Identification) -> Identification:
-    """Return the model of a bolt that no test loosened: dT/dt = 0, or one negative gamma near one tension."""
-    told = [
-        g.gamma for g in found.gamma if g.gamma < 0 and not g.at_bound and g.log_error < RULES.undetermined
-    ]
-    if not told or tension_levels(np.array([g.initial for g in found.gamma])):
-        text = "no case loosened: the tension law stays dT/dt = 0"
-        return replace(found, warnings=(*found.warnings, text))
-    text = "no case loosened: the median of the negative gammas that tighten stands for all tensions"
-    model = found.model.with_tension_law(power_loosening(float(np.median(told))))
-    return replace(found, model=model, warnings=(*found.warnings, text))
-
-
-def _case_error(case: GammaEstimate) -> float:
-    """Return the standard error of ln gamma; a bolt that fell to the noise tells little more than a bound."""
-    lost = case.final < RULES.lost_tension * case.loss_error
-    return float(np.clip(case.log_error, 1.0 if lost else 0.0, 3.0))
-
-
 def _with_loosening(
     found: Identification,
     cases: Sequence[LooseningCase],
     window_s: tuple[float, float],
     progress: Progress | None = None,
 ) -> Identification:
-    """Add gamma per case and gamma(T), fitted to the net-loosening cases and refined by re-simulation."""
-    gamma = identify_gamma(found.model, cases, window_s, progress=progress)
-    usable = [g for g in gamma if g.gamma > 0 and not g.at_bound and np.isfinite(g.log_error)]
-    if not usable:
-        return _without_loosening(replace(found, gamma=gamma))
-    tension = np.array([g.initial for g in usable])
-    values = np.array([g.gamma for g in usable])
-    covariance = np.diag([_case_error(g) ** 2 for g in usable])
-    files = [g.file for g in usable]
-    levels = tension_levels(tension)
-    if not levels:
-        start = power_loosening(float(np.exp(np.log(values).mean())))
-        case_fit = fit_law([start], ["gamma"], tension, values, covariance, files, gamma_curve)
-    else:
-        top, bottom = float(np.log10(values.max())), float(np.log10(values.min()))
-        scales, free = np.geomspace(30.0, max(tension.max(), 60.0), 6), ["gamma_d", "gamma_i", "rho"]
-        if levels == RULES.curve_levels:  # two levels tell two parameters
-            scales, free = np.sqrt([tension.min() * tension.max()]) / 2, free[:2]
-        starts = [logistic_loosening(2 * top - bottom, 2 * (top - bottom), -1 / scale) for scale in scales]
-        case_fit = fit_law(starts, free, tension, values, covariance, files, gamma_curve)
-    by_file = {case.file: case for case in cases}
-    refined = refine_gamma_law(found.model, [by_file[file] for file in files], window_s, case_fit)
-    model, warnings = found.model.with_tension_law(refined.law), found.warnings
-    if not refined.settled:
-        warnings = (*warnings, "the fit of gamma(T) by re-simulation had not settled when it ended")
+    """Add gamma per case, and gamma(T) with the law."""
+    loosening, model = loosening_law(found.model, cases, window_s, progress), found.model
     return replace(
-        found, model=model, gamma=gamma, gamma_case_fit=case_fit, gamma_fit=refined, warnings=warnings
+        found,
+        model=model if loosening.law is None else model.with_tension_law(loosening.law),
+        gamma=loosening.gamma,
+        gamma_case_fit=loosening.case_fit,
+        gamma_fit=loosening.fit,
+        warnings=(*found.warnings, *loosening.warnings),
     )

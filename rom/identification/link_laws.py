@@ -91,10 +91,10 @@ def linear_laws(
     """
     link, dashpot = settings.name, settings.law == "dashpot"
     stiffness, damping = LinearNames.stiffness(link, bolted_in=bolted_in), LinearNames.damping(link)
-    told = (
+    identified = (
         stiffness in linear.names or (dashpot and bolted_in and damping in linear.names) if linear else False
     )
-    if linear is not None and told:
+    if linear is not None and identified:
         k = _constant(constant_stiffness, "k", linear, stiffness)
         return LinkLaws(k, _constant(constant_damping, "c", linear, damping))
     own = [(k, c) for name, k, c in cycled if name == link]

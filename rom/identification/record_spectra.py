@@ -162,10 +162,10 @@ def _force_errors(
     for body in np.flatnonzero(np.asarray(noise)).tolist():
         inside = np.flatnonzero(force[:, body])
         for contact in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if inside.size else ():
-            told = min(len(contact), int(2 * frequency[-1] * len(contact) / rate_hz) + _SHAPES_MORE)
-            powers = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(contact)), told - 1)
+            count = min(len(contact), int(2 * frequency[-1] * len(contact) / rate_hz) + _SHAPES_MORE)
+            powers = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(contact)), count - 1)
             turned = np.exp(-2j * np.pi * np.outer(frequency, contact) / rate_hz)
-            found = np.zeros((len(frequency), len(noise), told), dtype=np.complex128)
+            found = np.zeros((len(frequency), len(noise), count), dtype=np.complex128)
             found[:, body] = noise[body] / rate_hz * (turned @ np.linalg.qr(powers)[0])
             shapes.append(found)
     return np.concatenate(shapes, axis=2)

@@ -161,15 +161,15 @@ def as_uncoupled(model: Model, ties: Sequence[PriorConstraint]) -> Model:
     to its flexure: 10 to 20 % in He et al. (2025), Section 3.2.
     """
     values = constants(model)
-    told = {
+    alone = {
         tie.leaning[0]: values[tie.leaning[0]] * float(np.exp(tie.offset(values) * tie.error))
         for tie in ties
         if len(tie.leaning) == 1 and tie.factors.keys() <= values.keys()
     }
 
     def laws_of(link: str, laws: LinkLaws) -> LinkLaws:
-        k = told.get(LinearNames.stiffness(link, bolted_in=False))
-        c = told.get(LinearNames.damping(link))
+        k = alone.get(LinearNames.stiffness(link, bolted_in=False))
+        c = alone.get(LinearNames.damping(link))
         return LinkLaws(
             laws.stiffness if k is None else constant_stiffness(k),
             laws.damping if c is None else constant_damping(c),

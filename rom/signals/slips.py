@@ -91,7 +91,7 @@ def slips(records: Sequence[Evidence], settings: CampaignSettings, fewest: int) 
     shared = len(found) == len(known)
     for record in known:
         if record.file in found:
-            yield from _told(record, *found[record.file], shared)
+            yield from _described(record, *found[record.file], shared)
 
 
 def _masses(balances: Sequence[HitBalance], settings: CampaignSettings, fewest: int) -> dict[str, float]:
@@ -141,7 +141,7 @@ def _candidates(count: int) -> Iterator[_Slip]:
             yield _Slip(pair, exchanged=True)
 
 
-def _told(
+def _described(
     record: Evidence, slip: _Slip | None, apparent: float, confidence: float, shared: bool
 ) -> Iterator[Suspicion]:
     balance = record.balance

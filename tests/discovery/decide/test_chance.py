@@ -14,7 +14,7 @@ from discovery.decide.chance import (
     p_value,
 )
 from discovery.decide.explanation import Explanation
-from discovery.explain.motion import Probe, by_chance
+from discovery.explain.probes import Probe, by_chance
 from rom.effects import CATALOGUE
 
 RECORDS, ROWS, EFFECTS = 20, 50, 30

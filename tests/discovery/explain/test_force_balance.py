@@ -13,7 +13,7 @@ from discovery.decide.acceptance import is_accepted
 from discovery.decide.chance import p_value
 from discovery.explain.force_balance import explain
 from discovery.explain.force_balance_screen import screen
-from discovery.explain.motion import by_chance
+from discovery.explain.probes import by_chance
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.options import Options
 from discovery.residual.force_balance import ForceBalanceResidual

@@ -253,8 +253,7 @@ def test_a_force_along_a_driven_motion_is_dropped_too(tmp_path: Path, there: boo
     path = LoopHistory((first,))
     for count in (1, 2):
         residual = fitted(first.residual, effects[:count])[0]
-        member = CATALOGUE[effects[count - 1].name]
-        one = of_balance(effects[count - 1], member, first.residual, residual)
+        one = of_balance(effects[count - 1], first.residual, residual)
         path = path.extended(Selection(one), mine.evaluated(residual))
     left = without_redundant(mine, path)
     assert names(left) == ["coulomb-friction"] * there + ["cubic-stiffness"]

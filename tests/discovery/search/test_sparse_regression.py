@@ -10,7 +10,7 @@ from discovery.courses.fit import Fit, fit
 from discovery.courses.prediction import predict
 from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import Candidate, Term, baseline
-from discovery.laws.factors import tension_exponential, tension_logistic, tension_power, velocity_power
+from discovery.laws.factors import tension_exponential, tension_power, velocity_power
 from discovery.search.libraries import Scales, TermLibrary, motion_factors
 from discovery.search.optimizers import sparse_supports
 from discovery.search.sparse_regression import (
@@ -19,7 +19,6 @@ from discovery.search.sparse_regression import (
     integrals,
     least_squares,
     smoothed,
-    strong_form,
     usable,
     weighted,
     whitener,
@@ -123,18 +122,6 @@ def test_rows_of_a_library_carry_the_loss(fitted: Fit) -> None:
     rows = weighted(integrals(library, whole), whole, roots)
     assert rows.columns.shape == (*whole.change.shape, 8)
     np.testing.assert_allclose(rows.target[2], -roots[2] @ whole.change[2])
-
-
-def test_the_strong_form_differentiates() -> None:
-    whole = frozen()
-    nodes = whole.of_case(6)
-    regular = nodes[:, :500]
-    rate = 1 / (regular[0, 1] - regular[0, 0])
-    tension = 150.0 - 3.0 * np.arange(500) / rate
-    library = TermLibrary("true", Scales.of(whole), (velocity_power(),), (tension_logistic(),))
-    theta, slope = strong_form(library, regular, tension, rate)
-    np.testing.assert_allclose(slope, -3.0, rtol=1e-6)
-    assert theta.shape == (500, 1)
 
 
 def test_forward_steps_over_columns_that_a_resample_left_empty() -> None:

@@ -38,7 +38,7 @@ def fits_of(folder: Path, sizes: Sequence[float]) -> Fits:
     found: Fits = {}
     for name in (TRUE, *RIVALS):
         after, (effect,) = best_fit(starts_of(probes[name], declared))
-        found[name] = explanation(effect, CATALOGUE[name], declared, after), after
+        found[name] = explanation(effect, declared, after), after
     return found
 
 

@@ -18,8 +18,8 @@ from rom.identification.gamma import (
     identify_gamma,
     matching_factors,
     own_rate,
-    refine_gamma_law,
 )
+from rom.identification.gamma_law import refine_gamma_law
 from rom.model.laws import logistic_loosening, no_loosening, power_loosening
 from rom.model.model import Model
 from rom.parameters import he_2025
@@ -200,7 +200,7 @@ def law_of(cases: list[LooseningCase]) -> tuple[LawFit, LawFit]:
 
 @pytest.mark.parametrize("evaluations", [1, 30])
 def test_a_refinement_that_had_to_stop_says_so(monkeypatch: pytest.MonkeyPatch, evaluations: int) -> None:
-    monkeypatch.setattr("rom.identification.gamma._EVALUATIONS", evaluations)
+    monkeypatch.setattr("rom.identification.gamma_law._EVALUATIONS", evaluations)
     _, refined = law_of(with_true_losses(np.geomspace(10.0, 3000.0, 12), 1e-4))
     assert refined.settled == (evaluations > 1)
 

@@ -1,0 +1,188 @@
+"""The law gamma(T) of a campaign: fitted to gamma of each case, then to the losses by re-simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy import optimize
+
+from rom.campaign.channels import FloatArray
+from rom.criteria.identification import RULES
+from rom.criteria.number import Numerical
+from rom.identification.curve_fits import LawFit, covariance_of, fit_law, gamma_curve, with_limits
+from rom.identification.gamma import GammaEstimate, LooseningCase, Progress, final_tensions, identify_gamma
+from rom.identification.joint import tension_levels
+from rom.model.laws import Law, logistic_loosening, power_loosening
+from rom.model.model import Model
+
+_REFINEMENTS: Numerical[int] = 3
+_EVALUATIONS: Numerical[int] = 30  # of a refinement, at most; 4 are usual
+_LEAST_LOSS_ERROR: Numerical[float] = 1e-9  # [N]
+_LEAST_SCATTER: Numerical[float] = 1e-6  # of ln gamma
+_LARGEST_SCATTER: Numerical[float] = 10.0
+
+
+@dataclass(frozen=True)
+class Loosening:
+    """What loosening tests tell: gamma of every case, its fits over tension, and the law.
+
+    `case_fit` is that to gamma of each case, `fit` its refinement; None where no case loosened.
+    """
+
+    gamma: tuple[GammaEstimate, ...]
+    law: Law | None = None
+    case_fit: LawFit | None = None
+    fit: LawFit | None = None
+    warnings: tuple[str, ...] = ()
+
+
+def loosening_law(
+    model: Model,
+    cases: Sequence[LooseningCase],
+    window_s: tuple[float, float],
+    progress: Progress | None = None,
+) -> Loosening:
+    """Return gamma per case and gamma(T), fitted to the net-loosening cases and refined by re-simulation.
+
+    Parameters
+    ----------
+    model : Model
+        With the links' laws.
+    cases : sequence of LooseningCase
+        Impacts with the tensions before and after.
+    window_s : tuple of float
+        Window of the final tension [s], from and to.
+    progress : callable
+        Called with the number of cases whose gamma is found, and their total.
+    """
+    gamma = identify_gamma(model, cases, window_s, progress=progress)
+    usable = [g for g in gamma if g.gamma > 0 and not g.at_bound and np.isfinite(g.log_error)]
+    if not usable:
+        return _without_loosening(gamma)
+    case_fit, by_file = _fit_to_cases(usable), {case.file: case for case in cases}
+    fit = refine_gamma_law(model, [by_file[one.file] for one in usable], window_s, case_fit)
+    text = "the fit of gamma(T) by re-simulation had not settled when it ended"
+    return Loosening(gamma, fit.law, case_fit, fit, () if fit.settled else (text,))
+
+
+def _without_loosening(gamma: tuple[GammaEstimate, ...]) -> Loosening:
+    """A bolt that no test loosened: dT/dt = 0, or one negative gamma near one tension."""
+    certain = [g.gamma for g in gamma if g.gamma < 0 and not g.at_bound and g.log_error < RULES.undetermined]
+    if not certain or tension_levels(np.array([g.initial for g in gamma])):
+        return Loosening(gamma, warnings=("no case loosened: the tension law stays dT/dt = 0",))
+    text = "no case loosened: the median of the negative gammas that tighten stands for all tensions"
+    return Loosening(gamma, power_loosening(float(np.median(certain))), warnings=(text,))
+
+
+def _fit_to_cases(usable: Sequence[GammaEstimate]) -> LawFit:
+    tension = np.array([g.initial for g in usable])
+    values = np.array([g.gamma for g in usable])
+    covariance = np.diag([_case_error(g) ** 2 for g in usable])
+    files, levels = [g.file for g in usable], tension_levels(tension)
+    if not levels:
+        start = power_loosening(float(np.exp(np.log(values).mean())))
+        return fit_law([start], ["gamma"], tension, values, covariance, files, gamma_curve)
+    top, bottom = float(np.log10(values.max())), float(np.log10(values.min()))
+    scales, free = np.geomspace(30.0, max(tension.max(), 60.0), 6), ["gamma_d", "gamma_i", "rho"]
+    if levels == RULES.curve_levels:  # two levels tell two parameters
+        scales, free = np.sqrt([tension.min() * tension.max()]) / 2, free[:2]
+    starts = [logistic_loosening(2 * top - bottom, 2 * (top - bottom), -1 / scale) for scale in scales]
+    return fit_law(starts, free, tension, values, covariance, files, gamma_curve)
+
+
+def _case_error(case: GammaEstimate) -> float:
+    """Return the standard error of ln gamma; a bolt that fell to the noise tells little more than a bound."""
+    lost = case.final < RULES.lost_tension * case.loss_error
+    return float(np.clip(case.log_error, 1.0 if lost else 0.0, 3.0))
+
+
+def refine_gamma_law(
+    model: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float], fit: LawFit
+) -> LawFit:
+    """Refit a law to the losses of `cases` by re-simulation, for gamma moves while the tension falls.
+
+    r_i = [asinh(tau m_i / s_i) - asinh(tau l_i / s_i)] / tau: measured loss m, simulated loss l, standard
+    error s of the loss, scatter tau of ln gamma. It is (m - l) / s where a loss is small and ln(m / l) / tau
+    where it is large, with unit variance in between, so that small losses neither bias the law nor drop out.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    cases : sequence of LooseningCase
+        Impacts with the tensions before and after.
+    window_s : tuple of float
+        Window [s], from and to.
+    fit : LawFit
+        The law as fitted to gamma of each case.
+
+    Returns
+    -------
+    LawFit
+        The law refitted; not ``settled`` where the last fit had not ended.
+    """
+    initial = np.array([case.initial for case in cases])
+    measured = initial - np.array([case.final for case in cases])
+    error = np.maximum([case.loss_error for case in cases], _LEAST_LOSS_ERROR)
+    scatter, values = fit.scatter, np.array([fit.law.parameters[name].value for name in fit.free])
+
+    known: dict[bytes, FloatArray] = {}  # a fit begins with the slopes that the one before ended with
+
+    def loss(parameters: FloatArray) -> FloatArray:
+        here = parameters.tobytes()
+        if here not in known:
+            law = fit.law.with_values(**dict(zip(fit.free, parameters, strict=True)))
+            final = final_tensions(model.with_tension_law(law), cases, window_s)
+            known[here] = np.asarray(initial - np.where(np.isfinite(final), final, 0.0))
+        return known[here]
+
+    covariance = fit.covariance
+    for _ in range(_REFINEMENTS):
+        found = optimize.least_squares(
+            partial(_loss_misfit, loss, measured, error, scatter), values, xtol=1e-6, ftol=1e-8,
+            x_scale=np.maximum(np.abs(values), 1e-9), diff_step=np.full(len(values), 1e-4),
+            max_nfev=_EVALUATIONS,
+        )  # fmt: skip
+        values, covariance = found.x, covariance_of(np.asarray(found.jac))
+        scatter = _loss_scatter(measured, loss(values), error, len(values))
+    law = fit.law.with_values(**dict(zip(fit.free, values, strict=True)))
+    limited = with_limits(law, fit.free, covariance, len(cases) - len(fit.free))
+    files = tuple(case.file for case in cases)
+    return replace(
+        fit, law=limited, covariance=covariance, scatter=scatter, records=files, curve=gamma_curve,
+        settled=bool(found.status),
+    )  # fmt: skip
+
+
+def _loss_misfit(
+    loss: Callable[[FloatArray], FloatArray],
+    measured: FloatArray,
+    error: FloatArray,
+    scatter: float,
+    values: FloatArray,
+) -> FloatArray:
+    return _standardised(measured, loss(values), error, scatter)
+
+
+def _standardised(measured: FloatArray, loss: FloatArray, error: FloatArray, scatter: float) -> FloatArray:
+    """Return misfits of losses in standard deviations of noise and scatter together."""
+    share = max(scatter, _LEAST_SCATTER)
+    return np.asarray((np.arcsinh(share * measured / error) - np.arcsinh(share * loss / error)) / share)
+
+
+def _loss_scatter(measured: FloatArray, loss: FloatArray, error: FloatArray, parameters: int) -> float:
+    """Return the scatter at which the misfit equals its degrees of freedom; 0 where the noise suffices."""
+    freedom = len(measured) - parameters
+
+    def excess(scatter: float) -> float:
+        misfit = _standardised(measured, loss, error, scatter)
+        return float(misfit @ misfit) - freedom
+
+    if freedom < 1 or excess(0.0) <= 0:
+        return 0.0
+    if excess(_LARGEST_SCATTER) >= 0:
+        return _LARGEST_SCATTER
+    return float(optimize.brentq(excess, 0.0, _LARGEST_SCATTER, xtol=1e-9))
