@@ -204,13 +204,17 @@ def _fitted(state: ForceBalanceResidual, new: Sequence[ModelCorrection], evaluat
     at = np.where(np.abs(found.x - low) < _AT_END * np.maximum(np.abs(low), 1.0), low, found.x)
     at = np.where(np.abs(at - high) < _AT_END * np.abs(high), high, at)
     values, effects = _at(state, new, numbers, at)
-    spread = max(2 * found.cost / rows.sum(), 1.0)
-    jacobian = np.asarray(found.jac, dtype=np.float64)
-    covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True) * spread
-    errors = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * [n.size for n in numbers]
+    errors = _errors(found, int(rows.sum())) * [n.size for n in numbers]
     limited = tuple(_limited(effect, place, numbers, errors) for place, effect in enumerate(effects))
     after = replace(state, values=values, effects=(*state.effects, *limited))
     return _settled(after, own), limited
+
+
+def _errors(found: optimize.OptimizeResult, rows: int) -> FloatArray:
+    """Standard errors of what a fit moved, by what it leaves over, or by noise where that is less."""
+    jacobian = np.asarray(found.jac, dtype=np.float64)
+    covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance) * max(2 * found.cost / rows, 1.0), 0.0)))
 
 
 def _settled(state: ForceBalanceResidual, own: Sequence[str]) -> ForceBalanceResidual:

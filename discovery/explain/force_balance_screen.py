@@ -82,7 +82,7 @@ def _at_place(member: Member, added: ModelCorrection, residual: ForceBalanceResi
         return None
     ends = {link.name: link.between for link in balances.settings.link}.get(added.enters, (GROUND,))
     ground = GROUND in ends and not sees_normal_force(balances, added.enters)
-    return at_scale(member, added, scale, ground=ground)
+    return at_scale(member, added, scale, ground=ground, criteria=residual.criteria.tension)
 
 
 def _probes(

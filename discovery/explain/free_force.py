@@ -23,7 +23,7 @@ def explain(residual: ForceBalanceResidual, options: Options) -> tuple[Explanati
     """
     found = []
     for link in residual.balances.settings.link:
-        effect = _in_link(residual, link.name, options.seed)
+        effect = _in_link(residual, link.name, options)
         if effect is not None:
             after, (limited,) = fitted(residual, (effect,))
             explained = explanation(limited, residual, after)
@@ -31,15 +31,15 @@ def explain(residual: ForceBalanceResidual, options: Options) -> tuple[Explanati
     return tuple(sorted(found, key=lambda one: one.cost(hold_out=False))[:1])
 
 
-def _in_link(residual: ForceBalanceResidual, enters: str, seed: int) -> Effect | None:
+def _in_link(residual: ForceBalanceResidual, enters: str, options: Options) -> Effect | None:
     scale = scale_of(residual.balances, enters)
     if scale is None:
         return None
     normal = sees_normal_force(residual.balances, enters)
-    terms = terms_at(scale.displacement, scale.velocity, tension=normal)
+    terms = terms_at(scale.displacement, scale.velocity, tension=normal, criteria=options.criteria.tension)
     columns = [
         residual.beyond(residual.whitened(residual.force_of(one, training=True)))
         for one in single_terms(terms, enters)
     ]
     remainder = residual.beyond(residual.whitened(residual.force))
-    return sparse_sum(np.stack(columns, axis=1), remainder, terms, enters, seed)
+    return sparse_sum(np.stack(columns, axis=1), remainder, terms, enters, options.seed, options.criteria)

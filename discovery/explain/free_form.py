@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.criteria import Criteria
 from discovery.criteria.tension import Tension
 from discovery.decide.explanation import Explanation
 from discovery.explain.effect_outputs import outputs_of
@@ -66,7 +66,7 @@ def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, 
     options : Options
         Seed of the ensembles of the sparse fits.
     """
-    model, criteria = residual.baseline.model, options.criteria.tension
+    model, criteria = residual.baseline.model, options.criteria
     taken = {effect.enters for effect in model.effects if effect.name == "free-form"}
     left, found = residual.beyond(residual.residual), []
     for link in model.structure.links:
@@ -74,9 +74,8 @@ def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, 
         if link.name in taken:
             continue
         peaks = np.array([[np.abs(m).max() for m in trace.relative(ends)] for trace in residual.traces])
-        terms = terms_at(
-            *np.median(peaks, axis=0), tension=link.law == "bolted" and GROUND not in ends, criteria=criteria
-        )
+        tension = link.law == "bolted" and GROUND not in ends
+        terms = terms_at(*np.median(peaks, axis=0), tension=tension, criteria=criteria.tension)
         columns = residual.beyond(outputs_of(single_terms(terms, link.name), residual))
         effect = sparse_sum(columns, left, terms, link.name, options.seed, criteria)
         if effect is not None:
@@ -84,7 +83,7 @@ def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, 
     return tuple(found)
 
 
-def terms_at(x: float, v: float, *, tension: bool, criteria: Tension = CRITERIA.tension) -> Terms:
+def terms_at(x: float, v: float, *, tension: bool, criteria: Tension) -> Terms:
     """Return the terms with the scales of a motion in them.
 
     Parameters
@@ -118,7 +117,7 @@ def sparse_sum(
     terms: Terms,
     enters: str,
     seed: int,
-    criteria: Tension = CRITERIA.tension,
+    criteria: Criteria,
 ) -> Effect | None:
     """The sum of lowest cost with a price for every term; None where no two terms are told apart.
 
@@ -134,7 +133,7 @@ def sparse_sum(
         The link.
     seed : int
         Of the ensembles.
-    criteria : Tension
+    criteria : Criteria
         Most terms, and the price of each.
 
     Returns
@@ -144,7 +143,7 @@ def sparse_sum(
     """
     spread = max(float(left @ left) / len(left), 1.0)
     sums = sparse_sums(columns, left, seed, criteria)
-    best = min(sums, key=lambda one: one.cost(spread, criteria.term_price), default=None)
+    best = min(sums, key=lambda one: one.cost(spread, criteria.tension.term_price), default=None)
     texts = list(terms)
     return None if best is None else _sum([texts[k] for k in best.support], best.values, enters, terms)
 
@@ -165,7 +164,7 @@ def sparse_sums(
     columns: FloatArray,
     target: FloatArray,
     seed: int,
-    criteria: Tension,
+    criteria: Criteria,
     *,
     signed: bool = False,
     singles: bool = False,
@@ -180,8 +179,8 @@ def sparse_sums(
         What they are to explain.
     seed : int
         Of the ensembles.
-    criteria : Tension
-        Most terms of a sum.
+    criteria : Criteria
+        Most terms of a sum, and the sparse fits.
     signed : bool
         As for `discovery.search.optimizers.sparse_supports`.
     singles : bool
@@ -200,11 +199,12 @@ def sparse_sums(
     basis, triangle = np.linalg.qr(columns[:, place])
     along = basis.T @ target
     outside = float(target @ target - along @ along)
-    supports = set(sparse_supports(triangle, along, np.random.default_rng(seed), signed=signed))
+    rng, rules = np.random.default_rng(seed), criteria.search
+    supports = set(sparse_supports(triangle, along, rng, rules=rules, signed=signed))
     if singles:
         supports |= {frozenset([k]) for k in range(len(place))}
     found = []
-    for support in sorted(sorted(one) for one in supports if len(one) <= criteria.free_terms):
+    for support in sorted(sorted(one) for one in supports if len(one) <= criteria.tension.free_terms):
         values = np.asarray(np.linalg.lstsq(triangle[:, support], along, rcond=None)[0], dtype=np.float64)
         square = float(np.sum((along - triangle[:, support] @ values) ** 2)) + outside
         found.append(SparseSum(tuple(place[k] for k in support), values, square))

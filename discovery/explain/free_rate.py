@@ -117,7 +117,7 @@ def free_rates(data: TensionData, seed: int = 0) -> tuple[Pair, ...]:
     target = beyond.rows(frozen.change[:, :, None])[:, 0]
     by_gauge = _best_single(beyond.rows(_means(frozen, np.abs(frozen.nodes[1:3]).T)), target)
     rows = beyond.rows(_courses(frozen, terms))
-    sums = sparse_sums(rows, target, seed, data.criteria, signed=True, singles=True)
+    sums = sparse_sums(rows, target, seed, frozen.criteria, signed=True, singles=True)
     cosine = data.criteria.parallel_terms
     found = [one for one in sums if not _parallel(rows[:, list(one.support)], cosine)]
     spread = max(min((one.square for one in found), default=0.0) / len(target), 1.0)

@@ -77,7 +77,7 @@ def refit_fault(residual: WhitenedResidual, fault: SensorFault) -> FreeParameter
 
 def reestimate_noise(residual: WhitenedResidual) -> WhitenedResidual:
     """Refit beside the noise of bodies struck alone as it is now, where an effect had passed for it."""
-    floors = noise_of(residual.baseline, residual.traces)
+    floors = noise_of(residual.baseline, residual.traces, residual.criteria)
     both = residual.floors.keys() & floors.keys()  # none of a group's records may be simulable any more
     if all(
         residual.floors[one].sensor.max() < residual.criteria.closing.noise_ratio * floors[one].sensor.max()

@@ -114,13 +114,11 @@ def _solved(
     found = optimize.least_squares(
         weighted, start, bounds=(low, high), x_scale="jac", max_nfev=_EVALUATIONS, ftol=1e-6
     )
-    slopes = np.asarray(found.jac, dtype=np.float64)
     wander = np.concatenate([residual.variances[k] / residual.noise[k] for k in training])
-    inverse = np.linalg.pinv(slopes, rcond=1e-9)
-    variances = np.sum(inverse**2 * wander, axis=1)
+    deviations = np.sqrt(np.sum(np.linalg.pinv(np.asarray(found.jac), rcond=1e-9) ** 2 * wander, axis=1))
     errors: list[dict[str, float]] = [{} for _ in effects]
-    for number, value, variance in zip(numbers, found.x, variances, strict=True):
-        errors[number.effect][number.name] = number.error(float(value), float(np.sqrt(max(variance, 0.0))))
+    for number, value, deviation in zip(numbers, found.x.tolist(), deviations.tolist(), strict=True):
+        errors[number.effect][number.name] = number.error(value, deviation)
     return at(found.x), errors
 
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discovery.criteria.criteria import CRITERIA
 from discovery.criteria.tension import Tension
 from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, SensorFault
@@ -74,9 +73,7 @@ def sees_normal_force(balances: Balances, enters: str) -> bool:
     return any(np.any(motion[2] > 0) for motion in motions)
 
 
-def at_scale(
-    member: Member, effect: Effect, scale: Scale, *, ground: bool, criteria: Tension = CRITERIA.tension
-) -> Effect:
+def at_scale(member: Member, effect: Effect, scale: Scale, *, ground: bool, criteria: Tension) -> Effect:
     """Return the effect with defaults and ranges of the scale of its place.
 
     Parameters

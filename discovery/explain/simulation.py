@@ -90,7 +90,7 @@ def _candidates(residual: SimulationResidual) -> Iterator[tuple[Member, Effect]]
         scale = scale_at(residual, added.enters)
         if scale is not None:
             ground = GROUND in ends.get(added.enters, (GROUND,))
-            yield member, at_scale(member, added, scale, ground=ground)
+            yield member, at_scale(member, added, scale, ground=ground, criteria=residual.criteria.tension)
 
 
 def scale_at(residual: SimulationResidual, enters: str) -> Scale | None:
@@ -244,9 +244,9 @@ def free_forms(residual: SimulationResidual, options: Options) -> tuple[Explanat
         scale = scale_at(residual, link.name)
         if scale is None or link.name in taken:
             continue
-        terms = terms_at(scale.displacement, scale.velocity, tension=False)
+        terms = terms_at(scale.displacement, scale.velocity, tension=False, criteria=options.criteria.tension)
         columns = [_column(one, residual) for one in single_terms(terms, link.name)]
-        effect = sparse_sum(np.stack(columns, axis=1), left, terms, link.name, options.seed)
+        effect = sparse_sum(np.stack(columns, axis=1), left, terms, link.name, options.seed, options.criteria)
         if effect is not None:
             after = fitted(residual, effect)
             formed = after.model.effects[-1]

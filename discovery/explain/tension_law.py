@@ -104,7 +104,8 @@ class LawSearch:
         """With the chance that noise alone gives any of the effects as much."""
         if not fits:
             return list(gained)
-        largest = largest_of_noise([_directions(fit, base) for fit in fits], max(base.misfit.level, 1.0))
+        directions, level = [_directions(fit, base) for fit in fits], max(base.misfit.level, 1.0)
+        largest = largest_of_noise(directions, level, self.data.frozen.criteria)
         count = self.data.training
         return [replace(g, p_value=p_value(float(g.gains[:count].sum()), largest)) for g in gained]
 

@@ -151,9 +151,10 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
                 f"{self.campaign.path}: found no sound impact test, expected one: driven records without a "
                 "bolt are compared where displacements were measured"
             )
-        stage = self.options.stage("tracing")
-        residual = whitened_residual_of(self.campaign, parameters, self.measurements, floors, stage)
-        return replace(residual, criteria=self.options.criteria)
+        return whitened_residual_of(
+            self.campaign, parameters, self.measurements, floors,
+            self.options.stage("tracing"), self.options.criteria,
+        )  # fmt: skip
 
     def evaluated(self, residual: Residual, *, law_is_fitted: bool = False) -> State:
         """Learn the tension law anew beside a model's other numbers, and simulate all records."""
@@ -319,9 +320,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
     def _separating_tests(
         self, effect: ModelCorrection, rivals: Sequence[ModelCorrection], residual: WhitenedResidual
     ) -> list[str]:
-        rules = self.options.criteria.acceptance
-        enough, near = rules.indistinguishable_cost, rules.indistinguishable_share
-        return separating_tests(effect, rivals, residual, enough, near)
+        return separating_tests(effect, rivals, residual)
 
     def _channels(self, residual: WhitenedResidual) -> tuple[str, ...]:
         return (*motion_channels(residual), "tension")

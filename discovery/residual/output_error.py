@@ -241,7 +241,7 @@ def whitened_residual_of(
         Of all records that can be followed, held out or not.
     """
     traces = trace_records(campaign, baseline, measurements, progress, criteria)
-    floors = noise_of(baseline, traces) if floors is None else floors
+    floors = noise_of(baseline, traces, criteria) if floors is None else floors
     return whiten(traces, baseline, floors, criteria)
 
 
@@ -253,10 +253,21 @@ def starting(found: Identification, model: Model) -> FreeParameters:
     return FreeParameters(replace(model, identification=None), corners, ties)
 
 
-def noise_of(baseline: FreeParameters, traces: Sequence[MeasuredTrajectory]) -> Mapping[Group, NoiseFloor]:
+def noise_of(
+    baseline: FreeParameters, traces: Sequence[MeasuredTrajectory], criteria: Criteria
+) -> Mapping[Group, NoiseFloor]:
     """Floors from before the hits; a body struck alone gets what its own residual asks for, if more.
 
     There a hit accelerates the sensor's body at once, faster than samples follow, and no joint is seen.
+
+    Parameters
+    ----------
+    baseline : FreeParameters
+        The model.
+    traces : sequence of MeasuredTrajectory
+        Records as followed along it.
+    criteria : Criteria
+        The numbers that decide.
     """
     seconds = quiet_seconds([trace.measurement for trace in traces])
     quiet = []
@@ -271,7 +282,7 @@ def noise_of(baseline: FreeParameters, traces: Sequence[MeasuredTrajectory]) -> 
     alone = [trace for trace in traces if trace.measurement.test == "uncoupled"]
     if not alone:
         return floors
-    residual = whiten(alone, baseline, floors)
+    residual = whiten(alone, baseline, floors, criteria)
     left = residual.left_over(residual.residual)
     lift: dict[Group, float] = {}
     for place, trace in enumerate(alone):

@@ -15,7 +15,6 @@ from itertools import product
 
 import numpy as np
 
-from discovery.criteria.criteria import CRITERIA
 from discovery.criteria.separating import Separating
 from discovery.explain.effect_outputs import output_of, slopes_of
 from discovery.explain.motion import free_numbers
@@ -48,9 +47,6 @@ def separating_tests(
     best: ModelCorrection,
     rivals: Sequence[ModelCorrection],
     residual: WhitenedResidual,
-    enough: float,
-    near: float,
-    rules: Separating = CRITERIA.separating,
 ) -> list[str]:
     """Return for every rival the test, in words, that would tell it from the best effect.
 
@@ -64,26 +60,25 @@ def separating_tests(
         With their fitted numbers.
     residual : WhitenedResidual
         The refined model on the records at hand.
-    enough, near : float
-        Difference in cost that tells two effects apart: so much, and such a share of what the best explains.
-    rules : Separating
-        How hard, how often and at how many preloads hits are tried.
 
     Returns
     -------
     list of str
         Empty for effects that do not act on the motion.
     """
+    rules, apart = residual.criteria.separating, residual.criteria.acceptance
     in_motion = [one.kind in ("force", "sensor fault") for one in (best, *rivals)]
     if not in_motion[0] or not any(in_motion[1:]):
         return [""] * len(rivals)
     tests = list(_tests(residual, rules))
     if not tests:
         return [""] * len(rivals)
-    traced = with_effects(whiten([test.trace for test in tests], residual.baseline, residual.floors))
+    traces = [test.trace for test in tests]
+    traced = with_effects(whiten(traces, residual.baseline, residual.floors, residual.criteria))
     here = residual.of_training()
     repeats = _repeats(rules)
-    needed = np.maximum(enough, near * _gains(best, None, here, traced, repeats))
+    whole = _gains(best, None, here, traced, repeats)
+    needed = np.maximum(apart.indistinguishable_cost, apart.indistinguishable_share * whole)
     return [
         _words(_gains(best, rival, here, traced, repeats), tests, needed, repeats, rules) if moves else ""
         for rival, moves in zip(rivals, in_motion[1:], strict=True)

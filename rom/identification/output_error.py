@@ -12,7 +12,7 @@ model leaves over.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -38,6 +38,7 @@ _OUTER_ITERATIONS: Numerical[int] = 12
 _FIRST_ITERATIONS: Numerical[int] = 60
 _INNER_ITERATIONS: Numerical[int] = 12
 _SMOOTHING_HZ: Numerical[float] = 2.0
+_TOLERANCE: Numerical[float] = 1e-4  # of a step
 _NEGLIGIBLE: Numerical[float] = 1e-7  # share of the cost that a step may still promise
 _UNTOLD: Numerical[float] = 1e-12
 _TINY: Numerical[float] = 1e-6  # stands for a sensor's corner that comes out at zero or below [rad/s]
@@ -237,7 +238,6 @@ def _levenberg_marquardt(
     whiteners: Sequence[ComplexArray],
     names: Sequence[str],
     tied: Sequence[tuple[PriorConstraint, float]],
-    tolerance: float,
     iterations: int,
 ) -> tuple[_State, bool]:
     """Return the minimum for fixed weights, and whether the last step was within the tolerance."""
@@ -246,7 +246,7 @@ def _levenberg_marquardt(
         step = np.linalg.lstsq(
             state.hessian + damping * np.diag(np.diag(state.hessian)), state.gradient, rcond=None
         )[0]
-        settled = float(np.abs(step).max(initial=0.0)) < tolerance or float(
+        settled = float(np.abs(step).max(initial=0.0)) < _TOLERANCE or float(
             state.gradient @ step
         ) < _NEGLIGIBLE * max(state.cost, 1.0)
         step = np.clip(step, *_STEP)  # one coefficient that nothing tells slows no other
@@ -270,8 +270,6 @@ def fit_output_error(
     records: Sequence[SpectralRecord],
     *,
     ties: Sequence[PriorConstraint] = (),
-    tolerance: float = 1e-4,
-    progress: Callable[[int, int], None] | None = None,
 ) -> OutputErrorFit:
     """Fit all free terms of `records` together by Levenberg-Marquardt on the weighted spectra.
 
@@ -286,10 +284,6 @@ def fit_output_error(
         Spectra of the records.
     ties : sequence of PriorConstraint
         Prior constraints on the terms.
-    tolerance : float
-        Tolerance of the root.
-    progress : callable
-        Called with the number of records done and their total.
 
     Returns
     -------
@@ -309,28 +303,38 @@ def fit_output_error(
     state, tied = _weighed(records, values, whiteners, names, ties)
     converged = False
     for iteration in range(_OUTER_ITERATIONS):
-        if progress is not None:
-            progress(iteration + 1, _OUTER_ITERATIONS)
         before = np.array([state.values[name] for name in names])
         steps = _INNER_ITERATIONS if iteration else _FIRST_ITERATIONS
-        state, inner = _levenberg_marquardt(records, state, whiteners, names, tied, tolerance, steps)
+        state, inner = _levenberg_marquardt(records, state, whiteners, names, tied, steps)
         change = np.array([state.values[name] for name in names]) - before
         change /= [step_unit(name, value) for name, value in zip(names, before, strict=True)]
         settled = (
-            float(change @ state.hessian @ change) < _SETTLED or np.abs(change).max(initial=0) < tolerance
+            float(change @ state.hessian @ change) < _SETTLED or np.abs(change).max(initial=0) < _TOLERANCE
         )
         if iteration > 1 and inner and settled:
             converged = True
             break
         whiteners = _whiteners(records, state.parts)
         state, tied = _weighed(records, state.values, whiteners, names, ties)
+    return _estimate(records, state, names, ties, converged=converged)
+
+
+def _estimate(
+    records: Sequence[SpectralRecord],
+    state: _State,
+    names: tuple[str, ...],
+    ties: Sequence[PriorConstraint],
+    *,
+    converged: bool,
+) -> OutputErrorFit:
+    """Return the fit at the place where its steps have ended."""
     rows = sum(len(part.residual) for part in state.parts) - len(names)
     cost = sum(float(part.residual @ part.residual) for part in state.parts)
-    found = np.array([max(state.values[name], _TINY) for name in names])
-    share = np.array([step_unit(name, value) / value for name, value in zip(names, found, strict=True)])
+    values = np.array([max(state.values[name], _TINY) for name in names])
+    share = np.array([step_unit(name, value) / value for name, value in zip(names, values, strict=True)])
     return OutputErrorFit(
         names,
-        np.log(found),
+        np.log(values),
         _covariance(state.hessian) * np.outer(share, share),
         cost / max(rows, 1),
         converged,

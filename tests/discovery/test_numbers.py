@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -84,6 +85,58 @@ def test_a_number_that_is_not_marked_is_found(line: str) -> None:
 
 def test_a_number_that_is_marked_or_a_text_is_not() -> None:
     assert not list(unmarked("A: Numerical[int] = 3\nB = 'text'\nC = ('x', 'v')"))
+
+
+TREES = {
+    ".".join(path.relative_to(package.parent).with_suffix("").parts): ast.parse(path.read_text("utf-8"))
+    for package in (DISCOVERY, ROM)
+    for path in sorted(package.rglob("*.py"))
+}
+
+
+def with_default_criteria(tree: ast.Module) -> dict[str, tuple[str, int]]:
+    """Functions whose criteria have a default: name and place of that argument, by the function's name."""
+    found = {}
+    for one in tree.body:
+        if isinstance(one, ast.FunctionDef):
+            given = one.args
+            pairs = [
+                *zip(given.args[::-1], given.defaults[::-1], strict=False),
+                *zip(given.kwonlyargs, given.kw_defaults, strict=True),
+            ]
+            for argument, default in pairs:
+                if default is not None and re.match(r"(RECORD_)?CRITERIA\b", ast.unparse(default)):
+                    found[one.name] = (argument.arg, ([*given.args, argument]).index(argument))
+    return found
+
+
+def forgetful(module: str, tree: ast.Module, takers: dict[str, dict[str, tuple[str, int]]]) -> Iterator[str]:
+    """Calls of such functions that leave the default in place."""
+    known = {name: (module, name) for name in takers[module]}
+    for one in ast.walk(tree):
+        if isinstance(one, ast.ImportFrom) and one.module:
+            known |= {alias.asname or alias.name: (one.module, alias.name) for alias in one.names}
+    for call in (one for one in ast.walk(tree) if isinstance(one, ast.Call)):
+        home, name = known.get(ast.unparse(call.func), ("", ""))
+        if isinstance(call.func, ast.Attribute):
+            home, name = ".".join(known.get(ast.unparse(call.func.value), ("", ""))), call.func.attr
+        argument, place = takers.get(home, {}).get(name, ("", -1))
+        starred = any(isinstance(one, ast.Starred) for one in call.args)
+        if len(call.args) <= place and not starred and argument not in {one.arg for one in call.keywords}:
+            yield f"{module}:{call.lineno} {ast.unparse(call)}"
+
+
+def test_criteria_that_are_given_are_handed_on() -> None:
+    takers = {module: with_default_criteria(tree) for module, tree in TREES.items()}
+    assert sum(map(len, takers.values())) > 30
+    assert [line for module, tree in TREES.items() for line in forgetful(module, tree, takers)] == []
+
+
+def test_criteria_that_are_not_handed_on_are_found() -> None:
+    of = {"a": "def f(x, criteria=CRITERIA): ...", "b": "import c\nfrom a import f\nf(1, 2)\nf(3)\nc.f(4)"}
+    trees = {module: ast.parse(text) for module, text in of.items()}
+    takers = {module: with_default_criteria(tree) for module, tree in trees.items()}
+    assert list(forgetful("b", trees["b"], takers)) == ["b:4 f(3)"]
 
 
 def test_another_criterion_changes_what_is_kept_and_the_default_does_not() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from discovery.criteria.criteria import CRITERIA
 from discovery.explain.scales import OF_GROUND, OF_JOINT, Scale, at_scale, scale_of
 from rom.effects import CATALOGUE
 
@@ -20,7 +21,8 @@ def test_every_force_of_the_catalogue_has_a_unit_that_scales() -> None:
 def test_a_cubic_spring_goes_with_force_over_displacement_cubed() -> None:
     member = CATALOGUE["cubic-stiffness"]
     scale = Scale(20 * OF_GROUND.force, 10 * OF_GROUND.displacement, 7 * OF_GROUND.velocity)
-    found = at_scale(member, member.at("spring", ground=True), scale, ground=True).parameters["k3"]
+    spring, rules = member.at("spring", ground=True), CRITERIA.tension
+    found = at_scale(member, spring, scale, ground=True, criteria=rules).parameters["k3"]
     known = member.ground["k3"]
     assert found.value == pytest.approx(known.value * 20 / 1000)
     assert found.bounds == pytest.approx(tuple(10 * bound * 20 / 1000 for bound in known.bounds))
@@ -28,7 +30,8 @@ def test_a_cubic_spring_goes_with_force_over_displacement_cubed() -> None:
 
 def test_shares_and_coefficients_of_friction_stay() -> None:
     member = CATALOGUE["jenkins-slip"]
-    found = at_scale(member, member.at("contact"), Scale(2.0, 1e-2, 3.0), ground=False).parameters
+    slider, scale = member.at("contact"), Scale(2.0, 1e-2, 3.0)
+    found = at_scale(member, slider, scale, ground=False, criteria=CRITERIA.tension).parameters
     for name in ("kappa", "mu"):
         assert found[name].value == member.parameters[name].value
         assert found[name].bounds == member.ends[name]

@@ -172,7 +172,7 @@ def test_a_test_is_proposed_that_tells_two_effects_apart_and_none_for_one_and_th
     found = evidence(CUBIC)
     cubic = CATALOGUE["cubic-stiffness"].at("flexure_lo", ground=True).with_values(k3=1e9)
     gap = CATALOGUE["two-sided-gap"].at("flexure_lo", ground=True).with_values(k_g=1000.0, delta=4e-4)
-    apart, same = separating_tests(cubic, [gap, cubic], found, 12.0, 0.05)
+    apart, same = separating_tests(cubic, [gap, cubic], found)
     told = re.fullmatch(r"hit lo .* with \S+ N.*: the cost would differ by (\S+), and (\S+) tells", apart)
     assert told, apart
     assert float(told[1]) > float(told[2]) >= 12.0
@@ -187,7 +187,7 @@ def test_the_same_effect_elsewhere_is_told_though_the_model_has_it_here() -> Non
     )
     model = lo.added_to(found.baseline.model)
     refined = with_effects(whiten(found.traces, replace(found.baseline, model=model), found.floors))
-    (told,) = separating_tests(lo, [so], refined, 12.0, 0.05)
+    (told,) = separating_tests(lo, [so], refined)
     assert told.startswith("hit "), told
 
 
