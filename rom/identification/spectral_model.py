@@ -188,6 +188,7 @@ def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Com
         Residual and derivatives.
     """
     system = _system(record, values)
+    whitener = np.require(whitener, requirements="CW")  # kernels are compiled for one kind of array
     gain, forced, ends, columns, errors = _nuisance(record, system, whitener)
     white = np.concatenate([_whitened(record.motion - forced, whitener), np.zeros(errors)])
     inverse = _inverse_gram(columns)
@@ -332,7 +333,9 @@ def _of_samples(system: _System, record: SpectralRecord) -> FloatArray:
     gained[1, 2], gained[1, 3] = by_stiffness, by_damping @ by_stiffness
     orders, channels = np.array(record.orders), np.arange(n)
     shown, after = gained[:, orders, channels], gained[:, orders + 1, channels]
-    return np.stack([shown * (h / 2) - after * (h**2 / 12), shown * (h**2 / 12)], axis=1)
+    return np.ascontiguousarray(
+        np.stack([shown * (h / 2) - after * (h**2 / 12), shown * (h**2 / 12)], axis=1)
+    )
 
 
 def _whitened(values: ComplexArray, whitener: ComplexArray) -> FloatArray:
