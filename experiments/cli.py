@@ -296,6 +296,12 @@ def compare(
 @app.command(epilog="Example: boltlaw close rig-campaign")
 def close(
     campaign: CampaignPath,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL.json", help="Start from the tension law of this model.", callback=a_model
+        ),
+    ] = None,
     out: Out = None,
     seed: Seed = 0,
     jobs: Jobs = _CORES,
@@ -306,7 +312,7 @@ def close(
     from experiments.studies import close as study
 
     with progress_bars(quiet) as report, execution(cluster):
-        path = study.run(campaign, results_folder(campaign, out), seed, jobs, report, _command())
+        path = study.run(campaign, results_folder(campaign, out), seed, jobs, report, _command(), model=model)
     _say(study.summary(path), quiet)
     _say(f"wrote {path}, the refined model.json and figures beside it", quiet)
     _end(path)

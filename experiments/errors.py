@@ -63,8 +63,8 @@ def _nearest_campaign(folder: Path) -> Path | None:
     return beside[near[0]] if near else None
 
 
-def a_model(path: Path) -> Path:
-    """Return the path of a model file that a person gave.
+def a_model(path: Path | None) -> Path | None:
+    """Return the path of a model file that a person gave, if any.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def a_model(path: Path) -> Path:
     IsADirectoryError
         If it is a folder; the message names the model in it.
     """
-    if not existing(path).is_dir():
+    if path is None or not existing(path).is_dir():
         return path
     inside = path / "model.json"
     hint = f"; the nearest is {inside}" if inside.is_file() else ""

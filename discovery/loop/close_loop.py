@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.loop.balance_refits import BalanceRefits
+from discovery.loop.declared_law import declared_law
 from discovery.loop.found_effects import label_of
 from discovery.loop.free_form_stage import or_free_form
 from discovery.loop.free_refits import FreeRefits
@@ -19,6 +20,8 @@ from discovery.options import Options, Stages, no_progress
 from rom.campaign.campaign import Campaign
 from rom.identification.force_balance import is_driven
 from rom.identification.free_decay import is_free
+from rom.model.laws import Law
+from rom.model.model import Model
 from rom.one_thread import one_threaded
 from rom.signals.measured_records import judged_by, screened, with_something_left, with_stored_records
 
@@ -31,6 +34,7 @@ def close_loop(
     progress: Stages | None = None,
     seed: int = 0,
     criteria: Criteria = CRITERIA,
+    model: Model | None = None,
 ) -> Closure:
     """Find what a campaign's declared model lacks, add it, and report the errors before and after.
 
@@ -49,6 +53,9 @@ def close_loop(
         Of the ensembles of the sparse fits.
     criteria : Criteria
         The numbers that decide.
+    model : Model
+        A model of the same structure whose tension law is declared in place of gamma(T): its form, its
+        numbers as start. Nothing else of the model is used.
 
     Returns
     -------
@@ -58,10 +65,13 @@ def close_loop(
     Raises
     ------
     ValueError
-        If nothing can be identified from the campaign.
+        If nothing can be identified from the campaign, or the model is one of another structure.
     """
     options = Options(jobs, progress or no_progress, seed, criteria)
-    refits = refits_of(with_something_left(screened(judged_by(campaign, criteria.of_records), jobs)), options)
+    law = None if model is None else declared_law(model, campaign)
+    refits = refits_of(
+        with_something_left(screened(judged_by(campaign, criteria.of_records), jobs)), options, law
+    )
     refits, history = gauged(refits, LoopHistory((refits.start(),), criteria=criteria))
     start = law_first(refits, before_hits(refits, history))
     history = with_later_disturbances(refits, start)
@@ -70,8 +80,17 @@ def close_loop(
     return _closure(refits, redundant_along_law(refits, history))
 
 
-def refits_of(campaign: Campaign, options: Options) -> Refits:
-    """Return the fits of a kind of campaign.
+def refits_of(campaign: Campaign, options: Options, law: Law | None = None) -> Refits:
+    """Return the fits of a kind of campaign; impact tests of a bolt may have a declared tension law.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        As read by `rom.read_campaign`.
+    options : Options
+        How the loop is run.
+    law : Law
+        Form of the tension law; gamma(T) of the paper if not given.
 
     Raises
     ------
@@ -82,7 +101,9 @@ def refits_of(campaign: Campaign, options: Options) -> Refits:
         return RestRefits.of(campaign, options)
     if is_free(campaign):
         return FreeRefits.of(campaign, options)
-    return BalanceRefits.of(campaign, options) if is_driven(campaign) else ImpactRefits.of(campaign, options)
+    if is_driven(campaign):
+        return BalanceRefits.of(campaign, options)
+    return ImpactRefits.of(campaign, options, law=law)
 
 
 def _closure(refits: Refits, history: LoopHistory) -> Closure:

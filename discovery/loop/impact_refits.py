@@ -42,7 +42,7 @@ from rom.identification.identify import Identification, identify_campaign
 from rom.identification.noise_spectrum import Group, NoiseFloor
 from rom.identification.spectral_model import SpectralRecord
 from rom.identification.uncoupled_priors import as_uncoupled, unlikely
-from rom.model.laws import Parameter
+from rom.model.laws import Law, Parameter
 from rom.model.model import Model
 from rom.signals.per_record_parameters import per_record_names
 from rom.signals.quality import Doubt
@@ -64,6 +64,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         options: Options,
         faults: tuple[SensorFault, ...] = (),
         warnings: tuple[str, ...] = (),
+        law: Law | None = None,
     ) -> ImpactRefits:
         """Identify a campaign.
 
@@ -77,6 +78,8 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
             Of the gauge, known before.
         warnings : tuple of str
             What is already known of the campaign.
+        law : Law
+            Form of the tension law, its numbers the start; gamma(T) of the paper if not given.
 
         Returns
         -------
@@ -88,7 +91,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         ValueError
             If nothing can be identified from the campaign.
         """
-        identification = identify_campaign(campaign, options.jobs, options.stage("identifying"), faults)
+        identification = identify_campaign(campaign, options.jobs, options.stage("identifying"), faults, law)
         warnings = (*identification.warnings, *warnings)
         return cls(campaign, replace(identification, warnings=warnings), options)
 
@@ -104,7 +107,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
 
     def corrected(self, fault: SensorFault) -> ImpactRefits:
         """The campaign identified anew beside a fault of its gauge: all that follows rests on the tension."""
-        return self.of(self.campaign, self.options, (fault,), (DISAGREE,))
+        return self.of(self.campaign, self.options, (fault,), (DISAGREE,), self.identification.declared)
 
     @cached_property
     def measurements(self) -> Measurements:

@@ -59,10 +59,9 @@ class TensionResidual:
         steady, drifting, drift = noise_of
         drifts = any(per_record_names(e) for e in self.model.effects_of("reading"))
         noise = drifting if drifts else steady
-        fit = self.identification.gamma_fit
         frozen = frozen_of(records, noise, self.model, self.options.criteria)
         return TensionData(
-            self.model, records, frozen, training, struck, tuple(fit.free) if fit is not None else (), drift,
+            self.model, records, frozen, training, struck, self.identification.law_numbers, drift,
             drifted(frozen, records, noise, drifting, drift.mean), criteria,
         )  # fmt: skip
 

@@ -20,7 +20,7 @@ from rom.identification.gamma import LooseningCase, matching_factors, matching_g
 from rom.identification.noise_spectrum import Group
 from rom.identification.record_spectra import STRIDES, spectral_records
 from rom.identification.spectral_model import CORNER, ComplexArray, SpectralRecord
-from rom.model.laws import power_loosening
+from rom.model.laws import QUARTIC, power_loosening
 from rom.model.model import Model
 from rom.signals.filters import ac_coupled
 from rom.signals.measured_records import measured_record
@@ -275,7 +275,7 @@ def _own_models(
 ) -> dict[str, Model]:
     """A model for every loosening record, with a rate of its own, so that its tension falls as measured.
 
-    By ``gamma |v|^4 T``; once a change of the law was found, by a factor on the changed law.
+    By ``gamma |v|^4 T``; by a factor on its law where that is another one, or a change of it was found.
     """
     if len(model.structure.bolted_links) != 1:
         return {}
@@ -293,7 +293,8 @@ def _own_models(
     if not cases:
         return {}
     read = model.without_effects_of("reading")
-    if read.effects_of("law change"):
+    law = model.link_laws[model.structure.bolted_links[0]].tension_rate
+    if read.effects_of("law change") or (law is not None and law.name not in QUARTIC):
         factors, failed = matching_factors(read, cases, window_s, tolerance=_AS_MEASURED)
         own = np.where(failed, 1.0, np.maximum(factors, 0.0))
         models = [read.with_effect(own_rate(float(factor))) for factor in own]

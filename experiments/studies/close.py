@@ -15,6 +15,7 @@ from experiments.studies.identify import Progress, save_figures, suspected_lines
 from experiments.studies.suspected import suspected, write_without_records
 from rom.campaign.campaign import read_campaign
 from rom.evaluation.error_measures import summarise
+from rom.model_file import load_model
 from rom.signals.measured_records import NothingLeftError, screened, stored
 
 _NONE = summarise([])
@@ -36,6 +37,8 @@ def run(
     jobs: int = 1,
     progress: Callable[[str], Progress | None] | None = None,
     command: str = "",
+    *,
+    model: Path | None = None,
 ) -> Path:
     """Write ``closure.json``, ``model.json`` with the refined model, and the figures; return the closure's
     path.
@@ -54,6 +57,8 @@ def run(
         Takes the name of a stage and returns what takes steps done and steps in all.
     command : str
         The command line, kept in the result file.
+    model : Path, optional
+        A ``model.json`` whose tension law the loop starts from.
 
     Returns
     -------
@@ -63,7 +68,7 @@ def run(
     Raises
     ------
     ValueError
-        If the campaign cannot be used.
+        If the campaign cannot be used, or the model is none or of another structure.
     """
     import discovery
     from discovery.views.closure_section import closure_section
@@ -71,13 +76,14 @@ def run(
 
     started = time.perf_counter()
     report = progress or (lambda _: None)
+    before = None if model is None else load_model(model)
     campaign = read_campaign(campaign_path, jobs, report("checking records"))
     folder = results_folder(campaign_path, out)
     with results_into(folder) as new, stored(campaign) as campaign:
         header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
         campaign = screened(campaign, jobs)
         try:
-            closure = discovery.close_loop(campaign, jobs, report, seed)
+            closure = discovery.close_loop(campaign, jobs, report, seed, model=before)
         except NothingLeftError as nothing:
             header |= {"elapsed_s": time.perf_counter() - started, "command": command}
             header["campaign_digest"] = campaign.digest

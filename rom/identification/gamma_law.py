@@ -1,7 +1,12 @@
-"""The law gamma(T) of a campaign: fitted to gamma of each case, then to the losses by re-simulation."""
+"""The law gamma(T) of a campaign: fitted to gamma of each case, then to the losses by re-simulation.
+
+Of another form that was declared, what scales the rate is refitted to the losses; exponents and thresholds,
+which losses do not tell, stay as declared until tension histories are fitted.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,6 +20,7 @@ from rom.criteria.number import Numerical
 from rom.identification.curve_fits import LawFit, covariance_of, fit_law, gamma_curve, with_limits
 from rom.identification.gamma import GammaEstimate, LooseningCase, Progress, final_tensions, identify_gamma
 from rom.identification.joint import tension_levels
+from rom.model.expressions import is_linear_in
 from rom.model.laws import Law, logistic_loosening, power_loosening
 from rom.model.model import Model
 
@@ -44,6 +50,7 @@ def loosening_law(
     cases: Sequence[LooseningCase],
     window_s: tuple[float, float],
     progress: Progress | None = None,
+    declared: Law | None = None,
 ) -> Loosening:
     """Return gamma per case and gamma(T), fitted to the net-loosening cases and refined by re-simulation.
 
@@ -57,15 +64,36 @@ def loosening_law(
         Window of the final tension [s], from and to.
     progress : callable
         Called with the number of cases whose gamma is found, and their total.
+    declared : Law
+        Form of the law in place of gamma(T), its numbers the start.
     """
     gamma = identify_gamma(model, cases, window_s, progress=progress)
     usable = [g for g in gamma if g.gamma > 0 and not g.at_bound and np.isfinite(g.log_error)]
     if not usable:
         return _without_loosening(gamma)
     case_fit, by_file = _fit_to_cases(usable), {case.file: case for case in cases}
-    fit = refine_gamma_law(model, [by_file[one.file] for one in usable], window_s, case_fit)
-    text = "the fit of gamma(T) by re-simulation had not settled when it ended"
+    start = case_fit if declared is None else _start_of(declared, case_fit)
+    fit = refine_gamma_law(model, [by_file[one.file] for one in usable], window_s, start)
+    form = "gamma(T)" if declared is None else "the declared tension law"
+    text = f"the fit of {form} by re-simulation had not settled when it ended"
     return Loosening(gamma, fit.law, case_fit, fit, () if fit.settled else (text,))
+
+
+def fitted_numbers(law: Law) -> tuple[str, ...]:
+    """Names of a law's numbers that were fitted: those with limits; all where none has any."""
+    limited = tuple(n for n, p in law.parameters.items() if (p.low, p.high) != (None, None))
+    return limited or tuple(law.parameters)
+
+
+def _start_of(law: Law, case_fit: LawFit) -> LawFit:
+    """A declared law as the start of a fit to losses: what scales its rate is free, and keeps its sign."""
+    fitted = fitted_numbers(law)
+    scales = [n for n in fitted if is_linear_in(law.equation, n) and law.parameters[n].value != 0]
+    free = tuple(scales or fitted)
+    ranges = {n: (0.0, math.inf) if law.parameters[n].value > 0 else (-math.inf, 0.0) for n in scales}
+    signed = {n: replace(law.parameters[n], bounds=bounds) for n, bounds in ranges.items()}
+    start = replace(law, parameters={**law.parameters, **signed})
+    return replace(case_fit, law=start, free=free, covariance=np.zeros((len(free), len(free))))
 
 
 def _without_loosening(gamma: tuple[GammaEstimate, ...]) -> Loosening:
@@ -140,11 +168,12 @@ def refine_gamma_law(
         return known[here]
 
     covariance = fit.covariance
+    bounds = optimize.Bounds(*np.transpose([fit.law.parameters[name].bounds for name in fit.free]))
     for _ in range(_REFINEMENTS):
         found = optimize.least_squares(
             partial(_loss_misfit, loss, measured, error, scatter), values, xtol=1e-6, ftol=1e-8,
             x_scale=np.maximum(np.abs(values), 1e-9), diff_step=np.full(len(values), 1e-4),
-            max_nfev=_EVALUATIONS,
+            max_nfev=_EVALUATIONS, bounds=bounds,
         )  # fmt: skip
         values, covariance = found.x, covariance_of(np.asarray(found.jac))
         scatter = _loss_scatter(measured, loss(values), error, len(values))

@@ -19,7 +19,7 @@ from rom.identification.curve_fits import LawFit
 from rom.identification.force_balance import balances_of, declared_model, is_driven, noise_share
 from rom.identification.free_decay import fit_free_decay, free_model, is_free, ring_downs
 from rom.identification.gamma import GammaEstimate, LooseningCase
-from rom.identification.gamma_law import loosening_law
+from rom.identification.gamma_law import fitted_numbers, loosening_law
 from rom.identification.joint import (
     JointEstimate,
     given_curves,
@@ -43,11 +43,7 @@ from rom.identification.spectral_model import SpectralRecord
 from rom.identification.uncoupled_priors import fit_near, flexure_ties, unsettled, without_modes
 from rom.model.description import LinkLaws
 from rom.model.effect import SensorFault
-from rom.model.laws import (
-    constant_damping,
-    constant_stiffness,
-    no_loosening,
-)
+from rom.model.laws import Law, constant_damping, constant_stiffness, no_loosening
 from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
 from rom.one_thread import one_threaded
@@ -65,6 +61,7 @@ class Identification(HasViews):
     `unsettled` are reasons to doubt that its numbers are near those of the structure, none for a sound one:
     numbers that the uncoupled tests contradict, or much misfit without such tests. Misfit alone is none: a
     good start may lack an effect. `rom.identification.uncoupled_priors.unlikely` asks it of a later model.
+    `declared` is a tension law whose form was given, in place of gamma(T).
     """
 
     model: Model
@@ -76,6 +73,7 @@ class Identification(HasViews):
     gamma: tuple[GammaEstimate, ...] = ()
     gamma_case_fit: LawFit | None = None
     gamma_fit: LawFit | None = None
+    declared: Law | None = None
     courses: tuple[TensionCourse, ...] = field(default=(), repr=False)
     course_noise: CourseNoise | None = None
     set_aside: tuple[Doubt, ...] = ()
@@ -87,6 +85,13 @@ class Identification(HasViews):
     def settled(self) -> bool:
         """Whether nothing speaks against the numbers as a start."""
         return not self.unsettled
+
+    @property
+    def law_numbers(self) -> tuple[str, ...]:
+        """Numbers of the tension law that a fit to tension histories may move."""
+        if self.declared is not None:
+            return fitted_numbers(self.declared)
+        return () if self.gamma_fit is None else self.gamma_fit.free
 
     def with_model(self, model: Model, progress: Progress | None = None) -> Identification:
         """The same with another model, gamma(T) fitted anew beside what changes it there.
@@ -180,6 +185,7 @@ def identify_campaign(
     jobs: int = 1,
     progress: Progress | None = None,
     faults: Sequence[SensorFault] = (),
+    law: Law | None = None,
 ) -> Identification:
     """Return the identification with every estimate behind the model; see `identify`.
 
@@ -189,6 +195,8 @@ def identify_campaign(
         As for `identify`.
     faults : sequence of SensorFault
         Faults of sensors that are known: taken out of impact tests, and in the model.
+    law : Law
+        Form of the tension law, its numbers the start; gamma(T) of the paper if not given.
 
     Returns
     -------
@@ -214,6 +222,7 @@ def identify_campaign(
     records = [record for record in reduced if not record.doubts]
     found = replace(
         _of_impacts(campaign, records),
+        declared=law,
         set_aside=tuple(doubt for record in reduced for doubt in record.doubts),
         records=tuple(record.settings.file for record in records),
     )
@@ -361,8 +370,9 @@ def _with_loosening(
     window_s: tuple[float, float],
     progress: Progress | None = None,
 ) -> Identification:
-    """Add gamma per case, and gamma(T) with the law."""
-    loosening, model = loosening_law(found.model, cases, window_s, progress), found.model
+    """Add gamma per case, and gamma(T) or the declared form with the law."""
+    model = found.model
+    loosening = loosening_law(model, cases, window_s, progress, found.declared)
     return replace(
         found,
         model=model if loosening.law is None else model.with_tension_law(loosening.law),

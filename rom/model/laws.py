@@ -307,6 +307,9 @@ def logistic_loosening(gamma_d: float, gamma_i: float, rho: float, exponent: flo
     return Law("logistic loosening", equation, "tension rate", parameters, _logistic_loosening)
 
 
+QUARTIC = ("logistic loosening", "power loosening", "no loosening")
+"""Names of the laws that an identification ends with: ``gamma(T) |v|^4 T``."""
+
 _FUNCTIONS: Mapping[str, Callable[..., float]] = {
     "constant stiffness": _constant,
     "logistic stiffness": _logistic_stiffness,

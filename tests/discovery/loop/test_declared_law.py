@@ -1,0 +1,84 @@
+"""A closed loop that starts from a law found before: which models it takes, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import discovery
+import rom
+from discovery.loop.declared_law import declared_law
+from rom.campaign.campaign import CampaignSettings
+from rom.effects import make
+from rom.model.laws import Parameter
+from rom.model.model import Model
+from tests.rom.sound_campaign import sound_settings
+
+
+def campaign(**changed: Any) -> Any:
+    """Settings alone: nothing else is read."""
+    settings = CampaignSettings.model_validate(paper() | changed)
+
+    def select(test: str, *, hold_out: bool) -> list[Any]:
+        return [r for r in settings.record if r.test == test and r.hold_out is hold_out]
+
+    return SimpleNamespace(
+        path=Path("here"), settings=settings, select=select, digest="", digests={}, criteria=None
+    )
+
+
+def paper() -> dict[str, Any]:
+    """A campaign of the structure of the paper's model."""
+    content = sound_settings()
+    content["link"][1] = {"name": "flexure_so", "between": ["so", "ground"], "law": "linear"}
+    content["record"] = [r for r in content["record"] if r["test"] in ("uncoupled", "coupled", "loosening")]
+    return content
+
+
+def with_change(model: Model) -> Model:
+    return model.with_effect(make("loosening-power", "tension", {"q_v": Parameter(-1.5, "1")}))
+
+
+def test_the_law_of_a_model_has_the_changes_that_were_found() -> None:
+    model = rom.paper_model()
+    rate = model.link_laws["joint"].tension_rate
+    assert rate is not None
+    assert declared_law(model, campaign()) == rate
+    changed = declared_law(with_change(model), campaign())
+    motion = (np.array([20.0, 300.0]), 1e-5, np.array([0.02, -0.06]))
+    expected = rate.rate(*motion) * (np.abs(motion[2]) / 0.05) ** -1.5
+    np.testing.assert_allclose(changed.rate(*motion), expected, rtol=1e-12)
+    # the same change may be found in it once more
+    again = with_change(model.with_tension_law(changed))
+    np.testing.assert_allclose(
+        declared_law(again, campaign()).rate(*motion),
+        expected * (np.abs(motion[2]) / 0.05) ** -1.5,
+        rtol=1e-12,
+    )
+
+
+def test_a_model_of_another_structure_is_one_clear_line() -> None:
+    other = campaign(body=[{"name": "lo"}, {"name": "top"}], link=[
+        {"name": "flexure_lo", "between": ["lo", "ground"], "law": "linear"},
+        {"name": "joint", "between": ["lo", "top"], "law": "bolted"},
+    ], record=[{"file": "a.h5", "test": "loosening"}])  # fmt: skip
+    with pytest.raises(ValueError, match="model: found bodies lo, so and links") as refused:
+        discovery.close_loop(other, model=rom.paper_model())
+    assert "expected the structure of here: bodies lo, top and links" in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_campaign_without_a_bolt_or_without_loosening_takes_no_law() -> None:
+    content = paper()
+    no_bolt = campaign(
+        link=content["link"][:2], bolt=None, record=[{"file": "a.h5", "test": "uncoupled", "bodies": ["lo"]}]
+    )
+    with pytest.raises(ValueError, match="here: found 0 bolted links, expected one bolt"):
+        declared_law(rom.paper_model(), no_bolt)
+    still = campaign(record=[r for r in content["record"] if r["test"] != "loosening"])
+    with pytest.raises(ValueError, match="here: found no loosening record to fit, expected one bolt"):
+        declared_law(rom.paper_model(), still)
