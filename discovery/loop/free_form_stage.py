@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from discovery.decide.acceptance import is_accepted, is_significant, penalised_gain, spread_of
 from discovery.loop.history import LoopHistory, Selection
-from discovery.loop.motion_stage import between, by_itself, with_later_disturbances
+from discovery.loop.motion_stage import between, by_itself, refitted_beside, with_later_disturbances
 from discovery.loop.refits import Refits
 from discovery.loop.state import State
 
@@ -59,12 +59,12 @@ def _or_nearer(refits: Refits, history: LoopHistory, start: LoopHistory) -> Loop
     formed = _free_form(refits, start.last)
     if formed is None:
         return history
-    named, after = history.last.residual, by_itself(refits, start.last, formed)
-    if after.residual.record_count < named.record_count:
+    named, after = history.last.residual, refitted_beside(refits, start.last, formed)
+    if after.record_count < named.record_count:
         return history
-    if not is_significant(between(formed.best, named, after.residual), criteria):
+    if not is_significant(between(formed.best, named, after), criteria):
         return history
-    return replace(start.extended(formed, after), screened=history.screened)
+    return replace(start.extended(formed, refits.evaluated(after)), screened=history.screened)
 
 
 def _free_form(refits: Refits, state: State) -> Selection | None:

@@ -117,7 +117,12 @@ def by_itself(refits: Refits, state: State, selection: Selection) -> State:
     State
         With its errors.
     """
-    return refits.evaluated(refits.with_present_noise(refits.refit_with(state, selection.best)))
+    return refits.evaluated(refitted_beside(refits, state, selection))
+
+
+def refitted_beside(refits: Refits, state: State, selection: Selection) -> Residual:
+    """What is left over with one more effect, everything refitted, beside the noise as it is then."""
+    return refits.with_present_noise(refits.refit_with(state, selection.best))
 
 
 def _most_helpful(refits: Refits, history: LoopHistory) -> tuple[Candidate | None, tuple[Screened, ...]]:
