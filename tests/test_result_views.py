@@ -29,7 +29,7 @@ from tests.rom.sound_campaign import write_sound_campaign
 
 WITH_EXAMPLES = (
     "rom", "rom.campaign.campaign", "rom.model_file", "rom.model.assembly", "discovery.loop.result",
-    "discovery.ranking.result", "rom.model.latex", "discovery.search.own_libraries",
+    "discovery.ranking.result", "rom.model.latex", "discovery.search.pysindy_libraries",
 )  # fmt: skip
 
 

@@ -2,7 +2,8 @@
 
 Slow part: the course of the tension after each hit under a law, its case-to-case scatter integrated out
 (``discovery.explain.tension_law``). Fast part: what the gauge shows in phase with the motion, late, or at a
-line (``discovery.explain.gauge``). The cost of a record is the sum of both, the same before for all effects.
+line (``discovery.explain.strain_gauge``). The cost of a record is the sum of both, the same before for all
+effects.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from itertools import count
 
 from discovery.courses.tension_likelihood import acts_at_rest
 from discovery.decide.explanation import Explanation
-from discovery.explain.gauge import explained_by_gauge
+from discovery.explain.strain_gauge import explained_by_gauge
 from discovery.explain.tension_gain import Pair, TensionGain
 from discovery.explain.tension_law import LawSearch
 from discovery.options import Options

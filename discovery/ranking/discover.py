@@ -70,7 +70,7 @@ def discover(
         Laws of one's own that run among the candidates (`discovery.laws.given.given_law`).
     libraries : sequence of str or object
         Names in `discovery.LIBRARIES`, or pysindy libraries over the inputs ``v, x, T, F, D``
-        (`discovery.search.own_libraries`); all of `discovery.LIBRARIES` if not given.
+        (`discovery.search.pysindy_libraries`); all of `discovery.LIBRARIES` if not given.
     optimizers : sequence of str or object
         Names in `discovery.OPTIMIZERS`, or objects with ``fit(theta, target)`` and then ``coef_``, such as
         pysindy's; they see columns and a target of length 1. All of `discovery.OPTIMIZERS`, and the best

@@ -8,7 +8,7 @@ from typing import Any
 
 from discovery.search.libraries import LIBRARIES
 from discovery.search.optimizers import OPTIMIZERS, Path, path_of
-from discovery.search.own_libraries import expressions
+from discovery.search.pysindy_libraries import expressions
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from discovery.laws.candidate import Candidate, Term
 from discovery.laws.factors import Factor, tension_exponential, tension_logistic, tension_power
 from discovery.laws.names import term_form
 from discovery.search.libraries import Scales, TermLibrary, motion_factors, printed, tension_factors
-from discovery.search.own_libraries import read_library
+from discovery.search.pysindy_libraries import read_library
 from discovery.search.quick_likelihood import Found, assumed_variability, single_terms
 from discovery.search.selection import EVERYTHING, Selection
 from discovery.search.sparse_regression import (

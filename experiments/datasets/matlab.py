@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from experiments.datasets.apart import apart
 from experiments.datasets.collected import SourceError, optional
+from experiments.datasets.parser_process import parsed_apart
 from experiments.datasets.signals import NOT_UNDERSTOOD, Signal
 from experiments.datasets.times import stated_rate, unstated
 
@@ -58,7 +58,7 @@ def read(path: Path) -> list[Signal]:
         If pymatreader is not installed.
     """
     optional("pymatreader", "matlab")
-    content, said = apart(_content, path, "MATLAB file")
+    content, said = parsed_apart(_content, path, "MATLAB file")
     objects = _objects(path, content, several=any("Duplicate variable" in text for text in said))
     for text in said:
         if not objects or not _OF_OBJECTS.search(text):

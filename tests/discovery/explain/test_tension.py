@@ -12,7 +12,7 @@ from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.courses.prediction import predict
 from discovery.courses.tension_likelihood import course, law_candidate, resimulated, slow_reading
 from discovery.decide.explanation import limited
-from discovery.explain.gauge import explained_by_gauge
+from discovery.explain.strain_gauge import explained_by_gauge
 from discovery.explain.tension import explain
 from discovery.explain.tension_gain import at_bounds
 from discovery.explain.tension_law import LawSearch

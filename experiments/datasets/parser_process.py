@@ -17,7 +17,7 @@ SLOWEST_BYTES_PER_S = 1e6
 Result = TypeVar("Result")
 
 
-def apart(parse: Callable[[Path], Result], path: Path, kind: str) -> Result:
+def parsed_apart(parse: Callable[[Path], Result], path: Path, kind: str) -> Result:
     """Return what a parser returns.
 
     Parameters

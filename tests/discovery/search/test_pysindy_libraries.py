@@ -21,7 +21,7 @@ from discovery.laws.candidate import Candidate, Term, baseline
 from discovery.laws.factors import tension_power, velocity_power
 from discovery.ranking.race import race
 from discovery.search.libraries import Scales, tension_factors
-from discovery.search.own_libraries import expression_of, read_library
+from discovery.search.pysindy_libraries import expression_of, read_library
 from discovery.search.quick_likelihood import Found
 from discovery.search.selection import select
 from discovery.search.shortlist import Proposals, propose

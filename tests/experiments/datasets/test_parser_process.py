@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.datasets import apart
+from experiments.datasets import parser_process
 from experiments.datasets.collected import SourceError
 
 
@@ -38,15 +38,15 @@ def test_a_parser_that_is_lost_is_an_unreadable_file(
 ) -> None:
     path = tmp_path / "a.mat"
     path.write_bytes(b"abc")
-    assert apart.apart(size, path, "file") == 3
-    monkeypatch.setattr(apart, "LONGEST_S", 0.2 if parse is wait else 15.0)
+    assert parser_process.parsed_apart(size, path, "file") == 3
+    monkeypatch.setattr(parser_process, "LONGEST_S", 0.2 if parse is wait else 15.0)
     with pytest.raises(SourceError, match=r"a\.mat: found it unreadable, expected a sound file"):
-        apart.apart(parse, path, "file")  # type: ignore[arg-type]
+        parser_process.parsed_apart(parse, path, "file")  # type: ignore[arg-type]
     monkeypatch.undo()
-    assert apart.apart(size, path, "file") == 3
+    assert parser_process.parsed_apart(size, path, "file") == 3
 
 
 def test_an_exception_of_the_parser_is_its_own(tmp_path: Path) -> None:
     (tmp_path / "a.mat").write_bytes(b"abc")
     with pytest.raises(KeyError, match=r"a\.mat"):
-        apart.apart(fail, tmp_path / "a.mat", "file")
+        parser_process.parsed_apart(fail, tmp_path / "a.mat", "file")
