@@ -19,6 +19,7 @@ from rom.campaign.campaign import CampaignError, CampaignSettings, read_campaign
 from rom.campaign.record import Channel
 from rom.effects import CATALOGUE
 from rom.identification.identify import identify
+from rom.model.model import Model
 from rom.model_file import load_model
 from rom.parameters.he_2025 import nominal_impact, paper_model
 from tests.discovery import driven_twins as twins
@@ -62,8 +63,8 @@ def finding(monkeypatch: pytest.MonkeyPatch) -> Finding:
     def let(found: Closure) -> list[tuple[Any, ...]]:
         calls: list[tuple[Any, ...]] = []
 
-        def close_loop(*arguments: Any) -> Closure:
-            calls.append(arguments)
+        def close_loop(*arguments: Any, model: Model | None) -> Closure:
+            calls.append((*arguments, model))
             return found
 
         monkeypatch.setitem(vars(discovery), "close_loop", close_loop)
@@ -87,7 +88,7 @@ def made(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     found, calls = closure(friction(), threshold()), []
     out = tmp_path_factory.mktemp("made") / "results"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(vars(discovery), "close_loop", lambda *call: calls.append(call) or found)
+        patch.setitem(vars(discovery), "close_loop", lambda *call, **_: calls.append(call) or found)
         assert run(["close", str(campaign), "--out", str(out), "--jobs", "1", "--seed", "4", "--quiet"]) == 0
     (call,) = calls
     assert (call[0].path, call[1], call[3]) == (campaign, 1, 4)
@@ -183,6 +184,43 @@ def test_quiet_says_nothing_and_results_go_beside_the_campaign(
     assert (tmp_path / "campaign-results" / "closure.json").is_file()
 
 
+def test_the_loop_starts_from_the_law_of_a_given_model(
+    campaign: Path, tmp_path: Path, boltlaw: Boltlaw, finding: Finding
+) -> None:
+    calls, path = finding(closure(verdict="no-effect")), tmp_path / "model.json"
+    paper_model().save(path)
+    ran = boltlaw("close", campaign, "--model", path, "--out", tmp_path / "results", "--jobs", 1)
+    assert (ran.code, ran.err) == (0, "")
+    ((*_, model),) = calls
+    assert model == paper_model()
+
+
+@pytest.mark.parametrize("text", [None, "{}", '{"format": "boltlaw-closure/1"}'])
+def test_what_is_no_model_starts_no_loop(
+    text: str | None, campaign: Path, tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    path = tmp_path / "model.json"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    ran = boltlaw("close", campaign, "--model", path, "--out", tmp_path / "results", "--jobs", 1)
+    assert ran.code == 2
+    assert ran.err.startswith(str(path))
+    assert ran.err.count("\n") == 1
+    assert not (tmp_path / "results").exists()
+
+
+def test_a_model_of_another_structure_starts_no_loop(
+    campaign: Path, tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    path = tmp_path / "model.json"  # there, flexure_so is a dashpot
+    paper_model().save(path)
+    ran = boltlaw("close", campaign, "--model", path, "--out", tmp_path / "results", "--jobs", 1)
+    assert ran.code == 2
+    assert ran.err.startswith("model: found bodies lo, so and links flexure_lo (linear, lo to ground), ")
+    assert ran.err.count("\n") == 1
+    assert not (tmp_path / "results").exists()
+
+
 @pytest.mark.parametrize(("error", "code"), [(CampaignError(["a.h5: found 3"]), 2), (KeyError("x"), 1)])
 def test_nothing_is_written_on_a_failure(
     error: Exception,
@@ -192,7 +230,7 @@ def test_nothing_is_written_on_a_failure(
     boltlaw: Boltlaw,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise error
 
     monkeypatch.setitem(vars(discovery), "close_loop", fail)

@@ -135,6 +135,47 @@ def test_laws_that_tighten_are_there_on_request(made: Ranking, tmp_path: Path, o
     assert asked == [bool(options)]
 
 
+def test_libraries_and_optimizers_are_given_by_name(made: Ranking, tmp_path: Path) -> None:
+    from experiments.cli import run
+
+    asked: list[dict[str, Any]] = []
+
+    def found(*_: Any, **options: Any) -> Ranking:
+        asked.append(options)
+        return made
+
+    write_sound_campaign(tmp_path / "campaign")
+    named = ["--library", "velocity", "--library", "rate-free", "--optimizer", "STLSQ", "--max-terms", "2"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("discovery.discover", found)
+        patch.setattr(discover, "enough", lambda *_: None)
+        assert run(["discover", str(tmp_path / "campaign"), *named, "--jobs", "1", "--quiet"]) == 0
+    (options,) = asked
+    assert options["libraries"] == ["velocity", "rate-free"]
+    assert options["optimizers"] == ["STLSQ"]
+    assert options["max_terms"] == 2
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        ("--library", "expected one of: polynomials; velocity;"),
+        ("--optimizer", "expected one of: FROLS; SSR;"),
+    ],
+)
+def test_a_name_that_is_none_lists_all(
+    option: str, said: str, tmp_path: Path, boltlaw: Boltlaw, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_sound_campaign(tmp_path / "campaign")
+    monkeypatch.setattr(discover, "enough", lambda *_: None)
+    ran = boltlaw("discover", tmp_path / "campaign", option, "lasso", "--jobs", 1)
+    assert (ran.code, ran.out) == (2, "")
+    assert ran.err.startswith(f"{option[2:]}: found 'lasso', ")
+    assert said in ran.err
+    assert ran.err.count("\n") == 1
+    assert not (tmp_path / "campaign-results").exists()
+
+
 def load(folder: Path) -> dict[str, Any]:
     text = (folder / "ranking.json").read_text(encoding="utf-8")
     assert not re.search(r"\b(NaN|Infinity|-Infinity)\b", text)

@@ -80,7 +80,7 @@ def test_a_result_tells_what_is_needed_to_repeat_it(
     folder = tmp_path / "my campaign"
     write_sound_campaign(folder)
     monkeypatch.setattr("sys.argv", ["boltlaw", "close", str(folder), "--seed", "3"])
-    monkeypatch.setitem(vars(discovery), "close_loop", lambda *_: closure(verdict="no-effect"))
+    monkeypatch.setitem(vars(discovery), "close_loop", lambda *_, **__: closure(verdict="no-effect"))
     assert boltlaw("close", folder, "--seed", 3, "--jobs", 1).code == 0
     results = tmp_path / "my campaign-results"
     data, model = (json.loads((results / name).read_text()) for name in ("closure.json", "model.json"))
