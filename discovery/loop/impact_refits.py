@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from discovery.decide.acceptance import in_tension, is_accepted, motion_errors
-from discovery.decide.explanation import Explanation
+from discovery.decide.explanation import Explanation, limited_number
 from discovery.explain import at_rest, free_form
 from discovery.explain.calibration import DISAGREE
 from discovery.explain.motion import explain_screened, explanation, motion_channels, screen
@@ -166,7 +166,9 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         found = (
             replace(self.identification, model=model)
             if law_is_fitted
-            else self.identification.with_model(model, self.options.stage("tension law"))
+            else self._with_declared_law(
+                self.identification.with_model(model, self.options.stage("tension law"))
+            )
         )
         model = replace(found.model, identification=None)
         evaluations = self._simulated(model)
@@ -174,6 +176,18 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         residual = replace(residual, baseline=replace(residual.baseline, model=model))
         least = self.options.criteria.acceptance.material_error_explained
         return State(model, residual, errors, motion_errors(errors), least, found, evaluations)
+
+    def _with_declared_law(self, found: Identification) -> Identification:
+        """A declared law with all of its numbers from tension histories: losses tell what scales it alone."""
+        if found.declared is None:
+            return found
+        model = replace(found.model, identification=None)
+        fit = TensionResidual(self.campaign, found, model, self.options).baseline
+        if fit is None:
+            return found
+        numbers, errors = fit.candidate.parameters, fit.standard_errors
+        limited = {name: limited_number(numbers[name], errors[name]) for name in found.law_numbers}
+        return replace(found, model=_with_law_numbers(found.model, limited))
 
     def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:
         """See ``CampaignRefits.refit_with``; all records are followed anew.

@@ -1,7 +1,7 @@
 """The law gamma(T) of a campaign: fitted to gamma of each case, then to the losses by re-simulation.
 
 Of another form that was declared, what scales the rate is refitted to the losses; exponents and thresholds,
-which losses do not tell, stay as declared until tension histories are fitted.
+which losses do not tell, stay as declared: `discovery.loop.impact_refits` fits them to tension histories.
 """
 
 from __future__ import annotations
