@@ -163,7 +163,7 @@ class LawSearch:
     def _gain(self, effect: ModelCorrection, fit: CourseFit, base: CourseFit) -> TensionGain:
         if fit.training > base.training:  # as the full simulation has it, the law alone does better
             return TensionGain(_without_strength(effect), np.zeros_like(base.costs))
-        names, numbers, errors = names_of(effect), fit.candidate.parameters, fit.standard_errors
+        names, numbers, errors = names_of(effect), fit.candidate.parameters, _errors(fit)
         fitted = effect.with_values(**{name: numbers[path].value for name, path in names.items()})
         with_limits = limited(fitted, {name: float(errors[path]) for name, path in names.items()})
         return TensionGain(
@@ -188,7 +188,7 @@ class LawSearch:
         mean = effect.with_values(**{name: float(np.clip(drift.mean, low, high))})
         typical = limited(mean, {name: drift.spread})
         return TensionGain(
-            typical, base.costs - fit.costs, (), self._beside(fit, fit.standard_errors), fit.misfit.level
+            typical, base.costs - fit.costs, (), self._beside(fit, _errors(fit)), fit.misfit.level
         )
 
 
@@ -208,6 +208,12 @@ def _directions(fit: CourseFit, base: CourseFit) -> FloatArray:
     law = linalg.orth(columns[:, of_law])
     own = columns[:, ~of_law] - law @ (law.T @ columns[:, ~of_law])
     return np.vstack([(base.state.residual - fit.state.residual).ravel(), own.T])
+
+
+def _errors(fit: CourseFit) -> dict[str, float]:
+    """Standard errors of all free numbers of a fit."""
+    found = np.sqrt(np.maximum(np.diag(fit.problem.covariance(fit.state)), 0.0))
+    return dict(zip(fit.candidate.free, found.tolist(), strict=True))
 
 
 def _starts(member: Member, effect: ModelCorrection) -> list[dict[str, float]]:

@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from discovery.courses.fit import refine
 from discovery.decide.acceptance import in_tension, is_accepted, motion_errors
-from discovery.decide.explanation import Explanation, limited_number
+from discovery.decide.explanation import Explanation
 from discovery.explain import at_rest, free_form
 from discovery.explain.calibration import DISAGREE
 from discovery.explain.motion import explain_screened, explanation, motion_channels, screen
@@ -23,6 +24,7 @@ from discovery.explain.motion_fit import (
     with_effects,
     without_effect,
 )
+from discovery.laws.given import given_law
 from discovery.localisation.localise import Localisation, localise
 from discovery.loop.found_effects import as_first_fitted
 from discovery.loop.history import LoopHistory, misfit_views
@@ -163,13 +165,12 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         """Learn the tension law anew beside a model's other numbers, and simulate all records."""
         residual = self.own(residual)
         model = residual.baseline.model
-        found = (
-            replace(self.identification, model=model)
-            if law_is_fitted
-            else self._with_declared_law(
-                self.identification.with_model(model, self.options.stage("tension law"))
-            )
-        )
+        if law_is_fitted:
+            found = replace(self.identification, model=model)
+        elif self.identification.declared is None:
+            found = self.identification.with_model(model, self.options.stage("tension law"))
+        else:
+            found = self._with_declared_law(model)
         model = replace(found.model, identification=None)
         evaluations = self._simulated(model)
         errors = errors_of(evaluations)
@@ -177,17 +178,25 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         least = self.options.criteria.acceptance.material_error_explained
         return State(model, residual, errors, motion_errors(errors), least, found, evaluations)
 
-    def _with_declared_law(self, found: Identification) -> Identification:
-        """A declared law with all of its numbers from tension histories: losses tell what scales it alone."""
-        if found.declared is None:
+    def _with_declared_law(self, model: Model) -> Identification:
+        """The declared law refitted to losses, then whole to tension histories: losses tell its scale alone.
+
+        Beside a change of the law its shape stays as it was fitted together with that.
+        """
+        present = replace(self.identification, declared=_tension_law(model))
+        found = present.with_model(model, self.options.stage("tension law"))
+        bare = replace(found.model, identification=None)
+        data = TensionResidual(self.campaign, found, bare, self.options).data
+        if data is None or model.effects_of("law change"):
             return found
-        model = replace(found.model, identification=None)
-        fit = TensionResidual(self.campaign, found, model, self.options).baseline
-        if fit is None:
+        law, struck = _tension_law(found.model), np.flatnonzero(data.struck[: data.training])
+        held = [name for name in law.parameters if name not in found.law_numbers]
+        fit = refine(given_law(law, held), data.part(hold_out=False).subset(struck))
+        if not (fit.converged and np.isfinite(fit.deviance)):
             return found
-        numbers, errors = fit.candidate.parameters, fit.standard_errors
-        limited = {name: limited_number(numbers[name], errors[name]) for name in found.law_numbers}
-        return replace(found, model=_with_law_numbers(found.model, limited))
+        limits = {name: fit.limits(name) for name in fit.free}
+        numbers = {n: replace(fit.candidate.parameters[n], low=a, high=b) for n, (a, b) in limits.items()}
+        return replace(found, model=_with_law_numbers(found.model, numbers))
 
     def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:
         """See ``CampaignRefits.refit_with``; all records are followed anew.
@@ -343,12 +352,18 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         return (*motion_channels(residual), "tension")
 
 
+def _tension_law(model: Model) -> Law:
+    """The law of a model's bolt, without what changes it."""
+    law = model.link_laws[model.structure.bolted_links[0]].tension_rate
+    assert law is not None
+    return law
+
+
 def _with_law_numbers(model: Model, numbers: Mapping[str, Parameter]) -> Model:
     """The model with other numbers in its tension law."""
     if not numbers:
         return model
-    law = model.link_laws[model.structure.bolted_links[0]].tension_rate
-    assert law is not None
+    law = _tension_law(model)
     return model.with_tension_law(replace(law, parameters={**law.parameters, **numbers}))
 
 

@@ -86,12 +86,6 @@ class CourseFit:
         )  # fmt: skip
 
     @property
-    def standard_errors(self) -> dict[str, float]:
-        """Of all free numbers, by name."""
-        found = np.sqrt(np.maximum(np.diag(self.problem.covariance(self.state)), 0.0))
-        return dict(zip(self.candidate.free, found.tolist(), strict=True))
-
-    @property
     def misfit(self) -> Misfit:
         """What the law leaves over of the training courses.
 

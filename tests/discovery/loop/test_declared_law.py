@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,9 +13,12 @@ import pytest
 import discovery
 import rom
 from discovery.loop.declared_law import declared_law
+from discovery.residual.tension import TensionResidual
+from experiments.studies import rig
 from rom.campaign.campaign import CampaignSettings
 from rom.effects import make
-from rom.model.laws import Parameter
+from rom.identification.identify import identify_campaign
+from rom.model.laws import Parameter, free_form_law
 from rom.model.model import Model
 from tests.rom.sound_campaign import sound_settings
 
@@ -82,3 +86,29 @@ def test_a_campaign_without_a_bolt_or_without_loosening_takes_no_law() -> None:
     still = campaign(record=[r for r in content["record"] if r["test"] != "loosening"])
     with pytest.raises(ValueError, match="here: found no loosening record to fit, expected one bolt"):
         declared_law(rom.paper_model(), still)
+
+
+@pytest.mark.slow
+def test_from_the_law_that_a_bolt_follows_no_change_of_it_is_named(tmp_path: Path) -> None:
+    """The bolt follows ``|v|^2 T gamma(T)``; the given law has that form and the numbers of another."""
+    rig.run(
+        tmp_path / "campaign", 8, 1.0, 3, 1, duration_s=2.5, strengths=(1.0, 0.7), law="power-2",
+        hold_out_every=5,
+    )  # fmt: skip
+    measured = rom.read_campaign(tmp_path / "campaign")
+    numbers = {"gamma": (1e7, "s/m^2"), "n": (2.3, "1"), "gamma_i": (6.0, "1"), "rho": (-0.006, "1/N")}
+    limited = {n: Parameter(v, unit, v - abs(v) / 2, v + abs(v) / 2) for n, (v, unit) in numbers.items()}
+    rate = "-gamma * abs(v) ** n * max(T, 0) * 10 ** (-gamma_i / (1 + exp(rho * max(T, 0))))"
+    law = free_form_law("found elsewhere", rate, "tension rate", limited)
+    found = discovery.close_loop(measured, model=rom.paper_model().with_tension_law(law))
+    assert found.verdict == "no-effect"
+    refitted = found.model.link_laws["joint"].tension_rate
+    assert refitted is not None
+    assert refitted.equation == rate
+    power = refitted.parameters["n"]
+    assert power.low is not None
+    assert power.high is not None
+    assert power.low < 2.0 < power.high < 2.3
+    identification = identify_campaign(measured)
+    standing = TensionResidual(measured, identification, replace(identification.model, identification=None))
+    assert standing.misfit.level > 10  # gamma(T) |v|^4 T leaves far more than noise
