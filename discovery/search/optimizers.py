@@ -183,7 +183,7 @@ def path_of(optimizer: Any) -> Path:
         greedy = isinstance(fitted, FROLS | SSR)
         rows = [
             np.asarray(row, dtype=float).reshape(-1)
-            for row in (fitted.history_ if greedy else [fitted.coef_])
+            for row in (fitted.history_ if greedy else [getattr(fitted, "coef_", np.nan)])
         ]
         for row in rows:
             if row.shape != (problem.columns,) or not np.isfinite(row).all():

@@ -59,6 +59,8 @@ def once(name: str, work: Callable[..., Any], shared: Shared) -> Callable[..., A
         given = inspect.signature(work).bind(*arguments, **options)
         given.apply_defaults()
         deciding = {key: value for key, value in given.arguments.items() if key not in _WITHOUT_EFFECT}
+        if deciding.get("libraries") or deciding.get("optimizers"):
+            return work(*arguments, **options)  # objects of the page itself: nothing names them
         campaign = deciding.pop("campaign")
         asked = hashlib.sha256(str(sorted(deciding.items())).encode()).hexdigest()[:16]  # a name of a file
         key = f"{name}-{campaign.digest[:16]}-{asked}"
