@@ -10,7 +10,7 @@ import rom
 from rom.campaign.channels import FloatArray
 from tests.discovery.driven_twins import campaign_of
 
-RATE_HZ, LEAD_S, SECONDS = 200.0, 3.0, 10.0
+RATE_HZ, LEAD_S, SECONDS = 200.0, 3.0, 4.0
 STROKES = ((0.6, False), (1.0, False), (0.8, True), (1.4, False))  # of 10 mm, and whether held out
 KINDS = ("nothing", "slip", "backlash", "friction", "stiffness")
 
