@@ -19,7 +19,7 @@ from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.laws.factors import Factor
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.identification.gamma import LooseningCase, identify_gamma
+from rom.identification.gamma import LooseningCase, matching_gammas
 from rom.model.laws import power_loosening
 from rom.model.model import Model
 from rom.signals.tension_bins import TensionCourse
@@ -270,11 +270,11 @@ def _simulated(
                       max(c.final, least_final * c.initial), c.final_error)
         for c in courses
     ]  # fmt: skip
-    gammas = identify_gamma(model, cases, window)
+    gammas, _ = matching_gammas(model, cases, window)
     laws = model.link_laws[link.name]
     found = []
-    for course, estimate in zip(courses, gammas, strict=True):
-        rate = power_loosening(max(estimate.gamma, 0.0))
+    for course, gamma in zip(courses, gammas.tolist(), strict=True):
+        rate = power_loosening(max(gamma, 0.0))
         own = model.with_tension_law(rate, link.name)
         response = own.simulate({course.body: course.force}, course.rate_hz, course.initial)
         hit = round(course.impact_s * course.rate_hz)
