@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import pytest
 
@@ -28,9 +28,14 @@ Boltlaw = Callable[..., Ran]
 
 
 @pytest.fixture
-def boltlaw(capfd: pytest.CaptureFixture[str]) -> Boltlaw:
-    """Run the program within this process."""
-    from experiments.cli import run
+def boltlaw(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Boltlaw:
+    """Run the program within this process, and in no other where a test does not ask for jobs."""
+    from experiments.cli import app, run
+
+    alone = {
+        one.name or one.callback.__name__: {"jobs": 1} for one in app.registered_commands if one.callback
+    }
+    monkeypatch.setitem(cast(dict[str, object], app.info.context_settings), "default_map", alone)
 
     def call(*arguments: object) -> Ran:
         capfd.readouterr()

@@ -74,7 +74,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The campaign of the tutorial."""
     place = tmp_path_factory.mktemp("measured")
     (words,) = (c for c in map(shlex.split, tutorial_commands()) if c[:2] == ["boltlaw", "rig"])
-    assert run([*words[1:], "--out", str(place), "--quiet"]) == 0
+    assert run([*words[1:], "--out", str(place), "--jobs", "1", "--quiet"]) == 0
     return place / words[2]
 
 
