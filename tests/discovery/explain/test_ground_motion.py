@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -22,11 +21,12 @@ from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 from rom.effects import CATALOGUE
 from rom.identification.identify import identify_campaign
+from tests.shared import once_per_run
 
 SHAKEN = Undeclared("ground-motion", "body:lo", {"F_a": 0.02, "F_b": 0.0, "f": 11.3})
 
 
-@cache
+@once_per_run
 def evidence(*undeclared: Undeclared) -> WhitenedResidual:
     with TemporaryDirectory() as scratch:
         rig.run(Path(scratch) / "c", 5, 1.0, 4, 1, duration_s=2.5, hold_out_every=4, undeclared=undeclared)

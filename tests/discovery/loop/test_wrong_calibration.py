@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,13 +16,14 @@ from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
+from tests.shared import once_per_run
 
 pytestmark = pytest.mark.slow
 
 WRONG = Undeclared("calibration-error", "sensor:tension", {"T_0": -10.0, "c_1": 0.1, "c_2": 0.0})
 
 
-@cache
+@once_per_run
 def examined(*undeclared: Undeclared) -> tuple[ImpactRefits, LoopHistory]:
     """After what the declared preloads show of the gauge."""
     with TemporaryDirectory() as scratch:
