@@ -188,7 +188,7 @@ def linearise(record: SpectralRecord, values: Mapping[str, float], whitener: Com
         Residual and derivatives.
     """
     system = _system(record, values)
-    whitener = np.require(whitener, requirements="CW")  # kernels are compiled for one kind of array
+    whitener = np.require(whitener, requirements=("C", "W"))  # kernels are compiled for one kind of array
     gain, forced, ends, columns, errors = _nuisance(record, system, whitener)
     white = np.concatenate([_whitened(record.motion - forced, whitener), np.zeros(errors)])
     inverse = _inverse_gram(columns)
