@@ -121,7 +121,22 @@ def by_itself(refits: Refits, state: State, selection: Selection) -> State:
 
 
 def refitted_beside(refits: Refits, state: State, selection: Selection) -> Residual:
-    """What is left over with one more effect, everything refitted, beside the noise as it is then."""
+    """What is left over with one more effect, everything refitted, beside the noise as it is then.
+
+    Parameters
+    ----------
+    refits : Refits
+        Of the campaign.
+    state : State
+        The model so far.
+    selection : Selection
+        The effect that is added.
+
+    Returns
+    -------
+    Residual
+        Of the model with the effect.
+    """
     return refits.with_present_noise(refits.refit_with(state, selection.best))
 
 
