@@ -113,6 +113,6 @@ def of_the_input(error: BaseException) -> bool:
         return False
     if type(error) is not ValueError:
         return type(error).__module__.partition(".")[0] in _PACKAGES
-    if error.__cause__ is not None:  # from another process: its traceback comes as text
+    if type(error.__cause__).__name__ == "RemoteTraceback":  # from another process, as text
         return any(line.strip().startswith("raise ") for line in str(error.__cause__).splitlines())
     return (traceback.extract_tb(error.__traceback__)[-1].line or "").startswith("raise ")

@@ -34,7 +34,7 @@ from experiments.cli import run
 from experiments.figures import style
 from tests.discovery.sound_closure import closure
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for what runs behind it
-discovery.close_loop = lambda *_: closure(verdict="no-effect")
+discovery.close_loop = lambda *_, **__: closure(verdict="no-effect")
 save, left = style.save, int(sys.argv[3])
 def waiting(figure, path):
     global left
@@ -157,7 +157,7 @@ def test_a_disk_that_fills_up_at_any_file_changes_nothing(
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return move(path, target)
 
-    monkeypatch.setitem(vars(discovery), "close_loop", lambda *_: closure(verdict="no-effect"))
+    monkeypatch.setitem(vars(discovery), "close_loop", lambda *_, **__: closure(verdict="no-effect"))
     monkeypatch.setattr(Path, "replace", filling)
     ran = boltlaw("close", campaign, "--out", out, "--jobs", 1)
     assert (ran.code, ran.out) == (2, "")
@@ -279,7 +279,7 @@ def test_a_folder_in_which_nothing_can_be_made_is_refused_before_the_work(
 ) -> None:
     import discovery
 
-    monkeypatch.setitem(vars(discovery), "close_loop", lambda *_: pytest.fail("work began"))
+    monkeypatch.setitem(vars(discovery), "close_loop", lambda *_, **__: pytest.fail("work began"))
     ran = boltlaw("close", campaign, "--out", "/proc/self/results", "--jobs", 1)
     assert (ran.code, ran.out) == (2, "")
     (line,) = ran.err.splitlines()

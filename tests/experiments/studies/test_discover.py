@@ -176,6 +176,18 @@ def test_a_name_that_is_none_lists_all(
     assert not (tmp_path / "campaign-results").exists()
 
 
+@pytest.mark.parametrize("text", [None, "a = [", 'format = "boltlaw-laws/2"'])
+def test_a_file_of_laws_that_cannot_be_read_is_one_line(
+    text: str | None, tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    path = tmp_path / "laws.toml"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+    ran = boltlaw("discover", tmp_path, "--laws", path, "--jobs", 1)
+    assert (ran.code, ran.out) == (2, "")
+    assert all(line.startswith(str(path)) for line in ran.err.splitlines())
+
+
 def load(folder: Path) -> dict[str, Any]:
     text = (folder / "ranking.json").read_text(encoding="utf-8")
     assert not re.search(r"\b(NaN|Infinity|-Infinity)\b", text)
