@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -88,7 +89,7 @@ def record(
     pushed = struck - lines[:, None] * direction * late[:, None]
     pushed = pushed + AMBIENT * _white(rng, struck.shape)
     seen = (gain @ pushed[:, :, None])[:, :, 0] + SENSOR * _white(rng, struck.shape)
-    found = SpectralRecord(**{**vars(part), "motion": seen})
+    found = replace(part, motion=seen)
     trace.parts = (found,)
     ambient = np.tile(AMBIENT**2 * np.eye(2, dtype=np.complex128), (len(f), 1, 1))
     linear = linearise(found, values, whitener(gain, root_of(ambient), np.full(2, SENSOR**2)))
