@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from discovery.decide.acceptance import is_accepted, is_significant, penalised_gain, spread_of
 from discovery.loop.history import LoopHistory, Selection
-from discovery.loop.motion_stage import between, by_itself, refitted_beside, with_later_disturbances
+from discovery.loop.motion_stage import between, refitted_beside, with_later_disturbances
 from discovery.loop.refits import Refits
 from discovery.loop.state import State
 
@@ -40,7 +40,8 @@ def or_free_form(refits: Refits, history: LoopHistory, start: LoopHistory) -> Lo
         return history.or_better(with_later_disturbances(refits, start, formed))
     if spread_of(formed.best) >= history.last.level:
         return history
-    return history.or_better(start.extended(formed, by_itself(refits, start.last, formed)))
+    after = refits.evaluated(refitted_beside(refits, start.last, formed))
+    return history.or_better(start.extended(formed, after))
 
 
 def _or_nearer(refits: Refits, history: LoopHistory, start: LoopHistory) -> LoopHistory:

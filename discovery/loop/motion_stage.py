@@ -73,7 +73,7 @@ def in_motion(refits: Refits, history: LoopHistory, given: Selection | None = No
     """
     criteria = refits.options.criteria
     if given is not None:
-        after = by_itself(refits, history.last, given)
+        after = refits.evaluated(refitted_beside(refits, history.last, given))
         if not history.improves(after):
             return history
         history = history.extended(given, after)
@@ -98,26 +98,6 @@ def in_motion(refits: Refits, history: LoopHistory, given: Selection | None = No
             return history
         else:
             history = restarted  # with another residual, to be screened anew
-
-
-def by_itself(refits: Refits, state: State, selection: Selection) -> State:
-    """The state with one more effect, everything refitted, beside the noise as it is then.
-
-    Parameters
-    ----------
-    refits : Refits
-        Of the campaign.
-    state : State
-        The model so far.
-    selection : Selection
-        The effect that is added.
-
-    Returns
-    -------
-    State
-        With its errors.
-    """
-    return refits.evaluated(refitted_beside(refits, state, selection))
 
 
 def refitted_beside(refits: Refits, state: State, selection: Selection) -> Residual:

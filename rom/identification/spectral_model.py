@@ -81,9 +81,9 @@ class SpectralRecord:
     step_s: float = 0.0
 
     @cached_property
-    def layout(self) -> tuple[tuple[Term, int, FloatArray], ...]:
-        """Every term, the power of s it carries (-1: the corner), and ``direction direction^T``."""
-        return tuple((term, term.power, np.outer(term.direction, term.direction)) for term in self.terms)
+    def outer(self) -> tuple[FloatArray, ...]:
+        """``direction direction^T`` of every term, (bodies, bodies) each."""
+        return tuple(np.outer(term.direction, term.direction) for term in self.terms)
 
 
 @dataclass(frozen=True)
@@ -233,12 +233,12 @@ def _system(record: SpectralRecord, values: Mapping[str, float]) -> _System:
     n = record.force.shape[1]
     matrices = np.zeros((len(STRUCTURAL), n, n))
     corner = 0.0
-    for term, matrix, along in record.layout:
+    for term, along in zip(record.terms, record.outer, strict=True):
         value = values[key(record, term)]
-        if matrix < 0:
+        if term.power < 0:
             corner = value
         else:
-            matrices[matrix] += value * along
+            matrices[term.power] += value * along
     stiffness, damping, mass = matrices
     s = 2j * np.pi * record.frequency
     s_ = s[:, None, None]
