@@ -13,7 +13,7 @@ import typer
 
 from experiments.errors import INTERRUPTED, UNFIT, a_model, existing, tell
 from experiments.options import CORES as _CORES
-from experiments.options import CampaignPath, Cluster, Jobs, OneProcess, Out, Quiet, Seed, Unseeded
+from experiments.options import CampaignPath, Campaigns, Cluster, Jobs, OneProcess, Out, Quiet, Seed, Unseeded
 from experiments.results import results_folder, writable
 from experiments.run.execution import execution
 from experiments.run.memory import return_freed_arrays
@@ -223,7 +223,7 @@ def reproduce(
 
 @app.command(epilog="Example: boltlaw discover rig-campaign")
 def discover(
-    campaign: CampaignPath,
+    campaign: Campaigns,
     tightening: Annotated[
         bool,
         typer.Option("--tightening", help="Also try laws that tighten, and keep records whose tension rose."),
@@ -259,8 +259,8 @@ def discover(
 
     with progress_bars(quiet) as report, execution(cluster):
         path = study.run(
-            campaign, results_folder(campaign, out), seed, jobs, report, _command(), tightening=tightening,
-            laws=laws, libraries=library, optimizers=optimizer, max_terms=max_terms,
+            campaign, out, seed, jobs, report, _command(), tightening=tightening, laws=laws,
+            libraries=library, optimizers=optimizer, max_terms=max_terms,
         )  # fmt: skip
     _say(study.summary(path), quiet)
     _say(f"wrote {path}, the first law's model.json and figures beside it", quiet)
@@ -269,7 +269,7 @@ def discover(
 
 @app.command(epilog="Example: boltlaw compare rig-campaign laws.toml")
 def compare(
-    campaign: CampaignPath,
+    campaign: Campaigns,
     laws: Annotated[Path, typer.Argument(metavar="LAWS.toml", help="Laws of your own.", callback=existing)],
     tightening: Annotated[
         bool, typer.Option("--tightening", help="Keep records whose tension rose.")
@@ -285,9 +285,8 @@ def compare(
 
     with progress_bars(quiet) as report, execution(cluster):
         path = study.run(
-            campaign, results_folder(campaign, out), seed, jobs, report, _command(), tightening=tightening,
-            laws=laws, given_only=True,
-        )  # fmt: skip
+            campaign, out, seed, jobs, report, _command(), tightening=tightening, laws=laws, given_only=True
+        )
     _say(study.summary(path), quiet)
     _say(f"wrote {path}, the first law's model.json and figures beside it", quiet)
     _end(path)

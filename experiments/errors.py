@@ -51,6 +51,11 @@ def a_campaign(path: Path) -> Path:
     )
 
 
+def campaigns(paths: list[Path]) -> list[Path]:
+    """Return the paths of campaigns that a person gave, as `a_campaign` each."""
+    return [a_campaign(path) for path in paths]
+
+
 def _nearest_campaign(folder: Path) -> Path | None:
     """Return a campaign in a folder, or else one beside it with a name like its own."""
     inside, beside = (

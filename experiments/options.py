@@ -8,11 +8,19 @@ from typing import Annotated
 
 import typer
 
-from experiments.errors import a_campaign
+from experiments.errors import a_campaign, campaigns
 
 CORES = os.cpu_count() or 1
 CampaignPath = Annotated[
     Path, typer.Argument(help="Campaign folder: campaign.toml and its records.", callback=a_campaign)
+]
+Campaigns = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="CAMPAIGN...",
+        help="Campaign folder, or those of several bolts of one kind, which share the law.",
+        callback=campaigns,
+    ),
 ]
 Out = Annotated[
     Path | None, typer.Option(help="Folder for results; default: CAMPAIGN-results beside the campaign.")

@@ -14,7 +14,7 @@ import numpy as np
 from discovery.courses.fitted import Fit
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.likelihood_steps import climbed
-from discovery.courses.marginal_likelihood import Problem
+from discovery.courses.marginal_likelihood import Problem, State
 from discovery.courses.prediction import predict, resimulate
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
@@ -112,7 +112,7 @@ def fit(
         candidate.free,
         problem.covariance(state),
         state.deviance,
-        (float(state.scatter[0]), float(state.scatter[1])),
+        tuple(state.scatter.tolist()),
         problem.offsets,
         state.u,
         converged or candidate.holds,
@@ -145,6 +145,44 @@ def fit_losses(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray |
     after = Problem(found.candidate, frozen, whole.offsets)
     state = after.solve(after.theta0, np.array(found.scatter), found.deviations, steps=12)
     return replace(found, deviance=state.deviance, offsets=whole.offsets, of_losses=True)
+
+
+def within_bolts(found: Fit, frozen: FrozenMotion) -> FloatArray:
+    """Deviation of every case less what its bolt's tests share, at the mode, (cases,)."""
+    if frozen.bolts is None:
+        return found.deviations
+    b = frozen.bolts.modes(found.deviations, found.tau(frozen.initial) ** 2, found.sigma**2)
+    return np.asarray(found.deviations - b[frozen.bolts.index])
+
+
+def by_other_tests(found: Fit, frozen: FrozenMotion, offsets: FloatArray) -> FloatArray:
+    """Deviation of every case's bolt as its other tests tell it, linear about the modes, (cases,).
+
+    Parameters
+    ----------
+    found : Fit
+        Of several bolts; these need not be among them.
+    frozen : FrozenMotion
+        Motion and measured courses of the cases.
+    offsets : ndarray, shape (cases, bins)
+        Corrections to every predicted course [N].
+    """
+    problem = Problem(found.candidate, frozen, offsets)
+    state = problem.solve(problem.theta0, np.array(found.scatter), np.zeros(len(frozen)), steps=12)
+    told, seen = told_of_bolts(state, found.tau(frozen.initial))
+    bolts = frozen.bolts
+    if bolts is None:
+        raise ValueError("found the tests of one bolt, expected those of several")
+    others, by_others = (bolts.sums(part)[bolts.index] - part for part in (told, seen))
+    return np.asarray(by_others / (1 / found.sigma**2 + others))
+
+
+def told_of_bolts(state: State, tau: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Information of every test on its bolt's deviation, and that times what it says of it, (cases,) each."""
+    information = (state.slope**2).sum(axis=1)
+    seen = (state.slope * state.residual).sum(axis=1) + information * state.u
+    spread = 1 + tau**2 * information
+    return information / spread, seen / spread
 
 
 def log_predictive(fitted: Fit, frozen: FrozenMotion, offsets: FloatArray | None = None) -> FloatArray:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from discovery.courses.variability import tau
+from discovery.courses.variability import sigma, tau
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
@@ -26,7 +26,7 @@ class Fit:
     deviance : float
         -2 log marginal likelihood of the cases fitted.
     scatter : tuple of float
-        a and b of ln tau.
+        a and b of ln tau; of several bolts also ln sigma, sigma their standard deviation of the log rate.
     offsets : ndarray, shape (cases, bins)
         Full re-simulation minus frozen course [N].
     deviations : ndarray, shape (cases,)
@@ -41,7 +41,7 @@ class Fit:
     free: tuple[str, ...]
     covariance: FloatArray
     deviance: float
-    scatter: tuple[float, float]
+    scatter: tuple[float, ...]
     offsets: FloatArray
     deviations: FloatArray
     converged: bool
@@ -51,6 +51,11 @@ class Fit:
     def tau(self, initial: FloatArray) -> FloatArray:
         """Between-test standard deviation of the log rate at tensions [N], (cases,)."""
         return tau(np.array(self.scatter), initial, self.criteria.courses)
+
+    @property
+    def sigma(self) -> float:
+        """Between-bolt standard deviation of the log rate; 0 where there is one bolt."""
+        return sigma(np.array(self.scatter), self.criteria.courses)
 
     def limits(self, name: str) -> tuple[float, float]:
         """95 % limits of a fitted number."""

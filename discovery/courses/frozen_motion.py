@@ -7,7 +7,7 @@ to t``, and a law is one scalar equation, ``dT = sum_j c_j g_j(T) dM_j``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -15,6 +15,16 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from discovery.courses.between_bolts import Bolts, Index
+from discovery.courses.motion_grid import (
+    LEAD_S,
+    Corners,
+    averages_over,
+    grid_corners,
+    knots_between,
+    places_kept,
+    with_nuisance,
+)
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.laws.factors import Factor
 from rom.campaign.channels import FloatArray
@@ -24,18 +34,10 @@ from rom.model.laws import power_loosening
 from rom.model.model import Model
 from rom.signals.tension_bins import TensionCourse
 
-_LEAD_S: Numerical[float] = 0.004  # a hit begins before its impact is noticed
-_BURST_S: Numerical[float] = 0.06
-_EARLY_S: Numerical[float] = 0.12
-_SETTLED_S: Numerical[float] = 0.5
-_PER_PERIOD: Numerical[int] = 16
-_WIDE: Numerical[float] = 1.0e3  # variance of a nuisance direction, in largest variance of a bin
 _NOTHING: Numerical[float] = 1e-16  # of the largest exposure
 _RECENT: Numerical[int] = 32  # interpolated exposures that are kept
+_SAME_BIN: Numerical[float] = 0.2  # of a bin's width, by which its end may differ from bolt to bolt
 NUISANCE_DIRECTIONS: Numerical[int] = 2  # of every case: a x and b x^2
-
-
-Corners = list[tuple[float, float]]  # values of a grid about a number, and their weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +49,7 @@ class FrozenMotion:
     courses : tuple of TensionCourse
         What was measured.
     model : Model
-        The identified model.
+        The identified model; of several bolts the first one's.
     nodes : ndarray, shape (6, nodes of all cases)
         Time from the hit [s], relative displacement [m] and velocity [m/s], link force and its damping part
         [N], tension [N]; dense in the first 60 ms. `starts`, shape (cases + 1,), divides them.
@@ -65,6 +67,8 @@ class FrozenMotion:
         Whether tests may tighten: a case's deviation u makes its rate 1 + u times the law's, not exp(u).
     criteria : Criteria
         The numbers that decide, for all that is fitted along the motion.
+    bolt : ndarray, shape (cases,), optional
+        Place in `bolt_models` of every case's bolt, where there are several of one kind.
     """
 
     courses: tuple[TensionCourse, ...]
@@ -78,6 +82,8 @@ class FrozenMotion:
     covariance: FloatArray
     signed: bool = False
     criteria: Criteria = CRITERIA
+    bolt: Index | None = None
+    bolt_models: tuple[Model, ...] = ()
     _exposures: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
     _recent: dict[tuple[str, tuple[float, ...]], FloatArray] = field(default_factory=dict, repr=False)
     _whole: FrozenMotion | None = field(default=None, repr=False)  # of a subset: where its exposures are kept
@@ -95,6 +101,25 @@ class FrozenMotion:
     def link(self) -> str:
         """Name of the bolted link."""
         return self.model.structure.bolted_links[0]
+
+    @cached_property
+    def bolts(self) -> Bolts | None:
+        """Which cases are of one bolt, where there are several bolts."""
+        return None if self.bolt is None else Bolts(np.unique(self.bolt, return_inverse=True)[1])
+
+    def by_bolt(self) -> Iterator[tuple[Model, Index]]:
+        """Every bolt's model and the places of its cases."""
+        if self.bolt is None:
+            yield self.model, np.arange(len(self))
+            return
+        for place in np.unique(self.bolt):
+            yield self.bolt_models[place], np.flatnonzero(self.bolt == place)
+
+    def with_models(self, change: Callable[[Model], Model]) -> FrozenMotion:
+        """The same with other models for re-simulation."""
+        return replace(
+            self, model=change(self.model), bolt_models=tuple(change(model) for model in self.bolt_models)
+        )
 
     def factors(self, deviations: FloatArray | None) -> FloatArray:
         """Factor of every case on a law's rate, (cases,), from its deviation; 1 where none are given."""
@@ -115,7 +140,7 @@ class FrozenMotion:
         if self._whole is not None:
             return self._whole.exposure(factor)[list(self._index)]
         if factor.key not in self._recent:
-            corners = [_corners(inner.value, inner.step) for inner in factor.inner.values()]
+            corners = [grid_corners(inner.value, inner.step) for inner in factor.inner.values()]
             logarithmic = [inner.unit == "1" for inner in factor.inner.values()]
             while len(self._recent) >= _RECENT:
                 del self._recent[next(iter(self._recent))]
@@ -176,6 +201,7 @@ class FrozenMotion:
             starts=np.cumsum([0, *(part.shape[1] for part in parts)]),
             change=self.change[chosen],
             covariance=self.covariance[chosen],
+            bolt=None if self.bolt is None else self.bolt[chosen],
             _exposures={},
             _recent={},
             _whole=self._whole or self,
@@ -222,19 +248,65 @@ def freeze(
     ValueError
         If there are no courses, or the model has not one bolted link.
     """
-    bolts = model.structure.bolted_links
-    if len(bolts) != 1:
-        raise ValueError(f"a tension law needs a model with one bolted link, this one has {len(bolts)}")
+    return _frozen([(model, courses)], signed, criteria)
+
+
+def freeze_bolts(
+    bolts: Sequence[tuple[Model, Sequence[TensionCourse]]],
+    *,
+    signed: bool = False,
+    criteria: Criteria = CRITERIA,
+) -> FrozenMotion:
+    """The same for several bolts of one kind, each with the model identified from its own tests.
+
+    Parameters
+    ----------
+    bolts : sequence of (Model, sequence of TensionCourse)
+        Identified model and measured courses of every bolt.
+    signed, criteria
+        As for `freeze`.
+
+    Raises
+    ------
+    ValueError
+        As `freeze`, or if the tension histories of two bolts are not in the same bins of time.
+    """
+    frozen = _frozen(bolts, signed, criteria)
+    widths = np.diff(frozen.edges_s)
+    for place, (_, courses) in enumerate(bolts):
+        for course in courses:
+            off = np.abs(course.edges_s[: len(widths) + 1] - course.impact_s - frozen.edges_s)[1:] / widths
+            if off.max() > _SAME_BIN:
+                raise ValueError(
+                    f"bolt {place + 1}: {course.file}: found bins of time that differ from those of the "
+                    "other bolts, expected records of equal length, rate and windows"
+                )
+    bolt = np.repeat(np.arange(len(bolts)), [len(courses) for _, courses in bolts])
+    return replace(frozen, bolt=bolt, bolt_models=tuple(model for model, _ in bolts))
+
+
+def _frozen(
+    bolts: Sequence[tuple[Model, Sequence[TensionCourse]]], signed: bool, criteria: Criteria
+) -> FrozenMotion:
+    model = bolts[0][0]
+    links = model.structure.bolted_links
+    if len(links) != 1:
+        raise ValueError(f"a tension law needs a model with one bolted link, this one has {len(links)}")
+    courses = [course for _, of_bolt in bolts for course in of_bolt]
     if not courses:
         raise ValueError("found no loosening record with tension, force and a hit; expected some to fit")
     bins = min(len(course.change) for course in courses)
     offsets = np.median([c.edges_s[: bins + 1] - c.impact_s for c in courses], axis=0)
-    knots = _knots(offsets)
-    nodes = _simulated(model, courses, float(offsets[-1]), criteria.courses.least_final)
-    averages = _averages(knots, offsets)
+    knots = knots_between(offsets)
+    nodes = [
+        part
+        for own, of_bolt in bolts
+        for part in _simulated(own, of_bolt, float(offsets[-1]), criteria.courses.least_final)
+    ]
+    averages = averages_over(knots, offsets)
     kept = tuple(_cut(course, bins) for course in courses)
     covariance = [
-        _with_nuisance(course.covariance, part, offsets) for course, part in zip(kept, nodes, strict=True)
+        with_nuisance(course.covariance, part, offsets) for course, part in zip(kept, nodes, strict=True)
     ]
     return FrozenMotion(
         courses=kept,
@@ -278,7 +350,7 @@ def _simulated(
         own = model.with_tension_law(rate, link.name)
         response = own.simulate({course.body: course.force}, course.rate_hz, course.initial)
         hit = round(course.impact_s * course.rate_hz)
-        first = max(hit - round(_LEAD_S * course.rate_hz), 0)
+        first = max(hit - round(LEAD_S * course.rate_hz), 0)
         last = min(hit + int(end_s * course.rate_hz) + 1, len(course.force))
         x, v = (
             _relative(motion, link.first, link.second)[first:last]
@@ -286,7 +358,7 @@ def _simulated(
         )
         tension = np.asarray(response.tension)[first:last]
         time = np.arange(first, last) / course.rate_hz - course.impact_s
-        places = _places(v, time)
+        places = places_kept(v, time)
         x, v, tension = x[places], v[places], tension[places]
         damping = laws.damping(tension) * v
         force = laws.stiffness(tension) * x + damping
@@ -297,69 +369,3 @@ def _simulated(
 def _relative(motion: object, first: str, second: str) -> FloatArray:
     values = [motion[body] if body != "ground" else 0.0 for body in (first, second)]  # type: ignore[index]
     return np.asarray(values[0] - values[1])
-
-
-def _places(v: FloatArray, time: FloatArray) -> npt.NDArray[np.int64]:
-    """Every sample in the burst, ever fewer until the motion settles, then some a period."""
-    late = v[time > _SETTLED_S]
-    crossings = int(np.sum(np.signbit(late[1:]) != np.signbit(late[:-1])))
-    stride = 4
-    if crossings:
-        stride = max(int(2 * len(late) / (crossings * _PER_PERIOD)), 1)
-    index = np.arange(len(v))
-    chosen = (time < _BURST_S) | (index % min(stride, 64) == 0)
-    chosen |= ((time < _EARLY_S) & (index % 4 == 0)) | ((time < _SETTLED_S) & (index % 16 == 0))
-    return np.flatnonzero(chosen)
-
-
-def _knots(offsets: FloatArray) -> FloatArray:
-    """Knots every quarter of a millisecond at first, ever wider later, and at every edge of a bin."""
-    fine = np.concatenate(
-        [[-_LEAD_S], np.arange(0.0, 0.024, 2.5e-4), np.arange(0.024, 0.06, 1e-3), np.arange(0.06, 0.13, 5e-3)]
-    )
-    late = np.geomspace(0.13, max(offsets[-1], 0.14), 36)
-    every = np.unique(np.round(np.concatenate([fine, late, offsets]), 9))
-    return np.asarray(every[every <= offsets[-1] + 1e-9])
-
-
-def _averages(knots: FloatArray, offsets: FloatArray) -> FloatArray:
-    weights = np.zeros((len(offsets) - 1, len(knots)))
-    for row, (low, high) in enumerate(pairwise(offsets)):
-        inside = np.flatnonzero((knots >= low - 1e-8) & (knots <= high + 1e-8))
-        half = 0.5 * np.diff(knots[inside]) / (knots[inside[-1]] - knots[inside[0]])
-        weights[row, inside[:-1]] += half
-        weights[row, inside[1:]] += half
-    return weights
-
-
-def _cumulative(values: FloatArray, time: FloatArray, knots: FloatArray) -> FloatArray:
-    total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
-    return np.asarray(np.interp(knots, time, total))
-
-
-def _corners(value: float, step: float) -> Corners:
-    """The four values of a grid about a number with Lagrange's weights; itself where it is one of them."""
-    first = int(np.floor(value / step))
-    share = value / step - first
-    if min(share, 1 - share) < 1e-9:
-        return [(round(value / step) * step, 1.0)]
-    first = max(first - 1, 0)
-    at = value / step - first
-    weights = [
-        float(np.prod([(at - other) / (node - other) for other in range(4) if other != node]))
-        for node in range(4)
-    ]
-    return [((first + node) * step, weight) for node, weight in enumerate(weights)]
-
-
-def _with_nuisance(covariance: FloatArray, nodes: FloatArray, offsets: FloatArray) -> FloatArray:
-    """Add wide directions for what oscillates with the motion: it is no loss, whatever its size."""
-    scale = _WIDE * float(np.max(np.diag(covariance)))
-    result = covariance.copy()
-    for signal in (nodes[1], nodes[1] ** 2):
-        total = _cumulative(signal, nodes[0], offsets)
-        mean = np.diff(total) / np.diff(offsets)
-        size = float(np.abs(mean).max())
-        if size > 0:
-            result += scale * np.multiply.outer(mean, mean) / size**2
-    return result

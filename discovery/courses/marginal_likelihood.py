@@ -3,7 +3,8 @@
     y_i = f_i(theta, u_i) + e_i,   u_i ~ N(0, tau_i^2),   e_i ~ N(0, C_i),   ln tau_i = a + b ln(T_i / 100 N)
 
 u_i is integrated out by Laplace's method; a step in theta is a Gauss-Newton step of the model made linear in
-u_i about its mode (M. Lindstrom and D. Bates, Biometrics 46, 673, 1990).
+u_i about its mode (M. Lindstrom and D. Bates, Biometrics 46, 673, 1990). Of several bolts the deviations of
+one bolt share a part (`discovery.courses.between_bolts`), and scatter is (a, b, ln sigma).
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ from functools import cached_property
 import numpy as np
 from scipy import optimize
 
+from discovery.courses.between_bolts import Variances
 from discovery.courses.fitted import Fit
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.prediction import predict
 from discovery.courses.unit_losses import unit_losses
-from discovery.courses.variability import log_limits, log_tension, of_logs, tau
+from discovery.courses.variability import log_limits, log_tension, of_logs, sigma, tau
 from discovery.criteria.courses import Courses
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
@@ -153,7 +155,8 @@ class Problem:
         for place, name in enumerate(self.candidate.free):
             theta[place] += shift if self._is_coefficient(name) else 0.0
         spread = float(np.clip(np.std(u), 0.1, self.rules.largest_variability))
-        return self.solve(theta, np.array([np.log(spread), 0.0]), u, steps=12)
+        scatter = [np.log(spread), 0.0, *([] if self.frozen.bolts is None else [np.log(spread)])]
+        return self.solve(theta, np.array(scatter), u, steps=12)
 
     def _own_rates(self) -> tuple[FloatArray, FloatArray]:
         """Factor on the law that each case's last bin asks for, and how well it tells it, 0 to 1.
@@ -187,7 +190,7 @@ class Problem:
         theta : ndarray, shape (numbers,)
             The law's free numbers.
         scatter : ndarray, shape (2,)
-            a and b of ``ln tau = a + b ln(T / 100 N)``.
+            a and b of ``ln tau = a + b ln(T / 100 N)``; of several bolts shape (3,), with ln sigma.
         u : ndarray, shape (cases,)
             Deviations to start from.
         steps : int
@@ -199,18 +202,31 @@ class Problem:
             At the modes.
         """
         candidate = self.at(theta)
-        tau2 = tau(scatter, self.frozen.initial, self.rules) ** 2
+        tau2, bolts = tau(scatter, self.frozen.initial, self.rules) ** 2, self.frozen.bolts
+        sigma2 = sigma(scatter, self.rules) ** 2
         for step in range(steps + 1):
             residual = self._whitened(self.frozen.change - self._course(candidate, u))
             ahead = self._whitened(self.frozen.change - self._course(candidate, u + _STEP_U))
             slope = (residual - ahead) / _STEP_U
             information = (slope**2).sum(axis=1)
-            newton = ((slope * residual).sum(axis=1) - u / tau2) / (information + 1 / tau2)
+            own = self._within_bolts(u, tau2, sigma2)
+            gradient = (slope * residual).sum(axis=1) - own / tau2
+            if bolts is None:
+                newton = gradient / (information + 1 / tau2)
+            else:
+                newton = bolts.newton(gradient, information, tau2, sigma2)
             if step == steps or np.abs(newton).max() < 1e-3:
                 break
             u = u + np.clip(newton, -_TALLEST_STEP, _TALLEST_STEP)
-        by_case = (residual**2).sum(axis=1) + u**2 / tau2 + np.log1p(tau2 * information)
+        by_case = (residual**2).sum(axis=1) + own**2 / tau2 + np.log1p(tau2 * information)
+        if bolts is not None:
+            by_case += bolts.deviance(bolts.modes(u, tau2, sigma2), information, tau2, sigma2)
         return State(theta, scatter, u, residual, slope, by_case)
+
+    def _within_bolts(self, u: FloatArray, tau2: FloatArray, sigma2: float) -> FloatArray:
+        """Deviations less what the tests of a bolt share."""
+        bolts = self.frozen.bolts
+        return u if bolts is None else u - bolts.modes(u, tau2, sigma2)[bolts.index]
 
     def _course(self, candidate: Candidate, u: FloatArray) -> FloatArray:
         return self.course(candidate, self.frozen, u) + self.offsets
@@ -222,6 +238,8 @@ class Problem:
         """The same place with the scatter that its deviations ask for."""
         information = (state.slope**2).sum(axis=1)
         seen = (state.slope * state.residual).sum(axis=1) + information * state.u
+        if self.frozen.bolts is not None:
+            return self._of_bolts(state, information, seen)
 
         logs, square = log_tension(self.frozen.initial), seen**2
         low, high = log_limits(self.rules)
@@ -241,6 +259,16 @@ class Problem:
             options={"xatol": 5e-3, "fatol": 5e-3, "maxiter": 120},
         )
         scatter = np.array([np.clip(found.x[0], low, high), found.x[1]])
+        if np.abs(scatter - state.scatter).max() < _SAME_SCATTER:
+            return state
+        return self.solve(state.theta, scatter, state.u)
+
+    def _of_bolts(self, state: State, information: FloatArray, seen: FloatArray) -> State:
+        """The same of several bolts, by the restricted likelihood; one bolt alone keeps its sigma."""
+        bolts = self.frozen.bolts
+        assert bolts is not None
+        variances = Variances(bolts, information, seen, self.frozen.initial, self.rules)
+        scatter = variances.best(state.scatter)
         if np.abs(scatter - state.scatter).max() < _SAME_SCATTER:
             return state
         return self.solve(state.theta, scatter, state.u)
@@ -276,6 +304,14 @@ class Problem:
             "c,cp,cq->cpq", share, cross, cross
         )
         right = np.einsum("cbp,cb->cp", jacobian, linear) - (share * seen)[:, None] * cross
+        bolts = self.frozen.bolts
+        if bolts is not None:
+            spread = 1 + tau2 * information
+            of_bolt = bolts.sums(cross / spread[:, None])
+            sigma2 = sigma(state.scatter, self.rules) ** 2
+            part = sigma2 / (1 + sigma2 * bolts.sums(information / spread))
+            matrix -= bolts.divided(np.einsum("b,bp,bq->bpq", part, of_bolt, of_bolt))
+            right -= bolts.divided((part * bolts.sums(seen / spread))[:, None] * of_bolt)
         return matrix, right
 
     def resampled(self, state: State, counts: FloatArray) -> FloatArray:

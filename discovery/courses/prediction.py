@@ -132,9 +132,14 @@ def resimulate(
     """
     if candidate.holds:
         return np.zeros_like(frozen.change)
-    model = frozen.model.with_tension_law(candidate.law(), frozen.link)
-    initial = np.maximum(frozen.initial, 0.0)
-    means = simulated_means(model, frozen, initial, candidate.rated(frozen.factors(deviations)))
+    law, initial = candidate.law(), np.maximum(frozen.initial, 0.0)
+    rated = candidate.rated(frozen.factors(deviations))
+    means = np.empty_like(frozen.change)
+    for model, cases in frozen.by_bolt():
+        part = frozen if len(cases) == len(frozen) else frozen.subset(cases)
+        own = {name: values[cases] for name, values in rated.items()}
+        acting = model.with_tension_law(law, frozen.link)
+        means[cases] = simulated_means(acting, part, initial[cases], own)
     return np.asarray(means - initial[:, None])
 
 

@@ -26,6 +26,11 @@ def tau(scatter: FloatArray, initial: FloatArray, rules: Courses) -> FloatArray:
     return of_logs(scatter, log_tension(initial), *log_limits(rules))
 
 
+def sigma(scatter: FloatArray, rules: Courses) -> float:
+    """Between-bolt standard deviation of the log rate; 0 where there is one bolt."""
+    return float(np.exp(np.clip(scatter[2], *log_limits(rules)))) if len(scatter) > 2 else 0.0
+
+
 def log_limits(rules: Courses) -> tuple[float, float]:
     """Logarithms of the lowest and the highest standard deviation."""
     return float(np.log(rules.least_variability)), float(np.log(rules.largest_variability))

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from sklearn.model_selection import GroupKFold
 
-from discovery.courses.fit import Fit, fit, fit_losses, log_predictive, predict
+from discovery.courses.fit import Fit, by_other_tests, fit, fit_losses, log_predictive, predict
 from discovery.courses.frozen_motion import NUISANCE_DIRECTIONS, FrozenMotion
 from discovery.courses.marginal_likelihood import Problem
 from discovery.criteria.criteria import CRITERIA
@@ -32,7 +32,7 @@ _NUISANCE: Numerical[int] = NUISANCE_DIRECTIONS + 1  # of every case, its own ra
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """Scores on cases while their preload was left out of the fit.
+    """Scores on cases while their preload, or of several bolts their bolt, was left out of the fit.
 
     Attributes
     ----------
@@ -40,10 +40,40 @@ class CrossValidation:
         Log predictive density.
     loss_error_percent : ndarray, shape (cases,)
         ``100 |predicted - measured loss| / |measured loss|`` in the last bin, at the law's typical rate.
+    of_known_bolt : ndarray, shape (cases,), optional
+        The same at the rate that the other tests of its bolt tell, where there are several bolts.
     """
 
     scores: FloatArray
     loss_error_percent: FloatArray
+    of_known_bolt: FloatArray | None = None
+
+
+def groups_of(frozen: FrozenMotion) -> Index:
+    """Number of what every case shares its chance with, (cases,): its bolt, of one bolt its preload."""
+    return preload_groups(frozen) if frozen.bolts is None else frozen.bolts.index
+
+
+def folds_of(frozen: FrozenMotion, groups: Index, seed: int = 0) -> list[Fold]:
+    """Folds of cross-validation: by preload, or of several bolts each bolt left out.
+
+    Parameters
+    ----------
+    frozen : FrozenMotion
+        All cases.
+    groups : ndarray, shape (cases,)
+        As from `groups_of`.
+    seed : int
+        Of the order in which preloads are dealt.
+
+    Returns
+    -------
+    list of (ndarray, ndarray)
+        Places of the cases that are fitted, and of those left out.
+    """
+    if frozen.bolts is None:
+        return preload_folds(groups, seed, frozen.criteria.ranking)
+    return [(np.flatnonzero(groups != g), np.flatnonzero(groups == g)) for g in range(frozen.bolts.count)]
 
 
 def preload_groups(frozen: FrozenMotion) -> Index:
@@ -120,14 +150,19 @@ def cross_validate(
     CrossValidation
         Score and loss error of every case.
     """
-    scores, errors = np.empty(len(frozen)), np.empty(len(frozen))
+    scores, errors, known = (np.empty(len(frozen)) for _ in range(3))
     for (kept, left), (training, unseen) in zip(folds, parts, strict=True):
         found = refit(fitted, training, kept)
         scores[left] = _log_density(found, unseen, fitted.offsets[left], fitted.deviations[left])
         predicted = (predict(found.candidate, unseen) + fitted.offsets[left])[:, -1]
         measured = unseen.change[:, -1]
         errors[left] = 100 * np.abs(predicted - measured) / np.maximum(np.abs(measured), 1e-12)
-    return CrossValidation(np.where(np.isfinite(scores), scores, -1e12), errors)
+        if frozen.bolts is not None:
+            b = by_other_tests(found, unseen, fitted.offsets[left])
+            predicted = (predict(found.candidate, unseen, b) + fitted.offsets[left])[:, -1]
+            known[left] = 100 * np.abs(predicted - measured) / np.maximum(np.abs(measured), 1e-12)
+    scores = np.where(np.isfinite(scores), scores, -1e12)
+    return CrossValidation(scores, errors, None if frozen.bolts is None else known)
 
 
 def _log_density(found: Fit, unseen: FrozenMotion, offsets: FloatArray, deviations: FloatArray) -> FloatArray:
@@ -140,11 +175,18 @@ def _log_density(found: Fit, unseen: FrozenMotion, offsets: FloatArray, deviatio
     scatter, lowest, place = np.array(found.scatter), np.full(len(unseen), np.inf), deviations
     for shift in _SHIFTS:
         trial = problem.solve(problem.theta0, scatter, deviations + shift, steps=0)
-        place = np.where(trial.by_case < lowest, trial.u, place)
-        lowest = np.fmin(lowest, trial.by_case)
+        here = _of_whole_bolts(trial.by_case, unseen)
+        place = np.where(here < lowest, trial.u, place)
+        lowest = np.fmin(lowest, here)
     state = problem.solve(problem.theta0, scatter, place, steps=12)
-    again = -0.5 * (np.fmin(lowest, state.by_case) + normal)
-    return np.asarray(np.fmax(log_predictive(found, unseen, offsets), again))
+    again = -0.5 * (np.fmin(lowest, _of_whole_bolts(state.by_case, unseen)) + normal)
+    plain = log_predictive(found, unseen, offsets)
+    return np.asarray(np.fmax(_of_whole_bolts(plain + 0.5 * normal, unseen) - 0.5 * normal, again))
+
+
+def _of_whole_bolts(values: FloatArray, frozen: FrozenMotion) -> FloatArray:
+    """Values by case, of several bolts each the mean over its bolt: tests of one bolt have one density."""
+    return values if frozen.bolts is None else frozen.bolts.divided(frozen.bolts.sums(values))
 
 
 def refit(fitted: Fit, part: FrozenMotion, index: Index) -> Fit:

@@ -3,33 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
-import numpy as np
-
 from discovery.courses.fit import refine
-from discovery.courses.frozen_motion import FrozenMotion, freeze
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import Candidate, baseline
 from discovery.laws.given import GivenLaw, check_finite, given_law, starts_of
 from discovery.ranking.confidence_sets import exponent_profile, motion_profile
 from discovery.ranking.pairwise import compare_laws, not_told_apart
+from discovery.ranking.population import population_of
 from discovery.ranking.race import race
 from discovery.ranking.result import RankedLaw, Ranking
+from discovery.ranking.specimens import Specimens, specimens
 from discovery.search.selection import select
 from discovery.search.shortlist import Proposals, propose
 from discovery.separating_tests.hits import propose_tests
 from rom.campaign.campaign import Campaign
 from rom.criteria.number import Numerical
-from rom.identification.identify import Identification, identify_campaign
-from rom.identification.reduce import Progress, reduce_records, tension_courses
+from rom.identification.reduce import Progress
 from rom.model.laws import Law
 from rom.one_thread import one_threaded
-from rom.signals.measured_records import judged_by, screened, with_something_left, with_stored_records
-from rom.signals.quality import Doubt
-from rom.signals.tension_bins import TensionCourse
+from rom.signals.measured_records import with_stored_records
 
 Stages = Callable[[str], Progress | None]
 Given: TypeAlias = str | Law | Candidate
@@ -39,7 +35,7 @@ _NAMED: Numerical[int] = 5  # of columns left out
 @one_threaded
 @with_stored_records
 def discover(
-    campaign: Campaign,
+    campaign: Campaign | Sequence[Campaign],
     jobs: int = 1,
     progress: Stages | None = None,
     seed: int = 0,
@@ -54,8 +50,10 @@ def discover(
 
     Parameters
     ----------
-    campaign : Campaign
-        As read by `rom.read_campaign`; nothing is fitted to its held-out records.
+    campaign : Campaign or sequence of Campaign
+        As read by `rom.read_campaign`; nothing is fitted to held-out records. Several are of bolts of one
+        kind: the law is shared, its rate differs from bolt to bolt (`ranking.population`), and whole bolts
+        are left out in cross-validation.
     jobs : int
         Processes; the numbers do not depend on it.
     progress : callable
@@ -86,8 +84,9 @@ def discover(
     Raises
     ------
     ValueError
-        If the model has not one bolted link, fewer than four training records with a hit and a tension are
-        left, a law of one's own cannot be one, or a library or an optimizer cannot be used.
+        If the model has not one bolted link, several campaigns are not of one kind, fewer than four training
+        records with a hit and a tension are left, a law of one's own cannot be one, or a library or an
+        optimizer cannot be used.
 
     Examples
     --------
@@ -97,7 +96,7 @@ def discover(
     given, selection = _given(laws), select(libraries, optimizers)
     if max_terms is not None:
         criteria = criteria.changed(search={"largest_support": _at_least_one(max_terms)})
-    data = _data(campaign, jobs, stage, tightening, criteria)
+    data = specimens(campaign, jobs, stage, tightening, criteria)
     check_given(given, data.frozen)
     first = refine(baseline(), data.frozen)
     proposals = propose(data.frozen, first, seed, tightening, jobs, stage("proposing laws"), selection)
@@ -107,7 +106,7 @@ def discover(
 @one_threaded
 @with_stored_records
 def compare(
-    campaign: Campaign,
+    campaign: Campaign | Sequence[Campaign],
     laws: Sequence[Given],
     jobs: int = 1,
     progress: Stages | None = None,
@@ -145,38 +144,9 @@ def compare(
     given = _given(laws)
     if not given:
         raise ValueError("found no law to compare, expected one or more")
-    data = _data(campaign, jobs, stage, tightening, criteria)
+    data = specimens(campaign, jobs, stage, tightening, criteria)
     check_given(given, data.frozen)
     return _ranking(data, given, Proposals((), 0, {}, ()), seed, jobs, stage)
-
-
-@dataclass(frozen=True, eq=False)
-class _Data:
-    """What laws are fitted to and judged by."""
-
-    campaign: Campaign
-    found: Identification
-    frozen: FrozenMotion
-    hold_out: FrozenMotion | None
-    doubts: tuple[Doubt, ...]
-    rose: tuple[str, ...]
-
-
-def _data(campaign: Campaign, jobs: int, stage: Stages, tightening: bool, criteria: Criteria) -> _Data:
-    campaign = with_something_left(screened(judged_by(campaign, criteria.of_records), jobs))
-    found = identify_campaign(campaign, jobs, stage("identifying"))
-    unseen, doubts = _held_out(campaign, found, jobs, stage)
-    rules = criteria.ranking
-    kept, rose = _loosened(found.courses, tightening, rules)
-    if len(kept) < rules.least_cases:
-        raise ValueError(
-            f"{campaign.path}: found {len(kept)} loosening records with a hit and a tension that may be "
-            f"fitted, expected {rules.least_cases:g} or more to compare tension laws"
-        )
-    model = replace(found.model, identification=None)
-    frozen = freeze(model, kept, signed=tightening, criteria=criteria)
-    hold_out = freeze(model, unseen, signed=tightening, criteria=criteria) if unseen else None
-    return _Data(campaign, found, frozen, hold_out, doubts, rose)
 
 
 def _at_least_one(terms: int) -> int:
@@ -203,25 +173,26 @@ def check_given(laws: Sequence[Candidate], frozen: FrozenMotion) -> None:
 
 
 def _ranking(
-    data: _Data, given: Sequence[Candidate], proposals: Proposals, seed: int, jobs: int, stage: Stages
+    data: Specimens, given: Sequence[Candidate], proposals: Proposals, seed: int, jobs: int, stage: Stages
 ) -> Ranking:
-    frozen, hold_out, found = data.frozen, data.hold_out, data.found
+    frozen, hold_out = data.frozen, data.hold_out
     starts = [start for law in given for start in starts_of(law)]
     laws = race(
-        [*starts, *proposals.candidates], frozen, hold_out, data.campaign, seed, jobs, stage("ranking laws")
+        [*starts, *proposals.candidates], frozen, hold_out, data.campaigns, seed, jobs, stage("ranking laws")
     )
+    set_aside, warnings = data.notes()
     ranking = Ranking(
         laws=laws,
         considered=proposals.considered + len(given),
-        identified=found.model,
+        identified=data.bolts[0].found.model,
         inclusion=proposals.inclusion,
         courses=(*frozen.courses, *(hold_out.courses if hold_out else ())),
-        scatter=laws[0].fit.scatter,
+        population=population_of(laws[0].fit, data),
+        scatter=(laws[0].fit.scatter[0], laws[0].fit.scatter[1]),
         rules=frozen.criteria.ranking,
-        set_aside=tuple(f"{doubt.file}: {doubt.message}" for doubt in (*found.set_aside, *data.doubts)),
+        set_aside=set_aside,
         warnings=(
-            *found.warnings,
-            *(f"{file}: its tension rose; not fitted" for file in data.rose),
+            *warnings,
             *_left_out(proposals.dropped),
             *proposals.notes,
             *_not_fitted(given, laws),
@@ -238,31 +209,6 @@ def _not_fitted(given: Sequence[Candidate], laws: Sequence[RankedLaw]) -> tuple[
         for law in given
         if law.name not in there
     )
-
-
-def _held_out(
-    campaign: Campaign, found: Identification, jobs: int, stage: Stages
-) -> tuple[tuple[TensionCourse, ...], tuple[Doubt, ...]]:
-    """Return the courses of the held-out loosening records, and why others of them are set aside."""
-    records = campaign.select("loosening", hold_out=True)
-    if not records:
-        return (), ()
-    reduced = list(reduce_records(campaign, records, jobs, stage("reading held-out records")))
-    sound = [record for record in reduced if not record.doubts]
-    doubts = tuple(doubt for record in reduced for doubt in record.doubts)
-    return tension_courses(sound, found.course_noise, campaign.settings), doubts
-
-
-def _loosened(
-    courses: Sequence[TensionCourse], tightening: bool, rules: RankingRules
-) -> tuple[tuple[TensionCourse, ...], tuple[str, ...]]:
-    """Return the courses to fit, and the files of those that tightened beyond their noise."""
-    rose = {
-        course.file
-        for course in courses
-        if not tightening and course.change[-1] > rules.tightened * np.sqrt(course.covariance[-1, -1])
-    }
-    return tuple(c for c in courses if c.file not in rose), tuple(sorted(rose))
 
 
 def _left_out(columns: Sequence[str]) -> tuple[str, ...]:

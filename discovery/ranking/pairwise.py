@@ -8,10 +8,10 @@ from itertools import combinations
 
 import numpy as np
 
-from discovery.courses.fit import Fit, log_predictive, predict
+from discovery.courses.fit import Fit, log_predictive, predict, within_bolts
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.criteria import CRITERIA
-from discovery.ranking.cross_validation import preload_groups
+from discovery.ranking.cross_validation import groups_of
 from discovery.ranking.ordering import Index, beyond_chance, paired
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -83,7 +83,7 @@ def compare_laws(
         if scores is None or found.candidate.name not in scores
     }
     known = {**own, **(scores or {})}
-    groups = preload_groups(frozen)
+    groups = groups_of(frozen)
     return tuple(_pair(a, b, frozen, known, groups) for a, b in combinations(fits, 2))
 
 
@@ -129,12 +129,12 @@ def separation(a: Fit, b: Fit, frozen: FrozenMotion) -> float:
 
 
 def _marginal(found: Fit, frozen: FrozenMotion) -> tuple[FloatArray, FloatArray]:
-    """Mean and covariance of the courses, linear in the deviations about their modes."""
+    """Mean and covariance of the courses, linear in the deviations about their modes, bolts about theirs."""
     here = predict(found.candidate, frozen, found.deviations) + found.offsets
     ahead = predict(found.candidate, frozen, found.deviations + _STEP) + found.offsets
     slope = (ahead - here) / _STEP
     spread = found.tau(frozen.initial)[:, None] * slope
-    return here - slope * found.deviations[:, None], frozen.covariance + np.einsum(
+    return here - slope * within_bolts(found, frozen)[:, None], frozen.covariance + np.einsum(
         "ci,cj->cij", spread, spread
     )
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from joblib import Parallel, delayed
 from scipy import optimize, stats
 
-from discovery.courses.fit import Fit, correction, fit, predict, refine, resimulate
+from discovery.courses.fit import Fit, correction, fit, predict, refine, resimulate, within_bolts
 from discovery.courses.frozen_motion import NUISANCE_DIRECTIONS, FrozenMotion
 from discovery.laws.candidate import Candidate
 from discovery.laws.factors import Factor, Inner
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
+from rom.model.model import Model
 
 _CLOSE: Numerical[float] = 0.005  # of an exponent
 _FAR: Numerical[float] = 100.0  # no value is worth a fit beyond this deviance
@@ -134,7 +135,7 @@ class Curve:
         for path, parameter in model.parameters.items():
             if parameter.high is None or ".tension_rate." in path:
                 continue
-            other = replace(self.frozen, model=model.with_values({path: parameter.high}))
+            other = self.frozen.with_models(partial(_at_high, path=path))
             change = resimulate(best.candidate, other, best.deviations) - plain
             if np.isfinite(change).all():
                 moved = fit(best.candidate, self.frozen, best.offsets + change, best)
@@ -175,11 +176,18 @@ class Curve:
         return float(optimize.brentq(excess, inner, outer, xtol=close)) if excess(outer) > 0 else outer
 
 
+def _at_high(model: Model, path: str) -> Model:
+    """The model with one number at its upper limit."""
+    high = model.parameters[path].high
+    return model if high is None else model.with_values({path: high})
+
+
 def dispersion_of(found: Fit, frozen: FrozenMotion) -> tuple[float, bool]:
     """Mean square of the whitened residuals, one at least, and whether chance allows it."""
     residual = frozen.change - (predict(found.candidate, frozen, found.deviations) + found.offsets)
     solved = np.linalg.solve(frozen.covariance, residual[..., None])[..., 0]
-    square = float((residual * solved).sum() + ((found.deviations / found.tau(frozen.initial)) ** 2).sum())
+    own = within_bolts(found, frozen) / found.tau(frozen.initial)
+    square = float((residual * solved).sum() + (own**2).sum())
     freedom = max(residual.size - NUISANCE_DIRECTIONS * len(frozen) - len(found.free), 1)
     return max(square / freedom, 1.0), bool(
         stats.chi2.sf(square, freedom) > frozen.criteria.ranking.misfit_chance

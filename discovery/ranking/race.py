@@ -22,7 +22,7 @@ from discovery.ranking.result import RankedLaw, Ranking, with_law
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.evaluation.error_measures import Errors, summarise
+from rom.evaluation.error_measures import Comparison, Errors, summarise
 from rom.evaluation.evaluate import evaluate
 from rom.identification.reduce import Progress
 from rom.model.laws import Parameter
@@ -47,7 +47,7 @@ def race(
     candidates: Sequence[Candidate],
     frozen: FrozenMotion,
     hold_out: FrozenMotion | None = None,
-    campaign: Campaign | None = None,
+    campaign: Campaign | Sequence[Campaign] | None = None,
     seed: int = 0,
     jobs: int = 1,
     progress: Progress | None = None,
@@ -62,8 +62,9 @@ def race(
         Motion and tension courses of the training records.
     hold_out : FrozenMotion
         Of records that no fit sees: they only say which records of the campaign are judged as held out.
-    campaign : Campaign
-        Its loosening records are re-simulated in full with every law listed; None: `errors` are empty.
+    campaign : Campaign or sequence of Campaign
+        Its loosening records are re-simulated in full with every law listed; None: `errors` are empty. Of
+        several bolts one each, in their order.
     seed, jobs, progress
         Of folds and resampling; processes; told what is done, in percent. No number depends on `jobs`.
 
@@ -75,13 +76,13 @@ def race(
     Raises
     ------
     ValueError
-        If all records have one preload.
+        If all records have one preload, or are of one bolt.
     """
     rng = np.random.default_rng(seed)
-    rules, groups = frozen.criteria.ranking, validation.preload_groups(frozen)
+    rules, groups = frozen.criteria.ranking, validation.groups_of(frozen)
     refining = (rules.refined_least, rules.refined_most, rules.refined_reach)
     validating = (rules.validated_least, rules.validated_most, rules.validated_reach)
-    folds = validation.preload_folds(groups, seed, rules)
+    folds = validation.folds_of(frozen, groups, seed)
     run = _Runner(jobs, progress, 3 if campaign is None else 4)
     starts = [*_baseline_starts(), *rivals_always_in_the_race(), *candidates]
     first = _lowest(run(0, _fit_some, starts, frozen))
@@ -93,7 +94,8 @@ def race(
     entrants = [replace(e, validation=v) for e, v in zip(entrants, validated, strict=True)]
     laws = _ranked(entrants, frozen, groups, rng)
     if campaign is not None:
-        laws = _judged(laws, frozen, hold_out, campaign, jobs, run)
+        campaigns = (campaign,) if isinstance(campaign, Campaign) else campaign
+        laws = _judged(laws, frozen, hold_out, campaigns, jobs, run)
     shares = ordering.probabilities(np.stack([law.scores for law in laws]), groups, rng, rules)
     return tuple(replace(law, probability=float(p)) for law, p in zip(laws, shares, strict=True))
 
@@ -306,10 +308,15 @@ def _ranked(
             candidate=replace(fits[k].candidate, name=name),
             scores=scores[k],
             chosen=float(shares[k]),
+            known_bolt_loss_error_percent_median=_median(checks[k].of_known_bolt),
             identified=frozen.model,
         )
         for rank, (name, k) in enumerate(zip(names, places, strict=True), 1)
     )
+
+
+def _median(values: FloatArray | None) -> float | None:
+    return None if values is None else float(np.median(values))
 
 
 def _parameters(
@@ -336,22 +343,28 @@ def _judged(
     laws: Sequence[RankedLaw],
     frozen: FrozenMotion,
     hold_out: FrozenMotion | None,
-    campaign: Campaign,
+    campaigns: Sequence[Campaign],
     jobs: int,
     run: _Runner,
 ) -> tuple[RankedLaw, ...]:
     """The laws that are listed, with their errors on training and held-out records."""
     listed = _listed(laws, frozen.criteria.ranking)
-    unseen = {course.file for course in hold_out.courses} if hold_out is not None else set()
-    files = {course.file for course in frozen.courses} | unseen
-    records = [record for record in campaign.settings.record if record.file in files]
-    models = [with_law(frozen.model, law) for law in listed]
-    judged = evaluate(
-        models, campaign, records, jobs, lambda done, total: run.report(run.stages - 1, done / total)
-    )
+    judged: list[tuple[bool, tuple[Comparison, ...]]] = []
+    for place, campaign in enumerate(campaigns):
+        unseen = _files(hold_out, place)
+        records = [r for r in campaign.settings.record if r.file in _files(frozen, place) | unseen]
+        models = [
+            with_law(frozen.bolt_models[place] if frozen.bolt_models else frozen.model, law) for law in listed
+        ]
+
+        def told(done: int, total: int, before: int = place) -> None:
+            run.report(run.stages - 1, (before + done / total) / len(campaigns))
+
+        of_bolt = evaluate(models, campaign, records, jobs, told)
+        judged += [(j.settings.file in unseen, j.comparisons) for j in of_bolt if j.comparisons]
     errors: list[dict[str, Errors]] = []
     for place in range(len(listed)):
-        of = [(j.settings.file in unseen, j.comparisons[place]) for j in judged if j.comparisons]
+        of = [(held, comparisons[place]) for held, comparisons in judged]
         errors.append(
             {
                 "training": summarise(c for held, c in of if not held),
@@ -362,3 +375,11 @@ def _judged(
         replace(law, rank=rank, errors=found)
         for rank, (law, found) in enumerate(zip(listed, errors, strict=True), 1)
     )
+
+
+def _files(frozen: FrozenMotion | None, bolt: int) -> set[str]:
+    """Files of the records of a bolt."""
+    if frozen is None:
+        return set()
+    of = np.zeros(len(frozen), dtype=np.int64) if frozen.bolt is None else frozen.bolt
+    return {course.file for course, place in zip(frozen.courses, of, strict=True) if place == bolt}

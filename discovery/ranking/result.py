@@ -13,6 +13,8 @@ from discovery.criteria.criteria import CRITERIA
 from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import Candidate
 from discovery.laws.names import term_form
+from discovery.ranking.population import Bolt, Population, new_bolt
+from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
 from rom.evaluation.error_measures import Errors
 from rom.model.latex import latex_of
@@ -33,7 +35,10 @@ class RankedLaw:
     errors : mapping
         Errors by full re-simulation on ``"training"`` and ``"hold_out"`` records.
     cross_validated_loss_error_percent_median : float
-        Median over records of ``100 |predicted - measured loss| / |measured loss|``, their preload left out.
+        Median over records of ``100 |predicted - measured loss| / |measured loss|``, their preload left out;
+        of several bolts their bolt.
+    known_bolt_loss_error_percent_median : float
+        The same at the rate that the other tests of the bolt tell; None where there is one bolt.
     cross_validated_score : float
         Log predictive density of all records, each while its preload was left out; `scores` by record.
     delta_bic : float
@@ -85,6 +90,7 @@ class RankedLaw:
     scores: FloatArray
     chosen: float = 0.0
     probability: float = 0.0
+    known_bolt_loss_error_percent_median: float | None = None
     indistinguishable: tuple[str, ...] = ()
     identified: Model | None = None
 
@@ -166,6 +172,8 @@ class Ranking(HasViews):
         Tests that would tell the first laws apart.
     courses : tuple of TensionCourse
         What was measured.
+    population : Population
+        How the rate of the first law differs from bolt to bolt, where there are several.
     scatter : tuple of float
         a and b of ln tau, tau the case-to-case scatter of the log rate: ``a + b ln(T / 100 N)``.
 
@@ -189,6 +197,7 @@ class Ranking(HasViews):
     indistinguishable: tuple[str, ...] = ()
     proposals: tuple[Any, ...] = ()
     courses: tuple[TensionCourse, ...] = ()
+    population: Population | None = None
     scatter: tuple[float, float] = (0.0, 0.0)
     set_aside: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -209,6 +218,37 @@ class Ranking(HasViews):
     def model(self) -> Model:
         """The identified model with the first law."""
         return with_law(self.identified, self.laws[0])
+
+    def for_bolt(self, campaign: Campaign, law: str | None = None, jobs: int = 1) -> Bolt:
+        """Return another bolt of the kind: its rate told by the few hits that it has had and the population.
+
+        Parameters
+        ----------
+        campaign : Campaign
+            Of the bolt; with few loosening tests, or none.
+        law : str, optional
+            Name of a law of the ranking; the first if not given.
+        jobs : int
+            Processes.
+
+        Returns
+        -------
+        Bolt
+            Its deviation with limits; `model` simulates and saves itself.
+
+        Raises
+        ------
+        ValueError
+            If the ranking is of one bolt, or the campaign is not of this kind.
+
+        Examples
+        --------
+        >>> ranking.for_bolt(rom.read_campaign("ninth")).model.save("ninth.json")  # doctest: +SKIP
+        """
+        if self.population is None:
+            raise ValueError("found a ranking of one bolt, expected one of several campaigns")
+        chosen = self.laws[0] if law is None else self[law]
+        return new_bolt(campaign, chosen.fit, self.identified, jobs)
 
     @property
     def chosen_terms(self) -> dict[str, float]:

@@ -143,7 +143,7 @@ class _Guided:
         followed = along(guide, frozen)
         smooth = smoothed(guide, followed)
         assumed = assumed_variability(tightening, frozen.criteria.courses)
-        scatter = np.minimum(guide.tau(frozen.initial), assumed)
+        scatter = np.minimum(np.hypot(guide.tau(frozen.initial), guide.sigma), assumed)
         roots = whitener(followed, smooth), whitener(followed, smooth, scatter)
         return cls(guide, followed, tightening, selection, *roots)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
+from discovery.ranking.population import Population
 from discovery.ranking.result import RankedLaw, Ranking
 from discovery.views.closure_section import parameter_row
 from discovery.views.palette import INCH_PER_MM, WIDTH
@@ -32,11 +33,13 @@ def summary(ranking: Ranking) -> str:
     lines.append(_verdict(first, ranking.rules.better))
     for name in (BASELINE, NO_LOOSENING):
         lines += [_against(first, law) for law in ranking.laws[1:] if law.name == name]
+    lines += [_population(ranking.population)] if ranking.population else []
     named = [(law.name, law.chosen) for law in ranking.laws if law.chosen >= ranking.rules.named]
     rest = 1.0 - sum(share for _, share in named)
     shares = [*named, *([("others", rest)] if rest >= ranking.rules.named else [])]
     share = "; ".join(f"{name} {100 * share:.0f} %" for name, share in shares)
-    lines.append(f"Comes first when preloads are drawn again: {share}.")
+    drawn = "bolts" if ranking.population else "preloads"
+    lines.append(f"Comes first when {drawn} are drawn again: {share}.")
     if ranking.indistinguishable:
         lines.append(f"These records cannot tell it from: {'; '.join(ranking.indistinguishable)}.")
     elif ranking.laws[1:]:
@@ -56,6 +59,7 @@ def frame(ranking: Ranking) -> DataFrame:
             "loss_error_percent": law.cross_validated_loss_error_percent_median,
             "hold_out_loss_error_percent": _error(law, "hold_out", "tension_loss_error_percent_median"),
             "final_tension_error_percent": _error(law, "training", "final_tension_error_percent_mean"),
+            "known_bolt_loss_error_percent": law.known_bolt_loss_error_percent_median,
             "score": law.cross_validated_score,
             "delta_bic": law.delta_bic,
             "wins": law.wins_against_baseline[0],
@@ -96,6 +100,17 @@ def figure(ranking: Ranking) -> Figure:
     return made
 
 
+def _population(population: Population) -> str:
+    bolts, tests = (
+        f"{one.value:.2g} ({one.low:.2g} to {one.high:.2g})"
+        for one in (population.between_bolts, population.between_tests)
+    )
+    return (
+        f"Standard deviation of ln rate between {len(population.bolts)} bolts {bolts}, between tests of "
+        f"a bolt {tests}."
+    )
+
+
 def _verdict(first: RankedLaw, better: float) -> str:
     p = first.p_value_against_baseline
     if p is None:
@@ -106,9 +121,12 @@ def _verdict(first: RankedLaw, better: float) -> str:
 
 
 def _against(first: RankedLaw, law: RankedLaw) -> str:
+    left_out = (
+        "at preloads left out" if law.known_bolt_loss_error_percent_median is None else "of bolts left out"
+    )
     own, other = (x.cross_validated_loss_error_percent_median for x in (first, law))
     return (
-        f"Loss of tension at preloads left out: off by {own:.3g} % (median); {law.name}: {other:.3g} %; "
+        f"Loss of tension {left_out}: off by {own:.3g} % (median); {law.name}: {other:.3g} %; "
         f"its BIC is {abs(law.delta_bic):.4g} {'higher' if law.delta_bic >= 0 else 'lower'}."
     )
 

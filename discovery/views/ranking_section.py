@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from discovery.views.closure_section import parameter_row
@@ -9,13 +10,16 @@ from rom.model.laws import Z95
 
 if TYPE_CHECKING:
     from discovery.ranking.confidence_sets import ExponentProfile, MotionProfile
+    from discovery.ranking.population import Population
     from discovery.ranking.result import RankedLaw, Ranking
     from discovery.separating_tests.hits import Proposal
 
 
 def ranking_section(ranking: Ranking) -> dict[str, Any]:
     """Return what ranking.json says, but for its header and the tests one by one."""
+    population = ranking.population
     return {
+        **({} if population is None else {"population": _population_row(population)}),
         "laws": [_law_row(law) for law in ranking.laws],
         "considered": ranking.considered,
         "indistinguishable": list(ranking.indistinguishable),
@@ -39,6 +43,11 @@ def _law_row(law: RankedLaw) -> dict[str, Any]:
         "errors": {kind: dict(law.errors.get(kind) or {}) for kind in ("training", "hold_out")},
         "cross_validated_loss_error_percent_median": law.cross_validated_loss_error_percent_median,
         "cross_validated_score": law.cross_validated_score,
+        **(
+            {}
+            if law.known_bolt_loss_error_percent_median is None
+            else {"known_bolt_loss_error_percent_median": law.known_bolt_loss_error_percent_median}
+        ),
         "delta_bic": law.delta_bic,
         "wins_against_baseline": list(law.wins_against_baseline),
         "p_value_against_baseline": law.p_value_against_baseline,
@@ -48,6 +57,18 @@ def _law_row(law: RankedLaw) -> dict[str, Any]:
         "free_numbers": law.free_numbers,
         "look_alikes": list(law.look_alikes),
         "source": law.source,
+    }
+
+
+def _population_row(population: Population) -> dict[str, Any]:
+    return {
+        "between_bolts": asdict(population.between_bolts),
+        "between_tests": asdict(population.between_tests),
+        "tension_n": population.tension,
+        "bolts": [
+            {"campaign": bolt.name, "tests": bolt.tests, "deviation": asdict(bolt.deviation)}
+            for bolt in population.bolts
+        ],
     }
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +25,7 @@ from rom.signals.tension_bins import TensionCourse
 
 if TYPE_CHECKING:
     from discovery.ranking.result import RankedLaw, Ranking
+    from rom.model.model import Model
 
 NO_RANKING: Mapping[str, Any] = {
     "laws": [],
@@ -33,7 +36,7 @@ _SHOWN = 8  # laws in the summary
 
 
 def run(
-    campaign_path: Path,
+    campaign_path: Path | Sequence[Path],
     out: Path | None = None,
     seed: int = 0,
     jobs: int = 1,
@@ -51,10 +54,10 @@ def run(
 
     Parameters
     ----------
-    campaign_path : Path
-        Folder of the campaign.
+    campaign_path : Path or sequence of Path
+        Folder of the campaign, or those of several bolts of one kind.
     out : Path, optional
-        Folder of the results; beside the campaign if not given.
+        Folder of the results; beside the campaign if not given, as `place_of_results`.
     seed : int
         Of all that is drawn.
     jobs : int
@@ -86,33 +89,39 @@ def run(
     """
     import discovery
     from discovery.laws.law_file import read_laws
+    from discovery.ranking.specimens import check_one_kind
     from experiments.figures.discovery import discovery_figures
 
     started = time.perf_counter()
     given = read_laws(laws) if laws is not None else ()
     report = progress or (lambda _: None)
-    campaign = read_campaign(campaign_path, jobs, report("checking records"))
-    enough(campaign, campaign_path)
-    folder = results_folder(campaign_path, out)
-    header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
-    with results_into(folder) as new, stored(campaign) as campaign:
-        campaign = screened(campaign, jobs)
+    paths = [campaign_path] if isinstance(campaign_path, Path) else list(campaign_path)
+    read = [read_campaign(path, jobs, report("checking records")) for path in paths]
+    check_one_kind(read, tightening)
+    enough(read, paths[0])
+    folder = place_of_results(paths, out)
+    digest = digest_of(read)
+    header: dict[str, Any] = {"campaign": ", ".join(one.settings.name for one in read), "seed": seed}
+    with results_into(folder) as new, ExitStack() as places:
+        campaigns = [screened(places.enter_context(stored(one)), jobs) for one in read]
+        subject = campaigns[0] if len(campaigns) == 1 else campaigns
         try:
-            left_for_laws(campaign)
+            for campaign in campaigns:
+                left_for_laws(campaign)
             if given_only:
-                ranking = discovery.compare(campaign, given, jobs, report, seed, tightening)
+                ranking = discovery.compare(subject, given, jobs, report, seed, tightening)
             else:
                 ranking = discovery.discover(
-                    campaign, jobs, report, seed, tightening, laws=given, libraries=libraries,
+                    subject, jobs, report, seed, tightening, laws=given, libraries=libraries,
                     optimizers=optimizers, max_terms=max_terms,
                 )  # fmt: skip
         except NothingLeftError as nothing:
             header |= {"elapsed_s": time.perf_counter() - started, "command": command}
-            header["campaign_digest"] = campaign.digest
+            header["campaign_digest"] = digest
             write_without_records(new / "ranking.json", "ranking", nothing, NO_RANKING, header)
             return folder / "ranking.json"
-        content = plain(ranking_content(ranking) | {"command": command, "campaign_digest": campaign.digest})
-        told = suspected(campaign, content["laws"][0]["errors"]["training"])
+        content = plain(ranking_content(ranking) | {"command": command, "campaign_digest": digest})
+        told = suspected(campaigns, content["laws"][0]["errors"]["training"])
         content |= told
         header["elapsed_s"] = round(time.perf_counter() - started, 3)
         ranking.model.save(new / "model.json", **header, **told, identification=model_section(content))
@@ -121,8 +130,28 @@ def run(
     return folder / "ranking.json"
 
 
-def enough(campaign: Campaign, path: Path) -> None:
-    """Refuse a campaign whose loosening records are too few to compare laws.
+def place_of_results(paths: Sequence[Path], out: Path | None) -> Path:
+    """Return where results go: `out`, or beside the campaign; of several beside the first, with their number.
+
+    Raises
+    ------
+    OSError
+        If nothing can be written there.
+    """
+    first, more = paths[0].resolve(), len(paths) - 1
+    folder = first.parent if first.is_file() else first
+    return results_folder(folder.with_name(f"{folder.name}-and-{more}-more") if more else paths[0], out)
+
+
+def digest_of(campaigns: Sequence[Campaign]) -> str:
+    """Return the digest of a campaign, or one of the digests of several."""
+    if len(campaigns) == 1:
+        return campaigns[0].digest
+    return hashlib.sha256("\n".join(one.digest for one in campaigns).encode()).hexdigest()
+
+
+def enough(campaigns: Sequence[Campaign], path: Path) -> None:
+    """Refuse campaigns whose loosening records are too few to compare laws.
 
     Raises
     ------
@@ -132,7 +161,7 @@ def enough(campaign: Campaign, path: Path) -> None:
     from discovery.criteria.criteria import CRITERIA
 
     least = CRITERIA.ranking.least_cases
-    training = [record for record in campaign.select("loosening") if not record.hold_out]
+    training = [r for one in campaigns for r in one.select("loosening") if not r.hold_out]
     if len(training) < least:
         raise ValueError(
             f"{path}: found {len(training)} loosening records that are not held out, expected "
@@ -196,7 +225,9 @@ def ranking_content(ranking: Ranking) -> dict[str, Any]:
 
 def _case_rows(ranking: Ranking, names: Sequence[str]) -> list[dict[str, Any]]:
     """Return what every loosening test measured, and its course and loss by the laws of the figures."""
-    predicted = {name: _predicted(ranking, ranking[name], ranking.courses) for name in names}
+    predicted = {name: _predicted_of_bolts(ranking, ranking[name]) for name in names}
+    population = ranking.population
+    bolts = [population.bolts[k].name for k in population.of_course] if population else []
     rows = []
     for place, course in enumerate(ranking.courses):
         loss = course.initial - course.final
@@ -204,6 +235,7 @@ def _case_rows(ranking: Ranking, names: Sequence[str]) -> list[dict[str, Any]]:
         rows.append(
             {
                 "file": course.file,
+                **({"campaign": bolts[place]} if bolts else {}),
                 "hold_out": course.hold_out,
                 "preload_n": course.preload,
                 "initial_tension_n": course.initial,
@@ -223,11 +255,23 @@ def _case_rows(ranking: Ranking, names: Sequence[str]) -> list[dict[str, Any]]:
     return rows
 
 
-def _predicted(ranking: Ranking, law: RankedLaw, courses: Sequence[TensionCourse]) -> list[FloatArray]:
-    """Return the mean tensions [N] of each test in its bins, then in its final window, by full simulation."""
+def _predicted_of_bolts(ranking: Ranking, law: RankedLaw) -> list[FloatArray]:
+    """Return what `_predicted` does of each test, of several bolts by the model of its own."""
     from discovery.ranking.result import with_law
 
-    model = with_law(ranking.identified, law)
+    population, courses = ranking.population, ranking.courses
+    if population is None:
+        return _predicted(with_law(ranking.identified, law), courses)
+    found: dict[int, FloatArray] = {}
+    for bolt in dict.fromkeys(population.of_course):
+        places = [place for place, of in enumerate(population.of_course) if of == bolt]
+        model = with_law(population.bolts[bolt].model, law)
+        found |= dict(zip(places, _predicted(model, [courses[k] for k in places]), strict=True))
+    return [found[place] for place in range(len(courses))]
+
+
+def _predicted(model: Model, courses: Sequence[TensionCourse]) -> list[FloatArray]:
+    """Return the mean tensions [N] of each test in its bins, then in its final window, by full simulation."""
     found: dict[int, FloatArray] = {}
     kinds = [(c.body, c.rate_hz, c.tension_rate_hz, len(c.force), len(c.edges_s)) for c in courses]
     for kind in dict.fromkeys(kinds):

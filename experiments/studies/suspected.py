@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -22,19 +22,26 @@ def screening_of(campaign: Campaign) -> Screening:
     return found or Screening()
 
 
-def suspected(campaign: Campaign, errors: Data | None) -> dict[str, Any]:
+def suspected(campaign: Campaign | Sequence[Campaign], errors: Data | None) -> dict[str, Any]:
     """Return keys of a result file: `suspicions`, and `unfit` where the model does not describe the records.
 
     Parameters
     ----------
-    campaign : Campaign
-        As screened.
+    campaign : Campaign or sequence of Campaign
+        As screened; of several each row says of which it is.
     errors : mapping, optional
         Of the model on training records; None where nothing was fitted.
     """
-    screening = screening_of(campaign)
-    unfit = misfit(errors or {}, screening.lost, causes(screening.suspicions))
-    rows = {"suspicions": plain([asdict(one) for one in screening.suspicions])}
+    several = (campaign,) if isinstance(campaign, Campaign) else tuple(campaign)
+    found = [screening_of(one) for one in several]
+    lost = tuple(dict.fromkeys(test for one in found for test in one.lost))
+    unfit = misfit(errors or {}, lost, causes([s for one in found for s in one.suspicions]))
+    listed = [
+        asdict(s) | ({"campaign": of.settings.name} if len(several) > 1 else {})
+        for of, one in zip(several, found, strict=True)
+        for s in one.suspicions
+    ]
+    rows = {"suspicions": plain(listed)}
     return rows | ({"unfit": unfit} if unfit else {})
 
 

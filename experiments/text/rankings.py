@@ -68,7 +68,8 @@ def _against_baseline(best: Data, equals: Sequence[str], told: str) -> tuple[str
 
 
 def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
-    yield from _on_errors(best, laws)
+    yield from _on_errors(best, laws, "bolts" if data.get("population") else "preloads")
+    yield from _on_population(data.get("population"), best)
     yield from _on_wins(best, laws)
     equals = _equals(data)
     if equals:
@@ -101,11 +102,29 @@ def _on_number(considered: int, laws: Sequence[Data]) -> str:
     return f"{considered} candidate laws were considered; {len(laws)} laws are listed below."
 
 
-def _on_errors(best: Data, laws: Sequence[Data]) -> Iterator[str]:
+def _on_population(population: object, best: Data) -> Iterator[str]:
+    if not isinstance(population, Mapping):
+        return
+    shown = [
+        [trimmed(number(row[key], 2)) for key in ("value", "low", "high")]
+        for row in (population["between_bolts"], population["between_tests"])
+    ]
+    between, within = (f"{value} ({low} to {high})" for value, low, high in shown)
+    known = best.get("known_bolt_loss_error_percent_median")
+    yield (
+        f"Between {len(population['bolts'])} bolts ln(rate) has a standard deviation of {between}, between "
+        f"tests of one bolt of {within}; with a bolt's other tests known its loss is off by "
+        f"{number(known, 3)} %."
+    )
+
+
+def _on_errors(best: Data, laws: Sequence[Data], left_out: str) -> Iterator[str]:
     own = best.get(_ERROR)
     if own is None:
         return
-    text = f"On preloads that its fit has not seen, its loss of tension is off by {number(own, 3)} % (median)"
+    text = (
+        f"On {left_out} that its fit has not seen, its loss of tension is off by {number(own, 3)} % (median)"
+    )
     rest = {str(law.get("name")): law.get(_ERROR) for law in laws[1:]}
     words = {BASELINE: "that of the paper's law by", NO_LOOSENING: "no loosening by"}
     known = {say: rest[name] for name, say in words.items() if rest.get(name) is not None}

@@ -8,8 +8,8 @@ scratch folder, where all others find it, worker processes too. One record is in
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
@@ -105,12 +105,15 @@ def stored(campaign: Campaign) -> Iterator[Campaign]:
 
 
 def with_stored_records(function: F) -> F:
-    """Return a function of a campaign and more, the campaign's records being processed once in a call."""
+    """Return a function of a campaign, or several, and more, records being processed once in a call."""
 
     @wraps(function)
-    def on_stored(campaign: Campaign, *args: Any, **kwargs: Any) -> Any:
-        with stored(campaign) as with_place:
-            return function(with_place, *args, **kwargs)
+    def on_stored(campaign: Campaign | Sequence[Campaign], *args: Any, **kwargs: Any) -> Any:
+        with ExitStack() as places:
+            if isinstance(campaign, Campaign):
+                return function(places.enter_context(stored(campaign)), *args, **kwargs)
+            several = [places.enter_context(stored(one)) for one in campaign]
+            return function(several, *args, **kwargs)
 
     return cast(F, on_stored)
 

@@ -47,8 +47,8 @@ def sound_settings() -> dict[str, Any]:
     }
 
 
-def sound_channels(file: str) -> dict[str, Channel]:
-    """Channels of one record: the fewest that its kind of test needs."""
+def sound_channels(file: str, factor: float = 1.0) -> dict[str, Channel]:
+    """Channels of one record: the fewest that its kind of test needs, noise times a factor."""
     names = {
         UNCOUPLED: ("force_lo", "velocity_lo"),
         FREE: ("displacement_lo", "acceleration_so"),
@@ -58,12 +58,12 @@ def sound_channels(file: str) -> dict[str, Channel]:
     random = np.random.default_rng(len(file))
     rates = {name: TENSION_RATE_HZ if name in ("strain", "tension") else MOTION_RATE_HZ for name in names}
     return {
-        name: Channel(name, random.standard_normal(round(rate * DURATION_S)), rate)
+        name: Channel(name, factor * random.standard_normal(round(rate * DURATION_S)), rate)
         for name, rate in rates.items()
     }
 
 
-def write_sound_campaign(folder: Path) -> None:
+def write_sound_campaign(folder: Path, factor: float = 1.0) -> None:
     """Write the sound campaign to a new folder."""
     settings = CampaignSettings.model_validate(sound_settings())
-    write_campaign(folder, settings, ((file, sound_channels(file)) for file in FILES))
+    write_campaign(folder, settings, ((file, sound_channels(file, factor)) for file in FILES))

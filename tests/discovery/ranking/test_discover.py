@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from discovery.ranking.discover import _held_out, _left_out
+from discovery.ranking.discover import _left_out
+from discovery.ranking.specimens import _held_out
 from rom.identification.reduce import ReducedRecord
 from rom.signals.quality import Doubt
 
@@ -23,7 +24,9 @@ def test_a_held_out_record_of_doubtful_quality_is_told_not_dropped(monkeypatch: 
     doubt = Doubt("records/loosening_005.h5", "force_lo", "clipped", "force_lo is clipped")
     settings: Any = SimpleNamespace(file=doubt.file)
     reduced = [ReducedRecord(settings, (doubt,))]
-    monkeypatch.setattr(sys.modules["discovery.ranking.discover"], "reduce_records", lambda *_: iter(reduced))
+    monkeypatch.setattr(
+        sys.modules["discovery.ranking.specimens"], "reduce_records", lambda *_: iter(reduced)
+    )
     campaign: Any = SimpleNamespace(select=lambda *_, **__: [settings], settings=None)
     found: Any = SimpleNamespace(course_noise=None)
     assert _held_out(campaign, found, 1, lambda _: None) == ((), (doubt,))

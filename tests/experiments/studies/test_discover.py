@@ -15,6 +15,7 @@ import pytest
 from discovery.courses.fit import Fit
 from discovery.laws.candidate import BASELINE, Candidate, rivals_always_in_the_race
 from discovery.ranking.confidence_sets import ExponentProfile, MotionProfile
+from discovery.ranking.population import Bolt, Limited, Population
 from discovery.ranking.result import RankedLaw, Ranking
 from discovery.separating_tests.hits import Proposal
 from discovery.views.closure_section import parameter_row
@@ -29,6 +30,12 @@ from tests.rom.sound_campaign import write_sound_campaign
 
 Boltlaw = Callable[..., Any]
 RATE_HZ = 4800.0
+LAWS = """format = "boltlaw-laws/1"
+[[law]]
+name = "slip work"
+rate = "-a * abs(D * v) * max(T, 0)"
+parameters = { a = { value = 1.0, unit = "1/J" } }
+"""
 CONTRACT_LAW = {
     "rank",
     "name",
@@ -154,6 +161,49 @@ def test_libraries_and_optimizers_are_given_by_name(made: Ranking, tmp_path: Pat
     assert options["libraries"] == ["velocity", "rate-free"]
     assert options["optimizers"] == ["STLSQ"]
     assert options["max_terms"] == 2
+
+
+@pytest.mark.parametrize("command", ["discover", "compare"])
+def test_several_campaigns_are_several_bolts_under_one_law(
+    made: Ranking, tmp_path: Path, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from experiments.cli import run
+
+    asked: list[Any] = []
+
+    def found(campaigns: Any, *_: Any, **__: Any) -> Ranking:
+        asked.append(campaigns)
+        first = Bolt("first", 2, Limited(0.1, -0.2, 0.4), made.laws[0].law, made.model)
+        population = Population(
+            Limited(0.47, 0.3, 0.9), Limited(0.3, 0.2, float("inf")), 100.0, (first, first), (0, 0, 1, 1)
+        )
+        return replace(made, population=population)
+
+    for name, factor in (("one", 1.0), ("two", 1.1)):
+        write_sound_campaign(tmp_path / name, factor)
+    (tmp_path / "laws.toml").write_text(LAWS, encoding="utf-8")
+    monkeypatch.setattr(f"discovery.{command}", found)
+    monkeypatch.setattr(discover, "enough", lambda *_: None)
+    more = ["laws.toml"] if command == "compare" else []
+    monkeypatch.chdir(tmp_path)
+    assert run([command, "one", "two", *more, "--jobs", "1", "--quiet"]) == 0
+    assert [campaign.path.name for campaign in asked[0]] == ["one", "two"]
+    data = load(tmp_path / "one-and-1-more-results")
+    assert data["population"]["between_bolts"] == {"value": 0.47, "low": 0.3, "high": 0.9}
+    assert data["population"]["between_tests"]["high"] is None
+    assert data["campaign"].count(", ") == 1
+    assert [case["campaign"] for case in data["cases"]] == ["first"] * 4
+    assert "Between 2 bolts ln(rate) has a standard deviation of 0.47" in discover.summary(
+        tmp_path / "one-and-1-more-results" / "ranking.json"
+    )
+
+
+def test_the_same_campaign_twice_is_refused(tmp_path: Path, boltlaw: Boltlaw) -> None:
+    write_sound_campaign(tmp_path / "one")
+    ran = boltlaw("discover", tmp_path / "one", tmp_path / "one", "--jobs", 1)
+    assert (ran.code, ran.out) == (2, "")
+    (line,) = ran.err.splitlines()
+    assert line.endswith("found loosening records of another campaign, expected its own")
 
 
 @pytest.mark.parametrize(
