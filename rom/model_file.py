@@ -12,6 +12,7 @@ from rom.effects import make
 from rom.model.description import LinkLaws
 from rom.model.laws import Parameter, law_from_text
 from rom.model.model import Model
+from rom.model.rate_uncertainty import RateUncertainty
 from rom.model.structure import Body, Link, Structure
 from rom.model.writing import FORMAT
 
@@ -65,6 +66,7 @@ def _from_data(data: Mapping[str, Any]) -> Model:
         windows={name: (float(low), float(high)) for name, (low, high) in data["windows"].items()},
         sampling=data["sampling"],
         uncoupled_laws={item["name"]: _laws_from_data(item) for item in data.get("uncoupled_links", ())},
+        rate_uncertainty=RateUncertainty.from_data(data.get("rate_uncertainty")),
     )
 
 

@@ -10,6 +10,7 @@ from discovery.courses.variability import sigma, tau
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
+from rom.model.rate_uncertainty import RateUncertainty
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,17 @@ class Fit:
     def sigma(self) -> float:
         """Between-bolt standard deviation of the log rate; 0 where there is one bolt."""
         return sigma(np.array(self.scatter), self.criteria.courses)
+
+    @property
+    def rate_uncertainty(self) -> RateUncertainty:
+        """How far the rate of one new test may be from the law's; covariance of the numbers as they are."""
+        numbers, scales = self.candidate.parameters, self.candidate.coefficient_names
+        values = [numbers[name].value if name in scales else 1.0 for name in self.free]
+        factors = np.array([value if value > 0 else 1.0 for value in values])
+        a, b = self.scatter[:2]
+        covariance = self.covariance * np.outer(factors, factors)
+        tests = len(self.deviations) - len(self.free)
+        return RateUncertainty.of(self.free, covariance, (float(np.exp(a)), b), tests, self.sigma)
 
     def limits(self, name: str) -> tuple[float, float]:
         """95 % limits of a fitted number."""

@@ -196,7 +196,8 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
             return found
         limits = {name: fit.limits(name) for name in fit.free}
         numbers = {n: replace(fit.candidate.parameters[n], low=a, high=b) for n, (a, b) in limits.items()}
-        return replace(found, model=_with_law_numbers(found.model, numbers))
+        near = replace(_with_law_numbers(found.model, numbers), rate_uncertainty=fit.rate_uncertainty)
+        return replace(found, model=near)
 
     def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:
         """See ``CampaignRefits.refit_with``; all records are followed anew.

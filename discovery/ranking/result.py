@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy.typing as npt
@@ -276,4 +276,5 @@ class Ranking(HasViews):
 
 def with_law(model: Model, law: RankedLaw) -> Model:
     """Return the model with this tension law in its bolted link."""
-    return model.with_tension_law(law.law)
+    fit = replace(law.fit, candidate=law.candidate)
+    return replace(model.with_tension_law(law.law), rate_uncertainty=fit.rate_uncertainty)

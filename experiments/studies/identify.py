@@ -21,6 +21,7 @@ from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
 from rom.identification.gamma import GammaEstimate
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.joint import JointEstimate
+from rom.model.laws import Z95
 from rom.signals.measured_records import NothingLeftError, screened, stored
 
 if TYPE_CHECKING:
@@ -275,6 +276,7 @@ def summary(path: Path) -> str:
     lines = [
         f"{data['campaign']}: {section['records']} training records, {len(section['set_aside'])} set aside"
     ]
+    lines += _masses(data)
     for link in data["links"]:
         for place in ("stiffness", "damping", "tension_rate"):
             law = link[place]
@@ -287,6 +289,18 @@ def summary(path: Path) -> str:
             lines.append(f"  {name.replace('_', '-')}: {_percent(errors, rival)}")
     lines += [f"  note: {text}" for text in section["warnings"] + section["set_aside"]]
     return "\n".join(lines + suspected_lines(data))
+
+
+def _masses(data: Mapping[str, Any]) -> list[str]:
+    """Return a line for each mass, with 95 % limits where it was identified."""
+    rows = {row["name"]: row["error_percent"] for row in data["identification"]["linear"]}
+    lines = []
+    for body in data["bodies"]:
+        mass, error = body["mass"]["value"], rows.get(f"body.{body['name']}.mass")
+        half = None if error is None else Z95 * error / 100 * mass
+        limits = " given" if half is None else f" [{mass - half:.4g}, {mass + half:.4g}]"
+        lines.append(f"  {body['name']} mass: {mass:.5g} kg{limits}")
+    return lines
 
 
 def suspected_lines(data: Mapping[str, Any]) -> list[str]:

@@ -68,13 +68,14 @@ def run(
         )
     with stored(campaign) as work:
         looked_at = screened(work, jobs)
-        judged = evaluate([model], looked_at, jobs=jobs, progress=progress)
+        judged = evaluate([model], looked_at, jobs=jobs, progress=progress, bands=True)
     errors = summarise(j.comparisons[0] for j in judged if j.comparisons)
     content = {
         "model": str(model_path),
         "model_digest": file_digest(model_path),
         "command": command,
         "campaign_digest": campaign.digest,
+        "fitted_to_this_campaign": _fitted_to(model_path) == campaign.digest,
         "errors": errors,
         "records": [_row(j) for j in judged if j.comparisons],
         "set_aside": [f"{d.file}: {d.message}" for j in judged for d in j.doubts],
@@ -87,19 +88,36 @@ def run(
 
 
 def summary(path: Path) -> str:
-    """Return a line for people for each kind of suspicion."""
-    return "\n".join(suspected_lines(json.loads(path.read_text(encoding="utf-8"))))
+    """Return a few lines for people: the errors, how many bands hold, what is suspected."""
+    from experiments.text.verdicts import answer
+
+    data = json.loads(path.read_text(encoding="utf-8"))
+    found = answer("prediction", data)
+    lines = [data["campaign"], *([found.verdict, *found.sentences] if found else [])]
+    lines += [f"  set aside: {text}" for text in data["set_aside"]]
+    return "\n".join(lines + suspected_lines(data))
+
+
+def _fitted_to(model_path: Path) -> str | None:
+    """Digest of the campaign that a model was fitted to, where its file says."""
+    found = json.loads(model_path.read_text(encoding="utf-8")).get("identification")
+    return found.get("campaign_digest") if isinstance(found, dict) else None
 
 
 def _row(judged: Evaluation) -> dict[str, Any]:
     found = judged.comparisons[0]
-    motion = list(found.motion_nrmse.values())
+    motion, (low, high) = list(found.motion_nrmse.values()), found.final_band
     return {
         "file": found.file,
         "test": found.test,
         "finished": found.finished,
         "initial_tension_n": found.initial_tension,
-        "final_tension_n": {"simulated": found.simulated_final, "measured": found.measured_final},
+        "final_tension_n": {
+            "simulated": found.simulated_final,
+            "low": low,
+            "high": high,
+            "measured": found.measured_final,
+        },
         "motion_nrmse": sum(motion) / len(motion) if motion else None,
         "link_force_nrmse": found.link_force_nrmse,
     }

@@ -8,7 +8,7 @@ from typing import Any
 from experiments.text import closures, rankings
 from experiments.text.answers import Answer, Headline
 from experiments.text.suspicions import describes
-from experiments.text.wording import mapping, number
+from experiments.text.wording import mapping, mappings, number
 
 Data = Mapping[str, Any]
 
@@ -143,19 +143,26 @@ def _of_prediction(data: Data) -> Answer | None:
     errors = mapping(data.get("errors"))
     loss = errors.get("tension_loss_error_percent_median")
     compared, failed = errors.get("records") or 0, errors.get("failed") or 0
+    fitted = "Fitted to these very records" if data.get("fitted_to_this_campaign") else "With nothing fitted"
     if loss is not None:
-        verdict = f"With nothing fitted, the model is off by {number(loss, 3)} % of a record's loss (median)."
+        verdict = f"{fitted}, the model is off by {number(loss, 3)} % of a record's loss (median)."
     elif errors.get("motion_nrmse") is not None:
         motion = number(100 * errors["motion_nrmse"], 3)
-        verdict = f"With nothing fitted, displacements are {_met(errors)} {motion} % (NRMSE)."
+        verdict = f"{fitted}, displacements are {_met(errors)} {motion} % (NRMSE)."
     else:
         verdict = "The model was simulated; the records hold nothing to compare it with."
     unfinished = f"{_count(failed, 'simulation')} did not finish" if failed else "every simulation finished"
     sentences = [f"{_count(compared, 'record')} compared; {unfinished}."]
     if errors.get("final_tension_error_percent_median") is not None:
         sentences.append(_final_tension_sentence(errors, {}))
+    sentences += _bands(data.get("records"))
+    question = (
+        "Does the model meet the campaign that it was fitted to?"
+        if data.get("fitted_to_this_campaign")
+        else "Does the model predict a campaign to which it was not fitted?"
+    )
     return Answer(
-        "Does the model predict a campaign to which it was not fitted?",
+        question,
         verdict,
         tuple(sentences),
         tuple(
@@ -163,6 +170,16 @@ def _of_prediction(data: Data) -> Answer | None:
             for h in _headlines(errors, "training")
         ),
     )
+
+
+def _bands(records: object) -> list[str]:
+    """Say how many measured final tensions lie within their band."""
+    tensions = [mapping(record.get("final_tension_n")) for record in mappings(records)]
+    known = [t for t in tensions if None not in (t.get("low"), t.get("high"), t.get("measured"))]
+    if not known:
+        return []
+    inside = sum(t["low"] <= t["measured"] <= t["high"] for t in known)
+    return [f"{inside} of {_count(len(known), 'measured final tension')} lie within their 95 % limits."]
 
 
 def _lines(value: object) -> list[str]:

@@ -16,6 +16,7 @@ from rom.campaign.campaign import WindowSettings
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.evaluation.at_rest import held_tension
+from rom.evaluation.bands import NO_BAND, tension_band
 from rom.evaluation.replay import (
     Replay,
     displacements,
@@ -65,7 +66,10 @@ ErrorsByKind = Mapping[Kind, Errors]
 
 @dataclass(frozen=True)
 class Comparison:
-    """Simulated against measured for one record; tensions in N, nan where not measured."""
+    """Simulated against measured for one record; tensions in N, nan where not measured or not asked for.
+
+    `final_band` are 95 % limits of the final tension of one new test.
+    """
 
     file: str
     test: str
@@ -77,6 +81,7 @@ class Comparison:
     measured_final: float = np.nan
     simulated_final: float = np.nan
     tension_rmse: float = np.nan
+    final_band: tuple[float, float] = NO_BAND
 
     @property
     def final_error_percent(self) -> float:
@@ -117,7 +122,7 @@ def compare(model: Model, measurement: Measurement, windows: WindowSettings) -> 
 
 
 def compare_all(
-    models: Sequence[Model], measurement: Measurement, windows: WindowSettings
+    models: Sequence[Model], measurement: Measurement, windows: WindowSettings, bands: bool = False
 ) -> tuple[Comparison, ...]:
     """Compare models with one record; what is filtered goes side by side.
 
@@ -132,6 +137,8 @@ def compare_all(
         The record as processed.
     windows : WindowSettings
         Windows of the initial and the final tension [s].
+    bands : bool
+        Whether to simulate the bands of the final tension too.
 
     Returns
     -------
@@ -144,11 +151,17 @@ def compare_all(
     if measurement.test == "hold":
         return tuple(_of_rest(nothing, model, measurement, windows) for model in models)
     groups = [models[first : first + _SIDE_BY_SIDE] for first in range(0, len(models), _SIDE_BY_SIDE)]
-    return tuple(found for group in groups for found in _of_motion(nothing, group, measurement, windows))
+    return tuple(
+        found for group in groups for found in _of_motion(nothing, group, measurement, windows, bands)
+    )
 
 
 def _of_motion(
-    nothing: Comparison, models: Sequence[Model], measurement: Measurement, windows: WindowSettings
+    nothing: Comparison,
+    models: Sequence[Model],
+    measurement: Measurement,
+    windows: WindowSettings,
+    bands: bool,
 ) -> list[Comparison]:
     replays = {
         place: replay(model, measurement)
@@ -163,9 +176,8 @@ def _of_motion(
         if run is not None and run.response.status != "ok":
             comparison = replace(nothing, finished=False)
         elif run is not None:
-            comparison = _with_tension(
-                _with_motion(nothing, model, run.measurement, next(motions)), run, windows
-            )
+            moved = _with_motion(nothing, model, run.measurement, next(motions))
+            comparison = _with_tension(moved, run, windows, bands)
         found.append(comparison)
     return found
 
@@ -260,7 +272,7 @@ def _coupled_pair(model: Model) -> tuple[str, str] | None:
     return (chosen[0].first, chosen[0].second) if chosen else None
 
 
-def _with_tension(comparison: Comparison, run: Replay, windows: WindowSettings) -> Comparison:
+def _with_tension(comparison: Comparison, run: Replay, windows: WindowSettings, bands: bool) -> Comparison:
     tension, impact_s = run.measurement.tension, run.measurement.impact_s
     if tension is None or not isinstance(run.response.tension, np.ndarray):
         return comparison
@@ -269,12 +281,14 @@ def _with_tension(comparison: Comparison, run: Replay, windows: WindowSettings) 
     if impact_s is not None:
         start = int(impact_s * tension.rate_hz)
         rmse = float(np.sqrt(np.mean((steady - tension.non_oscillatory)[start:] ** 2)))
+    final = window_mean(shown, tension.rate_hz, windows.final_s)
     return replace(
         comparison,
         initial_tension=tension.initial,
         measured_final=tension.final,
-        simulated_final=window_mean(shown, tension.rate_hz, windows.final_s),
+        simulated_final=final,
         tension_rmse=rmse,
+        final_band=tension_band(run, final, windows.final_s) if bands else NO_BAND,
     )
 
 

@@ -31,6 +31,7 @@ def evaluate(
     records: Sequence[RecordSettings] | None = None,
     jobs: int = 1,
     progress: Progress | None = None,
+    bands: bool = False,
 ) -> tuple[Evaluation, ...]:
     """Compare models with records (None: all) of a campaign, over `jobs` processes; numbers do not depend on
     `jobs`.
@@ -47,6 +48,8 @@ def evaluate(
         Number of processes; numbers do not depend on it.
     progress : callable
         Called with the number of records done and their total.
+    bands : bool
+        Whether to simulate the bands of the final tensions too.
 
     Returns
     -------
@@ -55,7 +58,7 @@ def evaluate(
     """
     chosen = campaign.settings.record if records is None else tuple(records)
     bare = [replace(model, identification=None) for model in models]
-    tasks = (delayed(_judge_record)(bare, campaign, record) for record in chosen)
+    tasks = (delayed(_judge_record)(bare, campaign, record, bands) for record in chosen)
     judged = []
     for result in Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs")(tasks):
         judged.append(result)
@@ -73,9 +76,11 @@ def without_loosening(model: Model) -> Model:
     return replace(model.without_effects_of("law change"), link_laws=laws)
 
 
-def _judge_record(models: Sequence[Model], campaign: Campaign, settings: RecordSettings) -> Evaluation:
+def _judge_record(
+    models: Sequence[Model], campaign: Campaign, settings: RecordSettings, bands: bool
+) -> Evaluation:
     found = measured_record(campaign, settings)
     if found.doubts:
         return Evaluation(settings, (), found.doubts)
     measurement = found.measurement.with_cutoff(models[0].filter_cutoff_hz)
-    return Evaluation(settings, compare_all(models, measurement, campaign.settings.windows))
+    return Evaluation(settings, compare_all(models, measurement, campaign.settings.windows, bands))

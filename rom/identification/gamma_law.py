@@ -23,6 +23,7 @@ from rom.identification.joint import tension_levels
 from rom.model.expressions import is_linear_in
 from rom.model.laws import Law, logistic_loosening, power_loosening
 from rom.model.model import Model
+from rom.model.rate_uncertainty import RateUncertainty
 
 _REFINEMENTS: Numerical[int] = 3
 _EVALUATIONS: Numerical[int] = 30  # of a refinement, at most; 4 are usual
@@ -43,6 +44,14 @@ class Loosening:
     case_fit: LawFit | None = None
     fit: LawFit | None = None
     warnings: tuple[str, ...] = ()
+
+    @property
+    def rate_uncertainty(self) -> RateUncertainty | None:
+        """How far one new test may be from the law; None where no law was fitted."""
+        if self.fit is None:
+            return None
+        fit, tests = self.fit, len(self.fit.records)
+        return RateUncertainty.of(fit.free, fit.covariance, (fit.scatter, 0.0), tests - len(fit.free))
 
 
 def loosening_law(

@@ -373,9 +373,11 @@ def _with_loosening(
     """Add gamma per case, and gamma(T) or the declared form with the law."""
     model = found.model
     loosening = loosening_law(model, cases, window_s, progress, found.declared)
+    if loosening.law is not None:
+        model = replace(model.with_tension_law(loosening.law), rate_uncertainty=loosening.rate_uncertainty)
     return replace(
         found,
-        model=model if loosening.law is None else model.with_tension_law(loosening.law),
+        model=model,
         gamma=loosening.gamma,
         gamma_case_fit=loosening.case_fit,
         gamma_fit=loosening.fit,

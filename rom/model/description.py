@@ -12,6 +12,7 @@ from rom.model.effect import Effect, Kind, ModelCorrection, Reading, SensorFault
 from rom.model.law_change import LawChange, change_law
 from rom.model.laws import Law, Parameter
 from rom.model.places import check_effects, places_of
+from rom.model.rate_uncertainty import RateUncertainty
 from rom.model.structure import Structure
 
 PLACES = ("stiffness", "damping", "tension_rate")
@@ -58,6 +59,8 @@ class ModelDescription:
         As in the campaign file.
     uncoupled_laws : mapping of str to LinkLaws
         Laws that differ while the bolt is out, by link (flexures stiffen when a bolt is tightened).
+    rate_uncertainty : RateUncertainty
+        How far one new test may be from the tension law; dropped where that or its numbers change.
     identification : object
         What an identification reports of itself; not saved.
 
@@ -76,6 +79,7 @@ class ModelDescription:
     windows: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     sampling: Mapping[str, float] = field(default_factory=dict)
     uncoupled_laws: Mapping[str, LinkLaws] = field(default_factory=dict)
+    rate_uncertainty: RateUncertainty | None = field(default=None, repr=False)
     identification: object | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -163,8 +167,10 @@ class ModelDescription:
                 rate and rate.with_values(**below(f"{link}.tension_rate.")),
             )
         effects = tuple(e.with_values(**below(f"{e.path}.")) for e in self.effects)
+        structure = replace(self.structure, bodies=bodies)
+        known = None if any(".tension_rate." in path for path in values) else self.rate_uncertainty
         return replace(
-            self, structure=replace(self.structure, bodies=bodies), link_laws=link_laws, effects=effects
+            self, structure=structure, link_laws=link_laws, effects=effects, rate_uncertainty=known
         )
 
     def with_effect(self, effect: ModelCorrection) -> Self:
@@ -183,9 +189,8 @@ class ModelDescription:
         if link not in (*bolted, None) or not bolted:
             raise ValueError(f"link must be one of the bolted links {bolted}, got {link!r}")
         link = link or bolted[0]
-        return replace(
-            self, link_laws={**self.link_laws, link: replace(self.link_laws[link], tension_rate=law)}
-        )
+        laws = {**self.link_laws, link: replace(self.link_laws[link], tension_rate=law)}
+        return replace(self, link_laws=laws, rate_uncertainty=None)
 
     @overload
     def effects_of(self, kind: Literal["force"]) -> tuple[Effect, ...]: ...
@@ -212,4 +217,7 @@ class ModelDescription:
     def on(self, structure: Structure, link_laws: Mapping[str, LinkLaws]) -> Self:
         """The model of another structure, with those effects whose place is there too."""
         effects = tuple(effect for effect in self.effects if effect.enters in places_of(effect, structure))
-        return replace(self, structure=structure, link_laws=link_laws, effects=effects)
+        known = self.rate_uncertainty if structure.bolted_links == self.structure.bolted_links else None
+        return replace(
+            self, structure=structure, link_laws=link_laws, effects=effects, rate_uncertainty=known
+        )

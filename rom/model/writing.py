@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from rom.campaign.record import replacing
 from rom.model.description import LinkLaws, ModelDescription
 from rom.model.laws import Law, Parameter
 from rom.model.structure import Link
@@ -39,14 +38,8 @@ def write_model(model: ModelDescription, path: Path, header: Mapping[str, object
         "elapsed_s": None,
     }
     text = json.dumps({**head, **header, **_as_data(model)}, indent=2, allow_nan=False) + "\n"
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _as_data(model: ModelDescription) -> dict[str, Any]:
@@ -70,6 +63,7 @@ def _as_data(model: ModelDescription) -> dict[str, Any]:
         "calibration": {"coefficients": list(model.calibration), "unit": "N"},
         "windows": {name: list(window) for name, window in model.windows.items()},
         "sampling": dict(model.sampling),
+        "rate_uncertainty": None if model.rate_uncertainty is None else model.rate_uncertainty.as_data(),
     }
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.studies.predict import run
+from experiments.studies.predict import run, summary
 from rom import Model
 from rom.campaign.campaign import read_campaign, write_campaign
 from rom.effects import CATALOGUE, free_form
@@ -64,3 +64,36 @@ def test_a_saved_model_knows_faults_readings_and_own_numbers(
     assert errors["tension_rmse_n"] == pytest.approx(same["tension_rmse_n"], rel=1e-9)
     assert before["motion_nrmse"] is not None
     assert before["motion_nrmse"] > 0.05
+
+
+@pytest.fixture(scope="module")
+def predicted(rig_campaign: Path, results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The identified model on its own campaign, and the file of that."""
+    return run(results / "model.json", rig_campaign, tmp_path_factory.mktemp("predicted"), jobs=1)
+
+
+def test_a_final_tension_has_the_limits_of_one_new_test(predicted: Path) -> None:
+    records = json.loads(predicted.read_text())["records"]
+    tensions = [r["final_tension_n"] for r in records if r["test"] == "loosening"]
+    assert all(t["low"] < t["simulated"] < t["high"] for t in tensions)
+    inside = [t["low"] <= t["measured"] <= t["high"] for t in tensions]
+    assert sum(inside) >= len(inside) - 1
+    others = [r["final_tension_n"] for r in records if r["test"] != "loosening"]
+    assert {(t["low"], t["high"]) for t in others} == {(None, None)}
+
+
+def test_the_summary_says_numbers_and_whose_records_they_are(predicted: Path) -> None:
+    lines = summary(predicted)
+    assert "Fitted to these very records, the model is off by" in lines
+    assert "measured final tensions lie within their 95 % limits." in lines
+    data = json.loads(predicted.read_text())
+    assert data["fitted_to_this_campaign"]
+    predicted.write_text(json.dumps(data | {"fitted_to_this_campaign": False}))
+    assert "With nothing fitted" in summary(predicted)
+
+
+def test_files_may_be_read_by_whom_the_system_lets(results: Path, tmp_path: Path) -> None:
+    """As any other new file, not by their writer alone."""
+    (tmp_path / "plain").touch()
+    modes = {path.stat().st_mode for path in (tmp_path / "plain", results / "model.json")}
+    assert len(modes) == 1

@@ -189,6 +189,7 @@ def test_summary_names_laws_limits_and_errors(results: Path) -> None:
     assert re.search(r"joint stiffness: k_i / .* k_i = [\d.e+]+ \[[\d.e+]+, [\d.e+]+\] N/m", text)
     assert re.search(r"hold-out: motion [\d.]+ %; final tension mean [\d.]+ %", text)
     assert "no loosening" in text
+    assert re.search(r"lo mass: [\d.]+ kg( given| \[[\d.]+, [\d.]+\])$", text, re.MULTILINE)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,108 @@
+"""Band of a predicted final tension: where that of one new test lies with 95 % probability.
+
+    var(ln rate) = tau(T)^2 + g' C g,   g = d ln(rate) / d(numbers of the tension law), at this test
+
+tau is the between-test standard deviation and C the covariance of the law's numbers. The slopes are ratios of
+changes of the simulated final tension, for a small change of each number and of the whole rate. The ends
+are simulated with the rate at both 97.5 % quantiles of Student's t; the errors of both measured means
+are added in quadrature.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import stats
+
+from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
+from rom.evaluation.replay import Replay
+from rom.identification.gamma import own_rate
+from rom.model.model import Model
+from rom.model.rate_uncertainty import RateUncertainty
+
+_LOG_STEP: Numerical[float] = 0.1
+_LARGEST_LOG: Numerical[float] = 12.0  # of the rate: beyond, the bolt keeps or loses all of its tension
+
+NO_BAND = (np.nan, np.nan)
+
+
+def tension_band(run: Replay, simulated: float, window_s: tuple[float, float]) -> tuple[float, float]:
+    """Return lower and upper limit [N] of the final tension that one new test shows.
+
+    Parameters
+    ----------
+    run : Replay
+        A record simulated with a model.
+    simulated : float
+        Its final tension as the gauge shows it [N].
+    window_s : tuple of float
+        Over which it is averaged [s], from and to.
+
+    Returns
+    -------
+    tuple of float
+        Not a number where the model does not tell how its rate differs, or the record is no impact test of
+        one bolt.
+    """
+    model, tension = run.model, run.measurement.tension
+    forces = {b: f for b, f in run.measurement.applied_force.items() if b in model.structure.body_names}
+    known = model.rate_uncertainty
+    if known is None or tension is None or run.measurement.test != "loosening" or len(forces) != 1:
+        return NO_BAND
+    ((body, force),) = forces.items()
+    own = own_rate(1.0)
+    scaled, factor = model.with_effect(own), f"{own.path}.factor"
+    initial = max(tension.initial, 0.0)
+
+    def final(values: dict[str, FloatArray]) -> FloatArray:
+        cases = len(next(iter(values.values())))
+        return scaled.final_tension(
+            np.tile(force, (cases, 1)),
+            run.measurement.rate_hz,
+            np.full(cases, initial),
+            values,
+            window_s,
+            body,
+        )
+
+    names, steps = _steps(model, known)
+    paths = [f"{model.structure.bolted_links[0]}.tension_rate.{name}" for name in names]
+    values = {p: np.full(len(paths) + 2, model.parameter(p).value) for p in paths}
+    for place, (path, step) in enumerate(zip(paths, steps, strict=True)):
+        values[path][place + 2] += step
+    factors = np.ones(len(paths) + 2)
+    factors[1] = np.exp(_LOG_STEP)
+    here, faster, *moved = final({factor: factors, **values})
+    half = _half_width(known, initial, (faster - here) / _LOG_STEP, (np.array(moved) - here) / steps)
+    ends = final({factor: np.exp([-half, half])}) - here
+    noise = 1.96 * np.hypot(tension.initial_error, tension.final_error)
+    return (
+        float(simulated - np.hypot(min(*ends, 0.0), noise)),
+        float(simulated + np.hypot(max(*ends, 0.0), noise)),
+    )
+
+
+def _steps(model: Model, known: RateUncertainty) -> tuple[tuple[str, ...], FloatArray]:
+    """Numbers of the law that are known only so well, and a standard error of each, into its range."""
+    errors = np.sqrt(np.maximum(np.diag(np.reshape(known.covariance, (len(known.parameters),) * 2)), 0.0))
+    link = model.structure.bolted_links[0]
+    names, steps = [], []
+    for name, error in zip(known.parameters, errors, strict=True):
+        if error > 0:
+            number = model.parameter(f"{link}.tension_rate.{name}")
+            names.append(name)
+            steps.append(error if number.value + error <= number.bounds[1] else -error)
+    return tuple(names), np.array(steps)
+
+
+def _half_width(known: RateUncertainty, tension: float, of_rate: float, of_numbers: FloatArray) -> float:
+    """Return half the width of the 95 % limits of ln rate, from slopes of the final tension [N]."""
+    errors = np.reshape(known.covariance, (len(known.parameters),) * 2)
+    kept = np.diag(errors) > 0
+    covariance = errors[np.ix_(kept, kept)]
+    variance = known.between_tests(tension) ** 2
+    if of_rate:
+        slopes = np.nan_to_num(of_numbers) / of_rate
+        variance += max(float(slopes @ covariance @ slopes), 0.0)
+    quantile = float(stats.t.ppf(0.975, known.degrees_of_freedom))
+    return min(quantile * float(np.sqrt(variance)), _LARGEST_LOG)
