@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -44,9 +45,9 @@ class RateUncertainty:
     degrees_of_freedom: int = 1
 
     def __post_init__(self) -> None:
-        shape = np.shape(self.covariance)
-        if shape != (count := len(self.parameters), count) and (count or shape != (0,)):
-            raise ValueError(f"covariance must have the shape {(count, count)}, got {shape}")
+        count, lengths = len(self.parameters), [len(row) for row in self.covariance]
+        if lengths != [count] * count:
+            raise ValueError(f"covariance must have {count} rows of {count} numbers, got {lengths}")
         if not (self.at_100_n >= 0 and np.isfinite([self.at_100_n, self.slope]).all()):
             raise ValueError(
                 f"between-test deviation must be a number from 0 up, got {self.at_100_n}, {self.slope}"
@@ -81,7 +82,7 @@ class RateUncertainty:
 
     def between_tests(self, tension: float) -> float:
         """Return tau at a tension [N]."""
-        return self.at_100_n * float(max(tension, 1e-3) / _REFERENCE_N) ** self.slope
+        return self.at_100_n * math.pow(max(tension, 1e-3) / _REFERENCE_N, self.slope)
 
     def as_data(self) -> dict[str, Any]:
         """Return the entry of ``model.json``."""
