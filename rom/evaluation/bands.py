@@ -100,7 +100,7 @@ def _half_width(known: RateUncertainty, tension: float, of_rate: float, of_numbe
     errors = np.reshape(known.covariance, (len(known.parameters),) * 2)
     kept = np.diag(errors) > 0
     covariance = errors[np.ix_(kept, kept)]
-    variance = known.between_tests(tension) ** 2
+    variance = known.of_a_test(tension) ** 2
     if of_rate:
         slopes = np.nan_to_num(of_numbers) / of_rate
         variance += max(float(slopes @ covariance @ slopes), 0.0)

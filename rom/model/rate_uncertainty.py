@@ -31,6 +31,8 @@ class RateUncertainty:
         Between-test standard deviation of ln rate at 100 N, and its power of the tension.
     degrees_of_freedom : int
         Tests less numbers fitted to them.
+    between_bolts : float
+        Standard deviation of ln rate from one bolt of a kind to the next; 0 for the bolt that was fitted.
 
     Raises
     ------
@@ -43,6 +45,7 @@ class RateUncertainty:
     at_100_n: float
     slope: float = 0.0
     degrees_of_freedom: int = 1
+    between_bolts: float = 0.0
 
     def __post_init__(self) -> None:
         count, lengths = len(self.parameters), [len(row) for row in self.covariance]
@@ -60,6 +63,7 @@ class RateUncertainty:
         covariance: npt.ArrayLike,
         between_tests: tuple[float, float],
         degrees_of_freedom: int,
+        between_bolts: float = 0.0,
     ) -> RateUncertainty:
         """From arrays.
 
@@ -73,16 +77,19 @@ class RateUncertainty:
             Between-test standard deviation of ln rate at 100 N, and its power of the tension.
         degrees_of_freedom : int
             Tests less numbers; one at least is taken.
+        between_bolts : float
+            Between-bolt standard deviation of ln rate.
         """
         rows = np.asarray(covariance, dtype=np.float64).reshape((len(parameters),) * 2)
         return cls(
             tuple(parameters), tuple(map(tuple, rows.tolist())), float(between_tests[0]),
-            float(between_tests[1]), max(int(degrees_of_freedom), 1),
+            float(between_tests[1]), max(int(degrees_of_freedom), 1), float(between_bolts),
         )  # fmt: skip
 
-    def between_tests(self, tension: float) -> float:
-        """Return tau at a tension [N]."""
-        return self.at_100_n * math.pow(max(tension, 1e-3) / _REFERENCE_N, self.slope)
+    def of_a_test(self, tension: float) -> float:
+        """Return the standard deviation of ln rate of one new test at a tension [N], tau and bolt together."""
+        tau = self.at_100_n * math.pow(max(tension, 1e-3) / _REFERENCE_N, self.slope)
+        return math.hypot(tau, self.between_bolts)
 
     def as_data(self) -> dict[str, Any]:
         """Return the entry of ``model.json``."""
@@ -90,6 +97,7 @@ class RateUncertainty:
             "parameters": list(self.parameters),
             "covariance": [list(row) for row in self.covariance],
             "between_tests": {"at_100_n": self.at_100_n, "slope": self.slope},
+            "between_bolts": self.between_bolts,
             "degrees_of_freedom": self.degrees_of_freedom,
         }
 
@@ -101,5 +109,5 @@ class RateUncertainty:
         spread = data["between_tests"]
         return cls.of(
             data["parameters"], data["covariance"], (spread["at_100_n"], spread["slope"]),
-            data["degrees_of_freedom"],
+            data["degrees_of_freedom"], data.get("between_bolts", 0.0),
         )  # fmt: skip
