@@ -18,6 +18,7 @@ from experiments.results import results_folder, writable
 from experiments.run.execution import execution
 from experiments.run.memory import return_freed_arrays
 from experiments.run.progress import progress_bars
+from experiments.studies.experiment import command as experiment_command
 from rom.provenance import program_version
 
 app = typer.Typer(
@@ -315,6 +316,9 @@ def close(
     _say(study.summary(path), quiet)
     _say(f"wrote {path}, the refined model.json and figures beside it", quiet)
     _end(path)
+
+
+app.command(epilog=experiment_command.EXAMPLE)(experiment_command.run)
 
 
 @app.command(epilog="Example: boltlaw predict rig-campaign-results/model.json rig-campaign")

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -65,19 +66,51 @@ def read_laws(path: Path | str) -> tuple[Candidate, ...]:
     ValueError
         A line for every fault: what was found, what was expected.
     """
-    path = Path(path)
+    return laws_from(read_tables(path), str(path))
+
+
+def read_tables(path: Path | str) -> dict[str, Any]:
+    """Read the tables of a file of laws.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be read or is not TOML.
+    """
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(
             f"{path}: found text that is not TOML ({error}), expected laws ({FORMAT})"
         ) from error
+
+
+def laws_from(content: Mapping[str, Any], where: str) -> tuple[Candidate, ...]:
+    """Return the laws of the tables of a file.
+
+    Parameters
+    ----------
+    content : mapping
+        As `read_tables` returns it.
+    where : str
+        What the lines about faults start with.
+
+    Returns
+    -------
+    tuple of Candidate
+        In the order of the tables.
+
+    Raises
+    ------
+    ValueError
+        A line for every fault: what was found, what was expected.
+    """
     try:
         tables = _File.model_validate(content).law
     except ValidationError as error:
-        raise ValueError("\n".join(f"{path}: {line}" for line in _faults(error))) from error
+        raise ValueError("\n".join(f"{where}: {line}" for line in _faults(error))) from error
     laws, faults = [], []
     for place, table in enumerate(tables):
         try:
@@ -85,7 +118,7 @@ def read_laws(path: Path | str) -> tuple[Candidate, ...]:
                 raise ValueError(f"found the name {table.name!r} again, expected another one")
             laws.append(_law(table))
         except ValueError as error:
-            faults += [f"{path}: law[{place}]: {line}" for line in str(error).splitlines()]
+            faults += [f"{where}: law[{place}]: {line}" for line in str(error).splitlines()]
     if faults:
         raise ValueError("\n".join(faults))
     return tuple(laws)

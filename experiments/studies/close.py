@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from discovery.criteria.criteria import CRITERIA, Criteria
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
 from experiments.studies.effect_curves import effect_curves
@@ -16,7 +17,7 @@ from experiments.studies.suspected import suspected, write_without_records
 from rom.campaign.campaign import read_campaign
 from rom.evaluation.error_measures import summarise
 from rom.model_file import load_model
-from rom.signals.measured_records import NothingLeftError, screened, stored
+from rom.signals.measured_records import NothingLeftError, judged_by, screened, stored
 
 _NONE = summarise([])
 NO_CLOSURE: Mapping[str, Any] = {
@@ -39,6 +40,7 @@ def run(
     command: str = "",
     *,
     model: Path | None = None,
+    criteria: Criteria = CRITERIA,
 ) -> Path:
     """Write ``closure.json``, ``model.json`` with the refined model, and the figures; return the closure's
     path.
@@ -59,6 +61,8 @@ def run(
         The command line, kept in the result file.
     model : Path, optional
         A ``model.json`` whose tension law the loop starts from.
+    criteria : Criteria
+        The numbers that decide.
 
     Returns
     -------
@@ -81,9 +85,9 @@ def run(
     folder = results_folder(campaign_path, out)
     with results_into(folder) as new, stored(campaign) as campaign:
         header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
-        campaign = screened(campaign, jobs)
+        campaign = screened(judged_by(campaign, criteria.of_records), jobs)
         try:
-            closure = discovery.close_loop(campaign, jobs, report, seed, model=before)
+            closure = discovery.close_loop(campaign, jobs, report, seed, criteria, before)
         except NothingLeftError as nothing:
             header |= {"elapsed_s": time.perf_counter() - started, "command": command}
             header["campaign_digest"] = campaign.digest

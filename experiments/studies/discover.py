@@ -12,14 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discovery.laws.candidate import ALWAYS_LISTED, NO_LOOSENING
+from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.laws.candidate import ALWAYS_LISTED, NO_LOOSENING, Candidate
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
 from experiments.studies.identify import Progress, save_figures, suspected_lines
 from experiments.studies.suspected import screening_of, suspected, write_without_records
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.campaign.channels import FloatArray
-from rom.signals.measured_records import NothingLeftError, screened, stored
+from rom.signals.measured_records import NothingLeftError, judged_by, screened, stored
 from rom.signals.suspicions import causes
 from rom.signals.tension_bins import TensionCourse
 
@@ -44,11 +45,12 @@ def run(
     command: str = "",
     *,
     tightening: bool = False,
-    laws: Path | None = None,
+    laws: Path | Sequence[Candidate] | None = None,
     given_only: bool = False,
     libraries: Sequence[str] | None = None,
     optimizers: Sequence[str] | None = None,
     max_terms: int | None = None,
+    criteria: Criteria = CRITERIA,
 ) -> Path:
     """Write ``ranking.json``, ``model.json`` with the first law, and the figures; return the ranking's path.
 
@@ -68,14 +70,16 @@ def run(
         The command line, kept in the result file.
     tightening : bool
         Whether records whose tension rose are used too.
-    laws : Path, optional
-        A file of laws of one's own that are in the race (`discovery.laws.law_file`).
+    laws : Path or sequence of Candidate, optional
+        Laws of one's own that are in the race, or a file of them (`discovery.laws.law_file`).
     given_only : bool
         Whether these and the standing laws are all.
     libraries, optimizers : sequence of str, optional
         Names in `discovery.LIBRARIES` and `discovery.OPTIMIZERS`; all if not given.
     max_terms : int, optional
         Terms of a law, at most.
+    criteria : Criteria
+        The numbers that decide.
 
     Returns
     -------
@@ -93,26 +97,27 @@ def run(
     from experiments.figures.discovery import discovery_figures
 
     started = time.perf_counter()
-    given = read_laws(laws) if laws is not None else ()
+    given = read_laws(laws) if isinstance(laws, Path) else laws or ()
     report = progress or (lambda _: None)
     paths = [campaign_path] if isinstance(campaign_path, Path) else list(campaign_path)
     read = [read_campaign(path, jobs, report("checking records")) for path in paths]
     check_one_kind(read, tightening)
-    enough(read, paths[0])
+    enough(read, paths[0], criteria.ranking.least_cases)
     folder = place_of_results(paths, out)
     digest = digest_of(read)
     header: dict[str, Any] = {"campaign": ", ".join(one.settings.name for one in read), "seed": seed}
     with results_into(folder) as new, ExitStack() as places:
-        campaigns = [screened(places.enter_context(stored(one)), jobs) for one in read]
+        kept = [judged_by(places.enter_context(stored(one)), criteria.of_records) for one in read]
+        campaigns = [screened(one, jobs) for one in kept]
         subject = campaigns[0] if len(campaigns) == 1 else campaigns
         try:
             for campaign in campaigns:
                 left_for_laws(campaign)
             if given_only:
-                ranking = discovery.compare(subject, given, jobs, report, seed, tightening)
+                ranking = discovery.compare(subject, given, jobs, report, seed, tightening, criteria)
             else:
                 ranking = discovery.discover(
-                    subject, jobs, report, seed, tightening, laws=given, libraries=libraries,
+                    subject, jobs, report, seed, tightening, criteria, laws=given, libraries=libraries,
                     optimizers=optimizers, max_terms=max_terms,
                 )  # fmt: skip
         except NothingLeftError as nothing:
@@ -150,17 +155,23 @@ def digest_of(campaigns: Sequence[Campaign]) -> str:
     return hashlib.sha256("\n".join(one.digest for one in campaigns).encode()).hexdigest()
 
 
-def enough(campaigns: Sequence[Campaign], path: Path) -> None:
+def enough(campaigns: Sequence[Campaign], path: Path, least: float) -> None:
     """Refuse campaigns whose loosening records are too few to compare laws.
+
+    Parameters
+    ----------
+    campaigns : sequence of Campaign
+        As they were read.
+    path : Path
+        As the first was named.
+    least : float
+        Loosening records that may be fitted to, at least.
 
     Raises
     ------
     ValueError
-        If fewer than four loosening records may be fitted to.
+        If there are fewer.
     """
-    from discovery.criteria.criteria import CRITERIA
-
-    least = CRITERIA.ranking.least_cases
     training = [r for one in campaigns for r in one.select("loosening") if not r.hold_out]
     if len(training) < least:
         raise ValueError(
@@ -188,7 +199,6 @@ def left_for_laws(campaign: Campaign) -> None:
 
 def summary(path: Path) -> str:
     """Return a few lines for people: which law, how sure, what it beats, and the leader board."""
-    from discovery.criteria.criteria import CRITERIA
     from discovery.views.ranking_figure import law_name, ranked
     from experiments.text import rankings
     from experiments.text.wording import number, trimmed

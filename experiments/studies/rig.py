@@ -2,7 +2,7 @@
 
 import difflib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ __all__ = [
     "KINDS",
     "Influence",
     "Undeclared",
+    "check_options",
     "draw",
     "influence",
     "run",
@@ -132,6 +133,38 @@ def run(
     return folder
 
 
+def check_options(
+    *,
+    cases: int | None = None,
+    noise: float = 1.0,
+    scatter: float = 1.0,
+    strengths: Sequence[float] = (1.0,),
+    law: str | None = None,
+    undeclared: Sequence[str] = (),
+    duration_s: float | None = None,
+    hold_out_every: int = 5,
+    seed: int = 0,  # noqa: ARG001 - any will do
+) -> None:
+    """Refuse options of `run` that cannot be, effects as text, before there is a folder.
+
+    Parameters
+    ----------
+    cases, noise, scatter, strengths, law, duration_s, hold_out_every, seed
+        As for `run`.
+    undeclared : sequence of str
+        As for `undeclared_from_text`.
+
+    Raises
+    ------
+    ValueError
+        With a line for every demand that is not met.
+    """
+    check(None, cases, noise, 1, duration_s, tuple(strengths), scatter, hold_out_every)
+    plant_of(law)
+    for text in undeclared:
+        undeclared_from_text(text)
+
+
 def plant_of(law: str | None) -> Plant:
     """Return the rig whose bolt follows a law by name; None: that of the paper.
 
@@ -203,7 +236,7 @@ def write_truth(path: Path, options: Truth, laboratory: Laboratory, truths: list
 
 
 def check(
-    folder: Path,
+    folder: Path | None,
     cases: int | None,
     noise: float,
     jobs: int,
@@ -216,7 +249,7 @@ def check(
 
     Parameters
     ----------
-    folder : Path
+    folder : Path or None
         Must not exist.
     cases : int or None
         Preloads, at least 2; None: the paper's.
@@ -238,7 +271,7 @@ def check(
     """
     demands = [
         (
-            not folder.exists(),
+            folder is None or not folder.exists(),
             f"{folder}: exists already; a campaign is written to a new folder, name another one",
         ),
         (cases is None or cases >= 2, f"cases: got {cases}, expected at least 2 preloads"),

@@ -30,6 +30,7 @@ SLOW = {
     "closed-loop.md": "closes",
     "cluster.md": "identifies",
     "discovery.md": "discovers",
+    "experiments.md": "compares laws",
     "own-data.md": "identifies",
     "own-law.md": "identifies and fits",
     "tutorial.md": "goes all the way",

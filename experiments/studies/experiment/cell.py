@@ -1,0 +1,187 @@
+"""One cell of an experiment: its campaign, its command, its numbers, all in a folder that appears whole."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import Any
+
+from experiments.errors import of_the_input
+from experiments.results import write_result
+from experiments.run.execution import execution
+from experiments.studies import close, discover, rig
+from experiments.studies.experiment.cells import Cell, Source
+
+CELLS, CAMPAIGNS, MAKING = "cells", "campaigns", ".making-"
+RESULT = "cell.json"
+_MEASURES = (
+    ("motion_nrmse", "motion", 100.0),
+    ("link_force_nrmse", "link force", 100.0),
+    ("tension_loss_error_percent_median", "tension loss", 1.0),
+)
+"""Errors of a closure: the first one that is there counts; [%] times a factor."""
+
+
+def run_cell(cell: Cell, out: Path, jobs: int = 1) -> None:
+    """Run one cell and leave its results and ``cell.json`` in a folder of its own; a fault is a result too.
+
+    Parameters
+    ----------
+    cell : Cell
+        What is done.
+    out : Path
+        Folder of the experiment's results.
+    jobs : int
+        Processes; of 1, all is done here whatever carries out the cells.
+    """
+    started = time.perf_counter()
+    alone = execution(local="sequential") if jobs == 1 else nullcontext()
+    with alone, _appearing(out / CELLS / cell.digest) as folder:
+        try:
+            content = _examined(cell, out, folder, jobs)
+        except Exception as error:  # the other cells go on
+            if not folder.is_dir():  # a later run of the experiment has swept this one away
+                raise
+            content = {"status": "failed", "message": _told(error)}
+        write_result(
+            folder / RESULT, "cell", {**_settings(cell), **content}, campaign=cell.source.name,
+            seed=cell.seed, elapsed_s=time.perf_counter() - started,
+        )  # fmt: skip
+
+
+def _settings(cell: Cell) -> dict[str, Any]:
+    return {"cell": cell.digest, "command": cell.command, "settings": cell.settings}
+
+
+def _told(error: Exception) -> str:
+    """A line about an error; of a fault of the program, where it was."""
+    if of_the_input(error):
+        return "; ".join(str(error).splitlines())
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"
+
+
+def _examined(cell: Cell, out: Path, folder: Path, jobs: int) -> dict[str, Any]:
+    path = COMMANDS[cell.command](cell, campaign_of(cell.source, out), folder, jobs)
+    found = json.loads(path.read_text(encoding="utf-8"))
+    if cell.source.folder is not None and found["campaign_digest"] != cell.source.digest:
+        raise ValueError("found another content of the campaign than when the experiment began")
+    numbers = _of_closure(found) if cell.command == "close" else _of_ranking(found)
+    status = {"status": "ok" if numbers else "failed", "message": found.get("unfit") or ""}
+    return {**status, "campaign_digest": found["campaign_digest"], "numbers": numbers}
+
+
+def _ranked(cell: Cell, campaign: Path, folder: Path, jobs: int) -> Path:
+    from discovery.laws.law_file import FORMAT, laws_from
+
+    options = dict(cell.options)
+    criteria = _criteria(options.pop("criteria", {}))
+    laws = laws_from({"format": FORMAT, "law": list(cell.laws)}, "laws") if cell.laws else None
+    only = cell.command == "compare"
+    return discover.run(
+        campaign, folder, cell.seed, jobs, laws=laws, given_only=only, criteria=criteria, **options
+    )
+
+
+def _closed(cell: Cell, campaign: Path, folder: Path, jobs: int) -> Path:
+    criteria = _criteria(cell.options.get("criteria", {}))
+    return close.run(campaign, folder, cell.seed, jobs, criteria=criteria)
+
+
+def _criteria(changes: Mapping[str, Mapping[str, float]]) -> Any:
+    from discovery.criteria.criteria import CRITERIA
+
+    return CRITERIA.changed(**changes)
+
+
+COMMANDS: Mapping[str, Callable[[Cell, Path, Path, int], Path]] = {
+    "discover": _ranked,
+    "compare": _ranked,
+    "close": _closed,
+}
+
+
+def _of_ranking(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Main numbers of a ranking; none where no record was left."""
+    from discovery.laws.candidate import BASELINE
+
+    if not found["laws"]:
+        return {}
+    first = found["laws"][0]
+    error = "cross_validated_loss_error_percent_median"
+    return {
+        "first": first["name"],
+        "error": first[error],
+        "error_of": "tension loss, cross-validated",
+        "error_before": next(law[error] for law in found["laws"] if law["name"] == BASELINE),
+        "hold_out_error": first["errors"]["hold_out"].get("tension_loss_error_percent_median"),
+        "probability": first["probability"],
+        "p_value_against_baseline": first["p_value_against_baseline"],
+        "free_numbers": first["free_numbers"],
+        "equation": first["equation"],
+        "indistinguishable": "; ".join(first["indistinguishable"]),
+    }
+
+
+def _of_closure(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Main numbers of a closure; none where no record was left."""
+    for kind in ("hold_out", "training"):
+        before, after = (found["errors"][kind][when] for when in ("before", "after"))
+        for key, what, factor in _MEASURES:
+            if after[key] is not None and before[key] is not None:
+                return {
+                    "first": " + ".join(f"{e['name']}@{e['enters']}" for e in found["effects"]),
+                    "error": factor * after[key],
+                    "error_of": f"{what}, {kind.replace('_', '-')}",
+                    "error_before": factor * before[key],
+                    "verdict": found["verdict"],
+                }
+    return {}
+
+
+def campaign_of(source: Source, out: Path) -> Path:
+    """Return the folder of a campaign; the first cell that needs one of the rig measures it."""
+    from filelock import FileLock
+
+    if source.folder is not None:
+        return source.folder
+    place = out / CAMPAIGNS / source.digest
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(place.with_suffix(".lock")):
+        if not place.exists():
+            options = dict(source.options)
+            options["strengths"] = tuple(options.get("strengths", (1.0,)))
+            hidden = tuple(rig.undeclared_from_text(text) for text in options.pop("undeclared", ()))
+            with _appearing(place) as folder:
+                rig.run(folder / "campaign", jobs=1, undeclared=hidden, **options)
+    return place / "campaign"
+
+
+def remove_campaign(source: Source, out: Path) -> None:
+    """Remove a campaign of the rig that no cell needs any more: its options make it again."""
+    if source.folder is None:
+        place = out / CAMPAIGNS / source.digest
+        shutil.rmtree(place, ignore_errors=True)
+        place.with_suffix(".lock").unlink(missing_ok=True)
+
+
+@contextmanager
+def _appearing(place: Path) -> Iterator[Path]:
+    """Give a new folder that takes its place if all goes well, unless another process came first."""
+    place.parent.mkdir(parents=True, exist_ok=True)
+    making = Path(tempfile.mkdtemp(dir=place.parent, prefix=MAKING))
+    try:
+        making.chmod(0o755)  # as any other folder
+        yield making
+        with suppress(OSError):
+            making.rename(place)
+        if not place.is_dir():
+            raise OSError(f"{place}: found that it cannot be made, expected a folder for results")
+    finally:
+        shutil.rmtree(making, ignore_errors=True)
