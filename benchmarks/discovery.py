@@ -3,43 +3,39 @@
 ``python -m benchmarks.discovery --seeds 10 --laws eq13 power-2 --noise 1 --scatter 1`` makes a campaign per
 law and seed (20 preloads, hits of 100, 80 and 60 % of full strength), discovers on the folder alone, and
 scores the ranking against the truth beside it, read only then. A table per noise level, a row per law;
-``--peers`` adds a table of other programs on the same records. ``--forms`` is quick: a race of given forms,
-all started alike, in place of the search, and one identification for all laws of a seed.
+``--peers`` adds a table of other programs on the same records. All this is an experiment's file, which
+``--out`` keeps. ``--forms`` is quick: a race of given forms, all started alike, in place of the search, and
+one identification for all laws of a seed.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import tomli_w
 from joblib import Parallel, delayed
 
-from benchmarks.discovery_peers import SYMBOLIC, laws_of_peers, missing
+from benchmarks.discovery_peers import SYMBOLIC, missing
+from benchmarks.discovery_scores import SURE, Trial, measured, measured_with_peers, score, trial_of
 from benchmarks.discovery_specimens import (
+    HOLD_OUT_EVERY,
+    PRELOADS,
     Setting,
     Specimen,
-    frozen_courses,
     measure,
     specimen_of,
 )
-from benchmarks.discovery_truth import (
-    LAWS,
-    Truth,
-    curve_error,
-    form,
-    held_out_error,
-    read_truth,
-    same_motion,
-)
-from discovery.courses.fit import refine
-from discovery.courses.frozen_motion import FrozenMotion
-from discovery.laws.candidate import BASELINE, Candidate, Term
+from benchmarks.discovery_truth import LAWS, PAPER, read_truth
+from discovery.laws.candidate import Candidate, Term
 from discovery.laws.factors import (
     displacement_power,
     dissipated_power,
@@ -50,91 +46,14 @@ from discovery.laws.factors import (
     velocity_threshold,
 )
 from discovery.ranking.confidence_sets import exponent_profile
-from discovery.ranking.discover import discover
 from discovery.ranking.pairwise import compare_laws, not_told_apart
 from discovery.ranking.race import race
 from discovery.ranking.result import Ranking
+from experiments import run_experiment
+from experiments.run.progress import progress_bars
 from experiments.studies import rig
-from rom.campaign.campaign import Campaign
+from experiments.studies.experiment.settings import FORMAT
 from rom.identification.identify import Identification
-
-SURE = 0.01
-
-
-@dataclass(frozen=True)
-class Peer:
-    """Another program's law: held-out loss error over ours, if it is driven as the truth, time [s]."""
-
-    ratio: float
-    motion: bool
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Trial:
-    """One ranking scored: exponents, forms, errors in percent, chance, time. nan: there is none."""
-
-    winner: str
-    exponent: float
-    low: float
-    high: float
-    holds: float
-    form: str  # "true", "listed" among those not told apart from the winner, or "other"
-    motion: bool
-    curve: float
-    winner_error: float
-    truth_error: float
-    baseline_error: float
-    smallest_p: float
-    seconds: float
-    peers: Mapping[str, Peer] = field(default_factory=dict)
-
-
-def frozen_of(ranking: Ranking) -> tuple[FrozenMotion, FrozenMotion]:
-    """Motion and courses of a ranking's training records and of those held out."""
-    return frozen_courses(ranking.identified, ranking.courses)
-
-
-def score(
-    ranking: Ranking,
-    truth: Truth,
-    seconds: float = float("nan"),
-    frozen: tuple[FrozenMotion, FrozenMotion] | None = None,
-) -> Trial:
-    """Score a ranking against the truth: the true law is refitted to the same records for comparison.
-
-    ``frozen`` is what `frozen_of` returns for the ranking, where it is at hand.
-    """
-    training, hold_out = frozen or frozen_of(ranking)
-    first, fitted = ranking.laws[0], refine(truth.candidate, training)
-    power, profile = truth.velocity_power, ranking.profile
-    told = power is not None and profile is not None
-    better = [p for law in ranking.laws if (p := law.p_value_against_baseline) is not None]
-    return Trial(
-        winner=first.name,
-        exponent=profile.best if told else float("nan"),
-        low=profile.low if told else float("nan"),
-        high=profile.high if told else float("nan"),
-        holds=float(profile.holds(power)) if told else float("nan"),
-        form=_found_form(ranking, truth),
-        motion=same_motion(first.candidate.law(), truth, training),
-        curve=curve_error(fitted.candidate, truth),
-        winner_error=held_out_error(first.candidate, hold_out),
-        truth_error=held_out_error(fitted.candidate, hold_out),
-        baseline_error=held_out_error(ranking[BASELINE].candidate, hold_out),
-        smallest_p=min(better, default=1.0),
-        seconds=seconds,
-    )
-
-
-def _found_form(ranking: Ranking, truth: Truth) -> str:
-    first, true = ranking.laws[0], form(truth.candidate)
-    if form(first.candidate) == true:
-        return "true"
-    alike = [law for law in ranking.laws if law.name in ranking.indistinguishable]
-    texts = [text for law in (first, *alike) for text in law.look_alikes]
-    listed = any(form(law.candidate) == true for law in alike) or truth.candidate.equation in texts
-    return "listed" if listed else "other"
 
 
 def _forms() -> dict[str, tuple[Term, ...]]:
@@ -180,43 +99,55 @@ def race_of_forms(
     )
 
 
-def run_seed(
-    seed: int, laws: Sequence[str], setting: Setting, forms: Sequence[str] = (), peers: bool = False
-) -> list[Trial]:
-    """Make a campaign for every law and score what is found; with ``forms``, identify the plant once."""
+def run_seed(seed: int, laws: Sequence[str], setting: Setting, forms: Sequence[str]) -> list[Trial]:
+    """Make a campaign for every law and score a race of forms; the plant is identified once."""
     trials: list[Trial] = []
     known: Identification | None = None
     for law in laws:
         with tempfile.TemporaryDirectory() as scratch:
             campaign = measure(Path(scratch) / "campaign", law, seed, setting)
             started = time.perf_counter()
-            if forms:
-                found = specimen_of(campaign, known)
-                known = found.identified
-                ranking = race_of_forms(found, seed, forms)
-            else:
-                ranking = discover(campaign, seed=seed)
+            found = specimen_of(campaign, known)
+            known = found.identified
+            ranking = race_of_forms(found, seed, forms)
             truth, seconds = read_truth(rig.truth_path(campaign.path)), time.perf_counter() - started
-            trial = score(ranking, truth, seconds)
-            trials.append(
-                replace(trial, peers=score_peers(campaign, ranking, truth, seed)) if peers else trial
-            )
+            trials.append(score(ranking, truth, seconds))
         print(f"noise {setting.noise:g}, {law}, seed {seed}: {trials[-1]}", file=sys.stderr, flush=True)
     return trials
 
 
-def score_peers(campaign: Campaign, ranking: Ranking, truth: Truth, seed: int) -> dict[str, Peer]:
-    """Score what other programs find in the training records of a ranking."""
-    training, hold_out = frozen_of(ranking)
-    ours = held_out_error(ranking.laws[0].candidate, hold_out)
-    return {
-        name: Peer(
-            held_out_error(found.law, hold_out) / ours if found.law else float("inf"),
-            found.law is not None and same_motion(found.law, truth, training),
-            found.seconds,
-        )
-        for name, found in laws_of_peers(campaign, training, held_out_error, seed).items()
-    }
+def searched(options: argparse.Namespace, out: Path) -> list[dict[str, Any]]:
+    """Run the search on a campaign for every law, seed and level of noise, and return the cells."""
+    rig_options = {
+        "cases": PRELOADS, "hold_out_every": HOLD_OUT_EVERY, "duration_s": options.duration,
+        "strengths": list(rig.strengths_from_text(options.strengths)), "scatter": options.scatter,
+        "noise": options.noise, "seed": list(range(options.first, options.first + options.seeds)),
+    }  # fmt: skip
+    rivals = [law for law in options.laws if law != PAPER]
+    tables = [{"name": PAPER, **rig_options}] if PAPER in options.laws else []
+    tables += [{"name": "rival", "law": rivals, **rig_options}] if rivals else []
+    content = {"format": FORMAT, "name": "hidden laws", "command": "discover", "rig": tables}
+    file = out / "experiment.toml"
+    out.mkdir(parents=True, exist_ok=True)
+    file.write_text(tomli_w.dumps(content), encoding="utf-8")
+    measure = measured_with_peers if options.peers else measured
+    with progress_bars(quiet=False) as report:
+        table = run_experiment(file, out, options.jobs, progress=report, measure=measure)
+    for row in table.failed:
+        print(f"{row['campaign']}: {row['message']}", file=sys.stderr)
+    cells: list[dict[str, Any]] = json.loads(table.path.read_text(encoding="utf-8"))["cells"]
+    return [cell for cell in cells if cell["status"] == "ok"]
+
+
+def trials_by_law(
+    cells: Sequence[Mapping[str, Any]], laws: Sequence[str], noise: float
+) -> dict[str, list[Trial]]:
+    """Return the scores of the cells of one level of noise."""
+    found: dict[str, list[Trial]] = {law: [] for law in laws}
+    for cell in cells:
+        if cell["settings"]["rig.noise"] == noise:
+            found[cell["settings"].get("rig.law", PAPER)].append(trial_of(cell))
+    return {law: trials for law, trials in found.items() if trials}
 
 
 COLUMNS = (
@@ -304,29 +235,39 @@ def options_given() -> argparse.Namespace:
         "--forms", nargs="*", choices=FORMS, help="race of these (none named: all) in place of the search"
     )
     parser.add_argument("--peers", action="store_true", help=f"pysindy alone, and {', '.join(SYMBOLIC)}")
-    return parser.parse_args()
+    parser.add_argument("--out", type=Path, help="keep experiment and results; a second call goes on there")
+    options = parser.parse_args()
+    if options.forms is not None and (options.peers or options.out):
+        parser.error("--forms: a race has no --peers and no --out")
+    return options
 
 
 def main() -> None:
     """Print a table for every level of noise."""
     options = options_given()
-    strengths = rig.strengths_from_text(options.strengths)
-    for noise in options.noise:
-        setting = Setting(noise, options.scatter, options.duration, strengths)
-        print(
-            f"\n### Noise x {noise:g}, scatter x {options.scatter:g}, hits {options.strengths}, records of "
-            f"{options.duration:g} s, {options.seeds} seeds\n",
-            flush=True,
-        )
-        seeds = range(options.first, options.first + options.seeds)
-        forms = () if options.forms is None else options.forms or FORMS
-        given = options.laws, setting, forms, options.peers
-        by_seed = Parallel(n_jobs=options.jobs)(delayed(run_seed)(seed, *given) for seed in seeds)
-        by_law = {law: [trials[k] for trials in by_seed] for k, law in enumerate(options.laws)}
-        print("\n".join([header(COLUMNS), *(row(law, trials) for law, trials in by_law.items())]), flush=True)
-        if options.peers:
-            lines = [line for law, trials in by_law.items() for line in peer_rows(law, trials)]
-            print("\n".join(["", header(PEER_COLUMNS, "truth: program"), *lines]), flush=True)
+    with tempfile.TemporaryDirectory() as scratch:
+        cells = searched(options, options.out or Path(scratch)) if options.forms is None else []
+        for noise in options.noise:
+            raced = options.forms is not None
+            by_law = _raced(options, noise) if raced else trials_by_law(cells, options.laws, noise)
+            print(
+                f"\n### Noise x {noise:g}, scatter x {options.scatter:g}, hits {options.strengths}, records "
+                f"of {options.duration:g} s, {options.seeds} seeds\n"
+            )
+            rows = [row(law, trials) for law, trials in by_law.items()]
+            print("\n".join([header(COLUMNS), *rows]), flush=True)
+            if options.peers:
+                lines = [line for law, trials in by_law.items() for line in peer_rows(law, trials)]
+                print("\n".join(["", header(PEER_COLUMNS, "truth: program"), *lines]), flush=True)
+
+
+def _raced(options: argparse.Namespace, noise: float) -> dict[str, list[Trial]]:
+    """Scores of the race of forms of every law."""
+    setting = Setting(noise, options.scatter, options.duration, rig.strengths_from_text(options.strengths))
+    seeds = range(options.first, options.first + options.seeds)
+    given = options.laws, setting, options.forms or FORMS
+    by_seed = Parallel(n_jobs=options.jobs)(delayed(run_seed)(seed, *given) for seed in seeds)
+    return {law: [trials[k] for trials in by_seed] for k, law in enumerate(options.laws)}
 
 
 if __name__ == "__main__":

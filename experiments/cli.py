@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.errors import INTERRUPTED, UNFIT, a_model, existing, tell
+from experiments.errors import INTERRUPTED, UNFIT, a_model, existing, show_warnings_plainly, tell
 from experiments.options import CORES as _CORES
 from experiments.options import CampaignPath, Campaigns, Cluster, Jobs, OneProcess, Out, Quiet, Seed, Unseeded
 from experiments.results import results_folder, writable
@@ -69,9 +69,9 @@ def rig(
     law: Annotated[
         str | None,
         typer.Option(
-            help="Tension law that the bolt follows: power-1, power-2, power-3, power-5, constant-quadratic, "
-            "displacement-2, displacement-4, threshold, threshold-30 or velocity-and-displacement; default: "
-            "that of the paper."
+            help="Tension law that the bolt follows: power-1, power-2, power-3, power-5, constant-quartic, "
+            "constant-quadratic, displacement-2, displacement-4, threshold, threshold-30 or "
+            "velocity-and-displacement; default: that of the paper."
         ),
     ] = None,
     undeclared: Annotated[
@@ -364,6 +364,7 @@ def main() -> None:
     fault of the program.
     """
     return_freed_arrays()
+    show_warnings_plainly()
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # scratch folders are removed
     sys.exit(run(sys.argv[1:]))
 

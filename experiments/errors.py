@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import sys
 import traceback
+import warnings
 from pathlib import Path
 
 BAD_INPUT, PROGRAM_FAULT, INTERRUPTED = 2, 1, 130
@@ -105,6 +106,11 @@ def tell(error: BaseException) -> int:
     traceback.print_exception(error)
     print("boltlaw: this is a fault of the program, not of the input", file=sys.stderr)
     return PROGRAM_FAULT
+
+
+def show_warnings_plainly() -> None:
+    """Let a warning be one line, without the place in the code that raised it."""
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"  # type: ignore[assignment]
 
 
 def of_the_input(error: BaseException) -> bool:

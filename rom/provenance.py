@@ -5,6 +5,8 @@ from __future__ import annotations
 import platform
 from importlib.metadata import PackageNotFoundError, version
 
+from rom.plug_ins import packages
+
 _LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn", "pysindy", "h5py", "pandas", "joblib")
 
 
@@ -17,5 +19,8 @@ def program_version() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of the libraries on which the numbers of a result may depend."""
-    return {"python": platform.python_version(), **{name: version(name) for name in _LIBRARIES}}
+    """Return the versions of Python, and of the libraries and plug-ins on which the numbers of a result may
+    depend.
+    """
+    libraries = {name: version(name) for name in _LIBRARIES}
+    return {"python": platform.python_version(), **libraries, **packages()}

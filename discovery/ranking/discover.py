@@ -11,6 +11,7 @@ from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.laws.candidate import Candidate, baseline
 from discovery.laws.given import GivenLaw, check_finite, given_law, starts_of
+from discovery.laws.plug_in_laws import plug_in_laws, usable
 from discovery.ranking.confidence_sets import exponent_profile, motion_profile
 from discovery.ranking.pairwise import compare_laws, not_told_apart
 from discovery.ranking.population import population_of
@@ -65,7 +66,8 @@ def discover(
     criteria : Criteria
         The numbers that decide.
     laws : sequence of str, Law or Candidate
-        Laws of one's own that run among the candidates (`discovery.laws.given.given_law`).
+        Laws of one's own that run among the candidates (`discovery.laws.given.given_law`), beside those of
+        installed packages.
     libraries : sequence of str or object
         Names in `discovery.LIBRARIES`, or pysindy libraries over the inputs ``v, x, T, F, D``
         (`discovery.search.pysindy_libraries`); all of `discovery.LIBRARIES` if not given.
@@ -94,13 +96,15 @@ def discover(
     """
     stage: Stages = progress or (lambda _: None)
     given, selection = _given(laws), select(libraries, optimizers)
+    plugged = plug_in_laws(given)
     if max_terms is not None:
         criteria = criteria.changed(search={"largest_support": _at_least_one(max_terms)})
     data = specimens(campaign, jobs, stage, tightening, criteria)
     check_given(given, data.frozen)
+    plugged, notes = usable(plugged, data.frozen.nodes)
     first = refine(baseline(), data.frozen)
     proposals = propose(data.frozen, first, seed, tightening, jobs, stage("proposing laws"), selection)
-    return _ranking(data, given, proposals, seed, jobs, stage)
+    return _ranking(data, (*given, *plugged), proposals, seed, jobs, stage, notes)
 
 
 @one_threaded
@@ -116,7 +120,8 @@ def compare(
 ) -> Ranking:
     """Rank laws of one's own beside gamma(T), constant gamma with powers 2 and 4, and no loosening.
 
-    They are fitted and judged as `discover` judges its own.
+    They are fitted and judged as `discover` judges its own; laws of installed packages are with them
+    (`discovery.laws.plug_in_laws`).
 
     Parameters
     ----------
@@ -142,11 +147,13 @@ def compare(
     """
     stage: Stages = progress or (lambda _: None)
     given = _given(laws)
-    if not given:
+    plugged = plug_in_laws(given)
+    if not given and not plugged:
         raise ValueError("found no law to compare, expected one or more")
     data = specimens(campaign, jobs, stage, tightening, criteria)
     check_given(given, data.frozen)
-    return _ranking(data, given, Proposals((), 0, {}, ()), seed, jobs, stage)
+    plugged, notes = usable(plugged, data.frozen.nodes)
+    return _ranking(data, (*given, *plugged), Proposals((), 0, {}, ()), seed, jobs, stage, notes)
 
 
 def _at_least_one(terms: int) -> int:
@@ -173,7 +180,13 @@ def check_given(laws: Sequence[Candidate], frozen: FrozenMotion) -> None:
 
 
 def _ranking(
-    data: Specimens, given: Sequence[Candidate], proposals: Proposals, seed: int, jobs: int, stage: Stages
+    data: Specimens,
+    given: Sequence[Candidate],
+    proposals: Proposals,
+    seed: int,
+    jobs: int,
+    stage: Stages,
+    notes: Sequence[str] = (),
 ) -> Ranking:
     frozen, hold_out = data.frozen, data.hold_out
     starts = [start for law in given for start in starts_of(law)]
@@ -195,6 +208,7 @@ def _ranking(
             *warnings,
             *_left_out(proposals.dropped),
             *proposals.notes,
+            *notes,
             *_not_fitted(given, laws),
         ),
     )

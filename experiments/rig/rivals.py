@@ -15,6 +15,7 @@ RIVALS: Mapping[str, tuple[LooseningTerm, ...]] = MappingProxyType(
         "power-2": (LooseningTerm(8.48, velocity_power=2.0),),
         "power-3": (LooseningTerm(10.37, velocity_power=3.0),),
         "power-5": (LooseningTerm(13.10, velocity_power=5.0),),
+        "constant-quartic": (LooseningTerm(6.75, 0.0),),
         "constant-quadratic": (LooseningTerm(3.46, 0.0, velocity_power=2.0),),
         "displacement-2": (LooseningTerm(12.62, velocity_power=0.0, displacement_power=2.0),),
         "displacement-4": (LooseningTerm(21.56, velocity_power=0.0, displacement_power=4.0),),

@@ -10,6 +10,7 @@ import pickle
 import signal
 import sys
 import traceback
+import warnings
 from pathlib import Path
 from typing import BinaryIO
 
@@ -22,6 +23,7 @@ def main() -> None:
         os.dup2(nothing.fileno(), 0)
     os.dup2(2, 1)  # what a task prints is no reply
     sys.path[:] = pickle.load(tasks)
+    warnings.filterwarnings("ignore", message="plug-in ")  # the process that started this one has said so
     _serve(tasks, replies)
 
 

@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from experiments.results import plain, results_folder, write_result
@@ -18,6 +18,9 @@ from rom.campaign.campaign import read_campaign
 from rom.evaluation.error_measures import summarise
 from rom.model_file import load_model
 from rom.signals.measured_records import NothingLeftError, judged_by, screened, stored
+
+if TYPE_CHECKING:
+    from discovery.loop.result import Closure
 
 _NONE = summarise([])
 NO_CLOSURE: Mapping[str, Any] = {
@@ -41,6 +44,7 @@ def run(
     *,
     model: Path | None = None,
     criteria: Criteria = CRITERIA,
+    then: Callable[[Closure], None] = lambda _: None,
 ) -> Path:
     """Write ``closure.json``, ``model.json`` with the refined model, and the figures; return the closure's
     path.
@@ -63,6 +67,8 @@ def run(
         A ``model.json`` whose tension law the loop starts from.
     criteria : Criteria
         The numbers that decide.
+    then : callable
+        Takes the closure before it is written.
 
     Returns
     -------
@@ -93,6 +99,7 @@ def run(
             header["campaign_digest"] = campaign.digest
             write_without_records(new / "closure.json", "closure", nothing, NO_CLOSURE, header)
             return folder / "closure.json"
+        then(closure)
         curves = effect_curves(closure.model, [found.effect for found in closure.effects], campaign)
         content = plain(closure_section(closure) | {"command": command, "campaign_digest": campaign.digest})
         for row, curve in zip(content["effects"], curves, strict=True):

@@ -51,6 +51,7 @@ def run(
     optimizers: Sequence[str] | None = None,
     max_terms: int | None = None,
     criteria: Criteria = CRITERIA,
+    then: Callable[[Ranking], None] = lambda _: None,
 ) -> Path:
     """Write ``ranking.json``, ``model.json`` with the first law, and the figures; return the ranking's path.
 
@@ -80,6 +81,8 @@ def run(
         Terms of a law, at most.
     criteria : Criteria
         The numbers that decide.
+    then : callable
+        Takes the ranking before it is written.
 
     Returns
     -------
@@ -125,6 +128,7 @@ def run(
             header["campaign_digest"] = digest
             write_without_records(new / "ranking.json", "ranking", nothing, NO_RANKING, header)
             return folder / "ranking.json"
+        then(ranking)
         content = plain(ranking_content(ranking) | {"command": command, "campaign_digest": digest})
         told = suspected(campaigns, content["laws"][0]["errors"]["training"])
         content |= told

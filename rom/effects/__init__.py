@@ -1,7 +1,8 @@
 """Catalogue of effects that a model may lack: a file per family, found by its ``MEMBERS``.
 
-A new effect is one more ``Member`` in a file of this folder, or in a file of one's own and ``register``. May
-import `rom.model`, and from `rom.kernels` what compiles a function.
+A new effect is one more ``Member`` in a file of this folder, in a file of one's own and ``register``, or in
+an installed package with an entry point of the group ``boltlaw.effects``. May import `rom.model`, and from
+`rom.kernels` what compiles a function.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from rom.effects.member import Member
 from rom.model.effect import Effect, ModelCorrection, Motion, Reading, SensorFault
 from rom.model.law_change import LawChange
 from rom.model.laws import Parameter
+from rom.plug_ins import EFFECTS, members_of, plug_ins
 
 if TYPE_CHECKING:
     from rom.model.model import Model
@@ -165,3 +167,26 @@ def with_stiffness(effect: ModelCorrection, model: Model) -> ModelCorrection:
     law = laws.stiffness.parameters
     own = {name: law[name].value for name in member.of_stiffness if name in law}
     return effect.with_values(**{n: float(np.clip(v, *effect.parameters[n].bounds)) for n, v in own.items()})
+
+
+def _register_plug_ins() -> None:
+    """Add the effects of installed packages, once all that they may import from here is there.
+
+    Raises
+    ------
+    ValueError
+        If one has the name of another's.
+    """
+    owners = dict.fromkeys(_members, "boltlaw")
+    for package, members in plug_ins(EFFECTS, lambda found: members_of(found, Member)):
+        for member in members:
+            owner = owners.setdefault(member.name, package)
+            if owner != package or _members.get(member.name, member) != member:
+                raise ValueError(
+                    f"plug-in {package!r}: found an effect {member.name!r}, which {owner!r} has too, "
+                    "expected another name"
+                )
+        register(*members)
+
+
+_register_plug_ins()

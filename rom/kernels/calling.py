@@ -26,7 +26,12 @@ SIGNATURES = {
 
 @cache
 def _compiled(function: Callable[..., float], enters: str, on_disk: bool) -> Any:
-    return cfunc(SIGNATURES[enters], cache=on_disk, error_model="numpy")(function)
+    if on_disk:
+        try:
+            return cfunc(SIGNATURES[enters], cache=True, error_model="numpy")(function)
+        except RuntimeError:  # no file, or no folder to write to: compiled anew by every process
+            pass
+    return cfunc(SIGNATURES[enters], error_model="numpy")(function)
 
 
 def address_of(function: Callable[..., float], enters: str, on_disk: bool = True) -> int:
@@ -39,7 +44,7 @@ def address_of(function: Callable[..., float], enters: str, on_disk: bool = True
     enters : {"stiffness", "damping", "tension rate", "effect"}
         The place, which fixes the signature.
     on_disk : bool
-        Keep the compiled code on disk; only for functions that live in a file.
+        Keep the compiled code on disk, where the function lives in a file and there is a place for it.
 
     Returns
     -------

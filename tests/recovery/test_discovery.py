@@ -23,7 +23,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from benchmarks.discovery import SURE, Trial, contenders, race_of_forms, score
+from benchmarks.discovery import contenders, race_of_forms
+from benchmarks.discovery_scores import SURE, Trial, score
 from benchmarks.discovery_specimens import Setting, Specimen, specimen
 from benchmarks.discovery_truth import LAWS, curve_error, held_out_error, same_motion, truth_of
 from discovery.courses.fit import refine

@@ -13,13 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from experiments.errors import of_the_input
-from experiments.results import write_result
+from experiments.results import plain, write_result
 from experiments.run.execution import execution
 from experiments.studies import close, discover, rig
 from experiments.studies.experiment.cells import Cell, Source
 
 CELLS, CAMPAIGNS, MAKING = "cells", "campaigns", ".making-"
 RESULT = "cell.json"
+Then = Callable[[Any], None]
+"""Takes the ranking or the closure itself, before its files are there."""
 _MEASURES = (
     ("motion_nrmse", "motion", 100.0),
     ("link_force_nrmse", "link force", 100.0),
@@ -40,15 +42,17 @@ def run_cell(cell: Cell, out: Path, jobs: int = 1) -> None:
     jobs : int
         Processes; of 1, all is done here whatever carries out the cells.
     """
-    started = time.perf_counter()
     alone = execution(local="sequential") if jobs == 1 else nullcontext()
     with alone, _appearing(out / CELLS / cell.digest) as folder:
+        started = time.perf_counter()
         try:
-            content = _examined(cell, out, folder, jobs)
+            campaign = campaign_of(cell.source, out)
+            started = time.perf_counter()
+            content = _examined(cell, campaign, folder, jobs)
         except Exception as error:  # the other cells go on
             if not folder.is_dir():  # a later run of the experiment has swept this one away
                 raise
-            content = {"status": "failed", "message": _told(error)}
+            content = {"status": "failed", "message": _told(error, cell.source, out)}
         write_result(
             folder / RESULT, "cell", {**_settings(cell), **content}, campaign=cell.source.name,
             seed=cell.seed, elapsed_s=time.perf_counter() - started,
@@ -59,25 +63,34 @@ def _settings(cell: Cell) -> dict[str, Any]:
     return {"cell": cell.digest, "command": cell.command, "settings": cell.settings}
 
 
-def _told(error: Exception) -> str:
-    """A line about an error; of a fault of the program, where it was."""
+def _told(error: Exception, source: Source, out: Path) -> str:
+    """A line about an error, the same wherever results go; of a fault of the program, where it was."""
     if of_the_input(error):
-        return "; ".join(str(error).splitlines())
+        text = "; ".join(str(error).splitlines())
+        for place in filter(None, (source.folder, _place(source, out))):
+            text = text.replace(str(place), source.name)
+        return text
     place = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"
 
 
-def _examined(cell: Cell, out: Path, folder: Path, jobs: int) -> dict[str, Any]:
-    path = COMMANDS[cell.command](cell, campaign_of(cell.source, out), folder, jobs)
+def _examined(cell: Cell, campaign: Path, folder: Path, jobs: int) -> dict[str, Any]:
+    measured: dict[str, Any] = {}
+
+    def measure(result: Any) -> None:
+        if cell.measure is not None:
+            measured.update(plain(cell.measure(result, campaign)))
+
+    path = COMMANDS[cell.command](cell, campaign, folder, jobs, measure)
     found = json.loads(path.read_text(encoding="utf-8"))
     if cell.source.folder is not None and found["campaign_digest"] != cell.source.digest:
         raise ValueError("found another content of the campaign than when the experiment began")
     numbers = _of_closure(found) if cell.command == "close" else _of_ranking(found)
     status = {"status": "ok" if numbers else "failed", "message": found.get("unfit") or ""}
-    return {**status, "campaign_digest": found["campaign_digest"], "numbers": numbers}
+    return {**status, "campaign_digest": found["campaign_digest"], "numbers": {**numbers, **measured}}
 
 
-def _ranked(cell: Cell, campaign: Path, folder: Path, jobs: int) -> Path:
+def _ranked(cell: Cell, campaign: Path, folder: Path, jobs: int, then: Then) -> Path:
     from discovery.laws.law_file import FORMAT, laws_from
 
     options = dict(cell.options)
@@ -85,13 +98,13 @@ def _ranked(cell: Cell, campaign: Path, folder: Path, jobs: int) -> Path:
     laws = laws_from({"format": FORMAT, "law": list(cell.laws)}, "laws") if cell.laws else None
     only = cell.command == "compare"
     return discover.run(
-        campaign, folder, cell.seed, jobs, laws=laws, given_only=only, criteria=criteria, **options
+        campaign, folder, cell.seed, jobs, laws=laws, given_only=only, criteria=criteria, then=then, **options
     )
 
 
-def _closed(cell: Cell, campaign: Path, folder: Path, jobs: int) -> Path:
+def _closed(cell: Cell, campaign: Path, folder: Path, jobs: int, then: Then) -> Path:
     criteria = _criteria(cell.options.get("criteria", {}))
-    return close.run(campaign, folder, cell.seed, jobs, criteria=criteria)
+    return close.run(campaign, folder, cell.seed, jobs, criteria=criteria, then=then)
 
 
 def _criteria(changes: Mapping[str, Mapping[str, float]]) -> Any:
@@ -100,7 +113,7 @@ def _criteria(changes: Mapping[str, Mapping[str, float]]) -> Any:
     return CRITERIA.changed(**changes)
 
 
-COMMANDS: Mapping[str, Callable[[Cell, Path, Path, int], Path]] = {
+COMMANDS: Mapping[str, Callable[[Cell, Path, Path, int, Then], Path]] = {
     "discover": _ranked,
     "compare": _ranked,
     "close": _closed,
@@ -151,7 +164,7 @@ def campaign_of(source: Source, out: Path) -> Path:
 
     if source.folder is not None:
         return source.folder
-    place = out / CAMPAIGNS / source.digest
+    place = _place(source, out).parent
     place.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(place.with_suffix(".lock")):
         if not place.exists():
@@ -159,14 +172,18 @@ def campaign_of(source: Source, out: Path) -> Path:
             options["strengths"] = tuple(options.get("strengths", (1.0,)))
             hidden = tuple(rig.undeclared_from_text(text) for text in options.pop("undeclared", ()))
             with _appearing(place) as folder:
-                rig.run(folder / "campaign", jobs=1, undeclared=hidden, **options)
-    return place / "campaign"
+                rig.run(folder / _place(source, out).name, jobs=1, undeclared=hidden, **options)
+    return _place(source, out)
+
+
+def _place(source: Source, out: Path) -> Path:
+    return out / CAMPAIGNS / source.digest / "campaign"
 
 
 def remove_campaign(source: Source, out: Path) -> None:
     """Remove a campaign of the rig that no cell needs any more: its options make it again."""
     if source.folder is None:
-        place = out / CAMPAIGNS / source.digest
+        place = _place(source, out).parent
         shutil.rmtree(place, ignore_errors=True)
         place.with_suffix(".lock").unlink(missing_ok=True)
 

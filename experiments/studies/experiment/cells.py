@@ -14,8 +14,10 @@ from typing import Any
 from experiments.studies import rig
 from experiments.studies.experiment.settings import ExperimentSettings, RigSettings, read_settings
 from rom.campaign.campaign import read_campaign
+from rom.plug_ins import packages
 
 Progress = Callable[[int, int], None]
+Measure = Callable[[Any, Path], Mapping[str, Any]]
 _DIGITS = 16
 
 
@@ -57,6 +59,8 @@ class Cell:
         Laws of one's own as `laws.toml` has them.
     options : mapping
         ``libraries``, ``optimizers``, ``max_terms`` and ``criteria``, as far as the file says.
+    measure : callable, optional
+        Takes the ranking or closure and the campaign's folder, and returns further numbers.
     """
 
     command: str
@@ -64,11 +68,14 @@ class Cell:
     seed: int
     laws: tuple[Mapping[str, Any], ...]
     options: Mapping[str, Any]
+    measure: Measure | None = None
 
     @property
     def digest(self) -> str:
-        """Of the settings and of the campaign's contents: what has the same is the same cell."""
-        return _digest([self.command, self.source.digest, self.seed, self.laws, self.options])
+        """Of settings, plug-ins and the campaign's contents: what has the same is the same cell."""
+        own = [self.command, self.source.digest, self.seed, self.laws, self.options]
+        measured = self.measure and f"{self.measure.__module__}.{self.measure.__qualname__}"
+        return _digest([*own, packages(), measured])
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -90,7 +97,9 @@ class Experiment:
     keeps_campaigns: bool
 
 
-def read_experiment(path: Path, jobs: int = 1, progress: Progress | None = None) -> Experiment:
+def read_experiment(
+    path: Path, jobs: int = 1, progress: Progress | None = None, measure: Measure | None = None
+) -> Experiment:
     """Read an experiment's file and the records of the campaigns that it names.
 
     Parameters
@@ -101,6 +110,8 @@ def read_experiment(path: Path, jobs: int = 1, progress: Progress | None = None)
         Processes that check records.
     progress : callable, optional
         Called with (campaigns checked, campaigns in all).
+    measure : callable, optional
+        Of every cell.
 
     Returns
     -------
@@ -116,7 +127,7 @@ def read_experiment(path: Path, jobs: int = 1, progress: Progress | None = None)
     check_options(path, settings)
     law_sets = _law_sets(path, settings)
     sources = _sources(path, settings, jobs, progress)
-    cells = {cell.digest: cell for cell in _cells(settings, sources, law_sets)}
+    cells = {cell.digest: cell for cell in _cells(settings, sources, law_sets, measure)}
     return Experiment(path, settings.name, content, sources, tuple(cells.values()), settings.keep_campaigns)
 
 
@@ -225,15 +236,19 @@ def _of_rig(table: RigSettings) -> Iterable[Source]:
 
 
 def _cells(
-    settings: ExperimentSettings, sources: Sequence[Source], law_sets: Sequence[tuple[Mapping[str, Any], ...]]
+    settings: ExperimentSettings,
+    sources: Sequence[Source],
+    law_sets: Sequence[tuple[Mapping[str, Any], ...]],
+    measure: Measure | None,
 ) -> Iterator[Cell]:
     """The product, campaign by campaign; what a command does not use is no part of its cells."""
     criteria = [{"criteria": one} if one else {} for one in variants_of_criteria(settings.criteria)]
     for source, command in product(sources, settings.command):
         searches = list(_variants(settings.search)) if command == "discover" else [{}]
         laws = law_sets if command != "close" else [()]
-        for own, search, changes, seed in product(laws, searches, criteria, settings.seeds):
-            yield Cell(command, source, seed, own, {**search, **changes})
+        seeds = settings.seeds or [source.options.get("seed", 0)]
+        for own, search, changes, seed in product(laws, searches, criteria, seeds):
+            yield Cell(command, source, seed, own, {**search, **changes}, measure)
 
 
 def _digest(value: Any) -> str:

@@ -16,7 +16,7 @@ from experiments.results import plain, writable, write_result
 from experiments.run.execution import execution
 from experiments.run.publication import results_into
 from experiments.studies.experiment.cell import CAMPAIGNS, CELLS, MAKING, RESULT, remove_campaign, run_cell
-from experiments.studies.experiment.cells import Cell, Experiment, Progress, read_experiment
+from experiments.studies.experiment.cells import Cell, Experiment, Measure, Progress, read_experiment
 from experiments.studies.experiment.table import TABLE, ExperimentTable, as_csv, read_rows
 from experiments.studies.identify import save_figures
 from rom.provenance import program_version
@@ -30,6 +30,7 @@ def run_experiment(
     jobs: int = 1,
     cluster: str | None = None,
     progress: Callable[[str], Progress | None] | None = None,
+    measure: Measure | None = None,
 ) -> ExperimentTable:
     """Run every cell of an experiment's file that has no result yet, and return the table of all.
 
@@ -46,6 +47,9 @@ def run_experiment(
         path.
     progress : callable, optional
         Takes the name of a stage and returns what takes steps done and steps in all.
+    measure : callable, optional
+        An importable function of a cell's ranking or closure and of the folder of its campaign, which returns
+        further columns of the table by name. A cell is known by its name, not by what it does.
 
     Returns
     -------
@@ -65,7 +69,7 @@ def run_experiment(
     >>> table.to_frame().groupby("campaign")["error"].median()  # doctest: +SKIP
     """
     with execution(cluster):
-        return run(Path(path), None if out is None else Path(out), jobs, progress)
+        return run(Path(path), None if out is None else Path(out), jobs, progress, measure=measure)
 
 
 def run(
@@ -74,12 +78,13 @@ def run(
     jobs: int = 1,
     progress: Callable[[str], Progress | None] | None = None,
     command: str = "",
+    measure: Measure | None = None,
 ) -> ExperimentTable:
     """Do the work of `run_experiment` with whatever carries out parallel work here.
 
     Parameters
     ----------
-    path, out, jobs, progress
+    path, out, jobs, progress, measure
         As for `run_experiment`.
     command : str
         The command line, kept in the result file.
@@ -99,7 +104,7 @@ def run(
     started = time.perf_counter()
     report = progress or (lambda _: None)
     folder = writable(path.with_name(f"{path.stem}-results") if out is None else out).absolute()
-    experiment = read_experiment(path, jobs, report("checking campaigns"))
+    experiment = read_experiment(path, jobs, report("checking campaigns"), measure)
     with results_into(folder) as new:
         _check_folder(experiment, folder)
         _clear(folder, experiment.cells)
@@ -112,6 +117,7 @@ def run(
             "campaigns": _campaigns(experiment, folder),
             "cells": [
                 {**row, "settings": cell.settings, "folder": f"{CELLS}/{cell.digest}"}
+                | {"elapsed_s": _result(folder, cell)["elapsed_s"]}
                 for row, cell in zip(rows, experiment.cells, strict=True)
             ],
         }

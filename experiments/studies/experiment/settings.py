@@ -26,7 +26,7 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from rom.campaign.channels import one_of
+from rom.campaign.channels import nearest
 
 FORMAT = "boltlaw-experiment/1"
 Command = Literal["discover", "compare", "close"]
@@ -98,7 +98,7 @@ class ExperimentSettings(_Table):
     criteria: dict[str, dict[str, _Each[int | float]]] = _key(
         "tables [criteria.GROUP] of numbers, or of lists of numbers", {}
     )
-    seeds: _Each[_Seed] = _key("a list of seeds", [0])
+    seeds: _Each[_Seed] = _key("a list of seeds", [])
 
 
 _TABLES: dict[str, type[_Table]] = {"rig": RigSettings, "search": SearchSettings}
@@ -137,7 +137,9 @@ def _line(fault: Any) -> str:
     elif head == "criteria":
         place = ".".join([place, *(part for part in rest[:2] if isinstance(part, str))])
     if fault["type"] == "extra_forbidden":
-        return f"{place}: found an unknown key, expected {one_of(key, tuple(table.model_fields))}"
+        guess = nearest(key, table.model_fields)
+        expected = f'"{guess}" (nearest known name)' if guess else f"one of {', '.join(table.model_fields)}"
+        return f"{place}: found an unknown key, expected {expected}"
     field = table.model_fields.get(key) or ExperimentSettings.model_fields[str(head)]
     found = "nothing" if fault["type"] == "missing" else _shown(fault["input"])
     return f"{place}: found {found}, expected {field.description}"

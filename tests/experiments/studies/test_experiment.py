@@ -53,7 +53,8 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
     """Campaign and seed of every cell that is run, in place of the loop itself."""
     cells: list[tuple[str, int]] = []
 
-    def closed(cell: Cell, campaign: Path, folder: Path, _jobs: int) -> Path:
+    def closed(cell: Cell, campaign: Path, folder: Path, _jobs: int, then: Any) -> Path:
+        then("the closure")
         cells.append((cell.source.name, cell.seed))
         if (campaign / "spoil").exists():
             raise ValueError("spoilt")
@@ -92,10 +93,12 @@ def test_cells_are_the_product_of_what_each_command_uses(file: Path) -> None:
     from discovery.search.libraries import LIBRARIES
 
     names = list(LIBRARIES)[:2]
-    file.write_text(file.read_text().replace('"velocity"', f'"{names[0]}"').replace('"constant gamma"', f'"{names[1]}"'))
+    file.write_text(
+        file.read_text().replace('"velocity"', f'"{names[0]}"').replace('"constant gamma"', f'"{names[1]}"')
+    )
     found = read_experiment(file)
     assert [source.name for source in found.sources] == ["one", "r, law power-2", "r, law power-3"]
-    count = {command: 0 for command in ("discover", "compare", "close")}
+    count = dict.fromkeys(("discover", "compare", "close"), 0)
     for cell in found.cells:
         count[cell.command] += 1
     campaigns, seeds, folds = 3, 2, 2
@@ -249,9 +252,7 @@ def test_a_folder_of_other_results_is_refused(
 
 
 @pytest.mark.usefixtures("ran")
-def test_campaigns_of_the_rig_are_made_once_and_removed(
-    file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_campaigns_of_the_rig_are_made_once_and_removed(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
 
     def rig(folder: Path, **options: Any) -> Path:
@@ -269,9 +270,26 @@ def test_campaigns_of_the_rig_are_made_once_and_removed(
     assert made[0]["strengths"] == (1.0, 0.5)
     assert [one.name for one in made[0]["undeclared"]] == ["coulomb-friction"]
     assert list((table.path.parent / "campaigns").iterdir()) == []
-    file.write_text(file.read_text().replace("seeds", "keep_campaigns = true\nseeds").replace("[0, 1]", "[0, 5]"))
+    file.write_text(
+        file.read_text().replace("seeds", "keep_campaigns = true\nseeds").replace("[0, 1]", "[0, 5]")
+    )
     experiments.run_experiment(file)
     assert len(list((table.path.parent / "campaigns").glob("*/campaign"))) == 2
+
+
+def columns(_result: object, campaign: Path) -> dict[str, object]:
+    return {"folder": campaign.name, "number": 2, "nothing": float("nan")}
+
+
+@pytest.mark.usefixtures("ran")
+def test_columns_of_ones_own(file: Path) -> None:
+    plain_table = experiments.run_experiment(file, file.parent / "plain")
+    table = experiments.run_experiment(file, measure=columns)
+    assert [row["folder"] for row in table.rows] == ["one", "one", "two", "two"]
+    assert [row["number"] for row in table.rows] == [2] * 4
+    assert [row["nothing"] for row in table.rows] == [None] * 4
+    cells = [{row["cell"] for row in one.rows} for one in (plain_table, table)]
+    assert not cells[0] & cells[1]  # without these columns it is another cell
 
 
 def test_two_jobs_give_the_table_of_one(file: Path) -> None:
