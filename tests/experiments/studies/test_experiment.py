@@ -34,7 +34,7 @@ def campaigns(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with two small campaigns of a cycled contact."""
     folder = tmp_path_factory.mktemp("campaigns")
     for seed, name in enumerate(("one", "two")):
-        twins.cycled(folder / name, friction=0.1 * seed, seed=seed, seconds=6.0)
+        twins.cycled(folder / name, friction=0.0, seed=seed, seconds=3.0)
     return folder
 
 
@@ -200,7 +200,7 @@ def test_only_cells_whose_settings_or_records_changed_run_again(
     assert ran == [("one", 2), ("two", 2)]
     ran.clear()
     shutil.rmtree(file.parent / "two")
-    twins.cycled(file.parent / "two", friction=0.0, seed=5, seconds=6.0)
+    twins.cycled(file.parent / "two", friction=0.0, seed=5, seconds=3.0)
     experiments.run_experiment(file)
     assert ran == [("two", 1), ("two", 2)]
     ran.clear()
