@@ -318,7 +318,7 @@ def close(
     _end(path)
 
 
-app.command(epilog=experiment_command.EXAMPLE)(experiment_command.run)
+experiment_command.add_to(app)
 
 
 @app.command(epilog="Example: boltlaw predict rig-campaign-results/model.json rig-campaign")

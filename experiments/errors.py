@@ -110,7 +110,7 @@ def tell(error: BaseException) -> int:
 
 def show_warnings_plainly() -> None:
     """Let a warning be one line, without the place in the code that raised it."""
-    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"  # type: ignore[assignment]
+    warnings.formatwarning = lambda message, *_, **__: f"warning: {message}\n"
 
 
 def of_the_input(error: BaseException) -> bool:

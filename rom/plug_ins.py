@@ -63,7 +63,7 @@ def members_of(found: object, kind: type[T] | tuple[type[T], ...]) -> tuple[T, .
     for member in members:
         if not isinstance(member, kind):
             raise TypeError(f"found {member!r}, expected {names}, or a list of these")
-    return members  # type: ignore[return-value]
+    return members
 
 
 def _package(entry: EntryPoint) -> str:

@@ -70,8 +70,8 @@ def _told(error: Exception, source: Source, out: Path) -> str:
         for place in filter(None, (source.folder, _place(source, out))):
             text = text.replace(str(place), source.name)
         return text
-    place = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"
+    raised = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(raised.filename).name}, line {raised.lineno})"
 
 
 def _examined(cell: Cell, campaign: Path, folder: Path, jobs: int) -> dict[str, Any]:
