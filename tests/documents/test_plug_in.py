@@ -9,14 +9,17 @@ import sys
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import pytest
+from numba import cfunc
 
 import discovery
 import rom
 import rom.effects
 from discovery.laws.plug_in_laws import plug_in_laws, usable
 from experiments.results import write_result
+from rom.kernels.calling import SIGNATURES, address_of
 from rom.plug_ins import PlugInWarning, packages
 from tests.documents.blocks import REPOSITORY
 from tests.shared import Shared
@@ -178,12 +181,21 @@ def test_a_law_that_is_no_number_along_the_motion_is_left_out() -> None:
 
     from discovery.laws.given import given_law
 
-    laws = [given_law(text) for text in ("-a * abs(v) * T", "-a * abs(v) * log(T)")]
+    laws = [given_law(text) for text in ("-a * abs(v) * T", "-a * abs(v) * log(T / b)")]
     nodes = np.array([[0.0, 1.0], [0.0, 1e-5], [0.0, 0.1], [0.0, 1.0], [0.0, 1.0], [10.0, -1.0]])
     kept, lines = usable(laws, nodes)
     assert [law.name for law in kept] == ["-a * abs(v) * T"]
     (line,) = lines
     assert "not a number" in line
+
+
+def test_a_function_whose_code_cannot_be_kept_is_compiled_in_memory(tmp_path: Path) -> None:
+    names: dict[str, Any] = {}
+    code = "def doubled(T, p):\n    return p[0] * T\n"
+    exec(compile(code, str(tmp_path / "in_an_archive.py"), "exec"), names)
+    with pytest.raises(RuntimeError, match="cannot cache"):
+        cfunc(SIGNATURES["stiffness"], cache=True)(names["doubled"])
+    assert address_of(names["doubled"], "stiffness") > 0
 
 
 def test_a_name_that_is_taken_is_one_error_that_names_both(tmp_path: Path) -> None:
