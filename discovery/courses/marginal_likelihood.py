@@ -326,6 +326,25 @@ class Problem:
         steps = np.einsum("dpq,dq->dp", inverse, counts @ rights / scale) / scale
         return np.asarray(steps @ self._to_coefficients(state.theta).T)
 
+    def of_uncertain_numbers(self, state: State, covariance: FloatArray) -> FloatArray:
+        """What is added to a case's deviance, (cases,), where the law's numbers are not known but normal.
+
+        Parameters
+        ----------
+        state : State
+            At the mean of the numbers.
+        covariance : ndarray, shape (p, p)
+            Of ln coefficients and inner numbers, as from `covariance`.
+        """
+        turn = np.linalg.pinv(self._to_coefficients(state.theta))
+        values, vectors = np.linalg.eigh(turn @ covariance @ turn.T)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        matrices, rights = self.by_case(state)
+        left = np.eye(len(values)) + np.einsum("pa,cpq,qb->cab", root, matrices, root)
+        right = rights @ root
+        square = np.einsum("ca,ca->c", right, np.linalg.solve(left, right[..., None])[..., 0])
+        return np.asarray(np.linalg.slogdet(left)[1] - square)
+
     def _log_place(self, place: int) -> bool:
         return self._is_coefficient(self.candidate.free[place])
 

@@ -306,10 +306,11 @@ def information_criterion(fitted: Fit, frozen: FrozenMotion, spread: float = 1.0
     float
         BIC of quasi-likelihood; lower is better.
     """
-    return fitted.deviance / spread + len(fitted.free) * float(np.log(_size(frozen)))
+    return fitted.deviance / spread + len(fitted.free) * float(np.log(means_of_bins(frozen)))
 
 
-def _size(frozen: FrozenMotion) -> int:
+def means_of_bins(frozen: FrozenMotion) -> int:
+    """Return how many data there are: means of bins, less what every case has of its own."""
     cases, bins = frozen.change.shape
     return int(cases * (bins - _NUISANCE))
 
@@ -334,5 +335,5 @@ def evidence(fitted: Fit, frozen: FrozenMotion, spread: float = 1.0) -> FloatArr
     problem = Problem(fitted.candidate, frozen, fitted.offsets)
     state = problem.solve(problem.theta0, np.array(fitted.scatter), fitted.deviations, steps=12)
     deviance = np.where(np.isfinite(state.by_case), state.by_case, 1e12)
-    price = len(fitted.free) * np.log(_size(frozen)) / len(frozen)
+    price = len(fitted.free) * np.log(means_of_bins(frozen)) / len(frozen)
     return np.asarray(-0.5 * (deviance / spread + price))

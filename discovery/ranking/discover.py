@@ -203,6 +203,7 @@ def _ranking(
         population=population_of(laws[0].fit, data),
         scatter=(laws[0].fit.scatter[0], laws[0].fit.scatter[1]),
         rules=frozen.criteria.ranking,
+        signed=frozen.signed,
         set_aside=set_aside,
         warnings=(
             *warnings,

@@ -193,42 +193,6 @@ def chosen(
     return counts / draws
 
 
-def probabilities(
-    scores: FloatArray,
-    groups: Index,
-    rng: np.random.Generator,
-    rules: RankingRules = CRITERIA.ranking,
-) -> FloatArray:
-    """Weights of laws by the density that they give to records left out, (laws,), summing to 1.
-
-    ``E[exp(s_k) / sum_j exp(s_j)]``, s the sum of log scores over preloads that count as often as drawn from
-    a Dirichlet distribution, times how many there are: pseudo-BMA+ of Yao et al. (2018), Section 3.3, with
-    preloads for data, and scores bounded as in the ranking.
-
-    Parameters
-    ----------
-    scores : ndarray, shape (laws, cases)
-        Log scores of cross-validation.
-    groups : ndarray, shape (cases,)
-        Number of every case's preload.
-    rng : numpy.random.Generator
-        Source of the draws.
-    rules : RankingRules
-        Bound of a record; draws.
-
-    Returns
-    -------
-    ndarray, shape (laws,)
-    """
-    best = scores[int(np.argmax(scores.sum(axis=1)))]
-    sums = by_group(bounded_difference(scores, best[None, :], rules), groups)
-    count = sums.shape[1]
-    drawn = count * rng.dirichlet(np.ones(count), int(rules.resamples))
-    total = drawn @ sums.T
-    weights = np.exp(total - total.max(axis=1, keepdims=True))
-    return np.asarray((weights / weights.sum(axis=1, keepdims=True)).mean(axis=0))
-
-
 def p_values(
     scores: FloatArray,
     baseline: FloatArray,

@@ -18,6 +18,7 @@ from discovery.ranking import cross_validation as validation
 from discovery.ranking import ordering
 from discovery.ranking.cross_validation import CrossValidation, Fold
 from discovery.ranking.ordering import Index
+from discovery.ranking.probabilities import probabilities
 from discovery.ranking.result import RankedLaw, Ranking, with_law
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
@@ -96,7 +97,7 @@ def race(
     if campaign is not None:
         campaigns = (campaign,) if isinstance(campaign, Campaign) else campaign
         laws = _judged(laws, frozen, hold_out, campaigns, jobs, run)
-    shares = ordering.probabilities(np.stack([law.scores for law in laws]), groups, rng, rules)
+    shares = probabilities([law.fit for law in laws], frozen, groups, rng)
     return tuple(replace(law, probability=float(p)) for law, p in zip(laws, shares, strict=True))
 
 

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy.typing as npt
 
 from discovery.courses.fit import Fit
+from discovery.courses.frozen_motion import freeze
 from discovery.criteria.criteria import CRITERIA
 from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import Candidate
 from discovery.laws.names import term_form
+from discovery.ranking.averaging import (
+    AveragedPrediction,
+    NewTests,
+    Weighted,
+    averaged_log_density,
+    predicted,
+)
 from discovery.ranking.population import Bolt, Population, new_bolt
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
@@ -51,9 +59,9 @@ class RankedLaw:
     chosen : float
         Share of resamples of the preloads in which this law comes first.
     probability : float
-        That this law predicts the next record best of those listed: stacking of their predictive densities
-        over resamples of the preloads (Y. Yao, A. Vehtari, D. Simpson and A. Gelman, Bayesian Analysis 13,
-        917, 2018, Section 3.3, pseudo-BMA+). Those of a ranking add up to 1.
+        That this is the form of law that made the records, were it one of those listed: its share of the
+        evidence, mean over resamples of the preloads to each of which all laws are refitted
+        (`discovery.ranking.probabilities`). Those of a ranking add up to 1.
     indistinguishable : tuple of str
         Names of the laws that the records do not tell from this one, of those compared in pairs.
     look_alikes : tuple of str
@@ -176,6 +184,8 @@ class Ranking(HasViews):
         How the rate of the first law differs from bolt to bolt, where there are several.
     scatter : tuple of float
         a and b of ln tau, tau the case-to-case scatter of the log rate: ``a + b ln(T / 100 N)``.
+    signed : bool
+        Whether tests may tighten: a test's rate is then 1 + u times the law's, u its deviation, not exp(u).
 
     Examples
     --------
@@ -199,6 +209,7 @@ class Ranking(HasViews):
     courses: tuple[TensionCourse, ...] = ()
     population: Population | None = None
     scatter: tuple[float, float] = (0.0, 0.0)
+    signed: bool = False
     set_aside: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     rules: RankingRules = CRITERIA.ranking
@@ -249,6 +260,68 @@ class Ranking(HasViews):
             raise ValueError("found a ranking of one bolt, expected one of several campaigns")
         chosen = self.laws[0] if law is None else self[law]
         return new_bolt(campaign, chosen.fit, self.identified, jobs)
+
+    def predict(
+        self,
+        forces: npt.ArrayLike,
+        rate_hz: float,
+        initial_tension: npt.ArrayLike,
+        *,
+        window_s: tuple[float, float] | None = None,
+        body: str | None = None,
+        draws: int = 100,
+        seed: int = 0,
+    ) -> AveragedPrediction:
+        """Final tensions of new tests, averaged over the laws by their probabilities.
+
+        Every law's numbers are drawn within their uncertainty, and the deviation of every test's rate.
+
+        Parameters
+        ----------
+        forces : array, shape (cases, samples)
+            Force on ``body`` [N].
+        rate_hz : float
+            Sampling rate [Hz].
+        initial_tension : array, shape (cases,)
+            Tension before the hit [N].
+        window_s : tuple of float
+            Mean over this window [s] in place of the last value.
+        body : str
+            The body that is hit; the first one if not given.
+        draws : int
+            For every law and test.
+        seed : int
+            Of the draws.
+
+        Returns
+        -------
+        AveragedPrediction
+            Means and 95 % limits [N].
+
+        Examples
+        --------
+        >>> ranking.predict(force[None], 19200, [150.0]).low  # doctest: +SKIP
+        """
+        tests = NewTests.of(forces, rate_hz, initial_tension, window_s, body, self.signed)
+        return predicted(self.weighted, self.identified, tests, draws, seed)
+
+    def log_density(self, courses: Sequence[TensionCourse]) -> FloatArray:
+        """Log predictive density of the tension histories of tests that no fit saw, averaged as by `predict`.
+
+        Returns
+        -------
+        ndarray, shape (tests,)
+            Higher is better; `discovery.ranking.averaging.log_densities` is the same under one law.
+        """
+        criteria = self.laws[0].fit.criteria
+        model = replace(self.identified, identification=None)
+        frozen = freeze(model, courses, signed=self.signed, criteria=criteria)
+        return averaged_log_density(self.weighted, frozen)
+
+    @property
+    def weighted(self) -> tuple[Weighted, ...]:
+        """The laws with their probabilities."""
+        return tuple(Weighted(law.name, law.fit, law.probability) for law in self.laws)
 
     @property
     def chosen_terms(self) -> dict[str, float]:

@@ -197,9 +197,9 @@ def _leader_board(data: Data) -> Table:
         "it does not tell from the best the one of most evidence goes first. Error of loss: 100 |simulated − "
         "measured loss| / |measured loss|, median over records; cross-validated: with numbers fitted to the "
         "other preloads. Error of final tension: the paper's measure, on the records fitted. "
-        "ΔBIC: difference of the Bayesian information criterion to the first law. Probability: weight "
-        "of the law among those listed by the density that it gives to preloads left out; its price in free "
-        "numbers, which the order counts, is not in it. p: chance that "
+        "ΔBIC: difference of the Bayesian information criterion to the first law. Probability: that the law "
+        "has the form that made the records, were it one of those listed; its share of the evidence, mean "
+        "over resamples of the preloads. p: chance that "
         "the best of so many laws would look as much better than the paper's if none were better."
     )
     kept = [place for place in range(len(heads)) if any(str(row[place]) != NONE for row in rows)]
