@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import float64, int64, njit
 
-from rom.kernels.block import Block
-from rom.kernels.propagators import INTEGRAL_AT, LEVELS, NODES, TICKS
+from rom.kernels.block import BLOCK, Block
+from rom.kernels.calling import floats, for_size, integers, separate
+from rom.kernels.equations import IntArray
+from rom.kernels.propagators import INTEGRAL_AT, LEVELS, NODES, TICKS, FloatArray
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def sums_of_blocks(every: int) -> Any:
+@cache
+def sums_of_blocks(every: int) -> FloatArray:
     """Sums over the samples of whole blocks, shape (level, phase, NODES + 1); the last one is their count.
 
     Only samples that are multiples of ``every`` count; the phase is that of the sample at the block's start.
@@ -20,11 +23,10 @@ def sums_of_blocks(every: int) -> Any:
     sums = np.zeros((LEVELS, every, NODES + 1))
     for level in range(LEVELS):
         for phase in range(every):
-            for i in range(max((4 << level) // TICKS, 1)):
-                if (phase + 1 + i) % every == 0:
-                    sums[level, phase, NODES] += 1.0
-                    for node in range(NODES):
-                        sums[level, phase, node] += INTEGRAL_AT[level, node, i]
+            counted = INTEGRAL_AT[level, :, (-phase - 1) % every : max((4 << level) // TICKS, 1) : every]
+            sums[level, phase, NODES] = counted.shape[1]
+            if counted.size:
+                sums[level, phase, :NODES] = np.cumsum(counted, axis=1)[:, -1]  # one by one, as in a block
     return sums
 
 
@@ -40,7 +42,7 @@ def _add_samples(
                 total[b] += d * INTEGRAL_AT[level, node, sample - start - 1] * block.r[node, b]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@separate(int64, BLOCK, int64, int64, float64, integers(1), int64, floats(3), int64, floats(2))
 def add(
     block: Block, level: int, tick: int, d: float, edges: Any, every: int, sums: Any, bin: int, total: Any
 ) -> int:
@@ -74,6 +76,7 @@ def add(
     int
         Bin of the next sample.
     """
+    for_size()
     start, last = (tick - (4 << level)) // TICKS, tick // TICKS
     sample = max(start + 1, edges[bin]) if bin < edges.size - 1 else last + 1
     while sample <= last and bin < edges.size - 1:
@@ -93,10 +96,25 @@ def add(
     return bin
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def means(sums: Any, edges: Any, every: int, starts: Any, result: Any) -> None:
-    """Mean tensions, shape (bins, tensions), from the sums of their changes; none falls below zero."""
-    for bin in range(sums.shape[0]):
-        count = (edges[bin + 1] + every - 1) // every - (edges[bin] + every - 1) // every
-        for b in range(starts.size):
-            result[bin, b] = max(starts[b] + sums[bin, b] / count, 0.0)
+def means(sums: FloatArray, edges: IntArray, every: int, starts: FloatArray) -> FloatArray:
+    """Mean tensions from the sums of their changes; none falls below zero.
+
+    Parameters
+    ----------
+    sums : ndarray, shape (..., bins, tensions)
+        Over the samples of a bin [N].
+    edges : ndarray, shape (..., bins + 1)
+        Samples at which bins begin and end.
+    every : int
+        Only multiples of so many samples count.
+    starts : ndarray, shape (..., tensions)
+        Tensions at the start [N].
+
+    Returns
+    -------
+    ndarray, shape (..., bins, tensions)
+        Means [N].
+    """
+    counts = np.diff(-(-edges // every))
+    result: FloatArray = np.maximum(starts[..., None, :] + sums / counts[..., None], 0.0)
+    return result

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from numba import njit
+from numba import float64, int64, njit, void
 
-from rom.kernels.calling import invoke, pointer
-from rom.kernels.equations import Program
-from rom.kernels.propagators import NODES, SAMPLE, TICKS, Propagators
+from rom.kernels.calling import floats, for_size, integers, invoke, named, pointer, separate
+from rom.kernels.equations import COEFFICIENTS, FORCES, PROGRAM, Program
+from rom.kernels.propagators import NODES, PROPAGATORS, SAMPLE, TICKS, Propagators
 
 # places in Block.change: what the last sweep changed, and what decides how much the next one would
 FORCE, TENSION, STATE, STIFFNESS, DAMPING, SPEED, SHARPNESS, SIZE = range(8)
@@ -19,6 +19,8 @@ class Block(NamedTuple):
 
     y: Any  # (node, displacements and velocities)
     free: Any  # (node, displacements and velocities): what they would be without N
+    y_row: Any  # y, and free, at nodes 1 to 4 in one row
+    free_row: Any
     N: Any  # (node, active link): force beyond the linear part
     z: Any  # (node, tensions + states)
     r: Any  # (node, tensions + states + 1): rates of z, and a place for links without tension
@@ -28,9 +30,18 @@ class Block(NamedTuple):
     active: Any  # (active links,)
     spare: Any  # (1,): where an effect puts its tension rate
     change: Any  # (8,): see above
+    inputs: Any  # (input, samples of the longest block + 1): what a block is written from, as the next two
+    motion: Any  # (displacements and velocities, samples + 1)
+    weights: Any  # (2, input, displacements and velocities)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+BLOCK = named(
+    Block, floats(2), floats(2), floats(1), floats(1), floats(2), floats(2), floats(2), floats(1), floats(2),
+    floats(3), integers(1), floats(1), floats(1), floats(2), floats(2), floats(3),
+)  # fmt: skip
+
+
+@separate(void, PROGRAM, COEFFICIENTS, BLOCK, PROPAGATORS)
 def linearise(program: Program, p: Any, block: Block, tables: Propagators) -> None:
     """Take the linear part at the tensions of node 0.
 
@@ -45,6 +56,7 @@ def linearise(program: Program, p: Any, block: Block, tables: Propagators) -> No
     tables : Propagators
         Takes their matrix; none of its levels is up to date then.
     """
+    for_size()
     n = program.size[0]
     A, laws = tables.A, program.laws
     for i in range(2 * n):
@@ -204,7 +216,7 @@ def _long_response(forced: Any, weights: Any, force: Any, count: int) -> None:
         forced[3, i] += fourth + weight * force[4 * count]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@separate(void, floats(2), floats(2), floats(3), floats(4), FORCES, int64, int64)
 def free_motion(free: Any, y: Any, E: Any, W: Any, force: Any, level: int, tick: int) -> None:
     """Linear motion at nodes 1 to 4 from the motion ``y`` at node 0.
 
@@ -247,6 +259,27 @@ def free_motion(free: Any, y: Any, E: Any, W: Any, force: Any, level: int, tick:
             for j in range(free.shape[1]):
                 total += E[level, j, i] * free[node - 1, j]
             free[node, i] = total
+
+
+@separate(void, PROGRAM, COEFFICIENTS, BLOCK, float64)
+def restart(program: Program, p: Any, block: Block, t: float) -> None:
+    """Forces and rates at node 0, by way of all nodes.
+
+    Parameters
+    ----------
+    program : Program
+        The structure.
+    p : ndarray, shape (coefficients,)
+        Its numbers.
+    block : Block
+        With motion, tensions and states at node 0; takes forces and rates.
+    t : float
+        Time of node 0 [s].
+    """
+    for_size()
+    for node in range(1, NODES):
+        copy_node(block, 0, node)
+    evaluate(program, p, block, 0, t, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

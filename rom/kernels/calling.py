@@ -1,4 +1,4 @@
-"""Compiled laws as addresses, and the call of an address from compiled code."""
+"""Compiled laws and parts of kernels as addresses, and the call of an address from compiled code."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from numba import cfunc, types
+from numba import cfunc, float64, int64, njit, types
 from numba.core.cgutils import ir  # type: ignore[attr-defined]
 from numba.extending import intrinsic
 
-_POINTER: Any = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
-_SCALAR = types.float64
+_POINTER: Any = types.CPointer(float64)  # type: ignore[no-untyped-call]
+_SCALAR = float64
+
+# kernels that are given all their arrays need not count who holds them, which is half of their code
+ALLOCATES_NOTHING: Any = {"cache": True, "error_model": "numpy", "_nrt": False}
+# nor do those that kernels alone call need what Python would call
+INNER: Any = {**ALLOCATES_NOTHING, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 SIGNATURES = {
     # (tension, p) -> stiffness [N/m] or damping [N s/m]
@@ -56,7 +61,7 @@ def address_of(function: Callable[..., float], enters: str, on_disk: bool = True
 
 def _invoke(typing_context: Any, address: Any, arguments: Any) -> Any:  # noqa: ARG001 - fixed by numba
     """Call the float64 function at ``address``; arrays in ``arguments`` pass as pointers to their data."""
-    signature = types.float64(address, arguments)
+    signature = float64(address, arguments)
 
     def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
         passed = []
@@ -83,3 +88,77 @@ def _pointer(typing_context: Any, array: Any, offset: Any) -> Any:  # noqa: ARG0
 
 invoke: Any = intrinsic(_invoke)
 pointer: Any = intrinsic(_pointer)
+
+
+def floats(dimensions: int, readonly: bool = False) -> Any:
+    """Type of a contiguous array of numbers."""
+    return types.Array(float64, dimensions, "C", readonly=readonly)
+
+
+def integers(dimensions: int) -> Any:
+    """Type of a contiguous array of integers."""
+    return types.Array(int64, dimensions, "C")
+
+
+def named(group: type, *kinds: Any) -> Any:
+    """Type of a NamedTuple whose fields have these types."""
+    return types.BaseTuple.from_types(kinds, group)  # type: ignore[no-untyped-call]
+
+
+def separate(result: Any, *kinds: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Decorate a large part of a kernel that is compiled by itself and called by its address.
+
+    LLVM optimises all that a function calls again within that function, which for one that calls all others
+    is most of a first run. What comes of it is called in kernels as ``part(address, (arguments))``, not from
+    Python: only that costs a wrapper; ``part.address()`` compiles it, or finds it on disk.
+
+    Parameters
+    ----------
+    result : numba type
+        What it returns.
+    *kinds : numba type
+        Of its arguments.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        kernel: Any = njit(**INNER)(function)
+
+        def call(_typing: Any, address: Any, arguments: Any) -> Any:
+            def generate(context: Any, builder: Any, _signature: Any, values: Any) -> Any:
+                passed = [
+                    context.cast(builder, builder.extract_value(values[1], place), given, kind)
+                    for place, (given, kind) in enumerate(zip(arguments, kinds, strict=True))
+                ]
+                convention = context.call_conv
+                machine = convention.get_function_type(result, kinds).as_pointer()
+                status, value = convention.call_function(
+                    builder, builder.inttoptr(values[0], machine), result, kinds, passed
+                )
+                with builder.if_then(status.is_error, likely=False):
+                    convention.return_status_propagate(builder, status)
+                return value
+
+            return result(address, arguments), generate
+
+        def address() -> int:
+            kernel.compile(kinds)
+            made = kernel.overloads[kinds]
+            return int(made.library.get_pointer_to_function(made.fndesc.llvm_func_name))
+
+        part: Any = intrinsic(call)
+        part.address = cache(address)
+        return part
+
+    return decorate
+
+
+def _for_size(_typing: Any) -> Any:
+    def generate(context: Any, builder: Any, _signature: Any, _values: Any) -> Any:
+        builder.function.attributes.add("optsize")
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+for_size: Any = intrinsic(_for_size)
+"""``for_size()`` in a kernel: its loops are short, so that unrolling and vectorising them gains nothing."""

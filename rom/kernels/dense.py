@@ -4,15 +4,24 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numba import njit
+from numba import float64, int64, njit, void
 
-from rom.kernels.block import Block
-from rom.kernels.propagators import INTEGRAL_AT, NODES, SAMPLE, TICKS, VALUE_AT, Propagators
+from rom.kernels.block import BLOCK, Block
+from rom.kernels.calling import floats, separate
+from rom.kernels.equations import FORCES
+from rom.kernels.propagators import (
+    INTEGRAL_AT,
+    NODES,
+    PROPAGATORS,
+    SAMPLE,
+    TICKS,
+    VALUE_AT,
+    Propagators,
+)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def fill_sample(block: Block, tables: Propagators, force: Any, node: int, out: Any, sample: int) -> None:
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _fill_sample(block: Block, tables: Propagators, force: Any, node: int, out: Any, sample: int) -> None:
     """Write the sample at a node: motion, tensions and states, accelerations.
 
     Parameters
@@ -48,7 +57,7 @@ def fill_sample(block: Block, tables: Propagators, force: Any, node: int, out: A
         out[size + width + i, sample] = total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@separate(void, BLOCK, PROPAGATORS, FORCES, int64, int64, float64, floats(2))
 def fill(block: Block, tables: Propagators, force: Any, level: int, tick: int, d: float, out: Any) -> None:
     """Write the samples of the block that ends at ``tick``.
 
@@ -67,16 +76,16 @@ def fill(block: Block, tables: Propagators, force: Any, level: int, tick: int, d
     d : float
         Length of a sub-block [s].
     out : ndarray, shape (3 bodies + tensions + states, samples)
-        Filled as by `fill_sample`.
+        Filled: displacements, velocities, tensions, states, accelerations.
     """
     samples = (4 << level) // TICKS
     if samples > 2:
         _fill_long(block, tables, force, level, tick // TICKS - samples, d, out)
         return
-    if samples == 2:
-        fill_sample(block, tables, force, NODES // 2, out, tick // TICKS - 1)
-    if tick % TICKS == 0:
-        fill_sample(block, tables, force, NODES - 1, out, tick // TICKS)
+    for node in (NODES // 2, NODES - 1):
+        last = node == NODES - 1
+        if tick % TICKS == 0 if last else samples == 2:
+            _fill_sample(block, tables, force, node, out, tick // TICKS - (0 if last else 1))
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -122,7 +131,7 @@ def _fill_motion(block: Block, tables: Propagators, y: Any, inputs: Any, level: 
         for i in range(y.shape[0]):
             y[i, node * count] = block.y[node, i]
     size, inputs_count = y.shape[0], inputs.shape[0]
-    weights = np.empty((2, inputs_count, size))
+    weights = block.weights
     for u in range(inputs_count):
         for i in range(size):
             weights[1, u, i] = tables.P[SAMPLE, u, 1, i]
@@ -148,7 +157,7 @@ def _fill_long(
 ) -> None:
     """Write the samples of a block of four or more, row by row."""
     size, width, span = block.y.shape[1], block.z.shape[1], 4 * (1 << (level - SAMPLE))
-    inputs, y = np.empty((tables.b.shape[0], span + 1)), np.empty((size, span + 1))
+    inputs, y = block.inputs, block.motion
     for u in range(force.shape[0]):
         for i in range(span + 1):
             inputs[u, i] = force[u, start + i]

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from rom.kernels.calling import invoke, pointer
+from rom.kernels.calling import floats, integers, invoke, named, pointer
 
 IntArray = npt.NDArray[np.int64]
 
@@ -27,6 +27,11 @@ class Program(NamedTuple):
     effects: IntArray  # (effects, 3): address, coefficient offset, state offset; ordered by link
     effect_start: IntArray  # (links + 1,): first effect of every link
     size: IntArray  # (bodies, tensions, effect states)
+
+
+PROGRAM = named(Program, integers(2), integers(1), integers(2), integers(2), integers(1), integers(1))
+COEFFICIENTS = floats(1)
+FORCES = floats(2, readonly=True)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

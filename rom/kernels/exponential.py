@@ -11,31 +11,41 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import float64, int64, njit, types, void
 
 from rom.kernels.bins import add, means, sums_of_blocks
 from rom.kernels.block import (
-    SHARPNESS,
+    BLOCK,
     Block,
     advance,
-    copy_node,
     drifted,
-    evaluate,
     free_motion,
     linearise,
+    restart,
 )
-from rom.kernels.calling import invoke, pointer
-from rom.kernels.dense import fill, fill_sample
-from rom.kernels.equations import Program
+from rom.kernels.calling import (
+    ALLOCATES_NOTHING,
+    floats,
+    for_size,
+    integers,
+    invoke,
+    named,
+    pointer,
+    separate,
+)
+from rom.kernels.dense import fill
+from rom.kernels.equations import COEFFICIENTS, FORCES, PROGRAM, Program
 from rom.kernels.propagators import (
     LEVELS,
     NODES,
+    PROPAGATORS,
     SAMPLE,
     TICKS,
     Propagators,
     allocate,
     build,
 )
+from rom.kernels.start import clear, empty_block, enter
 from rom.kernels.sweeps import errors, solve, solve_laws
 
 RUNS = 3  # how often a record is integrated until its own peaks are the scale of its errors
@@ -55,6 +65,26 @@ class Task(NamedTuple):
     tolerance: float  # of the final tension, relative to its change, and of velocities to their peak
 
 
+TASK = named(
+    Task, float64, integers(1), integers(1), FORCES, floats(1), floats(1), integers(1), int64, float64
+)
+
+
+class Parts(NamedTuple):
+    """Addresses of what is compiled by itself; zero where a run does not need it."""
+
+    run: int
+    linearise: int
+    restart: int
+    build: int
+    free_motion: int
+    solve_laws: int
+    solve: int
+    add: int
+    fill: int
+
+
+PARTS = types.NamedUniTuple(int64, len(Parts._fields), Parts)  # type: ignore[no-untyped-call]
 SPREAD, LEAST = 0.5, 0.002  # a block of d seconds may spend d / SPREAD of the tolerance, or LEAST of it
 MOTION = 3.0  # tolerance of velocities and states over that of tensions: their estimate is the coarser one
 NEGLIGIBLE = 1e-9  # a change of tension, relative to it, below which errors are not measured against it
@@ -65,58 +95,6 @@ MOST_BLOCKS, LEAST_BUDGET = 6, 60_000  # tried a sample, of which the shortest t
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _inputs(program: Program, p: Any, active: Any, driven: Any, tables: Propagators) -> None:
-    """Where forces on bodies and forces of active links enter the velocities."""
-    n = program.size[0]
-    for u in range(driven.size):
-        tables.b[u, n + driven[u]] = 1.0 / p[driven[u]]
-    for a in range(active.size):
-        first, second = program.ends[active[a], 0], program.ends[active[a], 1]
-        if first >= 0:
-            tables.b[driven.size + a, n + first] = -1.0 / p[first]
-        if second >= 0:
-            tables.b[driven.size + a, n + second] = 1.0 / p[second]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _prepare(program: Program, p: Any, task: Task) -> Any:
-    """Block and tables at the start of a run, with the linear part at the initial tensions."""
-    size, width, active = 2 * program.size[0], program.size[1] + program.size[2], task.active.size
-    block = Block(
-        np.zeros((NODES, size)),
-        np.zeros((NODES, size)),
-        np.zeros((NODES, active)),
-        np.zeros((NODES, width)),
-        np.zeros((NODES, width + 1)),
-        task.tensions,
-        np.zeros((active, 2)),
-        np.zeros((NODES, active, 2)),
-        task.active,
-        np.zeros(1),
-        np.zeros(8),
-    )
-    largest = 1.0
-    for T in task.tensions:
-        largest = max(largest, T)
-    block.change[SHARPNESS] = 10.0 / largest
-    tables = allocate(size, task.driven.size, active)
-    for i in range(size):
-        block.y[0, i] = task.y0[i]
-    _inputs(program, p, task.active, task.driven, tables)
-    linearise(program, p, block, tables)
-    _restart(program, p, block, 0.0)
-    return block, tables
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _restart(program: Program, p: Any, block: Block, t: float) -> None:
-    """Forces and rates at node 0, by way of all nodes."""
-    for node in range(1, NODES):
-        copy_node(block, 0, node)
-    evaluate(program, p, block, 0, t, 0.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -190,14 +168,45 @@ def _open(task: Task, level: int, tick: int, least: float) -> int:
     return level
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
-    program: Program, p: Any, task: Task, scale: Any, sums: Any, report: Any, total: Any, out: Any
-) -> None:
-    """Integrate over a record with errors relative to ``scale``: a velocity [m/s] and a tension [N]."""
-    block, tables = _prepare(program, p, task)
-    report[:] = 0.0
-    total[:] = 0.0
+@separate(
+    void, PARTS, PROGRAM, COEFFICIENTS, TASK, BLOCK, PROPAGATORS,
+    floats(1), floats(3), floats(1), floats(2), floats(2),
+)  # fmt: skip
+def run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
+    at: Parts, program: Program, p: Any, task: Task, block: Block, tables: Propagators,
+    scale: Any, sums: Any, report: Any, total: Any, out: Any,
+) -> None:  # fmt: skip
+    """Integrate over a record with errors relative to ``scale``: a velocity [m/s] and a tension [N].
+
+    Parameters
+    ----------
+    at : Parts
+        Addresses.
+    program : Program
+        The structure.
+    p : ndarray, shape (coefficients,)
+        Its numbers.
+    task : Task
+        What is asked, of one case.
+    block, tables : Block, Propagators
+        Space.
+    scale : ndarray, shape (2 + states,)
+        Of the errors.
+    sums : ndarray, shape (level, phase, NODES + 1)
+        As from `sums_of_blocks`.
+    report, total, out : ndarray
+        Filled.
+    """
+    for_size()
+    clear(block, task.y0, task.tensions)
+    enter(program, p, task.driven, block.active, tables)
+    linearise(at.linearise, (program, p, block, tables))
+    restart(at.restart, (program, p, block, 0.0))
+    for i in range(report.size):
+        report[i] = 0.0
+    for i in range(total.shape[0]):
+        for b in range(total.shape[1]):
+            total[i, b] = 0.0
     tick, level, sample, mobility = 0, 0, 1.0 / task.rate, 0.0
     end, bin = TICKS * (task.edges[-1] - 1), 0
     blocks, most = 0, max(MOST_BLOCKS * (task.edges[-1] - 1), LEAST_BUDGET)
@@ -205,7 +214,7 @@ def _run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
     for i in range(program.size[0]):
         mobility = max(mobility, 1.0 / p[i])
     if out.size:
-        fill_sample(block, tables, task.force, 0, out, 0)
+        fill(at.fill, (block, tables, task.force, 0, 0, 0.0, out))
     if task.edges[0] == 0 and task.edges[1] == 1:
         bin = 1  # sample 0 adds nothing: changes are counted from there
     while tick < end:
@@ -214,16 +223,16 @@ def _run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
             return
         level = _open(task, _highest(level, tick, end), tick, HIDDEN * scale[0] / mobility)
         if tables.built[0] <= max(level, SAMPLE):
-            build(tables, max(level, SAMPLE), sample)
+            build(at.build, (tables, max(level, SAMPLE), sample))
         d, t = sample * float(1 << level) / TICKS, tick * sample / TICKS
         allowed = task.tolerance * max(4.0 * d / SPREAD, LEAST)
-        free_motion(block.free, block.y, tables.E, tables.W, task.force, level, tick)
+        free_motion(at.free_motion, (block.free, block.y, tables.E, tables.W, task.force, level, tick))
         change = max(0.1 * allowed, 1e-13)  # sweeps end at rounding
         goal = (MOTION * change * scale[0] / mobility, change * scale[1], MOTION * change)
         if program.effects.shape[0] == 0:
-            solved = solve_laws(program, p, block, tables.H, level, d, goal, 2.0 * mobility)
+            solved = solve_laws(at.solve_laws, (program, p, block, tables.H, level, d, goal, 2.0 * mobility))
         else:
-            solved = solve(program, p, block, tables.H, level, t, d, goal)
+            solved = solve(at.solve, (program, p, block, tables.H, level, t, d, goal))
         impulse, tension, state = errors(block, d, scale)
         error = max(impulse * mobility / scale[0] / MOTION, tension / scale[1], state / MOTION)
         if level > 0 and not (solved and error <= allowed):
@@ -235,15 +244,15 @@ def _run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
         if not _finite(block, error):
             return
         tick += 4 << level
-        bin = add(block, level, tick, d, task.edges, task.every, sums, bin, total)
+        bin = add(at.add, (block, level, tick, d, task.edges, task.every, sums, bin, total))
         if out.size:
-            fill(block, tables, task.force, level, tick, d, out)
+            fill(at.fill, (block, tables, task.force, level, tick, d, out))
         _account(program, block, impulse * mobility, tension, report)
         report[REACHED] = tick // TICKS
         advance(block)
         if drifted(block, DRIFT):
-            linearise(program, p, block, tables)
-            _restart(program, p, block, tick * sample / TICKS)
+            linearise(at.linearise, (program, p, block, tables))
+            restart(at.restart, (program, p, block, tick * sample / TICKS))
         wait -= 1
         patience = 1 if wait < -CALM else patience
         longer = wait <= 0 and error * 40.0 < allowed and level < LEVELS - 1
@@ -253,7 +262,7 @@ def _run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _expected(program: Program, p: Any, task: Task) -> Any:
+def _expected(program: Program, p: Any, task: Task, scale: Any) -> None:
     """First guess of the peak velocity [m/s] and the loss of tension [N]; only the cost depends on it."""
     velocity = 0.0
     n = program.size[0]
@@ -272,49 +281,68 @@ def _expected(program: Program, p: Any, task: Task) -> Any:
             loss = max(loss, min(abs(rate) * 1e-3, T), NEGLIGIBLE * T)
     if not loss > 0.0:
         loss = 1e-3
-    scale = np.full(2 + program.size[2], np.inf)  # no state is known before the first run
     scale[0], scale[1] = max(velocity, 1e-12), loss
-    return scale
+    for i in range(program.size[2]):
+        scale[2 + i] = np.inf  # no state is known before the first run
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _integrate(program: Program, p: Any, task: Task, sums: Any, report: Any, out: Any) -> Any:
-    """Integrate over a record; its own peak velocity and loss of tension are the scale of its errors.
+@njit(nogil=True, **ALLOCATES_NOTHING)  # type: ignore[untyped-decorator]
+def _cases(
+    at: Parts, program: Program, coefficients: Any, tasks: Task, block: Block, tables: Propagators,
+    scale: Any, sums: Any, totals: Any, reports: Any, out: Any,
+) -> None:  # fmt: skip
+    """Integrate case by case; a case's own peak velocity and loss of tension are the scale of its errors."""
+    for_size()
+    for case in range(coefficients.shape[0]):
+        task = Task(
+            tasks.rate, tasks.driven, tasks.active, tasks.force[case], tasks.y0,
+            tasks.tensions[case], tasks.edges[case], tasks.every, tasks.tolerance,
+        )  # fmt: skip
+        p, report = coefficients[case], reports[case]
+        _expected(program, p, task, scale)
+        least = 1e-12
+        for T in task.tensions:
+            least = max(least, NEGLIGIBLE * T)
+        for _ in range(RUNS):
+            run(at.run, (at, program, p, task, block, tables, scale, sums, report, totals[case], out[case]))
+            motion = report[MOTION_ERROR] > 20.0 * MOTION * task.tolerance * report[PEAK]
+            loss = max(report[LOSS], least)
+            tension = report[TENSION_ERROR] > 20.0 * task.tolerance * loss
+            unknown = program.size[2] > 0 and np.isinf(scale[-1])
+            if report[REACHED] < task.edges[-1] or not (motion or tension or unknown):
+                break
+            for i in range(program.size[2]):
+                scale[2 + i] = max(report[STATES + i], 1e-300)
+            if motion:
+                scale[0] = min(scale[0], report[PEAK])
+            if tension:
+                scale[1] = min(scale[1], loss)
 
-    ``sums`` are ``sums_of_blocks``. Fills ``report`` and ``out``.
-    Returns the sums of the tensions' changes over the bins, shape (bins, tensions); the run is complete where
-    ``report[REACHED]`` is the last edge.
+
+def parts(effects: bool) -> Parts:
+    """Compile, or find on disk, what a run with or without effects needs.
+
+    Samples may be wanted first in many processes at once: what writes them is compiled with the rest.
     """
-    total = np.zeros((task.edges.size - 1, program.size[1]))
-    scale = _expected(program, p, task)
-    least = 1e-12
-    for T in task.tensions:
-        least = max(least, NEGLIGIBLE * T)
-    for _ in range(RUNS):
-        _run(program, p, task, scale, sums, report, total, out)
-        motion = report[MOTION_ERROR] > 20.0 * MOTION * task.tolerance * report[PEAK]
-        loss = max(report[LOSS], least)
-        tension = report[TENSION_ERROR] > 20.0 * task.tolerance * loss
-        unknown = program.size[2] > 0 and np.isinf(scale[-1])
-        if report[REACHED] < task.edges[-1] or not (motion or tension or unknown):
-            break
-        for i in range(program.size[2]):
-            scale[2 + i] = max(report[STATES + i], 1e-300)
-        if motion:
-            scale[0] = min(scale[0], report[PEAK])
-        if tension:
-            scale[1] = min(scale[1], loss)
-    return total
+    return Parts(
+        run=run.address(),
+        linearise=linearise.address(),
+        restart=restart.address(),
+        build=build.address(),
+        free_motion=free_motion.address(),
+        solve_laws=0 if effects else solve_laws.address(),
+        solve=solve.address() if effects else 0,
+        add=add.address(),
+        fill=fill.address(),
+    )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
 def integrate(program: Program, coefficients: Any, tasks: Task, reports: Any, out: Any) -> Any:
     """Mean tensions of many cases [N], shape (cases, bins, tensions); NaN for a case that diverged.
 
     ``coefficients``, and the forces, tensions and edges of ``tasks``, have a first axis of cases. Fills
     ``reports`` (cases, 6 + states) and, unless it holds no samples, ``out``, shape (cases, 3 bodies +
     tensions + states, samples): displacements, velocities, tensions, states, accelerations.
-    The one door to the integrator: another function that calls it would have all of it compiled again.
 
     Parameters
     ----------
@@ -334,15 +362,15 @@ def integrate(program: Program, coefficients: Any, tasks: Task, reports: Any, ou
     ndarray, shape (cases, bins, tensions)
         Mean tensions [N].
     """
-    cases = coefficients.shape[0]
-    result = np.full((cases, tasks.edges.shape[1] - 1, program.size[1]), np.nan)
-    sums = sums_of_blocks(tasks.every)
-    for case in range(cases):
-        task = Task(
-            tasks.rate, tasks.driven, tasks.active, tasks.force[case], tasks.y0,
-            tasks.tensions[case], tasks.edges[case], tasks.every, tasks.tolerance,
-        )  # fmt: skip
-        changes = _integrate(program, coefficients[case], task, sums, reports[case], out[case])
-        if reports[case, REACHED] == task.edges[-1]:
-            means(changes, task.edges, task.every, task.tensions, result[case])
+    n, tensions, states = (int(size) for size in program.size)
+    inputs = tasks.driven.size + tasks.active.size
+    _cases(
+        parts(len(program.effects) > 0), program, coefficients, tasks,
+        empty_block(program, tasks.active, inputs if out.size else 0),
+        allocate(2 * n, tasks.driven.size, tasks.active.size),
+        np.empty(2 + states), sums_of_blocks(tasks.every),
+        totals := np.empty((len(coefficients), tasks.edges.shape[1] - 1, tensions)), reports, out,
+    )  # fmt: skip
+    result = means(totals, tasks.edges, tasks.every, tasks.tensions)
+    result[reports[:, REACHED] != tasks.edges[:, -1]] = np.nan
     return result

@@ -12,8 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+from numba import float64, int64, njit, void
 from numpy.polynomial import Polynomial
+
+from rom.kernels.calling import floats, for_size, integers, named, separate
 
 NODES = 5
 LEVELS = 13  # sub-blocks of 1/16, 1/8, 1/4, 1/2, 1, 2 ... 256 samples
@@ -59,21 +61,40 @@ class Propagators(NamedTuple):
     E: FloatArray  # (level, state, state), transposed
     P: FloatArray  # (level, input, power, state)
     W: FloatArray  # (level, driven, state, sample)
-    H: FloatArray  # (level, active link, node with N, node with y, state): from the block's start
+    H: FloatArray  # (level, active link, node with N, node with y times state): from the block's start
     built: npt.NDArray[np.int64]
+    series: FloatArray  # (2, state): a term, and the matrix times it
 
 
-@njit(cache=True, nogil=True, inline="always")
+PROPAGATORS = named(
+    Propagators, floats(2), floats(2), floats(3), floats(4), floats(4), floats(4), integers(1), floats(2)
+)
+
+
 def allocate(size: int, driven: int, active: int) -> Propagators:
-    """Empty tables."""
+    """Empty tables.
+
+    Parameters
+    ----------
+    size : int
+        Displacements and velocities.
+    driven, active : int
+        Driven bodies and active links.
+
+    Returns
+    -------
+    Propagators
+        All zero.
+    """
     return Propagators(
         np.zeros((size, size)),
         np.zeros((driven + active, size)),
         np.zeros((LEVELS, size, size)),
         np.zeros((LEVELS, driven + active, NODES, size)),
         np.zeros((LEVELS, driven, size, LONGEST + 1)),
-        np.zeros((LEVELS, active, NODES, NODES, size)),
+        np.zeros((LEVELS, active, NODES, NODES * size)),
         np.zeros(1, dtype=np.int64),
+        np.zeros((2, size)),
     )
 
 
@@ -114,7 +135,9 @@ def _moments(A: Any, start: Any, d: float, result: Any, term: Any, image: Any) -
     size, total = term.size, 0.0
     for i in range(size):
         term[i], total = start[i], max(total, abs(start[i]))
-    result[:] = 0.0
+    for q in range(NODES):
+        for i in range(size):
+            result[q, i] = 0.0
     for k in range(80):
         factor = d / (k + 1.0)
         for q in range(NODES):
@@ -129,9 +152,10 @@ def _moments(A: Any, start: Any, d: float, result: Any, term: Any, image: Any) -
 def _build_first(tables: Propagators, d: float) -> None:
     """Exponential and moments of the shortest sub-block, by series."""
     size = tables.A.shape[0]
-    term, image = np.zeros(size), np.zeros(size)
+    term, image = tables.series[0], tables.series[1]
     for i in range(size):
-        term[:] = 0.0
+        for j in range(size):
+            term[j] = 0.0
         term[i] = 1.0
         _exponential(tables.A, d, tables.E[0, i], term, image)
     for i in range(tables.b.shape[0]):
@@ -193,13 +217,13 @@ def _node_weights(tables: Propagators, level: int) -> None:
                 for i in range(size):
                     total = 0.0
                     for j in range(size):
-                        total += E[level, j, i] * H[level, a, node, place, j]
+                        total += E[level, j, i] * H[level, a, node, place * size + j]
                     for q in range(NODES):
                         total += LOCAL[place, node, q] * tables.P[level, driven + a, q, i]
-                    H[level, a, node, place + 1, i] = total
+                    H[level, a, node, place * size + size + i] = total
 
 
-@njit(cache=True, nogil=True)
+@separate(void, PROPAGATORS, int64, float64)
 def build(tables: Propagators, level: int, sample: float) -> None:
     """Bring the tables up to date as far as ``level``; ``sample`` is the length of a sample [s].
 
@@ -212,6 +236,7 @@ def build(tables: Propagators, level: int, sample: float) -> None:
     sample : float
         Time from sample to sample [s].
     """
+    for_size()
     while tables.built[0] <= level:
         now = tables.built[0]
         if now == 0:

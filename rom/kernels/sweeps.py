@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import boolean, float64, int64, njit, types
 
 from rom.kernels.block import (
+    BLOCK,
     FORCE,
     SHARPNESS,
     SIZE,
@@ -19,26 +20,25 @@ from rom.kernels.block import (
     evaluate_laws,
     evaluate_rates,
 )
-from rom.kernels.equations import Program
+from rom.kernels.calling import INNER, floats, for_size, separate
+from rom.kernels.equations import COEFFICIENTS, PROGRAM, Program
 from rom.kernels.propagators import INTEGRAL, NODES, SIMPSON
 
+GOAL = types.UniTuple(float64, 3)  # type: ignore[no-untyped-call]
 SWEEPS = 12
 SMOOTH = 6  # up to this level a first guess of the tension goes on at the rate of node 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _collocate_motion(block: Block, H: Any, level: int) -> None:
-    """Motion at nodes 1 to 4 from the forces at all nodes."""
-    size = block.y.shape[1]
-    for node in range(1, NODES):
-        for i in range(size):
-            block.y[node, i] = block.free[node, i]
-    for a in range(block.active.size):
-        for other in range(NODES):
-            value = block.N[other, a]
-            for node in range(1, NODES):
-                for i in range(size):
-                    block.y[node, i] += H[level, a, other, node, i] * value
+@njit(**INNER)  # type: ignore[untyped-decorator]
+def _collocate_motion(y: Any, free: Any, N: Any, H: Any) -> None:
+    """Motion at nodes 1 to 4, in one row, from the forces at all nodes; alone, as it gains by vectorising."""
+    for i in range(y.size):
+        y[i] = free[i]
+    for a in range(N.shape[1]):
+        for node in range(NODES):
+            value, weights = N[node, a], H[a, node, H.shape[2] - y.size :]
+            for i in range(y.size):
+                y[i] += weights[i] * value
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -127,7 +127,7 @@ def _next_tension(block: Block, moved: float, span: float, mobility: float) -> f
     return tension
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@separate(boolean, PROGRAM, COEFFICIENTS, BLOCK, floats(4), int64, float64, GOAL, float64)
 def solve_laws(
     program: Program, p: Any, block: Block, H: Any, level: int, d: float, goal: Any, mobility: float
 ) -> bool:
@@ -147,12 +147,13 @@ def solve_laws(
     bool
         False where the sweeps do not settle.
     """
+    for_size()
     for node in range(1, NODES):
         for a in range(block.active.size):
             block.beyond[node, a, 0], block.beyond[node, a, 1] = block.beyond[0, a, 0], block.beyond[0, a, 1]
     _guess_changes(block, d if level <= SMOOTH else 0.0)
     _link_forces(program, block, block.free)
-    _collocate_motion(block, H, level)
+    _collocate_motion(block.y_row, block.free_row, block.N, H[level])
     change, span = block.change, NODES * d - d
     for _ in range(SWEEPS):
         evaluate_rates(program, p, block)
@@ -161,7 +162,7 @@ def solve_laws(
         moved = last = 0.0
         for turn in range(SWEEPS + 1):  # each function in one place: it is compiled as often as it is written
             if turn > 0:
-                _collocate_motion(block, H, level)
+                _collocate_motion(block.y_row, block.free_row, block.N, H[level])
             last = _link_forces(program, block, block.y)
             moved += last
             if turn > 0 and span * last <= goal[0]:
@@ -173,7 +174,7 @@ def solve_laws(
     return False
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@separate(boolean, PROGRAM, COEFFICIENTS, BLOCK, floats(4), int64, float64, float64, GOAL)
 def solve(program: Program, p: Any, block: Block, H: Any, level: int, t: float, d: float, goal: Any) -> bool:
     """Sweep until the next change would be below the goals: impulse [N s], tension [N], state (relative).
 
@@ -201,13 +202,14 @@ def solve(program: Program, p: Any, block: Block, H: Any, level: int, t: float, 
     bool
         False where the sweeps do not settle.
     """
+    for_size()
     _guess_changes(block, 0.0)
     _guess_forces(program, block)
     change, before = block.change, 0.0
     for sweep in range(-1, SWEEPS):
         if sweep >= 0:
             evaluate(program, p, block, 1, t, d)
-        _collocate_motion(block, H, level)
+        _collocate_motion(block.y_row, block.free_row, block.N, H[level])
         if sweep < 0:
             continue
         _collocate_rates(block, d)

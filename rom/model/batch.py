@@ -148,7 +148,7 @@ def _cases(assembly: Assembly, coefficients: FloatArray, tasks: Task) -> FloatAr
         task = tasks._replace(force=force, tensions=tensions, edges=edges)
         sums = integrate_links(program, p, task, reports[case], np.empty((0, 0)))
         if reports[case, REACHED] == edges[-1]:
-            means(sums, edges, tasks.every, tensions, result[case])
+            result[case] = means(sums, edges, tasks.every, tensions)
     return result
 
 

@@ -7,10 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from numba import njit
 
-from rom.kernels.block import advance, free_motion
-from rom.kernels.exponential import Task, _prepare
-from rom.kernels.propagators import NODES, SAMPLE, TICKS, build
+from rom.kernels.block import advance, free_motion, linearise, restart
+from rom.kernels.exponential import Task, parts
+from rom.kernels.propagators import NODES, SAMPLE, TICKS, allocate, build
+from rom.kernels.start import clear, empty_block, enter
 from rom.kernels.sweeps import solve, solve_laws
 from rom.model.effect import Effect
 from rom.model.laws import Parameter, constant_damping, constant_stiffness, no_loosening, power_loosening
@@ -58,25 +60,36 @@ def constant_joint() -> LinkLaws:
     return LinkLaws(constant_stiffness(5e5), constant_damping(200.0), no_loosening())
 
 
+@njit(error_model="numpy")
+def march(at, program, p, task, block, tables, level, samples):
+    """A free motion in blocks of one level; `block` holds its end."""
+    clear(block, task.y0, task.tensions)
+    enter(program, p, task.driven, block.active, tables)
+    linearise(at.linearise, (program, p, block, tables))
+    restart(at.restart, (program, p, block, 0.0))
+    build(at.build, (tables, max(level, SAMPLE), 1 / task.rate))
+    d, goal = 2.0**level / TICKS / task.rate, (1e-14, 1e-13, 1e-14)
+    for number in range(samples * TICKS // (4 * 2**level)):
+        tick = number * 4 * 2**level
+        free_motion(at.free_motion, (block.free, block.y, tables.E, tables.W, task.force, level, tick))
+        if program.effects.shape[0]:
+            t = tick / TICKS / task.rate
+            solve(at.solve, (program, p, block, tables.H, level, t, d, goal))
+        else:
+            solve_laws(at.solve_laws, (program, p, block, tables.H, level, d, goal, 2.0))
+        advance(block)
+
+
 def marched(model: Model, level: int, samples: int) -> np.ndarray:
     """State after a free motion in blocks of one level: the motion, the tension's change, the states."""
     assembly, force = model.assembly, np.zeros((1, samples + 1))
     force.flags.writeable = False
     start, last = np.array([1e-4, -1e-4, 0.03, -0.05]), np.array([samples, samples + 1])
     task = Task(RATE, np.array([0]), assembly.active, force, start, np.array([20.0]), last, 1, 1e-9)
-    program, p = assembly.program, assembly.coefficients
-    block, tables = _prepare(program, p, task)
-    build(tables, max(level, SAMPLE), 1 / RATE)
-    d = 2.0**level / TICKS / RATE
-    for number in range(samples * TICKS // (4 * 2**level)):
-        tick = number * 4 * 2**level
-        free_motion(block.free, block.y, tables.E, tables.W, force, level, tick)
-        goal = (1e-14, 1e-13, 1e-14)
-        if model.effects:
-            solve(program, p, block, tables.H, level, tick / TICKS / RATE, d, goal)
-        else:
-            solve_laws(program, p, block, tables.H, level, d, goal, 2.0)
-        advance(block)
+    program = assembly.program
+    block, tables = empty_block(program, assembly.active, 0), allocate(4, 1, assembly.active.size)
+    at = parts(bool(model.effects))
+    march(at, program, assembly.coefficients, task, block, tables, level, samples)
     return np.concatenate([block.y[0], block.z[0]])
 
 
