@@ -19,12 +19,11 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from discovery.ranking.discover import compare, discover
-
 if TYPE_CHECKING:
     from discovery.criteria.criteria import Criteria
     from discovery.loop.close_loop import close_loop
     from discovery.loop.result import Closure
+    from discovery.ranking.discover import compare, discover
     from discovery.ranking.result import RankedLaw, Ranking
     from discovery.search.libraries import LIBRARIES
     from discovery.search.optimizers import OPTIMIZERS
@@ -37,6 +36,8 @@ _HOME = {
     "RankedLaw": "discovery.ranking.result",
     "Ranking": "discovery.ranking.result",
     "close_loop": "discovery.loop.close_loop",
+    "compare": "discovery.ranking.discover",
+    "discover": "discovery.ranking.discover",
 }
 __all__ = [
     "LIBRARIES",

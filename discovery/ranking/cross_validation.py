@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from sklearn.model_selection import GroupKFold
 
 from discovery.courses.fit import Fit, by_other_tests, fit, fit_losses, log_predictive, predict
 from discovery.courses.frozen_motion import NUISANCE_DIRECTIONS, FrozenMotion
@@ -112,6 +111,8 @@ def preload_folds(groups: Index, seed: int = 0, rules: RankingRules = CRITERIA.r
     ValueError
         If all cases have one preload.
     """
+    from sklearn.model_selection import GroupKFold  # half a second that worker processes do not need
+
     count = len(np.unique(groups))
     if count < 2:
         raise ValueError(

@@ -109,8 +109,8 @@ def filter_and_integrate(
             if turn > 0:
                 _integrate(y, padding, step_s)
             _extend(y, padding)
-            _run(sections, start, y, 1)
-            _run(sections, start, y, -1)
+            for step in (1, -1):  # a number written in the call would be a type of its own
+                _run(sections, start, y, step)
         for i in range(samples):
             for lane in range(count):
                 out[block + lane, i] = y[padding + i, lane]
