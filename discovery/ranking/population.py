@@ -11,7 +11,7 @@ from discovery.courses.between_bolts import Index, Variances
 from discovery.courses.fit import Fit, correction, told_of_bolts
 from discovery.courses.frozen_motion import FrozenMotion, freeze_bolts
 from discovery.courses.marginal_likelihood import Problem, State
-from discovery.ranking.specimens import Specimens, specimen
+from discovery.ranking.specimens import Specimens, names_of_bolts, specimen
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -39,7 +39,7 @@ class Bolt:
     Attributes
     ----------
     name : str
-        Of its campaign.
+        Of its campaign, or of the folder where two campaigns have one name.
     tests : int
         Loosening tests that tell its deviation.
     deviation : Limited
@@ -90,11 +90,11 @@ def population_of(found: Fit, data: Specimens) -> Population | None:
     between, within, tension = standard_deviations(found, frozen)
     problem = Problem(found.candidate, frozen, found.offsets)
     state = problem.solve(problem.theta0, np.array(found.scatter), found.deviations, steps=12)
-    bolts = []
+    bolts, names = [], names_of_bolts([one.campaign for one in data.bolts])
     for place, one in enumerate(data.bolts):
         cases = np.flatnonzero(frozen.bolt == place)
         deviation = _deviation(found, state, frozen.initial, cases)
-        bolts.append(_bolt(one.campaign.settings.name, len(cases), deviation, found, one.found.model))
+        bolts.append(_bolt(names[place], len(cases), deviation, found, one.found.model))
     held_out = () if data.hold_out is None or data.hold_out.bolt is None else data.hold_out.bolt.tolist()
     of_course = (*np.asarray(frozen.bolt).tolist(), *held_out)
     return Population(between, within, tension, tuple(bolts), of_course)
@@ -139,7 +139,9 @@ def _deviation(found: Fit, state: State, initial: FloatArray, cases: Index) -> L
 def _bolt(name: str, tests: int, deviation: Limited, found: Fit, model: Model) -> Bolt:
     law, factor = found.candidate.law(), np.exp([deviation.value])
     own = law.with_values(**{key: float(v[0]) for key, v in found.candidate.rated(factor).items()})
-    return Bolt(name, tests, deviation, own, model.with_tension_law(own))
+    error = (deviation.high - deviation.low) / (2 * found.criteria.chance.normal_quantile)
+    known = replace(found.rate_uncertainty, between_bolts=error)
+    return Bolt(name, tests, deviation, own, replace(model.with_tension_law(own), rate_uncertainty=known))
 
 
 @with_stored_records

@@ -174,6 +174,12 @@ def _loosening(campaign: Campaign) -> set[str]:
     return {campaign.digests[r.file] for r in campaign.select("loosening") if r.file in campaign.digests}
 
 
+def names_of_bolts(campaigns: Sequence[Campaign]) -> tuple[str, ...]:
+    """Names of campaigns, or of their folders where two have the same name."""
+    names = tuple(campaign.settings.name for campaign in campaigns)
+    return names if len(set(names)) == len(names) else tuple(campaign.path.name for campaign in campaigns)
+
+
 def _kind(campaign: Campaign) -> tuple[tuple[str, str], ...]:
     settings = campaign.settings
     links = ", ".join(f"{link.name} ({'-'.join(link.between)}, {link.law})" for link in settings.link)

@@ -96,7 +96,7 @@ def run(
     """
     import discovery
     from discovery.laws.law_file import read_laws
-    from discovery.ranking.specimens import check_one_kind
+    from discovery.ranking.specimens import check_one_kind, names_of_bolts
     from experiments.figures.discovery import discovery_figures
 
     started = time.perf_counter()
@@ -108,7 +108,7 @@ def run(
     enough(read, paths[0], criteria.ranking.least_cases)
     folder = place_of_results(paths, out)
     digest = digest_of(read)
-    header: dict[str, Any] = {"campaign": ", ".join(one.settings.name for one in read), "seed": seed}
+    header: dict[str, Any] = {"campaign": ", ".join(names_of_bolts(read)), "seed": seed}
     with results_into(folder) as new, ExitStack() as places:
         kept = [judged_by(places.enter_context(stored(one)), criteria.of_records) for one in read]
         campaigns = [screened(one, jobs) for one in kept]

@@ -87,7 +87,7 @@ class RateUncertainty:
         )  # fmt: skip
 
     def of_a_test(self, tension: float) -> float:
-        """Return the standard deviation of ln rate of one new test at a tension [N], tau and bolt together."""
+        """Return the standard deviation of ln rate of a new test at a tension [N], tau and bolt together."""
         tau = self.at_100_n * math.pow(max(tension, 1e-3) / _REFERENCE_N, self.slope)
         return math.hypot(tau, self.between_bolts)
 

@@ -66,6 +66,9 @@ def test_a_bolt_goes_from_the_population_to_its_own_rate_with_its_hits(shared: F
     assert all_four.model.link_laws["joint"].tension_rate == all_four.law
     widths = [bolt.deviation.high - bolt.deviation.low for bolt in (none, one, all_four)]
     assert widths[0] > 2 * widths[1] > 2 * widths[2]
+    known = all_four.model.rate_uncertainty
+    assert known is not None
+    assert known.between_bolts == pytest.approx(widths[2] / (2 * 1.96), rel=0.01)
     assert log_rate(all_four.law) - log_rate(none.law) == pytest.approx(all_four.deviation.value)
 
 
