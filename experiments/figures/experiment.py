@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from discovery.views.palette import BLUE, GREY
 from experiments.figures.style import panels, styled
 
 Data = Mapping[str, Any]
-_ROW_MM, _MARGIN_MM = 3.6, 14.0
+_ROW_MM, _MARGIN_MM = 3.6, 20.0
 _MOST_ROWS = 80
-_LONGEST = 48
+_LONGEST = 36
+_LOGARITHMIC = 30.0  # largest over smallest error beyond which the axis is logarithmic
+_SETTINGS = ("laws", "libraries", "optimizers", "max_terms", "criteria", "seed")
 
 
 def experiment_figures(data: Data) -> dict[str, Figure]:
@@ -23,25 +26,36 @@ def experiment_figures(data: Data) -> dict[str, Figure]:
 
 
 @styled
-def errors_of_cells(rows: list[Data]) -> Figure:
+def errors_of_cells(rows: Sequence[Data]) -> Figure:
     """Draw the error [%] of every cell, a panel for each kind; beside it that before, or of gamma(T)."""
-    kinds = list(dict.fromkeys(row["error_of"] for row in rows))
+    keys = dict.fromkeys(key for row in rows for key in row if key.partition(".")[0] in _SETTINGS)
+    varied = [key for key in keys if len({row.get(key) for row in rows}) > 1]
+    kinds = dict.fromkeys(row["error_of"] for row in rows)
     groups = [[row for row in rows if row["error_of"] == kind][:_MOST_ROWS] for kind in kinds]
     heights = [len(group) * _ROW_MM + _MARGIN_MM for group in groups]
-    figure, axes = panels(len(kinds), 1, sum(heights), gridspec_kw={"height_ratios": heights})
-    for kind, group, (ax,) in zip(kinds, groups, axes, strict=True):
-        places = range(len(group))
-        before = [row.get("error_before") or float("nan") for row in group]
-        ax.plot(before, places, "o", color=GREY, markerfacecolor="none", label="before, or gamma(T)")
-        ax.plot([row["error"] for row in group], places, "o", color=BLUE, label="first law, or after")
-        ax.set_yticks(places, [_label(row) for row in group])
-        ax.set_ylim(len(group) - 0.5, -0.5)
-        ax.set_xscale("log")
-        ax.set_xlabel(f"Error of {kind} [%]")
+    figure, axes = panels(len(groups), 1, sum(heights), gridspec_kw={"height_ratios": heights})
+    for group, (ax,) in zip(groups, axes, strict=True):
+        _draw(ax, group)
+        ax.set_yticks(range(len(group)), [_label(row, varied) for row in group])
     axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return figure
 
 
-def _label(row: Data) -> str:
-    text = f"{row['campaign']}, {row['command']}, seed {row['seed']}"
+def _draw(ax: Axes, group: Sequence[Data]) -> None:
+    before = [row.get("error_before") or float("nan") for row in group]
+    errors = [row["error"] for row in group]
+    ax.plot(before, range(len(group)), "o", color=GREY, markerfacecolor="none", label="before, or gamma(T)")
+    ax.plot(errors, range(len(group)), "o", color=BLUE, label="after, or first law")
+    ax.set_ylim(len(group) - 0.5, -0.5)
+    if max(errors) > _LOGARITHMIC * min(errors):
+        ax.set_xscale("log")
+    else:
+        ax.set_xlim(left=0.0)
+    ax.set_xlabel("Error [%]\n" + group[0]["error_of"].replace(", ", ",\n"))
+
+
+def _label(row: Data, varied: Sequence[str]) -> str:
+    """The campaign, and the settings in which cells differ."""
+    told = [f"{key.rpartition('.')[2]} {row[key]}" for key in varied if row.get(key) is not None]
+    text = ", ".join([row["campaign"], *told])
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"

@@ -93,7 +93,7 @@ def run(
         header: dict[str, Any] = {"campaign": campaign.settings.name, "seed": seed}
         campaign = screened(judged_by(campaign, criteria.of_records), jobs)
         try:
-            closure = discovery.close_loop(campaign, jobs, report, seed, criteria, before)
+            closure = discovery.close_loop(campaign, jobs, report, seed, criteria=criteria, model=before)
         except NothingLeftError as nothing:
             header |= {"elapsed_s": time.perf_counter() - started, "command": command}
             header["campaign_digest"] = campaign.digest

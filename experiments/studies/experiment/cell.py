@@ -186,6 +186,8 @@ def remove_campaign(source: Source, out: Path) -> None:
         place = _place(source, out).parent
         shutil.rmtree(place, ignore_errors=True)
         place.with_suffix(".lock").unlink(missing_ok=True)
+        with suppress(OSError):  # where others are
+            place.parent.rmdir()
 
 
 @contextmanager

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TABLE = "experiment.csv"
+_SHOWN = ("command", "campaign", "seed", "first", "error", "error_before", "probability", "verdict")
+_VARIED = ("laws", "libraries", "optimizers", "max_terms", "criteria")
+"""Columns of the summary; those of the rig are in the name of the campaign."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +52,9 @@ class ExperimentTable:
 
     def summary(self) -> str:
         """Return the table for people, and a line for every cell that failed."""
-        shown = self.to_frame().drop(columns=["cell", "status", "message", "equation"], errors="ignore")
-        lines = [self.name, shown.to_string(index=False, na_rep="", float_format="{:.4g}".format)]
+        frame = self.to_frame()
+        shown = [name for name in frame if name in _SHOWN or str(name).partition(".")[0] in _VARIED]
+        lines = [self.name, frame[shown].to_string(index=False, na_rep="", float_format="{:.4g}".format)]
         lines += [f"failed: {row['campaign']}, {row['command']}: {row['message']}" for row in self.failed]
         return "\n".join(lines)
 

@@ -63,7 +63,7 @@ def finding(monkeypatch: pytest.MonkeyPatch) -> Finding:
     def let(found: Closure) -> list[tuple[Any, ...]]:
         calls: list[tuple[Any, ...]] = []
 
-        def close_loop(*arguments: Any, model: Model | None) -> Closure:
+        def close_loop(*arguments: Any, model: Model | None, **_: Any) -> Closure:
             calls.append((*arguments, model))
             return found
 

@@ -269,7 +269,7 @@ def test_campaigns_of_the_rig_are_made_once_and_removed(file: Path, monkeypatch:
     assert [one["seed"] for one in made] == [1, 2]
     assert made[0]["strengths"] == (1.0, 0.5)
     assert [one.name for one in made[0]["undeclared"]] == ["coulomb-friction"]
-    assert list((table.path.parent / "campaigns").iterdir()) == []
+    assert not (table.path.parent / "campaigns").exists()
     file.write_text(
         file.read_text().replace("seeds", "keep_campaigns = true\nseeds").replace("[0, 1]", "[0, 5]")
     )
