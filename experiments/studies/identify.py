@@ -22,6 +22,7 @@ from rom.identification.gamma import GammaEstimate
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.joint import JointEstimate
 from rom.model.laws import Z95
+from rom.signals.filters import compile_filters
 from rom.signals.measured_records import NothingLeftError, screened, stored
 
 if TYPE_CHECKING:
@@ -120,6 +121,8 @@ def examine(
     campaign = screened(campaign, jobs)
     identification = identify_campaign(campaign, jobs, report("identifying"))
     model = identification.model
+    if jobs > 1:
+        compile_filters()
     judged = evaluate([model, without_loosening(model)], campaign, jobs=jobs, progress=report("simulating"))
     return Outcome(campaign, identification, judged)
 

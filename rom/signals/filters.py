@@ -140,6 +140,11 @@ class FilterChain:
         return self.integrated(acceleration, rate_hz, 2)
 
 
+def compile_filters() -> None:
+    """Compile what filters many rows, or find it on disk: processes that start together would each do so."""
+    FilterChain(1.0).integrated(np.zeros((_MANY_ROWS, 16)), 100.0, 1)
+
+
 def displacement(kind: str, samples: FloatArray, rate_hz: float, chain: FilterChain) -> FloatArray:
     """Return displacement [m] from samples of a motion quantity; measured displacement is not filtered.
 
