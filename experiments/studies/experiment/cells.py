@@ -6,7 +6,8 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,8 @@ class Cell:
         ``libraries``, ``optimizers``, ``max_terms`` and ``criteria``, as far as the file says.
     measure : callable, optional
         Takes the ranking or closure and the campaign's folder, and returns further numbers.
+    plug_ins : mapping
+        Versions of the packages that add effects or laws.
     """
 
     command: str
@@ -69,13 +72,14 @@ class Cell:
     laws: tuple[Mapping[str, Any], ...]
     options: Mapping[str, Any]
     measure: Measure | None = None
+    plug_ins: Mapping[str, str] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Of settings, plug-ins and the campaign's contents: what has the same is the same cell."""
         own = [self.command, self.source.digest, self.seed, self.laws, self.options]
         measured = self.measure and f"{self.measure.__module__}.{self.measure.__qualname__}"
-        return _digest([*own, packages(), measured])
+        return _digest([*own, self.plug_ins, measured])
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -242,13 +246,14 @@ def _cells(
     measure: Measure | None,
 ) -> Iterator[Cell]:
     """The product, campaign by campaign; what a command does not use is no part of its cells."""
+    plug_ins = packages()
     criteria = [{"criteria": one} if one else {} for one in variants_of_criteria(settings.criteria)]
     for source, command in product(sources, settings.command):
         searches = list(_variants(settings.search)) if command == "discover" else [{}]
         laws = law_sets if command != "close" else [()]
         seeds = settings.seeds or [source.options.get("seed", 0)]
         for own, search, changes, seed in product(laws, searches, criteria, seeds):
-            yield Cell(command, source, seed, own, {**search, **changes}, measure)
+            yield Cell(command, source, seed, own, {**search, **changes}, measure, plug_ins)
 
 
 def _digest(value: Any) -> str:
