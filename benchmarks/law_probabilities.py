@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from joblib import Parallel, delayed
+from scipy import stats
 
 from benchmarks.discovery import contenders
 from benchmarks.discovery_truth import LAWS, form, truth_of
@@ -183,15 +184,15 @@ def report(races: Sequence[Race]) -> str:
 
 
 def diagram(races: Sequence[Race], path: Path) -> None:
-    """Draw how often laws of a probability are the hidden form."""
+    """Draw how often laws of a probability are the hidden form; bars: calibrated ones, 95 of 100."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(3.4, 3.2), layout="constrained")
     axes = figure.subplots()
-    axes.plot([0, 1], [0, 1], color="0.7", lw=0.8)
     count, mean, share = np.array(bins_of(*all_pairs(races))).T
-    error = np.sqrt(np.maximum(mean * (1 - mean), 1e-4) / count)
-    axes.errorbar(mean, share, 1.96 * error, fmt="o", ms=4, color="#0072B2", capsize=2)
+    low, high = (np.array(ends) / count for ends in stats.binom.interval(0.95, count, mean))
+    axes.vlines(mean, low, high, color="0.75", lw=3)
+    axes.plot(mean, share, "o", ms=4, color="#0072B2")
     for x, y, n in zip(mean, share, count, strict=True):
         axes.annotate(f"{n:.0f}", (x, y), xytext=(5, -9), textcoords="offset points", fontsize=7, color="0.4")
     axes.set(xlabel="Probability of a law [1]", ylabel="Share that is the hidden form [1]", aspect="equal")

@@ -11,6 +11,7 @@ from discovery.courses.between_bolts import Index, Variances
 from discovery.courses.fit import Fit, correction, told_of_bolts
 from discovery.courses.frozen_motion import FrozenMotion, freeze_bolts
 from discovery.courses.marginal_likelihood import Problem, State
+from discovery.laws.given import GivenLaw
 from discovery.ranking.specimens import Specimens, names_of_bolts, specimen
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
@@ -138,9 +139,12 @@ def _deviation(found: Fit, state: State, initial: FloatArray, cases: Index) -> L
 
 def _bolt(name: str, tests: int, deviation: Limited, found: Fit, model: Model) -> Bolt:
     law, factor = found.candidate.law(), np.exp([deviation.value])
-    own = law.with_values(**{key: float(v[0]) for key, v in found.candidate.rated(factor).items()})
+    values = {key: float(v[0]) for key, v in found.candidate.rated(factor).items()}
+    own, same = law.with_values(**values), found.candidate
+    if not isinstance(same, GivenLaw):  # whose rate has a number of its own, beside those fitted
+        same = same.with_values(values)
     error = (deviation.high - deviation.low) / (2 * found.criteria.chance.normal_quantile)
-    known = replace(found.rate_uncertainty, between_bolts=error)
+    known = replace(replace(found, candidate=same).rate_uncertainty, between_bolts=error)
     return Bolt(name, tests, deviation, own, replace(model.with_tension_law(own), rate_uncertainty=known))
 
 

@@ -69,6 +69,9 @@ def test_a_bolt_goes_from_the_population_to_its_own_rate_with_its_hits(shared: F
     known = all_four.model.rate_uncertainty
     assert known is not None
     assert known.between_bolts == pytest.approx(widths[2] / (2 * 1.96), rel=0.01)
+    relative = [np.sqrt(known.covariance[0][0]) / all_four.law.parameters["gamma"].value]
+    typical = np.sqrt(shared.rate_uncertainty.covariance[0][0]) / shared.candidate.coefficients[0]
+    assert relative == pytest.approx([typical])
     assert log_rate(all_four.law) - log_rate(none.law) == pytest.approx(all_four.deviation.value)
 
 
