@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from discovery.loop import impact_refits
 from experiments.studies import rig
 from experiments.studies.blind import oracle as blind_oracle
 from experiments.studies.blind.oracle import declared_errors, oracle_errors
@@ -17,6 +19,22 @@ from rom.identification.identify import Identification, identify_campaign
 
 pytestmark = pytest.mark.slow
 SMALL = {"cases": 6, "noise": 1.0, "seed": 1, "jobs": 1, "duration_s": 2.5, "hold_out_every": 3}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def identified_once() -> Iterator[None]:
+    """Each campaign is identified once for all tests: whatever is refitted starts from there."""
+    known: dict[Path, Identification] = {}
+
+    def identify_once(campaign: Campaign, *_: object) -> Identification:
+        if campaign.path not in known:  # it may be the same with its records stored
+            known[campaign.path] = identify_campaign(campaign)
+        return known[campaign.path]
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in (blind_oracle, impact_refits):
+            patch.setattr(module, "identify_campaign", identify_once)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +86,11 @@ def test_errors_are_filtered_as_a_closure_has_them_whatever_suits_the_twin(
     oracle: ErrorsByKind,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    as_it_is = blind_oracle.identify_campaign
+
     def otherwise(one: Campaign) -> Identification:
-        found = identify_campaign(one)
-        if one.path == campaign.path:  # it may be the same with its records stored
+        found = as_it_is(one)
+        if one.path == campaign.path:
             return found
         cutoffs = {kind: 3 * cutoff for kind, cutoff in found.model.filter_cutoff_hz.items()}
         return replace(found, model=replace(found.model, filter_cutoff_hz=cutoffs))
