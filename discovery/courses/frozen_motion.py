@@ -29,6 +29,7 @@ from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.laws.factors import Factor
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
+from rom.effects import in_record
 from rom.identification.gamma import LooseningCase, matching_gammas
 from rom.model.laws import power_loosening
 from rom.model.model import Model
@@ -339,7 +340,7 @@ def _simulated(
     window = courses[0].final_window
     cases = [
         LooseningCase(c.file, c.body, c.force, c.rate_hz, c.initial,
-                      max(c.final, least_final * c.initial), c.final_error)
+                      max(c.final, least_final * c.initial), c.final_error, c.given)
         for c in courses
     ]  # fmt: skip
     gammas, _ = matching_gammas(model, cases, window)
@@ -347,7 +348,7 @@ def _simulated(
     found = []
     for course, gamma in zip(courses, gammas.tolist(), strict=True):
         rate = power_loosening(max(gamma, 0.0))
-        own = model.with_tension_law(rate, link.name)
+        own = in_record(model, course.given).with_tension_law(rate, link.name)
         response = own.simulate({course.body: course.force}, course.rate_hz, course.initial)
         hit = round(course.impact_s * course.rate_hz)
         first = max(hit - round(LEAD_S * course.rate_hz), 0)

@@ -11,6 +11,7 @@ from discovery.laws.candidate import Candidate
 from discovery.laws.given import OWN_RATE, GivenLaw
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
+from rom.effects import in_record
 from rom.model.laws import Law
 from rom.model.model import Model
 
@@ -160,11 +161,14 @@ def simulated_means(
         Numbers of the law that are each case's own, by name.
     """
     out = np.empty_like(frozen.change)
-    keys = [(c.body, c.rate_hz, len(c.force), c.tension_rate_hz) for c in frozen.courses]
+    keys = [
+        (c.body, c.rate_hz, len(c.force), c.tension_rate_hz, tuple(sorted(c.given.items())))
+        for c in frozen.courses
+    ]
     for key in dict.fromkeys(keys):
         index = [i for i, other in enumerate(keys) if other == key]
         courses = [frozen.courses[i] for i in index]
-        out[index] = model.mean_tensions(
+        out[index] = in_record(model, dict(key[4])).mean_tensions(
             np.stack([course.force for course in courses]), key[1], initial[index],
             np.stack([course.edges_s for course in courses]),
             {f"{frozen.link}.tension_rate.{name}": values[index] for name, values in own.items()}, key[0],

@@ -48,7 +48,7 @@ def scale_of(balances: Balances, enters: str) -> Scale | None:
 
     A body that nobody drives is pulled by its links as hard as its mass resists.
     """
-    masses = {f"body:{body.name}": body.mass_kg or 0.0 for body in balances.settings.body}
+    masses = {f"body.{body.name}.mass": body.mass_kg or 0.0 for body in balances.settings.body}
     force, x, v = [], [0.0], [0.0]
     for record in balances.records:
         if record.settings.hold_out or enters not in record.motion:
@@ -57,7 +57,10 @@ def scale_of(balances: Balances, enters: str) -> Scale | None:
         x.append(float(np.ptp(motion[0])) / 2)
         v.append(float(np.abs(motion[1]).max()))
         near = [b for b in record.balances if enters == b.place or enters in b.pulls]
-        force += [_typical_force(balance, masses.get(balance.place, 0.0)) for balance in near]
+        here = {**masses, **record.settings.given}
+        force += [
+            _typical_force(b, here.get(f"body.{b.place.removeprefix('body:')}.mass", 0.0)) for b in near
+        ]
     found = Scale(max(force, default=0.0), max(x), max(v))
     return found if min(found.force, found.displacement, found.velocity) > 0 else None
 

@@ -10,7 +10,7 @@ from discovery.residual.array_cache import ArrayCache
 from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.effects import Effect, ModelCorrection
+from rom.effects import Effect, ModelCorrection, in_record, with_stiffness
 from rom.effects.free_form import FreeForm
 from rom.identification.spectral_model import ComplexArray, SpectralRecord
 from rom.kernels.prescribed import force_of_effects, forces_of_effects
@@ -46,6 +46,9 @@ def effect_lines(
     ends = _ends(trace, effects[0].enters, model)
     if ends is None:
         return None
+    if trace.measurement.given:
+        model = in_record(model, trace.measurement.given)
+        effects = [with_stiffness(effect, model) for effect in effects]
     own = [
         effect.with_values(**trace.own[effect.path]) if effect.path in trace.own else effect
         for effect in effects

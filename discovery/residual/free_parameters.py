@@ -55,6 +55,8 @@ class FreeParameters:
         for term in record.terms:
             if term.matrix == "corner":
                 found[key(record, term)] = self.corners.get(term.name, self.corners.get(CORNER, term.value))
+            elif term.given:
+                found[key(record, term)] = term.value
             elif term.matrix == "mass":
                 found[key(record, term)] = self._masses[term.name.split(".")[1]]
             else:

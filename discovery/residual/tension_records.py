@@ -101,7 +101,7 @@ def _observed(
         record.file, record.hold_out, preload, struck, measurement.applied_force[struck][:stop].copy(),
         measurement.rate_hz, measurement.impact_s, tension.initial, bins.edges_s, bins.change,
         np.zeros((0, 0)), tension.rate_hz, campaign.settings.windows.final_s,
-        tension.initial if held else tension.final, tension.final_error,
+        tension.initial if held else tension.final, tension.final_error, record.given,
     )  # fmt: skip
     return TensionObservation(
         record, course, bins, bins_before_hit(measurement), tension.samples, tension.rate_hz,

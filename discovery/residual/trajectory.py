@@ -288,7 +288,7 @@ def _own_models(
         final = max(tension.final, least * tension.initial)
         cases.append(
             LooseningCase(one.file, body, one.applied_force[body], one.rate_hz, tension.initial, final,
-                          max(tension.final_error, 1e-3))
+                          max(tension.final_error, 1e-3), one.given)
         )  # fmt: skip
     if not cases:
         return {}

@@ -264,7 +264,8 @@ def _bytes_of(toml: Path) -> bytes:
 
 def _parsed(text: bytes, name: str) -> CampaignSettings:
     try:
-        return CampaignSettings.model_validate(tomllib.loads(text.decode("utf-8-sig")))
+        settings = CampaignSettings.model_validate(tomllib.loads(text.decode("utf-8-sig")))
+        return settings.with_values_of_all_records()
     except ValidationError as error:
         raise CampaignError(f"{name}: {line}" for line in parsing_faults(error)) from None
     except (ValueError, RecursionError) as cause:  # of TOML, of UTF-8, or of a number of too many digits

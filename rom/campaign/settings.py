@@ -83,13 +83,30 @@ class WindowSettings(_Settings):
 
 
 class RecordSettings(_Settings):
-    """One test: its file in the campaign folder, its kind, the bodies that move, its nominal preload [N]."""
+    """One test: its file in the campaign folder, its kind, the bodies that move, its nominal preload [N].
+
+    `mass_kg` by body and `stiffness_n_per_m` by linear link stand for the campaign's values in this record.
+    """
 
     file: str = Field(description="the path of a record inside the campaign folder")
     test: Test = Field(description=_quoted(get_args(Test)))
     bodies: tuple[str, ...] | None = Field(None, description="a list of body names")
     preload_n: _NotNegative | None = Field(None, description=_NOT_NEGATIVE)
     hold_out: bool = Field(False, strict=True, description="true or false")
+    mass_kg: dict[str, _Positive] | None = Field(None, description="a table of bodies and masses")
+    stiffness_n_per_m: dict[str, _Positive] | None = Field(
+        None, description="a table of linear links and stiffnesses"
+    )
+
+    def __hash__(self) -> int:
+        return hash((self.file, self.test, self.hold_out))
+
+    @property
+    def given(self) -> dict[str, float]:
+        """Values of this record alone, in place of the campaign's, by path of a model's parameter."""
+        masses = {f"body.{body}.mass": value for body, value in (self.mass_kg or {}).items()}
+        stiffnesses = (self.stiffness_n_per_m or {}).items()
+        return masses | {f"{link}.stiffness.k": value for link, value in stiffnesses}
 
 
 class CampaignSettings(_Settings):
@@ -130,6 +147,28 @@ class CampaignSettings(_Settings):
     def link_names(self) -> tuple[str, ...]:
         """Names of the links, in the file's order."""
         return tuple(link.name for link in self.link)
+
+    def with_values_of_all_records(self) -> CampaignSettings:
+        """The same with the first of the values that every training record gives and the campaign does not.
+
+        Nothing is left to identify there, and a model needs some value.
+        """
+        training = [record for record in self.record if not record.hold_out] or list(self.record)
+
+        def first(path: str, ends: Iterable[str]) -> float | None:
+            moving = [r for r in training if r.test not in ("cycled", "hold")
+                      and set(ends) & set(r.bodies or self.body_names)]  # fmt: skip
+            every = [record.given.get(path) for record in moving]
+            return every[0] if every and None not in every else None
+
+        bodies, links = [], []
+        for body in self.body:
+            mass = first(f"body.{body.name}.mass", [body.name]) if body.mass_kg is None else None
+            bodies.append(body if mass is None else body.model_copy(update={"mass_kg": mass}))
+        for link in self.link:
+            k = first(f"{link.name}.stiffness.k", link.between) if link.stiffness_n_per_m is None else None
+            links.append(link if k is None else link.model_copy(update={"stiffness_n_per_m": k}))
+        return self.model_copy(update={"body": tuple(bodies), "link": tuple(links)})
 
 
 def _only_rests(records: Any) -> bool:
@@ -212,7 +251,8 @@ def _expected(loc: tuple[str | int, ...], found: Any) -> str:
     model: type[_Settings] = CampaignSettings
     expected = ""
     for name in (str(part) for part in loc if not isinstance(part, int)):
-        expected = model.model_fields[name].description or ""
+        field = model.model_fields.get(name)
+        expected = _POSITIVE if field is None else field.description or ""
         model = _TABLES.get(name, model)
     choices = {"test": get_args(Test), "law": get_args(LinkLaw)}.get(str(loc[-1]), ())
     guess = nearest(found, choices) if isinstance(found, str) else None
@@ -312,8 +352,25 @@ def _file_faults(settings: CampaignSettings) -> Iterator[str]:
         elif counts[paths[index]] > 1 and (first := paths.index(paths[index])) < index:
             yield f'{key}.file: found "{record.file}" again, expected a file other than record[{first}].file'
         yield from (f"{key}.{line}" for line in moving_faults(record, settings.body_names))
+        yield from (f"{key}.{line}" for line in _given_faults(record, settings))
         if record.test in ("loosening", "hold") and settings.bolt is None and not _has_bolted(settings):
             yield f'{key}.test: found "{record.test}", expected a link with law = "bolted" and a table [bolt]'
+
+
+def _given_faults(record: RecordSettings, settings: CampaignSettings) -> Iterator[str]:
+    """Say why a record cannot have values of its own for these bodies or links."""
+    for body in record.mass_kg or ():
+        if body not in settings.body_names:
+            yield f'mass_kg.{body}: found "{body}", expected {one_of(body, settings.body_names)}'
+    laws = {link.name: link.law for link in settings.link}
+    linear = [name for name, law in laws.items() if law == "linear"]
+    why = {"bolted": "whose stiffness depends on the tension", "dashpot": "which has damping only"}
+    for link in record.stiffness_n_per_m or ():
+        found = f'stiffness_n_per_m.{link}: found "{link}"'
+        if link not in laws:
+            yield f"{found}, expected {one_of(link, linear)}"
+        elif link not in linear:
+            yield f'{found}, {why[laws[link]]}, expected a link with law = "linear"'
 
 
 def _has_bolted(settings: CampaignSettings) -> bool:

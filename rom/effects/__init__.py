@@ -8,6 +8,7 @@ an installed package with an entry point of the group ``boltlaw.effects``. May i
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from importlib import import_module
 from pkgutil import iter_modules
 from types import MappingProxyType
@@ -159,7 +160,25 @@ def candidates_of(kind: type[E], model: Model, channels: Iterable[str] = ()) -> 
     return tuple((m, e) for m, e in found if isinstance(e, kind) and e.path not in known)
 
 
-def with_stiffness(effect: ModelCorrection, model: Model) -> ModelCorrection:
+def in_record(model: Model, given: Mapping[str, float]) -> Model:
+    """The model as it is in a record that gives masses and stiffnesses of its own, by path.
+
+    Bodies and links that the model does not have, and laws without such a number, count for nothing.
+    """
+    if not given:
+        return model
+    known = model.parameters
+    model = model.with_values({path: value for path, value in given.items() if path in known})
+    alone = {}
+    for link, laws in model.uncoupled_laws.items():
+        k = given.get(f"{link}.stiffness.k")
+        stiffness = laws.stiffness if k is None else laws.stiffness.with_values(k=k)
+        alone[link] = replace(laws, stiffness=stiffness)
+    effects = tuple(with_stiffness(effect, model) for effect in model.effects)
+    return replace(model, uncoupled_laws=alone, effects=effects)
+
+
+def with_stiffness(effect: E, model: Model) -> E:
     """The effect with those parameters that are the stiffness law's own, as far as they are plausible."""
     laws, member = model.link_laws.get(effect.enters), CATALOGUE.get(effect.name)
     if laws is None or member is None:

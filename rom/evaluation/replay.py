@@ -16,6 +16,7 @@ import numpy as np
 
 from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
+from rom.effects import in_record
 from rom.effects.observation import motion_of
 from rom.identification.ring_down import fitted_state, of_moving, ring_down
 from rom.model.assembly import Response
@@ -55,6 +56,7 @@ def replay(model: Model, measurement: Measurement) -> Replay:
     ValueError
         Where a bolted model is asked for a record that gives no initial tension.
     """
+    model = in_record(model, measurement.given)
     if measurement.test == "uncoupled":
         model = model.without_bolt()
     model = of_moving(model, tuple(measurement.motion))
@@ -118,6 +120,7 @@ def driven_forces(model: Model, measurement: Measurement) -> Mapping[str, tuple[
     The link sees the measured normal force as its tension where there is one. Effects with memory start as
     the same motion backwards leaves them: what was before the record is not known.
     """
+    model = in_record(model, measurement.given)
     seen, found = corrected(measurement, model), {}
     for name in model.structure.link_names:
         force, motion = seen.link.get(f"link_force_{name}"), seen.link.get(f"link_displacement_{name}")

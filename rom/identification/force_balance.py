@@ -89,7 +89,8 @@ class Balances:
         found = []
         for record in self.records:
             wanted = not (training and record.settings.hold_out)
-            rows = record.along(effect, stiffness, damping) if wanted else None
+            k = record.settings.given.get(f"{effect.enters}.stiffness.k", stiffness)
+            rows = record.along(effect, k, damping) if wanted else None
             for balance in record.balances:
                 sign = 1.0 if effect.enters == balance.place else balance.pulls.get(effect.enters, 0.0)
                 still = np.zeros(len(balance.terms["force"]))
@@ -98,10 +99,8 @@ class Balances:
 
     def balanced(self, values: Mapping[str, float]) -> FloatArray:
         """Forces as a model of these numbers has them, those of given masses included [N], (rows,)."""
-        masses = {f"body:{body.name}": body.mass_kg or 0.0 for body in self.settings.body}
         given = [
-            masses.get(balance.place, 0.0)
-            * balance.terms.get("acceleration", np.zeros(len(balance.terms["force"])))
+            _given_force(balance, record.settings, self.settings)
             for record in self.records
             for balance in record.balances
         ]
@@ -146,13 +145,12 @@ class Balances:
 
     def weighed(self, values: Mapping[str, float]) -> Balances:
         """The same with the noise that the sensors make through a model of these numbers."""
-        masses = {body.name: body.mass_kg for body in self.settings.body}
         noise = []
         for record in self.records:
+            here = {**values, **_masses(record.settings, self.settings), **record.settings.given}
             for balance in record.balances:
-                body = balance.place.removeprefix("body:")
-                mass = masses.get(body) or values.get(f"body.{body}.mass", 0.0)
-                sums = [sum(values.get(f"{link}.{name}", 0.0) for link in balance.pulls)
+                mass = here.get(f"body.{balance.place.removeprefix('body:')}.mass", 0.0)
+                sums = [sum(here.get(f"{link}.{name}", 0.0) for link in balance.pulls)
                         for name in ("stiffness.k", "damping.c")]  # fmt: skip
                 terms = (*sums, mass if balance.place.startswith("body:") else 0.0)
                 level = np.hypot(
@@ -198,12 +196,11 @@ def balances_of(campaign: Campaign) -> tuple[Balances, tuple[Doubt, ...]]:
     if not any(np.any(balance.terms["force"]) for balance in trained):
         raise ValueError(f"{campaign.path}: found no training record with a force, expected one")
     pairs = [(record, balance) for record in records for balance in record.balances]
-    tables = [_columns(balance, settings) for _, balance in pairs]
+    tables = [_columns(balance, record.settings, settings) for record, balance in pairs]
     names = [name for name in dict.fromkeys(n for t in tables for n in t)
              if any(name in t and np.any(t[name]) for t, (r, _) in zip(tables, pairs, strict=True)
                     if not r.settings.hold_out)]  # fmt: skip
-    masses = {f"body:{body.name}": body.mass_kg or 0.0 for body in settings.body}
-    force = [b.terms["force"] - masses.get(b.place, 0.0) * b.terms.get("acceleration", 0.0) for _, b in pairs]
+    force = [b.terms["force"] - _given_force(b, record.settings, settings) for record, b in pairs]
     columns = [
         np.stack([t.get(n, np.zeros(len(f))) for n in names], axis=1)
         for t, f in zip(tables, force, strict=True)
@@ -231,7 +228,7 @@ def noise_share(balances: Balances) -> float:
         if record.settings.hold_out:
             continue
         for balance in record.balances:
-            found = _columns(balance, balances.settings)
+            found = _columns(balance, record.settings, balances.settings)
             for k, name in enumerate(balances.names):
                 n = next((n for end, n in derivatives.items() if name.endswith(end)), None)
                 if name in found and n is not None:
@@ -241,17 +238,33 @@ def noise_share(balances: Balances) -> float:
     return float(np.max(noise / np.maximum(whole, 1e-300), initial=0.0))
 
 
-def _columns(balance: Balance, settings: CampaignSettings) -> dict[str, FloatArray]:
+def _masses(record: RecordSettings, settings: CampaignSettings) -> dict[str, float]:
+    """Masses that are given, in the record or for the campaign [kg], by path."""
+    masses = {f"body.{b.name}.mass": b.mass_kg for b in settings.body if b.mass_kg is not None}
+    return masses | {path: value for path, value in record.given.items() if path.endswith(".mass")}
+
+
+def _given_force(balance: Balance, record: RecordSettings, settings: CampaignSettings) -> FloatArray:
+    """Force [N] of a balance's given mass, and of springs that its record gives, (rows,)."""
+    mass = _masses(record, settings).get(f"body.{balance.place.removeprefix('body:')}.mass", 0.0)
+    force = mass * balance.terms.get("acceleration", np.zeros(len(balance.terms["force"])))
+    for link, sign in balance.pulls.items():
+        k = record.given.get(f"{link}.stiffness.k")
+        if k is not None:
+            force = force + sign * k * balance.terms[f"{link}.x"]
+    return force
+
+
+def _columns(balance: Balance, record: RecordSettings, settings: CampaignSettings) -> dict[str, FloatArray]:
     """What each number multiplies in a balance, by the number's path."""
     kind, _, body = balance.place.partition(":")
-    masses = {one.name: one.mass_kg for one in settings.body}
     found = {}
-    if kind == "body" and masses[body] is None:
+    if kind == "body" and f"body.{body}.mass" not in _masses(record, settings):
         found[f"body.{body}.mass"] = balance.terms["acceleration"]
     for link in settings.link:
         sign = balance.pulls.get(link.name)
         if sign is not None:
-            if link.law != "dashpot":
+            if link.law != "dashpot" and f"{link.name}.stiffness.k" not in record.given:
                 found[f"{link.name}.stiffness.k"] = sign * balance.terms[f"{link.name}.x"]
             found[f"{link.name}.damping.c"] = sign * balance.terms[f"{link.name}.v"]
     return {**found, f"{balance.place}.{OFFSET}.F_0": -np.ones(len(balance.terms["force"]))}
@@ -297,8 +310,12 @@ def model_of(
             lines.append(
                 f"link {link.name}: no training record tells its stiffness or damping; zero stands in"
             )
+        told = f"{link.name}.damping.c" in found  # without a stiffness: every record gives its own
         laws[link.name] = LinkLaws(
-            _limited(constant_stiffness(0.0), found.get(f"{link.name}.stiffness.k")),
+            _limited(
+                constant_stiffness((link.stiffness_n_per_m or 0.0) if told else 0.0),
+                found.get(f"{link.name}.stiffness.k"),
+            ),
             _limited(constant_damping(0.0), found.get(f"{link.name}.damping.c")),
         )
     effects = []

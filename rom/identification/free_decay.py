@@ -96,6 +96,7 @@ def matrices(
 
 def _columns(ring: RingDown, settings: CampaignSettings, values: Mapping[str, float]) -> FloatArray:
     """What the channels show of motions from unit states, over the noise, (rows, 2 bodies)."""
+    values = {**values, **ring.measurement.given}
     mass, damping, stiffness = matrices(settings, ring.bodies, values)
     n, seen = len(ring.bodies), ring.measurement
     inverse = np.linalg.inv(mass)
@@ -236,7 +237,7 @@ def fit_free_decay(rings: Sequence[RingDown], campaign: Campaign) -> FreeDecayFi
     rings, settings = [ring for ring in rings if not ring.hold_out], campaign.settings
     if not rings:
         raise ValueError(f"{campaign.path}: found no sound training record of a motion, expected one")
-    scale = scale_of(settings)
+    scale = scale_of(settings, [ring.measurement.given for ring in rings])
     fits = [_fitted(rings, settings, scale, start) for start in _starts(rings, settings, scale)]
     best = min(fits, key=lambda fit: fit[2])
     values, errors, _ = best

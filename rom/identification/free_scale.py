@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 
 from rom.campaign.campaign import CampaignSettings, LinkSettings
@@ -27,12 +27,15 @@ def mass_of(body: str) -> str:
     return f"body.{body}.mass"
 
 
-def scale_of(settings: CampaignSettings) -> Scale:
-    """Fix the common factor of each part of the structure by what is given there."""
+def scale_of(settings: CampaignSettings, of_records: Iterable[Mapping[str, float]] = ()) -> Scale:
+    """Fix the common factor of each part of the structure by what is given there, if in one record alone."""
+    in_records = {path for given in of_records for path in given}
     free = [mass_of(b.name) for b in settings.body if b.mass_kg is None]
     lines, held, known = [], set[str](), True
     for part in _parts(settings):
         if any(b.mass_kg is not None for b in settings.body if b.name in part):
+            continue
+        if in_records & _paths(settings, part):
             continue
         names = ", ".join(sorted(part))
         given = _given_stiffness(settings, part)
@@ -55,6 +58,12 @@ def scale_of(settings: CampaignSettings) -> Scale:
         if link.law != "dashpot" and f"{link.name}.stiffness.k" not in held:
             free.append(f"{link.name}.stiffness.k")
     return Scale(_given(settings), tuple(free), tuple(lines), known)
+
+
+def _paths(settings: CampaignSettings, part: Set[str]) -> set[str]:
+    """Paths of masses and stiffnesses at some bodies."""
+    links = (link for link in settings.link if set(link.between) & part)
+    return {mass_of(body) for body in part} | {f"{link.name}.stiffness.k" for link in links}
 
 
 def _given(settings: CampaignSettings) -> dict[str, float]:

@@ -7,8 +7,8 @@ negative for net tightening.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from scipy.optimize import elementwise
 from rom.campaign.channels import FloatArray
 from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
-from rom.effects import LawChange
+from rom.effects import LawChange, in_record
 from rom.model.effect import SensorFault
 from rom.model.laws import Parameter, power_loosening
 from rom.model.model import Model
@@ -35,7 +35,10 @@ _NEVER: Numerical[float] = 1e12  # stands for the tension of a simulation that t
 
 @dataclass(frozen=True, eq=False)
 class LooseningCase:
-    """One impact, the tension before and after [N], and the standard error of the loss."""
+    """One impact, the tension before and after [N], and the standard error of the loss.
+
+    `given` are masses and stiffnesses of this record alone, by path.
+    """
 
     file: str
     body: str
@@ -44,13 +47,16 @@ class LooseningCase:
     initial: float
     final: float
     loss_error: float
+    given: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
     def of(cls, course: TensionCourse, hammer_faults: Sequence[SensorFault]) -> LooseningCase:
         """The case of a tension history, its hit [N] without faults of the hammer."""
         force, error = true_hit(course.force, course.rate_hz, hammer_faults), course.final_error
         final = max(course.final, error)
-        return cls(course.file, course.body, force, course.rate_hz, course.initial, final, error)
+        return cls(
+            course.file, course.body, force, course.rate_hz, course.initial, final, error, course.given
+        )
 
 
 @dataclass(frozen=True)
@@ -102,10 +108,10 @@ def final_tensions(
     """
     out = np.empty(len(cases))
     path = path or f"{model.structure.bolted_links[0]}.tension_rate.gamma"
-    keys = [(case.body, case.rate_hz, len(case.force)) for case in cases]
+    keys = [(c.body, c.rate_hz, len(c.force), tuple(sorted(c.given.items()))) for c in cases]
     for key in dict.fromkeys(keys):
         index = [i for i, other in enumerate(keys) if other == key]
-        out[index] = model.final_tension(
+        out[index] = in_record(model, dict(key[3])).final_tension(
             np.stack([cases[i].force for i in index]),
             key[1],
             np.array([cases[i].initial for i in index]),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from rom.criteria.identification import RULES
 from rom.identification.curve_fits import LawFit, fit_law
 from rom.identification.modal import joint_damping, joint_stiffness
 from rom.identification.output_error import OutputErrorFit
-from rom.identification.record_spectra import LinearNames
+from rom.identification.record_spectra import LinearNames, given_value
 from rom.identification.reduce import FirstMode, ReducedRecord
 from rom.identification.spectral_model import CORNER, SpectralRecord
 from rom.identification.uncoupled_priors import fit_near
@@ -97,8 +98,9 @@ def _joint_estimate(
     file = record.settings.file
     names = [f"{LinearNames.stiffness(link)}@{file}", f"{LinearNames.damping(link)}@{file}"]
     (stiffness, damping), covariance = linear.block(names)
-    heaviest = _heaviest_damping_ratio(linear, settings, {link: (float(stiffness), float(damping))})
-    modal_stiffness, modal_damping = _modal_joint(record.first_mode, linear, settings, link)
+    here = partial(shared_value, linear, settings, given=record.settings.given)
+    heaviest = _heaviest_damping_ratio(here, settings, {link: (float(stiffness), float(damping))})
+    modal_stiffness, modal_damping = _modal_joint(record.first_mode, here, settings, link)
     return JointEstimate(
         file, tension, float(stiffness), float(damping), (float(covariance[0, 0] ** 0.5), float(covariance[1,
         1] ** 0.5)), heaviest, "output error", record.first_mode, modal_stiffness, modal_damping,
@@ -106,7 +108,7 @@ def _joint_estimate(
 
 
 def _modal_joint(
-    mode: FirstMode | None, linear: OutputErrorFit, settings: CampaignSettings, link: str
+    mode: FirstMode | None, here: Callable[[str], float], settings: CampaignSettings, link: str
 ) -> tuple[float | None, float | None]:
     """Return k_C and c_C by Eqs. 3, 9 and 10, for two bodies with a flexure each; None elsewhere."""
     ends = next(item.between for item in settings.link if item.name == link)
@@ -114,7 +116,7 @@ def _modal_joint(
     if mode is None or len(settings.body) != 2 or "ground" in ends or None in flexures:
         return None, None
     masses, stiffness, damping = (
-        tuple(shared_value(linear, settings, name(place)) for place in places)
+        tuple(here(name(place)) for place in places)
         for name, places in (
             (LinearNames.mass, ends),
             (LinearNames.stiffness, flexures),
@@ -139,8 +141,10 @@ def _flexure(settings: CampaignSettings, body: str) -> str:
     return names[0] if len(names) == 1 else ""
 
 
-def shared_value(linear: OutputErrorFit, settings: CampaignSettings, name: str) -> float:
-    """Return a shared value of the fit, or a mass as given.
+def shared_value(
+    linear: OutputErrorFit, settings: CampaignSettings, name: str, given: Mapping[str, float] | None = None
+) -> float:
+    """Return a shared value of the fit, a mass as given, or what a record gives in its place.
 
     Parameters
     ----------
@@ -150,30 +154,35 @@ def shared_value(linear: OutputErrorFit, settings: CampaignSettings, name: str) 
         Settings of the campaign.
     name : str
         Name of the term.
+    given : mapping of str to float
+        What the record gives, by path.
 
     Returns
     -------
     float
         In SI.
     """
+    own = given_value(given or {}, name)
+    if own is not None:
+        return own
     if name in linear.names:
         return linear.value(name)
     return next((body.mass_kg or 1.0 for body in settings.body if LinearNames.mass(body.name) == name), 0.0)
 
 
 def _heaviest_damping_ratio(
-    linear: OutputErrorFit, settings: CampaignSettings, joint: Mapping[str, tuple[float, float]]
+    here: Callable[[str], float], settings: CampaignSettings, joint: Mapping[str, tuple[float, float]]
 ) -> float:
     """Return the largest damping ratio of the structure's complex modes; 1 for an overdamped one."""
     bodies = settings.body_names
     n = len(bodies)
-    mass = np.diag([shared_value(linear, settings, LinearNames.mass(body)) for body in bodies])
+    mass = np.diag([here(LinearNames.mass(body)) for body in bodies])
     matrices = {"stiffness": np.zeros((n, n)), "damping": np.zeros((n, n))}
     for link in settings.link:
         direction = np.array([(body == link.between[0]) - float(body == link.between[1]) for body in bodies])
         k, c = joint.get(link.name) or (
-            shared_value(linear, settings, LinearNames.stiffness(link.name)),
-            shared_value(linear, settings, LinearNames.damping(link.name)),
+            here(LinearNames.stiffness(link.name)),
+            here(LinearNames.damping(link.name)),
         )
         matrices["stiffness"] += k * np.outer(direction, direction)
         matrices["damping"] += c * np.outer(direction, direction)

@@ -11,7 +11,7 @@ from rom.campaign.campaign import LinkSettings
 from rom.criteria.identification import RULES
 from rom.identification.curve_fits import LawFit
 from rom.identification.output_error import OutputErrorFit
-from rom.identification.record_spectra import LinearNames
+from rom.identification.record_spectra import UNCOUPLED, LinearNames
 from rom.model.description import LinkLaws
 from rom.model.laws import Z95, Law, constant_damping, constant_stiffness, no_loosening
 
@@ -94,6 +94,11 @@ def linear_laws(
     identified = (
         stiffness in linear.names or (dashpot and bolted_in and damping in linear.names) if linear else False
     )
+    if linear is not None and not dashpot and bolted_in and not identified and damping in linear.names:
+        told = f"{stiffness}.{UNCOUPLED}" in linear.names  # else every record gives its own stiffness
+        if not told:
+            k = constant_stiffness(settings.stiffness_n_per_m or 0.0)
+            return LinkLaws(k, _constant(constant_damping, "c", linear, damping))
     if linear is not None and identified:
         k = _constant(constant_stiffness, "k", linear, stiffness)
         return LinkLaws(k, _constant(constant_damping, "c", linear, damping))

@@ -138,6 +138,7 @@ def _part(
     frequency, force_spectrum = spectrum(force[start:stop], measurement.rate_hz, band)
     _, motion_spectrum = spectrum(motion - motion.mean(axis=0), measurement.rate_hz, band)
     terms, local = _terms(settings, bodies, measurement.test, {m.kind for m in measurement.motion.values()})
+    terms = tuple(_as_given(term, measurement.given) for term in terms)
     orders = tuple(DERIVATIVE_ORDER[measurement.motion[body].kind] for body in bodies)
     group = f"{measurement.test}:{','.join(bodies)}:{stop - start}"
     noise = [measurement.force_noise.get(body, 0.0) for body in bodies]
@@ -222,6 +223,16 @@ def _terms(
         name = f"{CORNER}.{test}" if test == "loosening" else CORNER  # large hits want sensors of their own
         terms.append(Term(name, "corner", np.zeros(len(bodies)), _FIRST_CORNER))
     return tuple(terms), frozenset(local)
+
+
+def _as_given(term: Term, given: Mapping[str, float]) -> Term:
+    value = given_value(given, term.name)
+    return term if value is None else replace(term, value=value, free=False, given=True)
+
+
+def given_value(given: Mapping[str, float], name: str) -> float | None:
+    """Return what a record gives for the term of a name, in its ``given``; None where it gives nothing."""
+    return given.get(name, given.get(f"{name.removesuffix(f'.{UNCOUPLED}')}.k"))
 
 
 def _direction(between: Sequence[str], bodies: Sequence[str]) -> FloatArray:
@@ -352,4 +363,5 @@ def _shared_start(records: Sequence[tuple[SpectralRecord, ...]]) -> dict[str, fl
 
 def _with_values(record: SpectralRecord, values: Mapping[str, float]) -> SpectralRecord:
     """Return the record with new starting values of the named terms."""
-    return replace(record, terms=tuple(replace(t, value=values.get(t.name, t.value)) for t in record.terms))
+    terms = (t if t.given else replace(t, value=values.get(t.name, t.value)) for t in record.terms)
+    return replace(record, terms=tuple(terms))

@@ -213,7 +213,8 @@ def loosening_cases(records: Sequence[ReducedRecord]) -> tuple[LooseningCase, ..
     noise = _loss_noise(with_tension)
     return tuple(
         LooseningCase(r.settings.file, r.struck, r.force, r.rate_hz, r.tensions.initial,
-                      max(r.tensions.final, noise * r.tensions.slope), noise * r.tensions.slope)
+                      max(r.tensions.final, noise * r.tensions.slope), noise * r.tensions.slope,
+                      r.settings.given)
         for r in with_tension
         if r.tensions is not None and r.force is not None and r.struck and r.tensions.initial > 0
     )  # fmt: skip
@@ -280,6 +281,7 @@ def tension_courses(
                 final_window=settings.windows.final_s,
                 final=tensions.final,
                 final_error=float(np.sqrt(covariance[-1, -1])),
+                given=record.settings.given,
             )
         )
     return tuple(found)

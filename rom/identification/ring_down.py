@@ -14,6 +14,7 @@ import numpy as np
 
 from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
+from rom.effects import in_record
 from rom.identification.equation_error import noise_of
 from rom.model.assembly import TOLERANCE, Response
 from rom.model.model import Model
@@ -129,7 +130,7 @@ class RingDown:
         """
         seen, (x, v) = self.measurement, np.split(np.asarray(state, dtype=np.float64), 2)
         force = {body: f for body, f in seen.applied_force.items() if body in self.bodies}
-        return of_moving(model, self.bodies).simulate(
+        return of_moving(in_record(model, seen.given), self.bodies).simulate(
             force or {self.bodies[0]: np.zeros(seen.samples)},
             seen.rate_hz,
             tension,

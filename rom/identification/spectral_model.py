@@ -40,7 +40,8 @@ class Term:
     sensors.
 
     K, C or M gains value * direction direction^T. Terms of equal `name` share one value over all records. The
-    one term "corner" w [rad/s] stands for the AC coupling s / (s + w) of all accelerometers.
+    one term "corner" w [rad/s] stands for the AC coupling s / (s + w) of all accelerometers. A `given` one is
+    known, in its record alone: it shares its name with the others, not its value.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Term:
     direction: FloatArray
     value: float
     free: bool = True
+    given: bool = False
 
     @property
     def power(self) -> int:
@@ -158,7 +160,7 @@ def spectrum(
 
 def key(record: SpectralRecord, term: Term) -> str:
     """Return the name under which a term's value is kept: shared, or of this record alone."""
-    return f"{term.name}@{record.file}" if term.name in record.local else term.name
+    return f"{term.name}@{record.file}" if term.given or term.name in record.local else term.name
 
 
 def step_unit(name: str, value: float) -> float:

@@ -12,7 +12,7 @@ from rom.campaign.campaign import CampaignSettings, LinkSettings
 from rom.criteria.identification import RULES
 from rom.identification.output_error import OutputErrorFit, fit_output_error, values_of
 from rom.identification.priors import PriorConstraint, pull
-from rom.identification.record_spectra import UNCOUPLED, LinearNames
+from rom.identification.record_spectra import UNCOUPLED, LinearNames, given_value
 from rom.identification.reduce import ReducedRecord, UncoupledTest
 from rom.identification.spectral_model import CORNER, SpectralRecord, key
 from rom.model.description import LinkLaws
@@ -30,12 +30,15 @@ def flexure_ties(records: Sequence[ReducedRecord], settings: CampaignSettings) -
     (2025), Section 3.2, take 1.1 and 1.2; coupled tests know the sum of the stiffnesses far better than each.
     """
     tests = {
-        link.name: record.uncoupled
+        link.name: (record.uncoupled, record.settings.given)
         for record in records
         if record.uncoupled is not None and (link := _only_link(record.uncoupled.body, settings)) is not None
     }
     ties = [
-        tie for link, test in tests.items() for tie in _of_mode(link, test) if tie.error < RULES.useful_mode
+        _beside_given(tie, given)
+        for link, (test, given) in tests.items()
+        for tie in _of_mode(link, test)
+        if tie.error < RULES.useful_mode and given_value(given, tie.leaning[0]) is None
     ]
     return (*ties, *_stiffened_alike(tuple(tests)))
 
@@ -67,6 +70,15 @@ def _of_mode(link: str, test: UncoupledTest) -> Iterator[PriorConstraint]:
             (damping,),
             f"{link}: damping and the damping ratio of {test.file}",
         )
+
+
+def _beside_given(tie: PriorConstraint, given: Mapping[str, float]) -> PriorConstraint:
+    """Return the tie with what its record gives taken as known."""
+    known = {name: value for name in tie.factors if (value := given_value(given, name)) is not None}
+    if not known:
+        return tie
+    target = tie.target - sum(tie.factors[name] * float(np.log(value)) for name, value in known.items())
+    return replace(tie, factors={n: f for n, f in tie.factors.items() if n not in known}, target=target)
 
 
 def _stiffened_alike(links: Sequence[str]) -> Iterator[PriorConstraint]:

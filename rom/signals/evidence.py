@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -70,6 +70,8 @@ class Evidence:
         The bolt's channel and its mean before the hit, in its own unit; None without one.
     rates : mapping of str to float
         Sampling rates [Hz] by channel.
+    given : mapping of str to float
+        Masses and stiffnesses of this record alone, by path.
     """
 
     file: str
@@ -82,6 +84,7 @@ class Evidence:
     gauge: tuple[str, float] | None
     damages: tuple[Damage, ...]
     rates: Mapping[str, float]
+    given: Mapping[str, float] = field(default_factory=dict)
 
 
 def evidence(
@@ -122,6 +125,7 @@ def evidence(
         gauge=_gauge(record, settings, None if hit is None else hit.start / hit.force.rate_hz),
         damages=tuple(damages(record, hit, criteria.suspicions)),
         rates={name: channel.rate_hz for name, channel in record.channels.items()},
+        given=record.settings.given,
     )
 
 

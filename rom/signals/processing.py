@@ -83,7 +83,7 @@ class Measurement:
     """A processed record: forces and motion at one rate, times from the record's first sample.
 
     Of a hammer's force nothing is kept but its contacts; `still_force` is what its channel shows before the
-    impact.
+    impact. `given` are masses and stiffnesses of this record alone, by path (``rom.effects.in_record``).
     """
 
     file: str
@@ -101,6 +101,7 @@ class Measurement:
     tension: TensionRecord | None
     link: Mapping[str, Channel]
     still_force: Mapping[str, FloatArray] = field(default_factory=dict)
+    given: Mapping[str, float] = field(default_factory=dict)
     _displacements: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
@@ -195,6 +196,7 @@ def process(record: Record, settings: CampaignSettings) -> Measurement:
         tension=_tension(record, settings, impact, first_mode),
         link={name: c for name, c in record.channels.items() if name.startswith(("link_", "normal_force_"))},
         still_force=still,
+        given=record.settings.given,
     )
 
 

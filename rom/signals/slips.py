@@ -79,12 +79,12 @@ def slips(records: Sequence[Evidence], settings: CampaignSettings, fewest: int) 
         Records that tell a mass which nobody declares.
     """
     judged = [r for r in records if r.balance is not None and (not r.doubts or delay_of(r.balance))]
-    masses = _masses([r.balance for r in judged if r.balance is not None], settings, fewest)
+    masses = _masses(judged, settings, fewest)
     found: dict[str, tuple[_Slip | None, float, float]] = {}
-    known = [r for r in judged if r.balance is not None and all(b in masses for b in r.balance.bodies)]
+    known = [r for r in judged if r.balance is not None and {*r.balance.bodies} <= {*masses, *_own(r)}]
     for record in known:
         assert record.balance is not None
-        own = np.array([masses[body] for body in record.balance.bodies])
+        own = np.array([{**masses, **_own(record)}[body] for body in record.balance.bodies])
         told = _slip_of(record.balance, own)
         if told is not None:
             found[record.file] = told
@@ -94,11 +94,18 @@ def slips(records: Sequence[Evidence], settings: CampaignSettings, fewest: int) 
             yield from _described(record, *found[record.file], shared)
 
 
-def _masses(balances: Sequence[HitBalance], settings: CampaignSettings, fewest: int) -> dict[str, float]:
+def _own(record: Evidence) -> dict[str, float]:
+    """Masses [kg] that a record gives, by body."""
+    parts = ((path.split(".")[1], value) for path, value in record.given.items() if path.endswith(".mass"))
+    return dict(parts)
+
+
+def _masses(records: Sequence[Evidence], settings: CampaignSettings, fewest: int) -> dict[str, float]:
     """Masses [kg] as declared, or else as bodies alone show them, or as most records do."""
     masses = {}
     for body in settings.body:
-        shown = [(b, float(b.masses[b.bodies.index(body.name)])) for b in balances if body.name in b.bodies]
+        of_body = [r.balance for r in records if r.balance is not None and body.name not in _own(r)]
+        shown = [(b, float(b.masses[b.bodies.index(body.name)])) for b in of_body if body.name in b.bodies]
         alone = [mass for balance, mass in shown if len(balance.bodies) == 1]
         if body.mass_kg is not None:
             masses[body.name] = body.mass_kg

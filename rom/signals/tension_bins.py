@@ -11,8 +11,8 @@ s, q and d are fitted by maximum likelihood to tests that leave the tension alon
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import optimize
@@ -86,7 +86,8 @@ class TensionCourse:
     """One loosening test: the hit, and the course of the tension after it.
 
     `preload` [N] groups repeated tests; `force` [N] runs from the record's first sample to the end of what is
-    compared; `final` is the mean over the campaign's final window, with its standard error.
+    compared; `final` is the mean over the campaign's final window, with its standard error. `given` are
+    masses and stiffnesses of this record alone, by path.
     """
 
     file: str
@@ -104,6 +105,7 @@ class TensionCourse:
     final_window: tuple[float, float]
     final: float
     final_error: float
+    given: Mapping[str, float] = field(default_factory=dict)
 
 
 def bins_after_hit(measurement: Measurement, settings: CampaignSettings) -> TensionBins | None:

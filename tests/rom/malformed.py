@@ -259,6 +259,45 @@ MALFORMED: list[tuple[str, Spoil]] = [
         _settings(_set("record", 1, "preload_n", -3), "record[1].preload_n:", "-3", "0 or more"),
     ),
     (
+        "a mass of an unknown body in a record",
+        _settings(_set("record", 1, "mass_kg", {"l0": 9.1}), "record[1].mass_kg.l0:", '"l0"', '"lo"'),
+    ),
+    (
+        "a mass of nothing in a record",
+        _settings(_set("record", 1, "mass_kg", {"lo": 0.0}), "record[1].mass_kg.lo:", "0.0", "above 0"),
+    ),
+    (
+        "a number for a record's masses",
+        _settings(_set("record", 1, "mass_kg", 9.1), "record[1].mass_kg:", "9.1", "a table"),
+    ),
+    (
+        "a stiffness of an unknown link in a record",
+        _settings(
+            _set("record", 1, "stiffness_n_per_m", {"flexure": 1e4}),
+            "record[1].stiffness_n_per_m.flexure:",
+            '"flexure"',
+            '"flexure_lo"',
+        ),
+    ),
+    (
+        "a stiffness of a bolted link in a record",
+        _settings(
+            _set("record", 1, "stiffness_n_per_m", {"joint": 1e4}),
+            "record[1].stiffness_n_per_m.joint:",
+            "depends on the tension",
+            '"linear"',
+        ),
+    ),
+    (
+        "a stiffness of a dashpot in a record",
+        _settings(
+            _set("record", 1, "stiffness_n_per_m", {"flexure_so": 1e4}),
+            "record[1].stiffness_n_per_m.flexure_so:",
+            "damping only",
+            '"linear"',
+        ),
+    ),
+    (
         "a word for hold_out",
         _settings(_set("record", 1, "hold_out", "no"), "record[1].hold_out:", '"no"', "false"),
     ),

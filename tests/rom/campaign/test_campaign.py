@@ -242,6 +242,7 @@ def _one_body_no_bolt(data: dict[str, Any]) -> None:
         _without_optional_keys,
         _one_body_no_bolt,
         lambda data: data["sampling"].update(pretrigger_s=0),
+        lambda data: data["record"][1].update(mass_kg={"lo": 9.1}, stiffness_n_per_m={"flexure_lo": 12e3}),
         lambda data: data["record"][2].update(preload_n=0, bodies=["so", "lo"]),
         lambda data: data["body"].append({"name": "third body é"}),
         lambda data: data["link"].append({"name": "joint 2", "between": ["so", "ground"], "law": "bolted"}),
@@ -251,6 +252,7 @@ def _one_body_no_bolt(data: dict[str, Any]) -> None:
         "optional keys",
         "one body",
         "no pretrigger",
+        "values of a record",
         "no preload",
         "a body at rest",
         "two bolts",
@@ -324,6 +326,27 @@ class TestWriting:
         sizes = [(folder / LOOSENING).stat().st_size for folder in (tmp_path / "new", sound)]
         assert sizes[0] < 0.7 * sizes[1]
         read_campaign(tmp_path / "new")
+
+
+def test_what_every_training_record_gives_stands_for_the_campaign(
+    edited: Callable[..., Path], tmp_path: Path
+) -> None:
+    def give(data: dict[str, Any]) -> None:
+        for place, record in enumerate(data["record"]):
+            if record["test"] not in ("cycled", "hold") and record.get("bodies") != ["lo"]:
+                record["mass_kg"] = {"so": 1.0 + place}
+
+    campaign = read_campaign(edited(give))
+    assert [body.mass_kg for body in campaign.settings.body] == [
+        8.625,
+        2.0,
+    ]  # of the first record that moves so
+    assert campaign.settings.link[0].stiffness_n_per_m is None
+    assert campaign.settings.record[1].given == {"body.so.mass": 2.0}
+    assert hash(campaign.settings.record[1])
+    records = ((one.file, campaign.load(one).channels) for one in campaign.settings.record)
+    write_campaign(tmp_path / "again", campaign.settings, records)
+    assert read_campaign(tmp_path / "again").settings == campaign.settings
 
 
 def test_without_a_bolt_the_windows_and_the_rate_of_the_tension_may_be_left_out() -> None:
