@@ -2,9 +2,9 @@
 
 ``discover(campaign)`` gives a `Ranking`: ``ranking.laws``, ``ranking.summary()``, ``ranking.plot()``,
 ``ranking.to_frame()`` and, with the first law in it, ``ranking.model``. ``compare(campaign, laws)`` gives a
-ranking of laws of one's own beside the standing ones. ``close_loop(campaign)`` gives a `Closure`:
-``closure.verdict``, ``closure.effects``, ``closure.model``, ``closure.summary()``, ``closure.plot()``. Both
-say themselves in a notebook.
+ranking of laws of one's own beside the standing ones. Both take the campaigns of several bolts of one kind,
+too. ``close_loop(campaign)`` gives a `Closure`: ``closure.verdict``, ``closure.effects``, ``closure.model``,
+``closure.summary()``, ``closure.plot()``. Rankings and closures say themselves in a notebook.
 
 Examples
 --------

@@ -17,7 +17,7 @@ CampaignPath = Annotated[
 Campaigns = Annotated[
     list[Path],
     typer.Argument(
-        metavar="CAMPAIGN...",
+        metavar="CAMPAIGN",
         help="Campaign folder, or those of several bolts of one kind, which share the law.",
         callback=campaigns,
     ),
