@@ -14,7 +14,7 @@ import numpy as np
 
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.model.laws import Parameter, free_form_law
+from rom.model.laws import Parameter, Place, free_form_law
 
 _BASE_UNITS = {
     "v": {"m": 1.0, "s": -1.0},
@@ -125,22 +125,31 @@ class Factor:
         ndarray, shape (samples,)
             The factor, in the unit of `dimension`.
         """
-        return free_form_law("factor", self.text, "tension rate", self.parameters).rate(0.0, x, v, F, D)
+        return self._evaluated("tension rate", np.zeros_like(x), x, v, F, D)
 
     @property
     def address(self) -> int:
         """Address of a tension factor's compiled function ``f(T, p)``."""
-        return _address(self.text, tuple(self.inner))
+        return _address(self.text, tuple(self.inner), "stiffness")
 
     def of_tension(self, tension: FloatArray) -> FloatArray:
         """Evaluate a tension factor at tensions [N]."""
-        return free_form_law("factor", self.text, "stiffness", self.parameters)(tension)
+        return self._evaluated("stiffness", tension)
+
+    def _evaluated(self, enters: Place, *arguments: FloatArray) -> FloatArray:
+        """Evaluate at arguments of one shape; a fit does so thousands of times, without a law each time."""
+        from rom.kernels.evaluation import evaluate
+
+        values = np.array([inner.value for inner in self.inner.values()], dtype=np.float64)
+        table = np.stack([np.asarray(argument, dtype=np.float64).ravel() for argument in arguments])
+        found = evaluate(_address(self.text, tuple(self.inner), enters), table, values)
+        return np.asarray(found).reshape(np.shape(arguments[0]))
 
 
 @cache
-def _address(text: str, names: tuple[str, ...]) -> int:
+def _address(text: str, names: tuple[str, ...], enters: Place) -> int:
     any_value = {name: Parameter(1.0, "1") for name in names}
-    return free_form_law("factor", text, "stiffness", any_value).address
+    return free_form_law("factor", text, enters, any_value).address
 
 
 def _power(name: str, value: float, grid: tuple[float, ...], *, high: float = 8.0) -> dict[str, Inner]:
