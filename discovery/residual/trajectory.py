@@ -18,10 +18,11 @@ from rom.effects import SensorFault
 from rom.evaluation.replay import Replay, replay
 from rom.identification.gamma import LooseningCase, matching_factors, matching_gammas, own_rate
 from rom.identification.noise_spectrum import Group
-from rom.identification.record_spectra import STRIDES, spectral_records
+from rom.identification.record_spectra import HIGHEST_HZ, STRIDES, spectral_records
 from rom.identification.spectral_model import CORNER, ComplexArray, SpectralRecord
 from rom.model.laws import QUARTIC, power_loosening
 from rom.model.model import Model
+from rom.signals.band import in_band
 from rom.signals.filters import ac_coupled
 from rom.signals.measured_records import measured_record
 from rom.signals.per_record_parameters import per_record_names
@@ -205,7 +206,9 @@ def _traced(
     values = baseline.values(parts[0], level)
     corner = next((values[name] for name in values if name.startswith(CORNER)), 0.0)
     bodies = [body for body in campaign.settings.body_names if body in seen.motion]
-    stride = _stride(parts, seen.rate_hz)
+    # motion and effects go beyond a declared band, and must not fold back into it
+    highest = max(part.frequency[-1] for part in parts)
+    stride = _stride(parts, seen.rate_hz, highest if campaign.settings.band is None else HIGHEST_HZ)
     kept = slice(parts[0].samples[0] % stride, None, stride)
     displacement, velocity, fewest = {}, {}, criteria.motion.quiet_samples
     for body in bodies:
@@ -225,9 +228,9 @@ def _own(model: Model) -> dict[str, dict[str, float]]:
     }
 
 
-def _stride(parts: Sequence[SpectralRecord], rate_hz: float) -> int:
+def _stride(parts: Sequence[SpectralRecord], rate_hz: float, highest_hz: float) -> int:
     """Distance of the samples that forces need to be told at, for the spectra to have their lines."""
-    most = rate_hz / (_SAMPLES * max(part.frequency[-1] for part in parts))
+    most = rate_hz / (_SAMPLES * highest_hz)
     fits = [n for n in STRIDES if n <= most and all((b - a) % n == 0 for a, b in (p.samples for p in parts))]
     return max(fits, default=1)
 
@@ -240,7 +243,7 @@ def _motion_of(
     simulated = getattr(response, motion.kind)[body]
     if motion.kind == "acceleration":
         simulated = ac_coupled(simulated, seen.rate_hz, corner)
-    beyond = motion.samples - simulated
+    beyond = in_band(motion.samples - simulated, seen.rate_hz, seen.chain.band_hz)
     quiet = beyond[: max(int((seen.impact_s or 0.0) * 0.8 * seen.rate_hz), 1)]
     beyond = quiet.mean() + _above_noise(beyond - quiet.mean(), quiet - quiet.mean(), fewest)
     times = {"acceleration": 2, "velocity": 1, "displacement": 0}[motion.kind]

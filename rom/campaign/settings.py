@@ -82,6 +82,13 @@ class WindowSettings(_Settings):
     final_s: _Window = Field(description=_WINDOW)
 
 
+class BandSettings(_Settings):
+    """The band [Hz] in which measured and simulated motion are compared."""
+
+    low_hz: _NotNegative = Field(0.0, description=_NOT_NEGATIVE)
+    high_hz: _Positive = Field(description=_POSITIVE)
+
+
 class RecordSettings(_Settings):
     """One test: its file in the campaign folder, its kind, the bodies that move, its nominal preload [N].
 
@@ -119,6 +126,7 @@ class CampaignSettings(_Settings):
     bolt: BoltSettings | None = Field(None, description="a table [bolt]")
     sampling: SamplingSettings = Field(description="a table [sampling]")
     windows: WindowSettings = Field(description="a table [windows]")
+    band: BandSettings | None = Field(None, description="a table [band]")
     record: Annotated[tuple[RecordSettings, ...], Field(min_length=1)] = Field(
         description="one [[record]] or more"
     )
@@ -137,6 +145,11 @@ class CampaignSettings(_Settings):
     def is_at_rest(self) -> bool:
         """Whether nothing moves in any record: bolts watched at rest."""
         return all(record.test == "hold" for record in self.record)
+
+    @property
+    def band_hz(self) -> tuple[float, float] | None:
+        """The declared band [Hz], from and to; None without one."""
+        return None if self.band is None else (self.band.low_hz, self.band.high_hz)
 
     @property
     def body_names(self) -> tuple[str, ...]:
@@ -210,6 +223,7 @@ _TABLES: dict[str, type[_Settings]] = {
     "bolt": BoltSettings,
     "sampling": SamplingSettings,
     "windows": WindowSettings,
+    "band": BandSettings,
     "record": RecordSettings,
 }
 
@@ -283,7 +297,12 @@ def structure_faults(settings: CampaignSettings) -> tuple[str, ...]:
 
 def record_faults(settings: CampaignSettings) -> tuple[str, ...]:
     """Name each key of bolt, windows and records that is sound by itself but cannot be beside the others."""
-    return (*_bolt_faults(settings), *_window_faults(settings.windows), *_file_faults(settings))
+    return (
+        *_bolt_faults(settings),
+        *_window_faults(settings.windows),
+        *_band_faults(settings),
+        *_file_faults(settings),
+    )
 
 
 def _repeated(key: str, names: Iterable[str]) -> Iterator[str]:
@@ -340,6 +359,16 @@ def _window_faults(windows: WindowSettings) -> Iterator[str]:
     start, end = windows.final_s[0], windows.initial_s[1]
     if windows.initial_s[0] < end and start < min(end, windows.final_s[1]):
         yield f"windows.final_s: found a start of {start:g}, expected {end:g} (the end of initial_s) or later"
+
+
+def _band_faults(settings: CampaignSettings) -> Iterator[str]:
+    band, half = settings.band, settings.sampling.motion_rate_hz / 2
+    if band is None:
+        return
+    if band.low_hz >= band.high_hz:
+        yield f"band.high_hz: found {band.high_hz:g}, expected more than low_hz, {band.low_hz:g}"
+    if band.high_hz >= half:
+        yield f"band.high_hz: found {band.high_hz:g}, expected less than half of motion_rate_hz, {half:g}"
 
 
 def _file_faults(settings: CampaignSettings) -> Iterator[str]:

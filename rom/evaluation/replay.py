@@ -187,7 +187,8 @@ def _shown_at_rest(model: Model, measurement: Measurement, tension: TensionRecor
 
 def _may_start_moving(model: Model, measurement: Measurement) -> bool:
     """Whether a driven record tells its own start: no bolt, and displacements, which no filter changes."""
-    shown = [motion.kind == "displacement" for motion in measurement.motion.values()]
+    unfiltered = measurement.chain.band_hz is None
+    shown = [unfiltered and motion.kind == "displacement" for motion in measurement.motion.values()]
     return measurement.test == "driven" and bool(shown) and all(shown) and not model.structure.bolted_links
 
 

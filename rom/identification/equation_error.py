@@ -24,6 +24,7 @@ from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect
+from rom.signals.band import Band, edge_samples, in_band
 
 TESTS = ("driven", "free", "cycled")
 # widths on each side: beyond, a Gaussian is below the digits of a displacement
@@ -41,9 +42,13 @@ _LONGEST_S: Numerical[float] = 5e-4
 
 @dataclass(frozen=True)
 class Smoothing:
-    """A Gaussian of some width [s] and its derivatives, cut where it reaches over a record's ends."""
+    """A Gaussian of some width [s] and its derivatives, cut where it reaches over a record's ends.
+
+    Where a band is declared its filter comes first, and what that spoils at the ends is cut too.
+    """
 
     width_s: float
+    band_hz: Band | None = None
 
     def rows(self, samples: FloatArray, rate_hz: float, derivative: int = 0) -> FloatArray:
         """Filtered samples, or their derivative [1/s^n], some widths apart.
@@ -65,6 +70,7 @@ class Smoothing:
         width = self.width_s * rate_hz
         found = ndimage.gaussian_filter1d(samples, width, order=derivative, truncate=_REACH)
         margin, stride = math.ceil(_REACH * width), max(1, round(_STRIDE * width))
+        margin += edge_samples(samples.shape[-1], rate_hz, self.band_hz)
         return np.asarray(found[margin : len(samples) - margin : stride] * rate_hz**derivative)
 
     def rate_hz(self, rate_hz: float) -> float:
@@ -144,6 +150,8 @@ class ForceRecord:
             return None
         constants = np.broadcast_to([[stiffness], [damping]], (2, motion.shape[1]))
         force = _force(effect, np.concatenate([motion, constants]), self.rate_hz, self.settings.test)
+        if self.settings.test != "cycled":
+            force = in_band(force, self.rate_hz, self.smoothing.band_hz)
         return self.smoothing.rows(force, self.rate_hz)
 
 
@@ -168,10 +176,22 @@ def force_records(records: Sequence[Record], settings: CampaignSettings) -> tupl
     ValueError
         Where a moving body has no displacement channel, or a record is shorter than the filter.
     """
+    noise = [{name: noise_of(c) for name, c in record.channels.items()} for record in records]
+    records = [_banded(record, settings.band_hz) for record in records]
     training = [record for record in records if not record.hold_out]
     smoothing, fine_s = _filter(training, "force"), _filter(training, "displacement").width_s
-    made = (_force_record(record, settings, smoothing, fine_s) for record in records)
+    smoothing = Smoothing(smoothing.width_s, settings.band_hz)
+    made = (_force_record(*one, settings, smoothing, fine_s) for one in zip(records, noise, strict=True))
     return tuple(record for record in made if record.balances)
+
+
+def _banded(record: Record, band_hz: Band | None) -> Record:
+    """The record's motion and forces in a band; a link that is cycled on its own has no modes."""
+    if band_hz is None or record.test == "cycled":
+        return record
+    channels = {n: Channel(n, in_band(c.samples, c.rate_hz, band_hz), c.rate_hz)
+                for n, c in record.channels.items()}  # fmt: skip
+    return Record(record.settings, channels, record.bodies)
 
 
 def _filter(records: Iterable[Record], quantity: str) -> Smoothing:
@@ -206,22 +226,31 @@ def _below(channel: Channel, share: float, derivative: int) -> float:
 
 
 def _force_record(
-    record: Record, settings: CampaignSettings, smoothing: Smoothing, fine_s: float
+    record: Record,
+    noise: Mapping[str, float],
+    settings: CampaignSettings,
+    smoothing: Smoothing,
+    fine_s: float,
 ) -> ForceRecord:
     rates = {channel.rate_hz for channel in record.channels.values()}
     if len(rates) > 1:
         raise ValueError(f"{record.file}: found rates of {sorted(rates)} Hz, expected one for all channels")
     (rate,) = rates
-    shortest = 2 * _REACH * smoothing.width_s + 1.0 / smoothing.rate_hz(rate)
+    spoilt_s = 2 * edge_samples(int(record.duration_s * rate), rate, smoothing.band_hz) / rate
+    shortest = 2 * _REACH * smoothing.width_s + 1.0 / smoothing.rate_hz(rate) + spoilt_s
     if record.duration_s < shortest:
         raise ValueError(f"{record.file}: found {record.duration_s:g} s, expected {shortest:.3g} s at least")
     made = _cycled if record.test == "cycled" else _driven
-    motion, balances = made(record, settings, smoothing, fine_s)
+    motion, balances = made(record, noise, settings, smoothing, fine_s)
     return ForceRecord(record.settings, rate, motion, tuple(balances), smoothing)
 
 
 def _cycled(
-    record: Record, settings: CampaignSettings, smoothing: Smoothing, fine_s: float
+    record: Record,
+    noise: Mapping[str, float],
+    settings: CampaignSettings,
+    smoothing: Smoothing,
+    fine_s: float,
 ) -> tuple[dict[str, FloatArray], list[Balance]]:
     motions, balances = {}, []
     for link in settings.link:
@@ -232,13 +261,17 @@ def _cycled(
         normal = record.channels.get(f"normal_force_{link.name}")
         motions[link.name] = _motion(motion, normal, fine_s)
         terms = {"force": smoothing.rows(force.samples, force.rate_hz)} | _terms(link.name, motion, smoothing)
-        noise = noise_of(force), noise_of(motion)
-        balances.append(Balance(force.name, link.name, {link.name: 1.0}, terms, *noise))
+        levels = noise[force.name], noise[motion.name]
+        balances.append(Balance(force.name, link.name, {link.name: 1.0}, terms, *levels))
     return motions, balances
 
 
 def _driven(
-    record: Record, settings: CampaignSettings, smoothing: Smoothing, fine_s: float
+    record: Record,
+    noise: Mapping[str, float],
+    settings: CampaignSettings,
+    smoothing: Smoothing,
+    fine_s: float,
 ) -> tuple[dict[str, FloatArray], list[Balance]]:
     shown = {}
     for body in record.bodies:
@@ -271,8 +304,8 @@ def _driven(
         }
         for name in pulls:
             terms |= _terms(name, relative[name], smoothing)
-        noise = noise_of(force), noise_of(channel)
-        balances.append(Balance(f"force_{body}", f"body:{body}", pulls, terms, *noise))
+        levels = noise.get(force.name, 0.0), noise[channel.name]
+        balances.append(Balance(f"force_{body}", f"body:{body}", pulls, terms, *levels))
     return motions, balances
 
 

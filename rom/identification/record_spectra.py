@@ -8,7 +8,7 @@ flexures stiffen); dampings and masses stay. Both come out of the same fit.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +31,8 @@ from rom.signals.processing import Measurement
 LINEAR_TESTS = ("uncoupled", "coupled", "free", "driven")
 UNCOUPLED = "uncoupled"
 _FIRST_CORNER: Numerical[float] = 0.5  # [rad/s]: a time constant of 2 s
-_HIGHEST_HZ: Numerical[float] = 1000.0
+HIGHEST_HZ: Numerical[float] = 1000.0
+"""No line of an impact or a driven force is looked at above."""
 _LENGTH_S: Numerical[float] = 8.0
 _BEFORE_IMPACT_S: Numerical[float] = 0.1
 _LOWEST_LINES: Numerical[float] = 1.5
@@ -109,7 +110,18 @@ def spectral_records(
                 (parts[0][0], (low, split)),
                 (start + _fast(min(stop - start, int(brief * rate))), (split, high)),
             ]
+    if settings.band is not None:
+        parts = list(_within(parts, settings.band.low_hz, settings.band.high_hz))
     return tuple(_part(measurement, settings, bodies, force, start, end, band) for end, band in parts)
+
+
+def _within(
+    parts: Iterable[tuple[int, tuple[float, float]]], low_hz: float, high_hz: float
+) -> Iterator[tuple[int, tuple[float, float]]]:
+    """Cut the bands of parts to the declared one; parts that lie outside are left out."""
+    for end, (low, high) in parts:
+        if max(low, low_hz) < min(high, high_hz):
+            yield end, (max(low, low_hz), min(high, high_hz))
 
 
 def _lowest(measurement: Measurement) -> float:
@@ -187,7 +199,7 @@ def _sampling_errors(measurement: Measurement) -> tuple[float, float]:
 
 def _band(force: FloatArray, rate_hz: float, lowest_hz: float) -> tuple[float, float]:
     """Return the band [Hz] in which the force says something of the structure."""
-    highest = min(_HIGHEST_HZ, 0.4 * rate_hz)
+    highest = min(HIGHEST_HZ, 0.4 * rate_hz)
     if not np.any(force):
         return lowest_hz, highest
     frequency, lines = spectrum(force, rate_hz, (lowest_hz, highest))

@@ -19,6 +19,7 @@ from rom.identification.equation_error import noise_of
 from rom.model.assembly import TOLERANCE, Response
 from rom.model.model import Model
 from rom.model.structure import GROUND, Structure
+from rom.signals.band import in_band, kink_samples
 from rom.signals.filters import decimate
 from rom.signals.processing import Measurement, Motion
 
@@ -190,7 +191,10 @@ def _compared(measurement: Measurement, kind: str, samples: FloatArray, rate_hz:
     rows = np.asarray(samples, dtype=np.float64)
     if kind != "displacement":
         rows = measurement.chain.highpass(rows, measurement.rate_hz)
-    return decimate(rows, measurement.rate_hz, rate_hz) if rate_hz < measurement.rate_hz else rows
+    rows = in_band(rows, measurement.rate_hz, measurement.chain.band_hz)
+    rows = decimate(rows, measurement.rate_hz, rate_hz) if rate_hz < measurement.rate_hz else rows
+    spoilt = kink_samples(rows.shape[-1], rate_hz, measurement.chain.band_hz)
+    return rows[..., spoilt : rows.shape[-1] - spoilt]
 
 
 def of_moving(model: Model, bodies: Sequence[str]) -> Model:

@@ -12,6 +12,7 @@ from scipy import integrate, ndimage, signal
 
 from rom.criteria.number import Numerical
 from rom.model.laws import Z95
+from rom.signals.band import Band, in_band
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -37,6 +38,8 @@ class FilterChain:
         Cutoff of the single pass (-3 dB; -6 dB after both directions) [Hz]: 2 uncoupled, 5 coupled.
     order
         Order of the Butterworth filter.
+    band_hz
+        Band [Hz] in which displacements are compared, if one is declared.
 
     Raises
     ------
@@ -54,6 +57,7 @@ class FilterChain:
 
     cutoff_hz: float
     order: int = 3
+    band_hz: Band | None = None
 
     def __post_init__(self) -> None:
         """Check what a filter can be made of."""
@@ -146,7 +150,9 @@ def compile_filters() -> None:
 
 
 def displacement(kind: str, samples: FloatArray, rate_hz: float, chain: FilterChain) -> FloatArray:
-    """Return displacement [m] from samples of a motion quantity; measured displacement is not filtered.
+    """Return displacement [m] from samples of a motion quantity, in the chain's band if it has one.
+
+    Measured displacement passes no high-pass.
 
     Parameters
     ----------
@@ -165,7 +171,8 @@ def displacement(kind: str, samples: FloatArray, rate_hz: float, chain: FilterCh
         Displacement [m].
     """
     times = INTEGRATIONS[kind]
-    return chain.integrated(samples, rate_hz, times) if times else samples
+    found = chain.integrated(samples, rate_hz, times) if times else samples
+    return in_band(found, rate_hz, chain.band_hz)
 
 
 @lru_cache(maxsize=64)

@@ -18,6 +18,7 @@ from rom.campaign.campaign import CampaignSettings, Record, WindowSettings
 from rom.campaign.channels import BOLT_CHANNELS, Channel, FloatArray
 from rom.campaign.channels import Motion as MotionKind
 from rom.criteria.number import Numerical
+from rom.signals.band import Band
 from rom.signals.calibration import Calibration
 from rom.signals.filters import (
     INTEGRATIONS,
@@ -119,7 +120,7 @@ class Measurement:
     def with_cutoff(self, cutoff_hz: Mapping[str, float]) -> Measurement:
         """The same behind the high-pass that a model was identified with, by kind of test [Hz], if any."""
         own = cutoff_hz.get(self.test)
-        return replace(self, chain=FilterChain(own)) if own else self
+        return replace(self, chain=replace(self.chain, cutoff_hz=own)) if own else self
 
     def as_type(self, kind: type[np.floating[Any]]) -> Measurement:
         """The same with samples of forces, motion and tension in another precision."""
@@ -179,7 +180,7 @@ def process(record: Record, settings: CampaignSettings) -> Measurement:
         still = {body: f[: int((impact or 0.0) * rate)].copy() for body, f in forces.items()}
         gated = {body: gated_force(f, rate, settings.sampling.pretrigger_s) for body, f in forces.items()}
         forces, noise = {b: f for b, (f, _) in gated.items()}, {b: n for b, (_, n) in gated.items()}
-    first_mode = dominant_frequency(motions, rate, impact)
+    first_mode = dominant_frequency(motions, rate, impact, settings.band_hz)
     return Measurement(
         file=record.file,
         test=test,
@@ -192,7 +193,7 @@ def process(record: Record, settings: CampaignSettings) -> Measurement:
         strongest_hz=first_mode,
         motion={body: Motion(m.kind, m.samples[:samples]) for body, m in motions.items()},
         impact_s=impact,
-        chain=FilterChain(cutoff(test, first_mode)),
+        chain=FilterChain(cutoff(test, first_mode), band_hz=settings.band_hz),
         tension=_tension(record, settings, impact, first_mode),
         link={name: c for name, c in record.channels.items() if name.startswith(("link_", "normal_force_"))},
         still_force=still,
@@ -243,7 +244,9 @@ def gated_force(force: FloatArray, rate_hz: float, pretrigger_s: float) -> tuple
     return np.where(wide, force - offset, 0.0), noise
 
 
-def dominant_frequency(motion: Mapping[str, Motion], rate_hz: float, impact_s: float | None) -> float | None:
+def dominant_frequency(
+    motion: Mapping[str, Motion], rate_hz: float, impact_s: float | None, band_hz: Band | None = None
+) -> float | None:
     """Return the frequency [Hz] of the strongest line of all velocity spectra after the impact.
 
     Velocity lies between acceleration, where fast modes speak, and displacement, where slow noise would.
@@ -254,6 +257,8 @@ def dominant_frequency(motion: Mapping[str, Motion], rate_hz: float, impact_s: f
         Motion by body.
     rate_hz, impact_s : float
         Sampling rate [Hz]; time of the impact [s], None where there is none.
+    band_hz : tuple of float
+        Where to look [Hz], from and to; None for everywhere.
 
     Returns
     -------
@@ -267,6 +272,8 @@ def dominant_frequency(motion: Mapping[str, Motion], rate_hz: float, impact_s: f
         if len(channel.samples[start:stop]) < 16:
             continue
         lines, weight = _velocity_lines(Motion(channel.kind, channel.samples[start:stop]), rate_hz)
+        if band_hz is not None:
+            weight = np.where((lines >= band_hz[0]) & (lines <= band_hz[1]), weight, 0.0)
         if weight.size and weight.max() > power:
             power, frequency = float(weight.max()), float(lines[np.argmax(weight)])
     return frequency

@@ -259,6 +259,20 @@ MALFORMED: list[tuple[str, Spoil]] = [
         _settings(_set("record", 1, "preload_n", -3), "record[1].preload_n:", "-3", "0 or more"),
     ),
     (
+        "a band the wrong way round",
+        _settings(lambda data: data.update(band={"low_hz": 50, "high_hz": 20}), "band.high_hz:", "20", "50"),
+    ),
+    (
+        "a band above half the rate",
+        _settings(
+            lambda data: data.update(band={"low_hz": 5, "high_hz": 200}), "band.high_hz:", "200", "half"
+        ),
+    ),
+    (
+        "a band without an upper end",
+        _settings(lambda data: data.update(band={"low_hz": 5}), "band.high_hz:", "nothing", "above 0"),
+    ),
+    (
         "a mass of an unknown body in a record",
         _settings(_set("record", 1, "mass_kg", {"l0": 9.1}), "record[1].mass_kg.l0:", '"l0"', '"lo"'),
     ),
