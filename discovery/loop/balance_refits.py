@@ -27,14 +27,8 @@ from rom.campaign.channels import FloatArray
 from rom.effects import ModelCorrection
 from rom.evaluation.error_measures import ErrorsByKind, Kind, summarise
 from rom.evaluation.evaluate import evaluate
-from rom.identification.force_balance import (
-    Balances,
-    balances_of,
-    model_of,
-    noise_warnings,
-    sign_warnings,
-    standard_errors,
-)
+from rom.identification.balance_warnings import noise_warnings, sign_warnings
+from rom.identification.force_balance import Balances, balances_of, model_of, standard_errors
 from rom.model.laws import Z95
 from rom.model.model import Model
 from rom.signals.quality import Doubt

@@ -20,7 +20,7 @@ from experiments.datasets.times import SHOWN, factor_of
 from rom.campaign.campaign import FORMAT as CAMPAIGN_FORMAT
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import channel_names, one_of
-from rom.campaign.settings import parsing_faults, record_faults, structure_faults
+from rom.campaign.settings_faults import parsing_faults, record_faults, structure_faults
 
 FORMAT = "boltlaw-import/1"
 FILE = "import.toml"

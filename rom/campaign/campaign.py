@@ -34,10 +34,8 @@ from rom.campaign.settings import (
     SamplingSettings,
     Test,
     WindowSettings,
-    parsing_faults,
-    record_faults,
-    structure_faults,
 )
+from rom.campaign.settings_faults import parsing_faults, record_faults, structure_faults
 from rom.criteria.criteria import RECORD_CRITERIA, RecordCriteria
 from rom.result_views import HasViews
 

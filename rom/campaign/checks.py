@@ -10,7 +10,8 @@ from pathlib import Path
 
 from rom.campaign.channels import BOLT_CHANNELS, LINK_QUANTITIES, Channel, channel_names, motion_channels
 from rom.campaign.record import inspect_channels
-from rom.campaign.settings import CampaignSettings, RecordSettings, file_fault, moving_faults
+from rom.campaign.settings import CampaignSettings, RecordSettings
+from rom.campaign.settings_faults import file_fault, moving_faults
 
 MINIMUM_SAMPLES = 16  # fewer cannot be filtered (third order, both ways)
 IMPACT_TESTS = ("uncoupled", "coupled", "loosening", "driven")

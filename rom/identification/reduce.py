@@ -394,8 +394,7 @@ def _link_constants(
 def common_cutoffs(records: Sequence[ReducedRecord]) -> dict[str, float]:
     """Return the lowest cutoff [Hz] of every kind of test: what every record of that kind can pass."""
     found: dict[str, float] = {}
-    for record in records:
-        test, cutoff = str(record.settings.test), record.cutoff_hz
-        if cutoff is not None:
-            found[test] = min(cutoff, found.get(test, cutoff))
+    for record in (one for one in records if one.cutoff_hz is not None):
+        test = str(record.settings.test)
+        found[test] = min(record.cutoff_hz or np.inf, found.get(test, np.inf))
     return found

@@ -21,7 +21,8 @@ from rom.model.model import Model
 from rom.model.structure import GROUND, Structure
 from rom.signals.band import in_band, kink_samples
 from rom.signals.filters import decimate
-from rom.signals.processing import Measurement, Motion
+from rom.signals.motion import Motion
+from rom.signals.processing import Measurement
 
 PERIODS: Numerical[float] = 6.0
 """Of the strongest line, in which a frequency that is a little wrong does not lose the phase."""

@@ -18,7 +18,8 @@ from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE
 from rom.model.effect import SensorFault
 from rom.model.model import Model
-from rom.signals.processing import IMPACT_TESTS, Measurement, Motion, TensionRecord, tension_record
+from rom.signals.motion import Motion
+from rom.signals.processing import IMPACT_TESTS, Measurement, TensionRecord, tension_record
 
 
 def faults_of(model: Model) -> tuple[SensorFault, ...]:

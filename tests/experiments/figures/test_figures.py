@@ -24,7 +24,8 @@ from rom.identification.reduce import FirstMode, UncoupledTest
 from rom.parameters.he_2025 import CALIBRATION, nominal_impact, paper_model
 from rom.signals.calibration import Calibration, fit_calibration
 from rom.signals.filters import FilterChain
-from rom.signals.processing import Measurement, Motion, TensionRecord
+from rom.signals.motion import Motion
+from rom.signals.processing import Measurement, TensionRecord
 
 RATE_HZ = 4800.0
 TENSIONS = np.geomspace(6.0, 3000.0, 12)

@@ -21,7 +21,8 @@ from rom.model.laws import (
 from rom.model.model import LinkLaws, Model
 from rom.model.structure import Body, Link, Structure
 from rom.signals.filters import FilterChain
-from rom.signals.processing import Measurement, Motion, TensionRecord
+from rom.signals.motion import Motion
+from rom.signals.processing import Measurement, TensionRecord
 from tests.rom.lumped import pulse, respond
 
 RATE_HZ, SAMPLES = 4800.0, 9600

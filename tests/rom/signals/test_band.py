@@ -7,7 +7,7 @@ import pytest
 
 from rom.signals.band import edge_samples, in_band
 from rom.signals.filters import FilterChain, displacement
-from rom.signals.processing import Motion, dominant_frequency
+from rom.signals.motion import Motion, dominant_frequency
 
 RATE_HZ, BAND_HZ = 1000.0, (2.0, 40.0)
 TIME = np.arange(8000) / RATE_HZ

@@ -9,14 +9,8 @@ import pytest
 
 from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import Channel
-from rom.signals.processing import (
-    Motion,
-    cutoff,
-    dominant_frequency,
-    driven_displacement,
-    gated_force,
-    process,
-)
+from rom.signals.motion import Motion, dominant_frequency
+from rom.signals.processing import cutoff, driven_displacement, gated_force, process
 from tests.rom.lumped import pulse
 
 RATE_HZ = 4800.0
