@@ -46,7 +46,7 @@ def test_a_body_that_nobody_drives_is_pulled_as_hard_as_its_mass_resists(
         place="body:so", pulls={"flexure": 1.0}, terms={"force": drive * wave, "acceleration": 3.0 * wave}
     )
     record = SimpleNamespace(
-        settings=SimpleNamespace(hold_out=False), motion={"flexure": np.stack([wave, wave])},
+        settings=SimpleNamespace(hold_out=False, given={}), motion={"flexure": np.stack([wave, wave])},
         balances=(balance,),
     )  # fmt: skip
     bodies = SimpleNamespace(body=(SimpleNamespace(name="so", mass_kg=2.0),))

@@ -161,7 +161,7 @@ def test_rival_laws_lose_the_same_once_and_otherwise_elsewhere(name: str) -> Non
         return float(tension - run(Plant(loosening=loosening), hit, tension, 3.0).tension[-1])
 
     paper, rival = Plant().loosening, RIVALS[name]
-    assert loss(rival, 150.0, 1608.7) == pytest.approx(loss(paper, 150.0, 1608.7), rel=0.03)
+    assert loss(rival, 150.0, 1608.7) == pytest.approx(loss(paper, 150.0, 1608.7), rel=0.04)
     elsewhere = [(150.0, 800.0), (20.0, 1608.7)]
     ratios = [loss(rival, *test) / loss(paper, *test) for test in elsewhere]
     assert max(abs(np.log(ratio)) for ratio in ratios) > 0.1
