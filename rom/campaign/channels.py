@@ -17,6 +17,7 @@ MOTIONS: tuple[Motion, ...] = ("acceleration", "velocity", "displacement")
 BODY_QUANTITIES = ("force", *MOTIONS)
 LINK_QUANTITIES = ("link_displacement", "link_force", "normal_force")
 BOLT_CHANNELS = ("tension", "strain")
+GROUND_CHANNELS = ("acceleration_ground", "displacement_ground")
 MOST_CHOICES = 8  # more names in one line of a message help nobody
 
 
@@ -56,7 +57,7 @@ def channel_names(bodies: Iterable[str], links: Iterable[str]) -> tuple[str, ...
     """Every channel name that a campaign with these bodies and links may use."""
     of_bodies = [f"{quantity}_{body}" for body in bodies for quantity in BODY_QUANTITIES]
     of_links = [f"{quantity}_{link}" for link in links for quantity in LINK_QUANTITIES]
-    return (*of_bodies, *of_links, *BOLT_CHANNELS)
+    return (*of_bodies, *of_links, *BOLT_CHANNELS, *GROUND_CHANNELS)
 
 
 def motion_channels(body: str) -> tuple[str, ...]:

@@ -8,13 +8,21 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from rom.campaign.channels import BOLT_CHANNELS, LINK_QUANTITIES, Channel, channel_names, motion_channels
+from rom.campaign.channels import (
+    BOLT_CHANNELS,
+    GROUND_CHANNELS,
+    LINK_QUANTITIES,
+    Channel,
+    channel_names,
+    motion_channels,
+)
 from rom.campaign.record import inspect_channels
 from rom.campaign.settings import CampaignSettings, RecordSettings
 from rom.campaign.settings_faults import file_fault, moving_faults
 
 MINIMUM_SAMPLES = 16  # fewer cannot be filtered (third order, both ways)
 IMPACT_TESTS = ("uncoupled", "coupled", "loosening", "driven")
+GROUND_TESTS = ("driven", "loosening")
 RESTING_TESTS = ("cycled", "hold")
 
 
@@ -114,12 +122,40 @@ def _absent(index: int, settings: CampaignSettings, names: Collection[str]) -> I
                 f"(or record[{index}].bodies without it)"
             )
     forces = tuple(f"force_{body}" for body in bodies or settings.body_names)
-    if record.test in IMPACT_TESTS and set(forces).isdisjoint(names):
+    yield from _ground_faults(index, settings, bodies, names)
+    by_ground = record.test in GROUND_TESTS and not set(GROUND_CHANNELS).isdisjoint(names)
+    if record.test in IMPACT_TESTS and set(forces).isdisjoint(names) and not by_ground:
         yield f"{forces[0]}: found no force on a moving body, expected {_or(forces)} ({record.test} test)"
     if record.test in ("loosening", "hold") and set(BOLT_CHANNELS).isdisjoint(names):
         yield f"tension: found none, expected {_or(BOLT_CHANNELS)} ({record.test} test)"
     if record.test == "cycled":
         yield from _absent_link(settings.link_names, names)
+
+
+def _ground_faults(
+    index: int, settings: CampaignSettings, bodies: tuple[str, ...], names: Collection[str]
+) -> Iterator[str]:
+    """Say why a motion of the ground cannot be the input of a record."""
+    shown, record = [name for name in GROUND_CHANNELS if name in names], settings.record[index]
+    if not shown:
+        return
+    if record.test not in GROUND_TESTS:
+        yield f'{shown[0]}: found it in a {record.test} record, expected it in "driven" or "loosening" ones'
+        return
+    if record.test == "loosening" and len(bodies) > 1:
+        yield f"{shown[0]}: found {len(bodies)} moving bodies, expected one in a loosening record with it"
+    masses = {body.name: body.mass_kg for body in settings.body}
+    for body in bodies:
+        if masses[body] is None and f"body.{body}.mass" not in record.given:
+            yield (
+                f"{shown[0]}: found no mass_kg of {body}, expected it: a ground that moves tells only "
+                "ratios to the masses (1.0 where these are enough)"
+            )
+        if shown == ["acceleration_ground"] and f"acceleration_{body}" not in names:
+            yield (
+                f"acceleration_ground: found no acceleration_{body}, expected it, or displacement_ground "
+                "beside: the relative motion is a difference of like quantities"
+            )
 
 
 def _absent_link(links: tuple[str, ...], names: Collection[str]) -> Iterator[str]:

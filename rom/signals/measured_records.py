@@ -21,6 +21,7 @@ from joblib import Parallel, delayed
 from rom.campaign.campaign import Campaign, Record, RecordSettings
 from rom.campaign.record import replacing
 from rom.criteria.criteria import RecordCriteria
+from rom.signals.ground import relative_to_ground
 from rom.signals.processing import Measurement, process
 from rom.signals.quality import Doubt, assess
 from rom.signals.suspicions import Evidence, Suspicion, causes, doubts_of, evidence, suspicions
@@ -200,7 +201,7 @@ def _evidence(campaign: StoredCampaign, settings: RecordSettings) -> Evidence:
 
 
 def _made(campaign: Campaign, settings: RecordSettings) -> MeasuredRecord:
-    record = campaign.load(settings)
+    record = relative_to_ground(campaign.load(settings), campaign.settings)
     doubts = assess(record, campaign.settings, campaign.criteria.records)
     raw = record if record.test in _RAW_TESTS else None
     told = evidence(record, campaign.settings, doubts, campaign.criteria)
