@@ -156,6 +156,33 @@ def _rate(name: str, rate: Any) -> Callable[[h5py.File], None]:
     return lambda record: record[name].attrs.__setitem__("rate_hz", rate)
 
 
+def _band(low_hz: float, **end: float) -> Callable[[dict[str, Any]], None]:
+    return lambda data: data.update(band={"low_hz": low_hz, **end})
+
+
+def _own(key: str, name: str, value: float) -> Callable[[dict[str, Any]], None]:
+    return _set("record", 1, key, {name: value})
+
+
+_K = "stiffness_n_per_m"
+_OF_BAND_AND_VALUES: list[tuple[str, Spoil]] = [
+    ("a band that falls", _settings(_band(50, high_hz=20), "band.high_hz:", "20", "50")),
+    ("a band above half the rate", _settings(_band(5, high_hz=200), "band.high_hz:", "200", "half")),
+    ("a band without an end", _settings(_band(5), "band.high_hz:", "nothing", "above 0")),
+    ("a record's mass of no body", _settings(_own("mass_kg", "l0", 9.1), "record[1].mass_kg.l0:", '"lo"')),
+    (
+        "a record's mass of 0",
+        _settings(_own("mass_kg", "lo", 0.0), "record[1].mass_kg.lo:", "0.0", "above 0"),
+    ),
+    ("one mass for a record", _settings(_set("record", 1, "mass_kg", 9.1), "record[1].mass_kg:", "a table")),
+    ("a record's spring of no link", _settings(_own(_K, "flexure", 1.0), f"{_K}.flexure:", '"flexure_lo"')),
+    ("a record's bolted spring", _settings(_own(_K, "joint", 1.0), f"{_K}.joint:", "depends on the tension")),
+    (
+        "a record's dashpot spring",
+        _settings(_own(_K, "flexure_so", 1.0), f"{_K}.flexure_so:", "damping only"),
+    ),
+]
+
 MALFORMED: list[tuple[str, Spoil]] = [
     # campaign.toml: the file, its keys, their values
     ("no settings file", _spoiled(lambda folder: (folder / TOML).unlink(), TOML, "no such file")),
@@ -258,59 +285,7 @@ MALFORMED: list[tuple[str, Spoil]] = [
         "a negative preload",
         _settings(_set("record", 1, "preload_n", -3), "record[1].preload_n:", "-3", "0 or more"),
     ),
-    (
-        "a band the wrong way round",
-        _settings(lambda data: data.update(band={"low_hz": 50, "high_hz": 20}), "band.high_hz:", "20", "50"),
-    ),
-    (
-        "a band above half the rate",
-        _settings(
-            lambda data: data.update(band={"low_hz": 5, "high_hz": 200}), "band.high_hz:", "200", "half"
-        ),
-    ),
-    (
-        "a band without an upper end",
-        _settings(lambda data: data.update(band={"low_hz": 5}), "band.high_hz:", "nothing", "above 0"),
-    ),
-    (
-        "a mass of an unknown body in a record",
-        _settings(_set("record", 1, "mass_kg", {"l0": 9.1}), "record[1].mass_kg.l0:", '"l0"', '"lo"'),
-    ),
-    (
-        "a mass of nothing in a record",
-        _settings(_set("record", 1, "mass_kg", {"lo": 0.0}), "record[1].mass_kg.lo:", "0.0", "above 0"),
-    ),
-    (
-        "a number for a record's masses",
-        _settings(_set("record", 1, "mass_kg", 9.1), "record[1].mass_kg:", "9.1", "a table"),
-    ),
-    (
-        "a stiffness of an unknown link in a record",
-        _settings(
-            _set("record", 1, "stiffness_n_per_m", {"flexure": 1e4}),
-            "record[1].stiffness_n_per_m.flexure:",
-            '"flexure"',
-            '"flexure_lo"',
-        ),
-    ),
-    (
-        "a stiffness of a bolted link in a record",
-        _settings(
-            _set("record", 1, "stiffness_n_per_m", {"joint": 1e4}),
-            "record[1].stiffness_n_per_m.joint:",
-            "depends on the tension",
-            '"linear"',
-        ),
-    ),
-    (
-        "a stiffness of a dashpot in a record",
-        _settings(
-            _set("record", 1, "stiffness_n_per_m", {"flexure_so": 1e4}),
-            "record[1].stiffness_n_per_m.flexure_so:",
-            "damping only",
-            '"linear"',
-        ),
-    ),
+    *_OF_BAND_AND_VALUES,
     (
         "a word for hold_out",
         _settings(_set("record", 1, "hold_out", "no"), "record[1].hold_out:", '"no"', "false"),
