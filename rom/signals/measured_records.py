@@ -111,10 +111,10 @@ def with_stored_records(function: F) -> F:
     @wraps(function)
     def on_stored(campaign: Campaign | Sequence[Campaign], *args: Any, **kwargs: Any) -> Any:
         with ExitStack() as places:
-            if isinstance(campaign, Campaign):
-                return function(places.enter_context(stored(campaign)), *args, **kwargs)
-            several = [places.enter_context(stored(one)) for one in campaign]
-            return function(several, *args, **kwargs)
+            if isinstance(campaign, Sequence):
+                several = [places.enter_context(stored(one)) for one in campaign]
+                return function(several, *args, **kwargs)
+            return function(places.enter_context(stored(campaign)), *args, **kwargs)
 
     return cast(F, on_stored)
 
