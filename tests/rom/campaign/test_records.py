@@ -54,6 +54,8 @@ def test_names_rates_and_slips() -> None:
         "normal_force_joint",
         "tension",
         "strain",
+        "acceleration_ground",
+        "displacement_ground",
     )
     assert [default_rate(name, 400, 100) for name in ("force_lo", "link_force_joint", "strain")] == [
         400,
