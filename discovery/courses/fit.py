@@ -59,6 +59,12 @@ def refine(candidate: Candidate, frozen: FrozenMotion, rounds: int = ROUNDS) -> 
     return found
 
 
+def at_fit(found: Fit, frozen: FrozenMotion) -> tuple[Problem, State]:
+    """The likelihood of the cases of a fit, and its state there."""
+    problem = Problem(found.candidate, frozen, found.offsets)
+    return problem, problem.solve(problem.theta0, np.array(found.scatter), found.deviations, steps=12)
+
+
 def correction(found: Fit, frozen: FrozenMotion) -> FloatArray:
     """Full re-simulation minus frozen course, (cases, bins) [N]; not finite where it diverged."""
     full = resimulate(found.candidate, frozen, found.deviations)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discovery.courses.fit import Fit, by_other_tests, fit, fit_losses, log_predictive, predict
+from discovery.courses.fit import Fit, at_fit, by_other_tests, fit, fit_losses, log_predictive, predict
 from discovery.courses.frozen_motion import NUISANCE_DIRECTIONS, FrozenMotion
 from discovery.courses.marginal_likelihood import Problem
 from discovery.criteria.criteria import CRITERIA
@@ -258,8 +258,7 @@ def limits(
     """
     if not fitted.free:
         return {}
-    problem = Problem(fitted.candidate, frozen, fitted.offsets)
-    state = problem.solve(problem.theta0, np.array(fitted.scatter), fitted.deviations, steps=12)
+    problem, state = at_fit(fitted, frozen)
     rules, count = frozen.criteria.ranking, int(groups.max()) + 1
     drawn = rng.multinomial(count, np.full(count, 1 / count), int(rules.resamples))
     steps = problem.resampled(state, drawn[:, groups].astype(float))
@@ -333,8 +332,7 @@ def evidence(fitted: Fit, frozen: FrozenMotion, spread: float = 1.0) -> FloatArr
     ndarray, shape (cases,)
         Higher is better.
     """
-    problem = Problem(fitted.candidate, frozen, fitted.offsets)
-    state = problem.solve(problem.theta0, np.array(fitted.scatter), fitted.deviations, steps=12)
+    _, state = at_fit(fitted, frozen)
     deviance = np.where(np.isfinite(state.by_case), state.by_case, 1e12)
     price = len(fitted.free) * np.log(means_of_bins(frozen)) / len(frozen)
     return np.asarray(-0.5 * (deviance / spread + price))

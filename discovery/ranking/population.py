@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from discovery.courses.between_bolts import Index, Variances
-from discovery.courses.fit import Fit, correction, told_of_bolts
+from discovery.courses.fit import Fit, at_fit, correction, told_of_bolts
 from discovery.courses.frozen_motion import FrozenMotion, freeze_bolts
 from discovery.courses.marginal_likelihood import Problem, State
 from discovery.laws.given import GivenLaw
@@ -89,8 +89,7 @@ def population_of(found: Fit, data: Specimens) -> Population | None:
     if frozen.bolts is None:
         return None
     between, within, tension = standard_deviations(found, frozen)
-    problem = Problem(found.candidate, frozen, found.offsets)
-    state = problem.solve(problem.theta0, np.array(found.scatter), found.deviations, steps=12)
+    _, state = at_fit(found, frozen)
     bolts, names = [], names_of_bolts([one.campaign for one in data.bolts])
     for place, one in enumerate(data.bolts):
         cases = np.flatnonzero(frozen.bolt == place)
@@ -111,8 +110,7 @@ def standard_deviations(found: Fit, frozen: FrozenMotion) -> tuple[Limited, Limi
     """
     if frozen.bolts is None:
         raise ValueError("found the tests of one bolt, expected those of several")
-    problem = Problem(found.candidate, frozen, found.offsets)
-    state = problem.solve(problem.theta0, np.array(found.scatter), found.deviations, steps=12)
+    _, state = at_fit(found, frozen)
     information = (state.slope**2).sum(axis=1)
     seen = (state.slope * state.residual).sum(axis=1) + information * state.u
     tension = float(np.exp(np.mean(np.log(np.maximum(frozen.initial, 1e-3)))))

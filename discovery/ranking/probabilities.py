@@ -13,9 +13,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from discovery.courses.fit import Fit
+from discovery.courses.fit import Fit, at_fit
 from discovery.courses.frozen_motion import FrozenMotion
-from discovery.courses.marginal_likelihood import Problem
 from discovery.ranking.cross_validation import dispersion, means_of_bins
 from discovery.ranking.ordering import Index
 from rom.campaign.channels import FloatArray
@@ -66,8 +65,7 @@ def resampled_deviance(found: Fit, frozen: FrozenMotion, counts: FloatArray) -> 
     counts : ndarray, shape (draws, cases)
         How often each counts.
     """
-    problem = Problem(found.candidate, frozen, found.offsets)
-    state = problem.solve(problem.theta0, np.array(found.scatter), found.deviations, steps=12)
+    problem, state = at_fit(found, frozen)
     deviance = counts @ np.where(np.isfinite(state.by_case), state.by_case, 1e12)
     low, high = problem.bounds
     inside = np.flatnonzero((state.theta > low) & (state.theta < high))

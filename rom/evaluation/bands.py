@@ -17,6 +17,7 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.evaluation.replay import Replay
 from rom.identification.gamma import own_rate
+from rom.model.laws import Z95
 from rom.model.model import Model
 from rom.model.rate_uncertainty import RateUncertainty
 
@@ -75,7 +76,7 @@ def tension_band(run: Replay, simulated: float, window_s: tuple[float, float]) -
     here, faster, *moved = final({factor: factors, **values})
     half = _half_width(known, initial, (faster - here) / _LOG_STEP, (np.array(moved) - here) / steps)
     ends = final({factor: np.exp([-half, half])}) - here
-    noise = 1.96 * np.hypot(tension.initial_error, tension.final_error)
+    noise = Z95 * np.hypot(tension.initial_error, tension.final_error)
     return (
         float(simulated - np.hypot(min(*ends, 0.0), noise)),
         float(simulated + np.hypot(max(*ends, 0.0), noise)),

@@ -32,7 +32,7 @@ from rom.signals.measured_records import measured_record
 from rom.signals.quality import Doubt
 
 OFFSET = "constant-force"
-"""Share of noise in a term, below which least squares on balances is as good as the output error."""
+"""Effect of the catalogue that is an amplifier's offset, a tilted guide, the zero of a force sensor."""
 _LEAST_NOISE: Numerical[float] = 1e-6  # of a force: rounding
 _ITERATIONS: Numerical[int] = 3
 
