@@ -67,6 +67,12 @@ def execution(cluster: str | None = None, local: Local = "processes") -> Iterato
         yield
 
 
+def on_this_machine() -> bool:
+    """Return whether parallel work runs here, not on a cluster."""
+    backend, _ = joblib.parallel.get_active_backend()
+    return not type(backend).__module__.endswith("_dask")
+
+
 @contextmanager
 def _local(local: Local) -> Iterator[None]:
     if local != "processes":

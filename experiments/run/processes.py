@@ -9,8 +9,8 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from contextlib import suppress
 from pathlib import Path
 from threading import Lock
@@ -197,3 +197,60 @@ class Processes(ParallelBackendBase):  # type: ignore[misc]
             threads.shutdown(wait=True)
         for worker in workers:
             worker.hang_up()
+
+
+def each_in_a_process(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[int, WorkerLostError | None]]:
+    """Run every task in a process of its own, which gives all its memory back.
+
+    Parameters
+    ----------
+    tasks : sequence of callable
+        Importable functions of no argument.
+    jobs : int
+        Processes at the same time. None outlives the iteration, however that ends.
+
+    Yields
+    ------
+    place : int
+        Of a task that is done, in no order.
+    error : WorkerLostError or None
+        If its process was lost.
+
+    Raises
+    ------
+    Exception
+        Of the first task that raises one.
+    """
+    workers: list[Worker] = []
+    share = str(max(cpu_count() // jobs, 1))
+    environment = {name: os.environ.get(name, share) for name in ParallelBackendBase.MAX_NUM_THREADS_VARS}
+    lock, ended = Lock(), False
+
+    def run(place: int) -> tuple[int, WorkerLostError | None]:
+        with lock:
+            if ended:
+                return place, None
+            worker = Worker(environment)
+            workers.append(worker)
+        try:
+            _, error, text = worker.run(tasks[place])
+        except WorkerLostError as lost:
+            return place, lost
+        finally:
+            worker.end()
+            worker.hang_up()
+        if error is not None:
+            raise error from RemoteTraceback(f"\n{text}")
+        return place, None
+
+    with ThreadPoolExecutor(jobs) as threads:
+        pending = [threads.submit(run, place) for place in range(len(tasks))]
+        try:
+            for one in as_completed(pending):
+                yield one.result()
+        finally:
+            with lock:
+                ended = True
+            threads.shutdown(wait=False, cancel_futures=True)
+            for worker in workers:
+                worker.end()

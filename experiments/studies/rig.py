@@ -5,6 +5,8 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
+from zlib import crc32
 
 import numpy as np
 
@@ -26,10 +28,27 @@ __all__ = [
     "draw",
     "influence",
     "run",
+    "run_drawn",
     "strengths_from_text",
     "truth_path",
+    "twin",
     "undeclared_from_text",
 ]
+
+ATTEMPTS = 5
+"""Draws of strengths before effects that diverge together are given up."""
+_TOLD = (
+    "cases",
+    "noise",
+    "seed",
+    "scatter",
+    "strengths",
+    "law",
+    "tightening",
+    "hold_out_every",
+    "duration_s",
+)
+"""Options that a truth file tells."""
 
 
 def run(
@@ -128,9 +147,73 @@ def run(
         "scatter": scatter,
         "strengths": list(strengths),
         "law": law,
+        "tightening": tightening,
+        "hold_out_every": hold_out_every,
     }
     write_truth(truth_path(folder), options, laboratory, truths)
     return folder
+
+
+def run_drawn(
+    new_dir: str | Path,
+    hidden: Sequence[Undeclared],
+    percent: tuple[float, float],
+    seed: int = 0,
+    **options: Any,
+) -> Path:
+    """Measure a campaign whose undeclared effects have strengths that are drawn (`draw`).
+
+    Seed and names of the effects decide all that is drawn, of the campaign too. Where effects diverge
+    together others are drawn.
+
+    Parameters
+    ----------
+    new_dir : str or Path
+        As for `run`.
+    hidden : sequence of Undeclared
+        Kinds and places.
+    percent : tuple of float
+        Smallest and largest influence of each [%].
+    seed : int
+        Same seed, same campaign.
+    **options
+        Others of `run`.
+
+    Returns
+    -------
+    Path
+        The campaign folder.
+
+    Raises
+    ------
+    ValueError
+        As `run`, or if the motion diverges whatever is drawn.
+    """
+    label = " + ".join(f"{one.name}@{one.enters}" for one in hidden) or "clean"
+    rng = np.random.default_rng([seed, crc32(label.encode())])
+    for attempt in range(ATTEMPTS):
+        effects = tuple(draw(rng, one.name, one.enters, percent) for one in hidden)
+        try:
+            return run(new_dir, seed=int(rng.integers(2**31)), undeclared=effects, **options)
+        except ValueError:
+            if attempt + 1 == ATTEMPTS:
+                raise
+    raise AssertionError
+
+
+def twin(campaign: Path, new_dir: Path) -> Path:
+    """Measure a campaign again without what it does not declare: same tests, same noise; return its folder.
+
+    Parameters
+    ----------
+    campaign : Path
+        Its folder; the truth file is beside it.
+    new_dir : Path
+        Folder to create.
+    """
+    truth = json.loads(truth_path(campaign).read_text(encoding="utf-8"))
+    options = {name: truth[name] for name in _TOLD}
+    return run(new_dir, jobs=1, **options | {"strengths": tuple(truth["strengths"])})
 
 
 def check_options(
@@ -141,18 +224,21 @@ def check_options(
     strengths: Sequence[float] = (1.0,),
     law: str | None = None,
     undeclared: Sequence[str] = (),
+    influence_percent: Sequence[float] = (),
     duration_s: float | None = None,
     hold_out_every: int = 5,
     seed: int = 0,  # noqa: ARG001 - any will do
 ) -> None:
-    """Refuse options of `run` that cannot be, effects as text, before there is a folder.
+    """Refuse options of `run` or `run_drawn` that cannot be, effects as text, before there is a folder.
 
     Parameters
     ----------
     cases, noise, scatter, strengths, law, duration_s, hold_out_every, seed
         As for `run`.
     undeclared : sequence of str
-        As for `undeclared_from_text`.
+        As for `undeclared_from_text`; without values where their strengths are drawn.
+    influence_percent : sequence of float
+        Smallest and largest influence of effects that are drawn [%]; empty: none is.
 
     Raises
     ------
@@ -162,7 +248,15 @@ def check_options(
     check(None, cases, noise, 1, duration_s, tuple(strengths), scatter, hold_out_every)
     plant_of(law)
     for text in undeclared:
-        undeclared_from_text(text)
+        effect = undeclared_from_text(text)
+        if influence_percent and effect.parameters != Undeclared(effect.name, effect.enters).parameters:
+            raise ValueError(f"undeclared: got values in {text!r}, expected none where strengths are drawn")
+    if influence_percent and not (
+        len(influence_percent) == 2 and 0.0 < influence_percent[0] <= influence_percent[1] < np.inf
+    ):
+        raise ValueError(
+            f"influence_percent: got {list(influence_percent)}, expected a smallest and a largest, above 0"
+        )
 
 
 def plant_of(law: str | None) -> Plant:

@@ -1,6 +1,7 @@
 """``python -m experiments.studies.blind --out DIR``: run a blind test, or show the tables of its results.
 
-What has no result in DIR is run; the tables are those of all results in DIR.
+The test is the experiment DIR/blind.toml, which is written first; what has no result in DIR is run. The
+tables are those of all results in DIR.
 """
 
 from __future__ import annotations
@@ -10,9 +11,14 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import tomli_w
+
+from experiments import run_experiment
+from experiments.results import writable
+from experiments.run.progress import progress_bars
 from experiments.studies.blind.results import read_results, write_table
 from experiments.studies.blind.tables import tables
-from experiments.studies.blind.trials import planned, run
+from experiments.studies.blind.trials import Trial, experiment_of, planned
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -26,13 +32,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except ValueError as fault:
         sys.exit(str(fault))
     if not options.table_only:
-        run(trials, options.out, options.jobs, lambda line: print(line, file=sys.stderr, flush=True))
+        _run(trials, options.out, options.jobs)
     results = read_results(options.out)
     if options.gather:
         write_table(results, options.gather)
     text = tables(results)
     (options.out / "tables.md").write_text(text + "\n", encoding="utf-8")
     print(text)
+
+
+def _run(trials: Sequence[Trial], out: Path, jobs: int) -> None:
+    file = writable(out) / "blind.toml"
+    out.mkdir(parents=True, exist_ok=True)
+    file.write_text(tomli_w.dumps(experiment_of(trials)), encoding="utf-8")
+    with progress_bars(quiet=False) as report:
+        run_experiment(file, out, jobs, progress=report)
 
 
 def _parser() -> argparse.ArgumentParser:

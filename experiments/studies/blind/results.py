@@ -1,17 +1,20 @@
-"""Results of a blind test: a file for each campaign of a running test, or one table of them all.
+"""Results of a blind test: the cells of its experiment, or one table of them all.
 
-The table has a line of JSON for each campaign, in the order of their files, with what the tables in Markdown
-need of it and no more; numbers have seven significant digits.
+The table has a line of JSON for each campaign, with what the tables in Markdown need of it and no more;
+numbers have seven significant digits.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from experiments.studies import rig
 from experiments.studies.blind.scores import MEASURES, Found, Result
+from experiments.studies.blind.trials import Group
+from experiments.studies.experiment.cell import CELLS, RESULT
 from rom.campaign.record import replacing
 
 TABLE = "results.jsonl"
@@ -21,20 +24,39 @@ _HEAD = ("group", "label", "seed", "noise", "program", "program_version", "closi
 
 
 def read_results(folder: Path) -> list[dict[str, Any]]:
-    """Return all results in a folder: those of its table, then those of files that are not in it, by name."""
+    """Return all results in a folder: those of its table, then those of cells that are not in it, by name."""
     table = folder / TABLE
     rows = table.read_text(encoding="utf-8").splitlines() if table.exists() else []
     results = [json.loads(row) for row in rows]
     known = {_key(result) for result in results}
-    for path in sorted(folder.glob("*.json")):
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content.get("format") == "boltlaw-blind-trial/1" and _key(content) not in known:
-            results.append(content)
-    return results
+    cells = (result_of_cell(path.parent) for path in folder.glob(f"{CELLS}/[!.]*/{RESULT}"))
+    return results + sorted((one for one in cells if _key(one) not in known), key=_key)
 
 
-def _key(result: Result) -> tuple[object, ...]:
-    return tuple(result.get(key) for key in ("group", "label", "noise", "seed"))
+def result_of_cell(folder: Path) -> dict[str, Any]:
+    """Return what a cell says: what was hidden, the closure, the oracle; of one that failed, its message."""
+    cell = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+    hidden, settings = cell["settings"]["rig.undeclared"], cell["settings"]
+    label = " + ".join(hidden) or "clean"
+    head = {"group": group_of(hidden), "label": label, "seed": settings["rig.seed"]}
+    head |= {"noise": settings["rig.noise"], "program_version": cell["program_version"]}
+    if cell["status"] != "ok":
+        return {**head, "program": cell["program_version"], "fault": cell["message"]}
+    closure = json.loads((folder / "closure.json").read_text(encoding="utf-8"))
+    told = {key: cell["numbers"][key] for key in ("program", "truth", "oracle")}
+    return {**head, **told, "closure": closure, "closing_cpu_s": cell["cpu_s"], "peak_mb": cell["peak_mb"]}
+
+
+def group_of(hidden: Sequence[str]) -> Group:
+    """Return the group of a campaign that hides effects ``NAME@PLACE``."""
+    if len(hidden) != 1:
+        return "two" if hidden else "clean"
+    return "outside" if rig.KINDS[hidden[0].partition("@")[0]].outside else "one"
+
+
+def _key(result: Result) -> tuple[Any, ...]:
+    """What makes a trial another one, as results are ordered."""
+    return tuple(result[key] for key in ("group", "label", "noise", "seed"))
 
 
 def write_table(results: Iterable[Result], path: Path) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 from experiments.errors import of_the_input
 from experiments.results import plain, write_result
 from experiments.run.execution import execution
+from experiments.run.memory import peak_memory_mb
 from experiments.studies import close, discover, rig
 from experiments.studies.experiment.cells import Cell, Source
 
@@ -45,18 +46,28 @@ def run_cell(cell: Cell, out: Path, jobs: int = 1) -> None:
     alone = execution(local="sequential") if jobs == 1 else nullcontext()
     with alone, _appearing(out / CELLS / cell.digest) as folder:
         started = time.perf_counter()
+        used: dict[str, float] = {}
         try:
             campaign = campaign_of(cell.source, out)
             started = time.perf_counter()
-            content = _examined(cell, campaign, folder, jobs)
+            content = _examined(cell, campaign, folder, jobs, used)
         except Exception as error:  # the other cells go on
             if not folder.is_dir():  # a later run of the experiment has swept this one away
                 raise
             content = {"status": "failed", "message": _told(error, cell.source, out)}
         write_result(
-            folder / RESULT, "cell", {**_settings(cell), **content}, campaign=cell.source.name,
+            folder / RESULT, "cell", {**_settings(cell), **content, **used}, campaign=cell.source.name,
             seed=cell.seed, elapsed_s=time.perf_counter() - started,
         )  # fmt: skip
+
+
+def lost_cell(cell: Cell, out: Path, error: Exception) -> None:
+    """Leave what is told of a cell whose process ended before it: others go on."""
+    with _appearing(out / CELLS / cell.digest) as folder:
+        content = {**_settings(cell), "status": "failed", "message": str(error)}
+        write_result(
+            folder / RESULT, "cell", content, campaign=cell.source.name, seed=cell.seed, elapsed_s=0.0
+        )
 
 
 def _settings(cell: Cell) -> dict[str, Any]:
@@ -74,10 +85,12 @@ def _told(error: Exception, source: Source, out: Path) -> str:
     return f"{type(error).__name__}: {error} ({Path(raised.filename).name}, line {raised.lineno})"
 
 
-def _examined(cell: Cell, campaign: Path, folder: Path, jobs: int) -> dict[str, Any]:
+def _examined(cell: Cell, campaign: Path, folder: Path, jobs: int, used: dict[str, float]) -> dict[str, Any]:
     measured: dict[str, Any] = {}
+    started = time.process_time()
 
     def measure(result: Any) -> None:
+        used.update(cpu_s=time.process_time() - started, peak_mb=peak_memory_mb())
         if cell.measure is not None:
             measured.update(plain(cell.measure(result, campaign)))
 
@@ -171,8 +184,13 @@ def campaign_of(source: Source, out: Path) -> Path:
             options = dict(source.options)
             options["strengths"] = tuple(options.get("strengths", (1.0,)))
             hidden = tuple(rig.undeclared_from_text(text) for text in options.pop("undeclared", ()))
+            percent = options.pop("influence_percent", None)
             with _appearing(place) as folder:
-                rig.run(folder / _place(source, out).name, jobs=1, undeclared=hidden, **options)
+                new = folder / _place(source, out).name
+                if percent is None:
+                    rig.run(new, jobs=1, undeclared=hidden, **options)
+                else:
+                    rig.run_drawn(new, hidden, tuple(percent), jobs=1, **options)
     return _place(source, out)
 
 

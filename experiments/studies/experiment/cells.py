@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib import import_module
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -99,6 +101,7 @@ class Experiment:
     sources: tuple[Source, ...]
     cells: tuple[Cell, ...]
     keeps_campaigns: bool
+    own_process: bool
 
 
 def read_experiment(
@@ -115,7 +118,7 @@ def read_experiment(
     progress : callable, optional
         Called with (campaigns checked, campaigns in all).
     measure : callable, optional
-        Of every cell.
+        Of every cell, in place of the one that the file names.
 
     Returns
     -------
@@ -130,9 +133,30 @@ def read_experiment(
     settings, content = read_settings(path)
     check_options(path, settings)
     law_sets = _law_sets(path, settings)
+    measure = measure or _named_function(path, settings.measure)
     sources = _sources(path, settings, jobs, progress)
     cells = {cell.digest: cell for cell in _cells(settings, sources, law_sets, measure)}
-    return Experiment(path, settings.name, content, sources, tuple(cells.values()), settings.keep_campaigns)
+    return Experiment(
+        path, settings.name, content, sources, tuple(cells.values()), settings.keep_campaigns,
+        settings.own_process,
+    )  # fmt: skip
+
+
+def _named_function(path: Path, text: str | None) -> Measure | None:
+    """The function MODULE:FUNCTION; a module beside the file is found where no other has its name."""
+    if text is None:
+        return None
+    beside = str(path.parent.absolute())
+    if beside not in sys.path:
+        sys.path.append(beside)
+    module, _, name = text.partition(":")
+    try:
+        found: Measure = getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(
+            f"{path}: measure: found {text!r} ({error}), expected MODULE:FUNCTION that can be imported"
+        ) from error
+    return found
 
 
 def check_options(path: Path, settings: ExperimentSettings) -> None:
@@ -269,4 +293,4 @@ def _flat(options: Mapping[str, Any], head: str = "") -> dict[str, Any]:
 
 
 def _text(value: Any) -> str:
-    return "+".join(map(str, value)) if isinstance(value, list) else str(value)
+    return "+".join(map(str, value)) or "none" if isinstance(value, list) else str(value)

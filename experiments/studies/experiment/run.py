@@ -7,21 +7,32 @@ import shutil
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from joblib import Parallel, delayed
 
 from experiments.results import plain, writable, write_result
-from experiments.run.execution import execution
+from experiments.run.execution import execution, on_this_machine
+from experiments.run.processes import each_in_a_process
 from experiments.run.publication import results_into
-from experiments.studies.experiment.cell import CAMPAIGNS, CELLS, MAKING, RESULT, remove_campaign, run_cell
+from experiments.studies.experiment.cell import (
+    CAMPAIGNS,
+    CELLS,
+    MAKING,
+    RESULT,
+    lost_cell,
+    remove_campaign,
+    run_cell,
+)
 from experiments.studies.experiment.cells import Cell, Experiment, Measure, Progress, read_experiment
 from experiments.studies.experiment.table import TABLE, ExperimentTable, as_csv, read_rows
 from experiments.studies.identify import save_figures
 from rom.provenance import program_version
 
 NAME = "experiment.json"
+_USED = ("elapsed_s", "cpu_s", "peak_mb")
 
 
 def run_experiment(
@@ -49,7 +60,8 @@ def run_experiment(
         Takes the name of a stage and returns what takes steps done and steps in all.
     measure : callable, optional
         An importable function of a cell's ranking or closure and of the folder of its campaign, which returns
-        further columns of the table by name. A cell is known by its name, not by what it does.
+        further columns of the table by name, in place of the one that the file names. A cell is known by its
+        name, not by what it does.
 
     Returns
     -------
@@ -117,7 +129,7 @@ def run(
             "campaigns": _campaigns(experiment, folder),
             "cells": [
                 {**row, "settings": cell.settings, "folder": f"{CELLS}/{cell.digest}"}
-                | {"elapsed_s": _result(folder, cell)["elapsed_s"]}
+                | {key: _result(folder, cell).get(key) for key in _USED}
                 for row, cell in zip(rows, experiment.cells, strict=True)
             ],
         }
@@ -171,7 +183,8 @@ def _run_missing(experiment: Experiment, folder: Path, jobs: int, progress: Prog
     if progress is not None:
         progress(total - len(due), total)
     left = Counter(cell.source.digest for cell in due)
-    for number, cell in enumerate(_finished(due, folder, jobs), total - len(due) + 1):
+    finished = _apart if experiment.own_process and on_this_machine() else _finished
+    for number, cell in enumerate(finished(due, folder, jobs), total - len(due) + 1):
         left[cell.source.digest] -= 1
         if not left[cell.source.digest] and not experiment.keeps_campaigns:
             remove_campaign(cell.source, folder)
@@ -187,6 +200,15 @@ def _finished(due: Sequence[Cell], folder: Path, jobs: int) -> Iterable[Cell]:
         return
     many = Parallel(n_jobs=min(jobs, max(len(due), 1)), return_as="generator_unordered", batch_size=1)
     for place in many(delayed(_numbered)(place, cell, folder) for place, cell in enumerate(due)):
+        yield due[place]
+
+
+def _apart(due: Sequence[Cell], folder: Path, jobs: int) -> Iterable[Cell]:
+    """Yield cells as they are done, each by a process of its own, whose end fails that cell alone."""
+    tasks = [partial(run_cell, cell, folder) for cell in due]
+    for place, error in each_in_a_process(tasks, jobs):
+        if error is not None:
+            lost_cell(due[place], folder, error)
         yield due[place]
 
 

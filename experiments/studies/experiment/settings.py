@@ -45,6 +45,8 @@ _Each: TypeAlias = Annotated[list[T], BeforeValidator(_listed), Field(min_length
 _Lists: TypeAlias = Annotated[
     list[Annotated[list[T], Field(min_length=1)]], BeforeValidator(_nested), Field(min_length=1)
 ]
+_Hidden: TypeAlias = Annotated[list[list[T]], BeforeValidator(_nested), Field(min_length=1)]
+"""Lists that may be empty."""
 _Number: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 _Text: TypeAlias = Annotated[str, Field(min_length=1)]
 _Seed: TypeAlias = Annotated[int, Field(ge=0)]
@@ -67,8 +69,11 @@ class RigSettings(_Table):
     scatter: _Each[_Number] = _key("a factor of 0 or more, or a list of factors", [])
     strengths: _Lists[_Number] = _key("a list of shares of the full hit, or a list of such lists", [])
     law: _Each[_Text] = _key("the name of a tension law of the rig, or a list of names", [])
-    undeclared: _Lists[_Text] = _key(
+    undeclared: _Hidden[_Text] = _key(
         "a list of effects such as coulomb-friction:F_c=2, or a list of such lists", []
+    )
+    influence_percent: _Lists[_Number] = _key(
+        "a smallest and a largest change [%] between which strengths are drawn, or a list of such pairs", []
     )
     duration_s: _Each[_Number] = _key("a length of 2.5 s or more, or a list of lengths", [])
     hold_out_every: _Each[int] = _key("a whole number, 0 for none, or a list of such numbers", [])
@@ -92,6 +97,8 @@ class ExperimentSettings(_Table):
     campaigns: list[_Text] = _key("a list of campaign folders", [])
     rig: _Each[RigSettings] = _key("one [[rig]] or more", [])
     keep_campaigns: bool = _key("true or false", False)
+    own_process: bool = _key("true or false", False)
+    measure: _Text | None = _key('"MODULE:FUNCTION"', None)
     laws: _Lists[_Text] = _key("a list of files of laws, or a list of such lists", [])
     law: list[dict[str, Any]] = _key("one [[law]] or more, as in laws.toml", [])
     search: SearchSettings = _key("a table [search]", SearchSettings())

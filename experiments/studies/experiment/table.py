@@ -67,8 +67,11 @@ def _frame(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 
 
 def as_csv(rows: Sequence[dict[str, Any]]) -> str:
-    """Return rows as text, numbers with all their digits."""
-    return str(_frame(rows).to_csv(index=False, lineterminator="\n"))
+    """Return rows as text, numbers with all their digits; what is no number or text as JSON."""
+    flat = [
+        {key: json.dumps(v) if isinstance(v, list | dict) else v for key, v in row.items()} for row in rows
+    ]
+    return str(_frame(flat).to_csv(index=False, lineterminator="\n"))
 
 
 def read_rows(cells: Sequence[Cell], out: Path) -> tuple[dict[str, Any], ...]:

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import pytest
@@ -189,6 +190,40 @@ def test_what_can_never_be_felt_that_much_is_drawn_all_the_same() -> None:
     force = rig.draw(np.random.default_rng(3), "constant-force")  # accelerometers do not see one
     assert abs(force.parameters["F_0"]) == 5.0
     assert rig.influence(force).percent < 3.0
+
+
+def test_a_drawn_campaign_goes_with_seed_and_names_and_its_twin_lacks_the_effects(tmp_path: Path) -> None:
+    options = {"cases": 2, "duration_s": 2.5, "jobs": 1, "hold_out_every": 0}
+    folder = rig.run_drawn(tmp_path / "one", [Undeclared("hum", "sensor:tension")], (3.0, 60.0), 6, **options)
+    truth = json.loads(rig.truth_path(folder).read_text())
+    rng = np.random.default_rng([6, crc32(b"hum@sensor:tension")])
+    assert (
+        truth["undeclared"][0]["parameters"] == rig.draw(rng, "hum", "sensor:tension").truth()["parameters"]
+    )
+    assert truth["seed"] == rng.integers(2**31)
+    twin = rig.twin(folder, tmp_path / "twin")
+    one, other = (
+        read_campaign(place).load(read_campaign(place).select("loosening")[0]) for place in (folder, twin)
+    )
+    changed = {
+        name
+        for name, c in one.channels.items()
+        if not np.array_equal(c.samples, other.channels[name].samples)
+    }
+    assert changed == {"strain"}
+
+
+def test_what_diverges_is_drawn_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seeds = []
+
+    def run(_: Path, *, seed: int, **__: object) -> Path:
+        seeds.append(seed)
+        raise ValueError("the motion diverges")
+
+    monkeypatch.setattr(rig, "run", run)
+    with pytest.raises(ValueError, match="diverges"):
+        rig.run_drawn(tmp_path / "one", [], (3.0, 60.0))
+    assert len(set(seeds)) == rig.ATTEMPTS
 
 
 def test_the_page_lists_what_there_is() -> None:

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 
 from experiments.studies import rig
-from experiments.studies.blind import trials as blind_test
 from experiments.studies.blind.__main__ import main
+from experiments.studies.blind.measure import measured
 from experiments.studies.blind.results import TABLE, read_results, table_row, write_table
 from experiments.studies.blind.scores import (
     answer,
@@ -25,7 +27,8 @@ from experiments.studies.blind.scores import (
     score,
 )  # fmt: skip
 from experiments.studies.blind.tables import tables
-from experiments.studies.blind.trials import Trial, missing, planned
+from experiments.studies.blind.trials import experiment_of, planned
+from experiments.studies.experiment.cells import read_experiment
 from rom.effects import CATALOGUE
 
 Row = dict[str, Any]
@@ -62,7 +65,6 @@ def result(
 ) -> Row:
     held_out = {"before": errors(0.4, 1.0), "after": after or errors(0.044)}
     return {
-        "format": "boltlaw-blind-trial/1",
         "group": group,
         "label": " + ".join(f"{one['name']}@{one['enters']}" for one in truth) or "clean",
         "noise": noise,
@@ -272,7 +274,7 @@ def test_every_core_effect_is_planned_once_for_every_seed() -> None:
         assert sorted(t.hidden[0][0] for t in trials if t.group == "one" and t.seed == seed) == core
     assert [t.seed for t in trials if t.group == "clean"] == [10, 11, 12]
     assert all(rig.KINDS[t.hidden[0][0]].outside for t in trials if t.group == "outside")
-    assert len({t.file for t in trials}) == len(trials)
+    assert len(set(trials)) == len(trials)
     assert [t.seed for t in trials] == sorted(t.seed for t in trials)
 
 
@@ -303,62 +305,69 @@ def test_pairs_share_no_class_and_go_with_the_seed() -> None:
     assert planned(two=1, first=4)[0] == planned(two=5)[4]
 
 
-def test_a_trial_draws_the_same_again_and_others_something_else() -> None:
-    trial = Trial("one", 1, (("hum", "sensor:tension"),))
-    assert trial.generator().random() == trial.generator().random()
-    assert trial.generator().random() != Trial("one", 2, trial.hidden).generator().random()
-    assert trial.generator().random() != Trial("clean", 1).generator().random()
-    assert ":" not in trial.file
-    assert trial.file != Trial("one", 1, trial.hidden, noise=2.0).file
+def test_a_test_is_an_experiments_file(tmp_path: Path) -> None:
+    """A cell for each trial, those of the first seed first."""
+    trials = planned(clean=2, each=2, two=2, names=["cubic-stiffness", "hum@sensor:tension"])
+    (tmp_path / "blind.toml").write_text(tomli_w.dumps(experiment_of(trials)))
+    experiment = read_experiment(tmp_path / "blind.toml")
+    assert experiment.own_process
+    told = [(c.settings["rig.seed"], c.settings["rig.undeclared"]) for c in experiment.cells]
+    assert told == [(t.seed, [f"{name}@{enters}" for name, enters in t.hidden]) for t in trials]
+    assert [cell.measure for cell in experiment.cells] == [measured] * len(trials)
+    assert {(cell.command, cell.seed) for cell in experiment.cells} == {("close", 0)}
+    assert experiment.sources[1].name == "seed 0, noise 1, undeclared cubic-stiffness@joint"
 
 
-def test_a_fault_is_a_result_and_a_finished_campaign_is_skipped(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    good, bad = Trial("clean", 0), Trial("clean", 1)
+def cell_of(row: Row, folder: Path) -> None:
+    """The folder of a cell as a run leaves it."""
+    cell = folder / "cells" / f"{row['group']}{row['seed']}"
+    cell.mkdir(parents=True)
+    hidden = [] if row["label"] == "clean" else row["label"].split(" + ")
+    content = {
+        "settings": {"rig.undeclared": hidden, "rig.seed": row["seed"], "rig.noise": row["noise"]},
+        "program_version": "0.1",
+        "status": "failed" if "fault" in row else "ok",
+        "message": row.get("fault", ""),
+    }
+    if "fault" not in row:
+        content["numbers"] = {key: row[key] for key in ("program", "truth", "oracle")}
+        content |= {"cpu_s": row["closing_cpu_s"], "peak_mb": row["peak_mb"]}
+        (cell / "closure.json").write_text(json.dumps(row["closure"]))
+    (cell / "cell.json").write_text(json.dumps(content))
 
-    def examined(trial: Trial, scratch: Path) -> Row:
-        assert scratch.is_dir()
-        if trial is bad:
-            raise ZeroDivisionError("by nothing")
-        return result("clean", [], [], "no-effect")
 
-    monkeypatch.setattr(blind_test, "_examined", examined)
-    assert "no-effect, nothing" in blind_test.run_trial(good, tmp_path)
-    assert "ZeroDivisionError: by nothing" in blind_test.run_trial(bad, tmp_path)
-    assert missing([good, bad], tmp_path) == [bad]
-    (tmp_path / "other.json").write_text(json.dumps({"format": "boltlaw-closure/1"}))
-    results = read_results(tmp_path)
-    assert [one.get("fault") for one in results] == [None, "ZeroDivisionError: by nothing"]
-    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".campaign")]
+def test_results_are_those_of_cells_a_fault_among_them(tmp_path: Path) -> None:
+    broken = {"group": "outside", "label": "outside-even-drag@joint", "seed": 4, "noise": 2.0}
+    one = result("one", [CUBIC], [found("cubic-stiffness", "joint")])
+    for row in (one, broken | {"fault": "ZeroDivisionError: by nothing"}):
+        cell_of(row, tmp_path)
+    (tmp_path / "cells" / ".making-x").mkdir()
+    read = read_results(tmp_path)
+    assert table_row(read[0]) == table_row(one) | {"program_version": "0.1"}
+    assert read[1] == broken | {
+        "program": "0.1", "program_version": "0.1", "fault": "ZeroDivisionError: by nothing"
+    }  # fmt: skip
 
 
 def test_the_tables_alone_need_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     row = result("one", [CUBIC], [found("cubic-stiffness", "joint")])
-    (tmp_path / "one.json").write_text(json.dumps(row))
+    cell_of(row, tmp_path)
     main(["--out", str(tmp_path), "--table-only"])
     shown = capsys.readouterr().out
     assert "100 % (1 of 1)" in line(shown, "one effect: itself first |")
     assert (tmp_path / "tables.md").read_text() == shown
 
 
-def test_the_truth_stays_sealed_until_the_loop_is_closed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "campaign"
-    order: list[str] = []
-
-    def closed(given: Path) -> Row:
-        assert given == folder
-        order.append("closed")
-        rig.truth_path(folder).write_text(json.dumps({"undeclared": []}))
-        return {"verdict": "no-effect", "effects": [], "errors": {"hold_out": {"before": errors(0.1)}}}
-
-    monkeypatch.setattr(blind_test, "_measured", lambda *_: (folder, {}))
-    monkeypatch.setattr(blind_test, "_closed", closed)
-    found = blind_test._examined(Trial("clean", 0), tmp_path)
-    assert order == ["closed"]
-    assert found["oracle"]["hold_out"] == errors(0.1)
+def test_the_truth_and_what_could_be_reached_are_set_beside_a_closure(tmp_path: Path) -> None:
+    rig.truth_path(tmp_path / "campaign").write_text(json.dumps({"undeclared": []}))
+    closure: Any = SimpleNamespace(before={"hold_out": errors(0.1)})
+    told = measured(closure, tmp_path / "campaign")
+    assert told["truth"] == []
+    assert told["oracle"] == {"kind": "declared", "hold_out": errors(0.1)}
+    rig.truth_path(tmp_path / "campaign").write_text(json.dumps({"undeclared": [{"name": "hum"}]}))
+    told = measured(closure, tmp_path / "campaign")
+    assert told["oracle"]["hold_out"] is None  # the closure stands without its measure
+    assert told["oracle"]["fault"].startswith("KeyError")
 
 
 def test_the_stored_tables_are_those_of_the_stored_results() -> None:
@@ -370,17 +379,10 @@ def test_gathered_results_give_the_same_tables(tmp_path: Path, capsys: pytest.Ca
     rows = [
         result("one", [CUBIC], [found("cubic-stiffness", "joint")]),
         result("clean", [], [], "no-effect"),
-        {
-            "format": "boltlaw-blind-trial/1",
-            "group": "clean",
-            "label": "clean",
-            "noise": 1.0,
-            "program": "x",
-            "fault": "ValueError: no",
-        },
+        {"group": "clean", "label": "clean", "noise": 1.0, "fault": "ValueError: no"},
     ]
     for place, row in enumerate(rows):
-        (tmp_path / f"{place}.json").write_text(json.dumps(row | {"seed": place}))
+        cell_of(row | {"seed": place}, tmp_path)
     table = tmp_path / "gathered" / TABLE
     table.parent.mkdir()
     main(["--out", str(tmp_path), "--table-only", "--gather", str(table)])
@@ -390,10 +392,10 @@ def test_gathered_results_give_the_same_tables(tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr().out == shown
 
 
-def test_a_file_that_the_table_holds_counts_once(tmp_path: Path) -> None:
+def test_a_cell_that_the_table_holds_counts_once(tmp_path: Path) -> None:
     row = result("clean", [], [], "no-effect") | {"seed": 3}
-    (tmp_path / "clean.json").write_text(json.dumps(row))
+    cell_of(row, tmp_path)
     write_table([row], tmp_path / TABLE)
     assert read_results(tmp_path) == [table_row(row)]
-    (tmp_path / "other.json").write_text(json.dumps(row | {"seed": 4}))
+    cell_of(row | {"seed": 4}, tmp_path)
     assert [one["seed"] for one in read_results(tmp_path)] == [3, 4]

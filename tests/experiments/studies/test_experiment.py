@@ -131,6 +131,11 @@ def test_cells_are_the_product_of_what_each_command_uses(file: Path) -> None:
         ("[[rig]]\ncases = 1\n", ("rig[0]: cases: got 1, expected at least 2",)),
         ("[[rig]]\nlaw = 'power-9'\n", ("rig[0]: law: got 'power-9'", "power-2")),
         ("[[rig]]\nundeclared = ['frction']\n", ("rig[0]: undeclared: ", "frction")),
+        ("[[rig]]\ninfluence_percent = [60, 3]\n", ("rig[0]: influence_percent: got [60", "smallest")),
+        (
+            "[[rig]]\nundeclared = ['hum:A=1']\ninfluence_percent = [3, 60]\n",
+            ("rig[0]: undeclared: got values in 'hum:A=1'", "drawn"),
+        ),
         ("[[rig]]\nnoise = [1.0, 'low']\n", ("rig[0].noise: found 'low', expected a factor",)),
         ("[[rig]]\n[[rig]]\n", ("found one campaign twice, 'rig' and 'rig'",)),
         ("laws = ['none.toml']\n", ("none.toml: cannot be read",)),
@@ -161,6 +166,7 @@ def test_what_cannot_be_is_one_line_that_names_the_key(
         (HEAD + 'campaigns = ["none"]\n', ("campaigns[0]: ", "no such file")),
         (HEAD + 'campaigns = ["one", "./one"]\n', ("found one campaign twice, 'one' and './one'",)),
         ("name = [", ("not TOML",)),
+        (SMALL + 'measure = "none:f"\n', ("measure: found 'none:f'", "MODULE:FUNCTION")),
     ],
 )
 def test_what_is_missing_is_told(text: str, words: tuple[str, ...], file: Path, boltlaw: Boltlaw) -> None:
@@ -255,7 +261,7 @@ def test_a_folder_of_other_results_is_refused(
 def test_campaigns_of_the_rig_are_made_once_and_removed(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
 
-    def rig(folder: Path, **options: Any) -> Path:
+    def rig(folder: Path, *_: Any, **options: Any) -> Path:
         made.append(options)
         folder.mkdir()
         return folder
@@ -290,6 +296,23 @@ def test_columns_of_ones_own(file: Path) -> None:
     assert [row["nothing"] for row in table.rows] == [None] * 4
     cells = [{row["cell"] for row in one.rows} for one in (plain_table, table)]
     assert not cells[0] & cells[1]  # without these columns it is another cell
+
+
+def test_each_cell_in_a_process_of_its_own_measured_by_a_module_beside_the_file(file: Path) -> None:
+    """A process that is killed, often for want of memory, fails its cell alone."""
+    (file.parent / "own_columns.py").write_text(
+        "import os\n\ndef pid(_, campaign):\n"
+        "    return {'pid': os.getpid()} if campaign.name == 'one' else os.kill(os.getpid(), 9)\n"
+    )
+    text = SMALL.replace("seeds", 'own_process = true\nmeasure = "own_columns:pid"\nseeds')
+    file.write_text(text.replace("[0, 1]", "0"))
+    table = experiments.run_experiment(file)
+    assert [row["status"] for row in table.rows] == ["ok", "failed"]
+    assert table.rows[0]["pid"] != os.getpid()
+    assert "killed by signal 9" in table.failed[0]["message"]
+    cell = json.loads(table.path.read_text())["cells"][0]
+    assert cell["peak_mb"] > 50
+    assert cell["cpu_s"] > 0
 
 
 def test_two_jobs_give_the_table_of_one(file: Path) -> None:
