@@ -62,7 +62,15 @@ def run_cell(cell: Cell, out: Path, jobs: int = 1) -> None:
 
 
 def lost_cell(cell: Cell, out: Path, error: Exception) -> None:
-    """Leave what is told of a cell whose process ended before it: others go on."""
+    """Leave what is told of a cell whose process ended before it: others go on.
+
+    Parameters
+    ----------
+    cell, out
+        As for `run_cell`.
+    error : Exception
+        What became of the process.
+    """
     with _appearing(out / CELLS / cell.digest) as folder:
         content = {**_settings(cell), "status": "failed", "message": str(error)}
         write_result(
