@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from discovery.courses.frozen_motion import FrozenMotion, freeze, freeze_bolts
 from discovery.criteria.criteria import Criteria
 from discovery.criteria.ranking import RankingRules
 from rom.campaign.campaign import Campaign
+from rom.campaign.settings import CampaignSettings
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.reduce import Progress, reduce_records, tension_courses
 from rom.model.model import Model
@@ -150,7 +152,8 @@ def check_one_kind(campaigns: Sequence[Campaign], tightening: bool = False) -> N
     Raises
     ------
     ValueError
-        With the first difference: in bodies, links or bolted link, or a campaign that is there twice.
+        With the first difference: in bodies, links or bolted link, or a campaign that is there twice; or if a
+        structure has several bolted links.
     """
     if not campaigns:
         raise ValueError("found no campaign, expected one or more")
@@ -158,6 +161,8 @@ def check_one_kind(campaigns: Sequence[Campaign], tightening: bool = False) -> N
         raise ValueError(
             "found several campaigns with tightening, expected one: a rate of either sign has no log"
         )
+    for campaign in campaigns:
+        check_one_bolt(campaign.settings, campaign.path)
     first = campaigns[0]
     for place, other in enumerate(campaigns[1:], 1):
         for (what, expected), (_, found) in zip(_kind(first), _kind(other), strict=True):
@@ -168,6 +173,22 @@ def check_one_kind(campaigns: Sequence[Campaign], tightening: bool = False) -> N
                 )
         if any(_loosening(other) & _loosening(known) for known in campaigns[:place]):
             raise ValueError(f"{other.path}: found loosening records of another campaign, expected its own")
+
+
+def check_one_bolt(settings: CampaignSettings, path: Path) -> None:
+    """Refuse a structure with several bolted links, before any record is read.
+
+    Raises
+    ------
+    ValueError
+        With their names.
+    """
+    bolted = [link.name for link in settings.link if link.law == "bolted"]
+    if len(bolted) > 1:
+        raise ValueError(
+            f"{path}: found {len(bolted)} bolted links ({', '.join(bolted)}), expected one: tension laws are "
+            'ranked for one bolt a structure; declare links whose tension stays as it is "linear"'
+        )
 
 
 def _loosening(campaign: Campaign) -> set[str]:

@@ -1,6 +1,11 @@
 """Titles and captions of the figures by name, in the order of a report."""
 
 CAPTIONS: dict[str, tuple[str, str]] = {
+    "experiment": (
+        "Errors of all cells",
+        "A row for each cell, a panel for each kind of error. Filled: the refined model, or the first law; "
+        "hollow: the declared model, or gamma(T).",
+    ),
     "closure-errors": (
         "Errors before and after",
         "Errors of the declared model, and after every effect that was added, on records that no fit has "

@@ -16,6 +16,9 @@ _ROW_MM, _MARGIN_MM = 3.6, 20.0
 _MOST_ROWS = 80
 _LONGEST = 36
 _LOGARITHMIC = 30.0  # largest over smallest error beyond which the axis is logarithmic
+_MODELS = {"close": ("declared model", "refined model")}
+_LAWS = "γ(T)", "first law"
+"""What the errors before and after are of, by command; those of the others."""
 _SETTINGS = ("laws", "libraries", "optimizers", "max_terms", "criteria", "seed")
 
 
@@ -27,7 +30,7 @@ def experiment_figures(data: Data) -> dict[str, Figure]:
 
 @styled
 def errors_of_cells(rows: Sequence[Data]) -> Figure:
-    """Draw the error [%] of every cell, a panel for each kind; beside it that before, or of gamma(T)."""
+    """Draw the error [%] of every cell, a panel for each kind; beside it that of what it is compared with."""
     keys = dict.fromkeys(key for row in rows for key in row if key.partition(".")[0] in _SETTINGS)
     varied = [key for key in keys if len({row.get(key) for row in rows}) > 1]
     kinds = dict.fromkeys(row["error_of"] for row in rows)
@@ -37,15 +40,16 @@ def errors_of_cells(rows: Sequence[Data]) -> Figure:
     for group, (ax,) in zip(groups, axes, strict=True):
         _draw(ax, group)
         ax.set_yticks(range(len(group)), [_label(row, varied) for row in group])
-    axes[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return figure
 
 
 def _draw(ax: Axes, group: Sequence[Data]) -> None:
     before = [row.get("error_before") or float("nan") for row in group]
     errors = [row["error"] for row in group]
-    ax.plot(before, range(len(group)), "o", color=GREY, markerfacecolor="none", label="before, or gamma(T)")
-    ax.plot(errors, range(len(group)), "o", color=BLUE, label="after, or first law")
+    first, second = _MODELS.get(group[0]["command"], _LAWS)  # no kind of error is of both
+    ax.plot(before, range(len(group)), "o", color=GREY, markerfacecolor="none", label=first)
+    ax.plot(errors, range(len(group)), "o", color=BLUE, label=second)
     ax.set_ylim(len(group) - 0.5, -0.5)
     if max(errors) > _LOGARITHMIC * min(errors):
         ax.set_xscale("log")

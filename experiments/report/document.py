@@ -16,6 +16,7 @@ from experiments.figures.captions import caption, order
 from experiments.report.comparisons import comparison_tables, identification_of
 from experiments.report.results import Result, Results, read_results
 from experiments.text import closures, equations, rankings, suspicions, verdicts
+from experiments.text.experiments import tables_of_cells
 from experiments.text.tables import Table, parameters_table, tables_of
 from experiments.text.wording import label, mappings, number
 from rom.provenance import program_version
@@ -26,6 +27,7 @@ _LONGEST_NUMBER, _LONGEST_WORD = 40, 12  # characters
 _HEADER = ("format", "campaign", "program_version", "seed", "elapsed_s", "command", "campaign_digest")
 _NOTES = ("set_aside", "warnings")
 _SHOWN = {
+    "experiment": {"cells", "name"},
     "model": {"bodies", "links", "uncoupled_links", "effects", "identification", "filter", "calibration",
               "windows", "sampling"},
     "reproduction": {"rows"},
@@ -76,6 +78,7 @@ def render(directory: Path) -> str:
     return environment.get_template("page.html.j2").render(
         title=_title(found.results),
         answers=[a for result in judged if (a := verdicts.answer(result.kind, result.data))],
+        cells=[t for r in found.results if r.kind == "experiment" for t in tables_of_cells(r.data)],
         closure=[b for r in found.results if r.kind == "closure" for b in closures.blocks(r.data)],
         ranking=[t for r in found.results if r.kind == "ranking" for t in rankings.tables(r.data)],
         errors=comparison_tables(judged),
@@ -102,7 +105,8 @@ def _judged(results: Sequence[Result]) -> list[Result]:
 
 
 def _title(results: Sequence[Result]) -> str:
-    names = dict.fromkeys(str(r.data["campaign"]) for r in results if r.data.get("campaign"))
+    told = [r.data.get("name" if r.kind == "experiment" else "campaign") for r in results]
+    names = dict.fromkeys(str(name) for name in told if name)
     return ", ".join(names) or "Results"
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 KINDS = (
+    "experiment",
     "closure",
     "ranking",
     "model",

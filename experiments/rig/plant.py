@@ -1,6 +1,7 @@
 """What stands on the table: two oscillators on flexures, a lap joint between them and one bolt."""
 
 from dataclasses import dataclass, replace
+from math import log10
 from typing import NamedTuple, Self
 
 from experiments.rig.undeclared import Undeclared
@@ -93,6 +94,11 @@ class Plant:
     eta: float = -0.00922
     loosening: tuple[LooseningTerm, ...] = (LooseningTerm(),)
     effects: tuple[Undeclared, ...] = ()
+
+    def at_rate(self, factor: float) -> Self:
+        """The rig whose bolt loosens so many times as fast."""
+        terms = (replace(term, gamma_d=term.gamma_d + log10(factor)) for term in self.loosening)
+        return replace(self, loosening=tuple(terms))
 
     def without_bolt(self) -> Self:
         """The same rig with the bolt taken out: no joint, no stiffening, no tension law."""

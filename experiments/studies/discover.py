@@ -18,7 +18,7 @@ from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
 from experiments.studies.identify import Progress, save_figures, suspected_lines
 from experiments.studies.suspected import screening_of, suspected, write_without_records
-from rom.campaign.campaign import Campaign, read_campaign
+from rom.campaign.campaign import Campaign, read_campaign, read_settings
 from rom.campaign.channels import FloatArray
 from rom.signals.measured_records import NothingLeftError, judged_by, screened, stored
 from rom.signals.suspicions import causes
@@ -96,13 +96,15 @@ def run(
     """
     import discovery
     from discovery.laws.law_file import read_laws
-    from discovery.ranking.specimens import check_one_kind, names_of_bolts
+    from discovery.ranking.specimens import check_one_bolt, check_one_kind, names_of_bolts
     from experiments.figures.discovery import discovery_figures
 
     started = time.perf_counter()
     given = read_laws(laws) if isinstance(laws, Path) else laws or ()
     report = progress or (lambda _: None)
     paths = [campaign_path] if isinstance(campaign_path, Path) else list(campaign_path)
+    for path in paths:
+        check_one_bolt(read_settings(path), path)
     read = [read_campaign(path, jobs, report("checking records")) for path in paths]
     check_one_kind(read, tightening)
     enough(read, paths[0], criteria.ranking.least_cases)

@@ -14,8 +14,8 @@ def run(directory: str | Path, out: str | Path | None = None) -> Path:
     Parameters
     ----------
     directory : str or Path
-        Folder with model.json, reproduction.json, prediction.json, ranking.json or closure.json, and
-        figures (*.svg).
+        Folder with model.json, reproduction.json, prediction.json, ranking.json, closure.json or
+        experiment.json, and figures (*.svg).
     out : str or Path
         Folder to write to, or a file ending in .html; beside the results if not given.
 

@@ -5,8 +5,6 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
-from zlib import crc32
 
 import numpy as np
 
@@ -28,27 +26,10 @@ __all__ = [
     "draw",
     "influence",
     "run",
-    "run_drawn",
     "strengths_from_text",
     "truth_path",
-    "twin",
     "undeclared_from_text",
 ]
-
-ATTEMPTS = 5
-"""Draws of strengths before effects that diverge together are given up."""
-_TOLD = (
-    "cases",
-    "noise",
-    "seed",
-    "scatter",
-    "strengths",
-    "law",
-    "tightening",
-    "hold_out_every",
-    "duration_s",
-)
-"""Options that a truth file tells."""
 
 
 def run(
@@ -65,6 +46,7 @@ def run(
     tightening: bool | None = None,
     hold_out_every: int = 5,
     law: str | None = None,
+    rate: float = 1.0,
     undeclared: tuple[Undeclared, ...] = (),
     plant: Plant | None = None,
     instruments: Instruments | None = None,
@@ -99,6 +81,8 @@ def run(
     law : str or None
         Name of the tension law that the bolt follows (`experiments.rig.rivals`), for a `plant` without one of
         its own; None: that of the paper. It is told in the truth file alone.
+    rate : float
+        Factor on the rate of that law.
     undeclared : tuple of Undeclared
         Physics and faults of sensors that the campaign does not tell, added to those of `plant`.
     plant, instruments : Plant, Instruments or None
@@ -117,7 +101,7 @@ def run(
     folder = Path(new_dir)
     check(folder, cases, noise, jobs, duration_s, strengths, scatter, hold_out_every)
     full_scale = cases is None
-    standing = plant or plant_of(law)
+    standing = (plant or plant_of(law)).at_rate(rate)
     laboratory = Laboratory(
         replace(standing, effects=(*standing.effects, *undeclared)),
         (instruments or Instruments()).scaled(noise),
@@ -147,73 +131,12 @@ def run(
         "scatter": scatter,
         "strengths": list(strengths),
         "law": law,
+        "rate": rate,
         "tightening": tightening,
         "hold_out_every": hold_out_every,
     }
     write_truth(truth_path(folder), options, laboratory, truths)
     return folder
-
-
-def run_drawn(
-    new_dir: str | Path,
-    hidden: Sequence[Undeclared],
-    percent: tuple[float, float],
-    seed: int = 0,
-    **options: Any,
-) -> Path:
-    """Measure a campaign whose undeclared effects have strengths that are drawn (`draw`).
-
-    Seed and names of the effects decide all that is drawn, of the campaign too. Where effects diverge
-    together others are drawn.
-
-    Parameters
-    ----------
-    new_dir : str or Path
-        As for `run`.
-    hidden : sequence of Undeclared
-        Kinds and places.
-    percent : tuple of float
-        Smallest and largest influence of each [%].
-    seed : int
-        Same seed, same campaign.
-    **options
-        Others of `run`.
-
-    Returns
-    -------
-    Path
-        The campaign folder.
-
-    Raises
-    ------
-    ValueError
-        As `run`, or if the motion diverges whatever is drawn.
-    """
-    label = " + ".join(f"{one.name}@{one.enters}" for one in hidden) or "clean"
-    rng = np.random.default_rng([seed, crc32(label.encode())])
-    for attempt in range(ATTEMPTS):
-        effects = tuple(draw(rng, one.name, one.enters, percent) for one in hidden)
-        try:
-            return run(new_dir, seed=int(rng.integers(2**31)), undeclared=effects, **options)
-        except ValueError:
-            if attempt + 1 == ATTEMPTS:
-                raise
-    raise AssertionError
-
-
-def twin(campaign: Path, new_dir: Path) -> Path:
-    """Measure a campaign again without what it does not declare: same tests, same noise; return its folder.
-
-    Parameters
-    ----------
-    campaign : Path
-        Its folder; the truth file is beside it.
-    new_dir : Path
-        Folder to create.
-    """
-    truth = json.loads(truth_path(campaign).read_text(encoding="utf-8"))
-    options = {name: truth[name] for name in _TOLD}
-    return run(new_dir, jobs=1, **options | {"strengths": tuple(truth["strengths"])})
 
 
 def check_options(
@@ -225,11 +148,13 @@ def check_options(
     law: str | None = None,
     undeclared: Sequence[str] = (),
     influence_percent: Sequence[float] = (),
+    bolts: int | None = None,
+    between_bolts: float | None = None,
     duration_s: float | None = None,
     hold_out_every: int = 5,
     seed: int = 0,  # noqa: ARG001 - any will do
 ) -> None:
-    """Refuse options of `run` or `run_drawn` that cannot be, effects as text, before there is a folder.
+    """Refuse options that cannot be, effects as text, before there is a folder.
 
     Parameters
     ----------
@@ -239,6 +164,10 @@ def check_options(
         As for `undeclared_from_text`; without values where their strengths are drawn.
     influence_percent : sequence of float
         Smallest and largest influence of effects that are drawn [%]; empty: none is.
+    bolts : int or None
+        2 or more, or None for a campaign of one bolt.
+    between_bolts : float or None
+        Standard deviation of ln rate from bolt to bolt, 0 or more.
 
     Raises
     ------
@@ -251,6 +180,12 @@ def check_options(
         effect = undeclared_from_text(text)
         if influence_percent and effect.parameters != Undeclared(effect.name, effect.enters).parameters:
             raise ValueError(f"undeclared: got values in {text!r}, expected none where strengths are drawn")
+    if bolts is not None and bolts < 2:
+        raise ValueError(f"bolts: got {bolts}, expected 2 or more")
+    if between_bolts is not None and (bolts is None or not 0.0 <= between_bolts < np.inf):
+        raise ValueError(f"between_bolts: got {between_bolts}, expected 0 or more, with a number of bolts")
+    if bolts is not None and influence_percent:
+        raise ValueError("influence_percent: got a range with several bolts, expected it with one")
     if influence_percent and not (
         len(influence_percent) == 2 and 0.0 < influence_percent[0] <= influence_percent[1] < np.inf
     ):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from experiments.text import closures, rankings
+from experiments.text import closures, experiments, rankings
 from experiments.text.answers import Answer, Headline
 from experiments.text.suspicions import describes
 from experiments.text.wording import mapping, mappings, number
@@ -196,4 +196,5 @@ _ANSWERS: Mapping[str, Callable[[Data], Answer | None]] = {
     "prediction": _of_prediction,
     "ranking": rankings.answer,
     "closure": closures.answer,
+    "experiment": experiments.answer,
 }

@@ -222,12 +222,8 @@ def read_campaign(
     >>> campaign.to_frame().loc["records/driven.csv", "hold_out"].item()
     True
     """
-    toml = Path(path) / "campaign.toml" if Path(path).is_dir() else Path(path)
-    text = _bytes_of(toml)
-    settings = _parsed(text, toml.name)
+    toml, text, settings = _settings_of(path)
     folder = toml.parent.absolute()  # worker processes may have been started in another folder
-    if faults := [f"{toml.name}: {line}" for line in structure_faults(settings)]:
-        raise CampaignError(faults)
     faults = [f"{toml.name}: {line}" for line in record_faults(settings)]
     checks: list[Check] = []
     for check in _checks(folder, settings, jobs):
@@ -245,6 +241,26 @@ def read_campaign(
     for check in checks:
         digest.update(f"{check.file}\0{check.digest}".encode())
     return Campaign(folder, settings, digest.hexdigest(), {check.file: check.digest for check in checks})
+
+
+def read_settings(path: Path | str) -> CampaignSettings:
+    """Read and check the settings of a campaign alone, none of its records.
+
+    Raises
+    ------
+    CampaignError
+        One line for each fault of the structure.
+    """
+    return _settings_of(path)[2]
+
+
+def _settings_of(path: Path | str) -> tuple[Path, bytes, CampaignSettings]:
+    toml = Path(path) / "campaign.toml" if Path(path).is_dir() else Path(path)
+    text = _bytes_of(toml)
+    settings = _parsed(text, toml.name)
+    if faults := [f"{toml.name}: {line}" for line in structure_faults(settings)]:
+        raise CampaignError(faults)
+    return toml, text, settings
 
 
 def _bytes_of(toml: Path) -> bytes:

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from experiments.studies import rig
+from experiments.studies import drawn, rig
 from rom.campaign.campaign import read_campaign
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def _oracle(closure: Closure, campaign: Path, truth: Sequence[Any]) -> dict[str,
         return {"kind": "declared", "hold_out": dict(closure.before["hold_out"])}
     try:
         with TemporaryDirectory(dir=campaign.parent) as scratch:
-            twin = read_campaign(rig.twin(campaign, Path(scratch) / "twin"))
+            twin = read_campaign(drawn.twin(campaign, Path(scratch) / "twin"))
             if all(one["in_catalogue"] for one in truth):
                 kind, found = "refitted", oracle_errors(read_campaign(campaign), twin, truth)
             else:

@@ -7,20 +7,21 @@ import shutil
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from experiments.errors import of_the_input
 from experiments.results import plain, write_result
 from experiments.run.execution import execution
 from experiments.run.memory import peak_memory_mb
-from experiments.studies import close, discover, rig
+from experiments.studies import close, discover, drawn, rig
 from experiments.studies.experiment.cells import Cell, Source
 
-CELLS, CAMPAIGNS, MAKING = "cells", "campaigns", ".making-"
+CELLS, CAMPAIGNS, CAMPAIGN, MAKING = "cells", "campaigns", "campaign", ".making-"
 RESULT = "cell.json"
+Places: TypeAlias = Path | tuple[Path, ...]
 Then = Callable[[Any], None]
 """Takes the ranking or the closure itself, before its files are there."""
 _MEASURES = (
@@ -86,14 +87,16 @@ def _told(error: Exception, source: Source, out: Path) -> str:
     """A line about an error, the same wherever results go; of a fault of the program, where it was."""
     if of_the_input(error):
         text = "; ".join(str(error).splitlines())
-        for place in filter(None, (source.folder, _place(source, out))):
-            text = text.replace(str(place), source.name)
+        for place in (*source.folders, _place(source, out)):
+            text = text.replace(str(place), place.name if source.bolts > 1 else source.name)
         return text
     raised = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} ({Path(raised.filename).name}, line {raised.lineno})"
 
 
-def _examined(cell: Cell, campaign: Path, folder: Path, jobs: int, used: dict[str, float]) -> dict[str, Any]:
+def _examined(
+    cell: Cell, campaign: Places, folder: Path, jobs: int, used: dict[str, float]
+) -> dict[str, Any]:
     measured: dict[str, Any] = {}
     started = time.process_time()
 
@@ -104,14 +107,14 @@ def _examined(cell: Cell, campaign: Path, folder: Path, jobs: int, used: dict[st
 
     path = COMMANDS[cell.command](cell, campaign, folder, jobs, measure)
     found = json.loads(path.read_text(encoding="utf-8"))
-    if cell.source.folder is not None and found["campaign_digest"] != cell.source.digest:
+    if cell.source.folders and found["campaign_digest"] != cell.source.digest:
         raise ValueError("found another content of the campaign than when the experiment began")
     numbers = _of_closure(found) if cell.command == "close" else _of_ranking(found)
     status = {"status": "ok" if numbers else "failed", "message": found.get("unfit") or ""}
     return {**status, "campaign_digest": found["campaign_digest"], "numbers": {**numbers, **measured}}
 
 
-def _ranked(cell: Cell, campaign: Path, folder: Path, jobs: int, then: Then) -> Path:
+def _ranked(cell: Cell, campaign: Places, folder: Path, jobs: int, then: Then) -> Path:
     from discovery.laws.law_file import FORMAT, laws_from
 
     options = dict(cell.options)
@@ -123,7 +126,8 @@ def _ranked(cell: Cell, campaign: Path, folder: Path, jobs: int, then: Then) -> 
     )
 
 
-def _closed(cell: Cell, campaign: Path, folder: Path, jobs: int, then: Then) -> Path:
+def _closed(cell: Cell, campaign: Places, folder: Path, jobs: int, then: Then) -> Path:
+    assert isinstance(campaign, Path)  # several were refused when the file was read
     criteria = _criteria(cell.options.get("criteria", {}))
     return close.run(campaign, folder, cell.seed, jobs, criteria=criteria, then=then)
 
@@ -134,7 +138,7 @@ def _criteria(changes: Mapping[str, Mapping[str, float]]) -> Any:
     return CRITERIA.changed(**changes)
 
 
-COMMANDS: Mapping[str, Callable[[Cell, Path, Path, int, Then], Path]] = {
+COMMANDS: Mapping[str, Callable[[Cell, Places, Path, int, Then], Path]] = {
     "discover": _ranked,
     "compare": _ranked,
     "close": _closed,
@@ -149,10 +153,11 @@ def _of_ranking(found: Mapping[str, Any]) -> dict[str, Any]:
         return {}
     first = found["laws"][0]
     error = "cross_validated_loss_error_percent_median"
+    population = found.get("population")
     return {
         "first": first["name"],
         "error": first[error],
-        "error_of": "tension loss, cross-validated",
+        "error_of": f"tension loss, {'bolts left out' if population else 'cross-validated'}",
         "error_before": next(law[error] for law in found["laws"] if law["name"] == BASELINE),
         "hold_out_error": first["errors"]["hold_out"].get("tension_loss_error_percent_median"),
         "probability": first["probability"],
@@ -160,7 +165,17 @@ def _of_ranking(found: Mapping[str, Any]) -> dict[str, Any]:
         "free_numbers": first["free_numbers"],
         "equation": first["equation"],
         "indistinguishable": "; ".join(first["indistinguishable"]),
+        **(_of_population(population, first) if population else {}),
     }
+
+
+def _of_population(population: Mapping[str, Any], first: Mapping[str, Any]) -> dict[str, Any]:
+    """Standard deviations of ln rate with limits, between bolts and tests; the error at a bolt's own rate."""
+    found = {"known_bolt_error": first["known_bolt_loss_error_percent_median"]}
+    for key in ("between_bolts", "between_tests"):
+        limited = population[key]
+        found |= {key: limited["value"], f"{key}_low": limited["low"], f"{key}_high": limited["high"]}
+    return found
 
 
 def _of_closure(found: Mapping[str, Any]) -> dict[str, Any]:
@@ -179,12 +194,14 @@ def _of_closure(found: Mapping[str, Any]) -> dict[str, Any]:
     return {}
 
 
-def campaign_of(source: Source, out: Path) -> Path:
-    """Return the folder of a campaign; the first cell that needs one of the rig measures it."""
+def campaign_of(source: Source, out: Path) -> Places:
+    """Return the folder of a campaign, or those of several bolts; the first cell that needs ones of the rig
+    measures them.
+    """
     from filelock import FileLock
 
-    if source.folder is not None:
-        return source.folder
+    if source.folders:
+        return source.folders if source.bolts > 1 else source.folders[0]
     place = _place(source, out).parent
     place.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(place.with_suffix(".lock")):
@@ -192,23 +209,38 @@ def campaign_of(source: Source, out: Path) -> Path:
             options = dict(source.options)
             options["strengths"] = tuple(options.get("strengths", (1.0,)))
             hidden = tuple(rig.undeclared_from_text(text) for text in options.pop("undeclared", ()))
-            percent = options.pop("influence_percent", None)
             with _appearing(place) as folder:
-                new = folder / _place(source, out).name
-                if percent is None:
-                    rig.run(new, jobs=1, undeclared=hidden, **options)
-                else:
-                    rig.run_drawn(new, hidden, tuple(percent), jobs=1, **options)
+                _measure(folder, hidden, **options)
+    if source.bolts > 1:
+        return tuple(place / f"bolt-{number}" for number in range(1, source.bolts + 1))
     return _place(source, out)
 
 
+def _measure(
+    folder: Path,
+    hidden: tuple[rig.Undeclared, ...],
+    influence_percent: Sequence[float] = (),
+    bolts: int = 1,
+    between_bolts: float = 0.0,
+    **options: Any,
+) -> None:
+    new = folder / CAMPAIGN
+    if bolts > 1:
+        drawn.run_bolts(folder, bolts, between_bolts, jobs=1, undeclared=hidden, **options)
+    elif influence_percent:
+        smallest, largest = influence_percent
+        drawn.run_drawn(new, hidden, (smallest, largest), jobs=1, **options)
+    else:
+        rig.run(new, jobs=1, undeclared=hidden, **options)
+
+
 def _place(source: Source, out: Path) -> Path:
-    return out / CAMPAIGNS / source.digest / "campaign"
+    return out / CAMPAIGNS / source.digest / CAMPAIGN
 
 
 def remove_campaign(source: Source, out: Path) -> None:
     """Remove a campaign of the rig that no cell needs any more: its options make it again."""
-    if source.folder is None:
+    if not source.folders:
         place = _place(source, out).parent
         shutil.rmtree(place, ignore_errors=True)
         place.with_suffix(".lock").unlink(missing_ok=True)

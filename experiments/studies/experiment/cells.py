@@ -20,13 +20,14 @@ from rom.campaign.campaign import read_campaign
 from rom.plug_ins import packages
 
 Progress = Callable[[int, int], None]
-Measure = Callable[[Any, Path], Mapping[str, Any]]
+Measure = Callable[[Any, Any], Mapping[str, Any]]
+"""Of a ranking or closure and the campaign's folder; of several bolts, their folders."""
 _DIGITS = 16
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where a campaign comes from: its folder, or the options of the rig that measures it.
+    """Where a campaign, or those of several bolts, come from: folders, or options of the rig that measures.
 
     Attributes
     ----------
@@ -34,16 +35,21 @@ class Source:
         As the file has it; of the rig, with the options in which its campaigns differ.
     digest : str
         Of the records in the folder, or of the options.
-    folder : Path, optional
-        None for a campaign of the rig.
+    folders : tuple of Path
+        One, or one for each bolt; none for campaigns of the rig.
     options : mapping
         Of the rig.
     """
 
     name: str
     digest: str
-    folder: Path | None
+    folders: tuple[Path, ...]
     options: Mapping[str, Any]
+
+    @property
+    def bolts(self) -> int:
+        """How many campaigns there are."""
+        return len(self.folders) or int(self.options.get("bolts", 1))
 
 
 @dataclass(frozen=True)
@@ -235,11 +241,17 @@ def _tables(path: Path) -> list[Mapping[str, Any]]:
 def _sources(
     path: Path, settings: ExperimentSettings, jobs: int, progress: Progress | None
 ) -> tuple[Source, ...]:
+    from discovery.ranking.specimens import check_one_kind
+    from experiments.studies.discover import digest_of
+
     sources: list[Source] = []
     for place, name in enumerate(settings.campaigns):
+        names = [name] if isinstance(name, str) else name
         with _naming(f"{path}: campaigns[{place}]"):
-            campaign = read_campaign(path.parent / name, jobs)
-        sources.append(Source(name, campaign.digest, campaign.path, {}))
+            read = [read_campaign(path.parent / one, jobs) for one in names]
+            check_one_kind(read)
+        folders = tuple(one.path for one in read)
+        sources.append(Source(" + ".join(names), digest_of(read), folders, {}))
         if progress is not None:
             progress(place + 1, len(settings.campaigns))
     for place, table in enumerate(settings.rig):
@@ -252,6 +264,11 @@ def _sources(
                     f"{path}: found one campaign twice, {other.name!r} and {source.name!r}, expected "
                     "campaigns that differ in name and content"
                 )
+        if source.bolts > 1 and "close" in settings.command:
+            raise ValueError(
+                f'{path}: command: found "close" with the several bolts of {source.name!r}, expected '
+                '"discover" or "compare"'
+            )
     return tuple(sources)
 
 
@@ -260,7 +277,7 @@ def _of_rig(table: RigSettings) -> Iterable[Source]:
     for options in _variants(table, "name"):
         rig.check_options(**options)
         told = [f"{key} {_text(options[key])}" for key in options if key in varied]
-        yield Source(", ".join([table.name, *told]), _digest(options), None, options)
+        yield Source(", ".join([table.name, *told]), _digest(options), (), options)
 
 
 def _cells(

@@ -223,7 +223,7 @@ def _campaigns(experiment: Experiment, folder: Path) -> list[dict[str, object]]:
     return [
         {
             "name": source.name,
-            "folder": None if source.folder is None else str(source.folder),
+            "folder": "; ".join(map(str, source.folders)) or None,
             "rig": source.options or None,
             "digest": digests.get(source.digest),
         }

@@ -47,6 +47,7 @@ _Lists: TypeAlias = Annotated[
 ]
 _Hidden: TypeAlias = Annotated[list[list[T]], BeforeValidator(_nested), Field(min_length=1)]
 """Lists that may be empty."""
+_Bolts: TypeAlias = Annotated[list[Annotated[str, Field(min_length=1)]], Field(min_length=2)]
 _Number: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]
 _Text: TypeAlias = Annotated[str, Field(min_length=1)]
 _Seed: TypeAlias = Annotated[int, Field(ge=0)]
@@ -75,6 +76,10 @@ class RigSettings(_Table):
     influence_percent: _Lists[_Number] = _key(
         "a smallest and a largest change [%] between which strengths are drawn, or a list of such pairs", []
     )
+    bolts: _Each[int] = _key("a number of bolts, 2 or more, or a list of numbers", [])
+    between_bolts: _Each[_Number] = _key(
+        "a standard deviation of ln rate between bolts, 0 or more, or a list of these", []
+    )
     duration_s: _Each[_Number] = _key("a length of 2.5 s or more, or a list of lengths", [])
     hold_out_every: _Each[int] = _key("a whole number, 0 for none, or a list of such numbers", [])
     seed: _Each[_Seed] = _key("a seed, or a list of seeds", [])
@@ -94,7 +99,9 @@ class ExperimentSettings(_Table):
     format: Literal["boltlaw-experiment/1"] = _key(f'"{FORMAT}"')
     name: _Text = _key("text")
     command: _Each[Command] = _key('"discover", "compare" or "close", or a list of these', ["discover"])
-    campaigns: list[_Text] = _key("a list of campaign folders", [])
+    campaigns: list[_Text | _Bolts] = _key(
+        "a list of campaign folders, or of lists of the folders of several bolts", []
+    )
     rig: _Each[RigSettings] = _key("one [[rig]] or more", [])
     keep_campaigns: bool = _key("true or false", False)
     own_process: bool = _key("true or false", False)

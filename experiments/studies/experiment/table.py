@@ -15,7 +15,17 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TABLE = "experiment.csv"
-_SHOWN = ("command", "campaign", "seed", "first", "error", "error_before", "probability", "verdict")
+_SHOWN = (
+    "command",
+    "campaign",
+    "seed",
+    "first",
+    "error",
+    "error_before",
+    "probability",
+    "verdict",
+    "between_bolts",
+)
 _VARIED = ("laws", "libraries", "optimizers", "max_terms", "criteria")
 """Columns of the summary; those of the rig are in the name of the campaign."""
 

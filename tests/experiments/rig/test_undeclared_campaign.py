@@ -14,7 +14,7 @@ from experiments.rig.plant import Plant
 from experiments.rig.schedule import Case
 from experiments.rig.sensors import Instruments
 from experiments.rig.undeclared import KINDS, Undeclared
-from experiments.studies import rig
+from experiments.studies import drawn, rig
 from rom.campaign.campaign import read_campaign
 
 ROOT = Path(__file__).parents[3]
@@ -194,14 +194,16 @@ def test_what_can_never_be_felt_that_much_is_drawn_all_the_same() -> None:
 
 def test_a_drawn_campaign_goes_with_seed_and_names_and_its_twin_lacks_the_effects(tmp_path: Path) -> None:
     options = {"cases": 2, "duration_s": 2.5, "jobs": 1, "hold_out_every": 0}
-    folder = rig.run_drawn(tmp_path / "one", [Undeclared("hum", "sensor:tension")], (3.0, 60.0), 6, **options)
+    folder = drawn.run_drawn(
+        tmp_path / "one", [Undeclared("hum", "sensor:tension")], (3.0, 60.0), 6, **options
+    )
     truth = json.loads(rig.truth_path(folder).read_text())
     rng = np.random.default_rng([6, crc32(b"hum@sensor:tension")])
     assert (
         truth["undeclared"][0]["parameters"] == rig.draw(rng, "hum", "sensor:tension").truth()["parameters"]
     )
     assert truth["seed"] == rng.integers(2**31)
-    twin = rig.twin(folder, tmp_path / "twin")
+    twin = drawn.twin(folder, tmp_path / "twin")
     one, other = (
         read_campaign(place).load(read_campaign(place).select("loosening")[0]) for place in (folder, twin)
     )
@@ -222,8 +224,8 @@ def test_what_diverges_is_drawn_again(tmp_path: Path, monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(rig, "run", run)
     with pytest.raises(ValueError, match="diverges"):
-        rig.run_drawn(tmp_path / "one", [], (3.0, 60.0))
-    assert len(set(seeds)) == rig.ATTEMPTS
+        drawn.run_drawn(tmp_path / "one", [], (3.0, 60.0))
+    assert len(set(seeds)) == drawn.ATTEMPTS
 
 
 def test_the_page_lists_what_there_is() -> None:

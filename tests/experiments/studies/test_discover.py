@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,9 +18,11 @@ from discovery.laws.candidate import BASELINE, Candidate, rivals_always_in_the_r
 from discovery.ranking.confidence_sets import ExponentProfile, MotionProfile
 from discovery.ranking.population import Bolt, Limited, Population
 from discovery.ranking.result import RankedLaw, Ranking
+from discovery.ranking.specimens import check_one_kind
 from discovery.separating_tests.hits import Proposal
 from discovery.views.closure_section import parameter_row
 from experiments.studies import discover
+from rom.campaign.campaign import read_settings
 from rom.model.laws import Parameter
 from rom.model_file import load_model
 from rom.parameters.he_2025 import nominal_impact, paper_model
@@ -196,6 +199,25 @@ def test_several_campaigns_are_several_bolts_under_one_law(
     assert "Between 2 bolts ln(rate) has a standard deviation of 0.47" in discover.summary(
         tmp_path / "one-and-1-more-results" / "ranking.json"
     )
+
+
+def test_two_bolts_in_a_structure_are_refused_before_records_are_read(
+    tmp_path: Path, boltlaw: Boltlaw, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError("records were read")
+
+    write_sound_campaign(tmp_path / "one")
+    toml = tmp_path / "one" / "campaign.toml"
+    toml.write_text(toml.read_text() + '[[link]]\nname = "lap"\nbetween = ["so", "ground"]\nlaw = "bolted"\n')
+    monkeypatch.setattr(discover, "read_campaign", never)
+    ran = boltlaw("discover", tmp_path / "one", "--jobs", 1)
+    assert (ran.code, ran.out) == (2, "")
+    (line,) = ran.err.splitlines()
+    assert "found 2 bolted links (joint, lap), expected one" in line
+    read: Any = SimpleNamespace(path=tmp_path, settings=read_settings(tmp_path / "one"))
+    with pytest.raises(ValueError, match="2 bolted links"):
+        check_one_kind([read])
 
 
 def test_the_same_campaign_twice_is_refused(tmp_path: Path, boltlaw: Boltlaw) -> None:

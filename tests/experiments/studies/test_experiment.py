@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 import experiments
+from discovery.laws.candidate import BASELINE
 from experiments.results import plain
 from experiments.studies.experiment import cell as one_cell
 from experiments.studies.experiment import run as study
@@ -166,6 +167,13 @@ def test_what_cannot_be_is_one_line_that_names_the_key(
         (HEAD + 'campaigns = ["none"]\n', ("campaigns[0]: ", "no such file")),
         (HEAD + 'campaigns = ["one", "./one"]\n', ("found one campaign twice, 'one' and './one'",)),
         ("name = [", ("not TOML",)),
+        (
+            HEAD + 'command = "close"\ncampaigns = [["one", "two"]]\n',
+            ("'one + two'", '"discover" or "compare"'),
+        ),
+        (HEAD + 'campaigns = [["one"]]\n', ("campaigns: found", "lists of the folders")),
+        (HEAD + "[[rig]]\nbolts = 1\n", ("rig[0]: bolts: got 1, expected 2 or more",)),
+        (HEAD + "[[rig]]\nbetween_bolts = 0.5\n", ("rig[0]: between_bolts: got 0.5", "a number of bolts")),
         (SMALL + 'measure = "none:f"\n', ("measure: found 'none:f'", "MODULE:FUNCTION")),
     ],
 )
@@ -281,6 +289,44 @@ def test_campaigns_of_the_rig_are_made_once_and_removed(file: Path, monkeypatch:
     )
     experiments.run_experiment(file)
     assert len(list((table.path.parent / "campaigns").glob("*/campaign"))) == 2
+
+
+def test_several_bolts_are_one_cell(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Folders in a list of their own, or bolts of the rig: their campaigns go to the command together."""
+    given: list[list[str]] = []
+    limited = {"value": 0.47, "low": 0.3, "high": None}
+
+    def rig(folder: Path, *_: Any, rate: float, **__: Any) -> Path:
+        folder.mkdir()
+        (folder / "rate").write_text(str(rate))
+        return folder
+
+    def ranked(cell: Cell, campaign: tuple[Path, ...], folder: Path, _jobs: int, _then: Any) -> Path:
+        given.append([(one / "rate").read_text() if cell.source.options else one.name for one in campaign])
+        law = {
+            "name": BASELINE, "cross_validated_loss_error_percent_median": 12.0, "equation": "",
+            "free_numbers": 1, "known_bolt_loss_error_percent_median": 5.0, "probability": 1.0,
+            "p_value_against_baseline": None,
+            "errors": {"hold_out": {}}, "indistinguishable": [],
+        }  # fmt: skip
+        found = {"laws": [law], "population": {"between_bolts": limited, "between_tests": limited}}
+        path = folder / "ranking.json"
+        path.write_text(json.dumps(found | {"campaign_digest": cell.source.digest}))
+        return path
+
+    monkeypatch.setattr(one_cell.rig, "run", rig)
+    monkeypatch.setattr(one_cell, "COMMANDS", {"discover": ranked})
+    text = HEAD + 'campaigns = [["one", "two"]]\n[[rig]]\nbolts = 3\nbetween_bolts = 0.5\n'
+    file.write_text(text)
+    table = experiments.run_experiment(file)
+    assert not table.failed
+    folders, rates = given
+    assert folders == ["one", "two"]
+    assert len({*rates}) == 3
+    first = table.rows[0]
+    assert (first["campaign"], first["error_of"]) == ("one + two", "tension loss, bolts left out")
+    assert (first["known_bolt_error"], first["between_bolts"], first["between_bolts_low"]) == (5.0, 0.47, 0.3)
+    assert not (table.path.parent / "campaigns").exists()
 
 
 def columns(_result: object, campaign: Path) -> dict[str, object]:
