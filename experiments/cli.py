@@ -70,8 +70,8 @@ def rig(
         str | None,
         typer.Option(
             help="Tension law that the bolt follows: power-1, power-2, power-3, power-5, constant-quartic, "
-            "constant-quadratic, displacement-2, displacement-4, threshold, threshold-30 or "
-            "velocity-and-displacement; default: that of the paper."
+            "constant-quadratic, displacement-2, displacement-4, displacement-threshold, path, slip-work, "
+            "threshold, threshold-30 or velocity-and-displacement; default: that of the paper."
         ),
     ] = None,
     undeclared: Annotated[

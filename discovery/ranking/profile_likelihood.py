@@ -14,6 +14,7 @@ from discovery.courses.fit import Fit, correction, fit, predict, refine, resimul
 from discovery.courses.frozen_motion import NUISANCE_DIRECTIONS, FrozenMotion
 from discovery.laws.candidate import Candidate
 from discovery.laws.factors import Factor, Inner
+from discovery.ranking.cross_validation import estimate
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.model.model import Model
@@ -126,21 +127,8 @@ class Curve:
         return found
 
     def of_model(self, best: Fit) -> float:
-        """Shift of the exponent with the identified model, half width of its 95 % limits.
-
-        Root of the sum of squares over the model's numbers that have limits, each moved to its upper one.
-        """
-        model, total = self.frozen.model, 0.0
-        plain = resimulate(best.candidate, self.frozen, best.deviations)
-        for path, parameter in model.parameters.items():
-            if parameter.high is None or ".tension_rate." in path:
-                continue
-            other = self.frozen.with_models(partial(_at_high, path=path))
-            change = resimulate(best.candidate, other, best.deviations) - plain
-            if np.isfinite(change).all():
-                moved = fit(best.candidate, self.frozen, best.offsets + change, best)
-                total += (self.value(moved) - self.value(best)) ** 2
-        return float(np.sqrt(total))
+        """Shift of the exponent with the identified model, half width of its 95 % limits."""
+        return float(shifts_with_model(best, self.frozen)[best.free.index(self.name)])
 
     def end(self, best: Fit, side: Side, threshold: float, close: float = _CLOSE) -> float:
         """Where the deviance crosses the threshold for the last time on a side; nan where the values end.
@@ -174,6 +162,24 @@ class Curve:
             return float(np.sqrt(rise) - np.sqrt(threshold))  # nearly straight in the exponent
 
         return float(optimize.brentq(excess, inner, outer, xtol=close)) if excess(outer) > 0 else outer
+
+
+def shifts_with_model(best: Fit, frozen: FrozenMotion) -> FloatArray:
+    """Shifts of a law's numbers with the identified model, half widths of 95 % limits, (numbers,).
+
+    Root of the sum of squares over the model's numbers that have limits, each moved to its upper one and the
+    law fitted again. Of ln coefficients and inner numbers, as `estimate`.
+    """
+    here, total = estimate(best), np.zeros(len(best.free))
+    plain = resimulate(best.candidate, frozen, best.deviations)
+    for path, parameter in frozen.model.parameters.items():
+        if parameter.high is None or ".tension_rate." in path:
+            continue
+        other = frozen.with_models(partial(_at_high, path=path))
+        change = resimulate(best.candidate, other, best.deviations) - plain
+        if np.isfinite(change).all():
+            total += (estimate(fit(best.candidate, frozen, best.offsets + change, best)) - here) ** 2
+    return np.asarray(np.sqrt(total))
 
 
 def _at_high(model: Model, path: str) -> Model:

@@ -19,6 +19,7 @@ from discovery.ranking import ordering
 from discovery.ranking.cross_validation import CrossValidation, Fold
 from discovery.ranking.ordering import Index
 from discovery.ranking.probabilities import probabilities
+from discovery.ranking.profile_likelihood import shifts_with_model
 from discovery.ranking.result import RankedLaw, Ranking, with_law
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
@@ -97,6 +98,10 @@ def race(
     if campaign is not None:
         campaigns = (campaign,) if isinstance(campaign, Campaign) else campaign
         laws = _judged(laws, frozen, hold_out, campaigns, jobs, run)
+    laws = tuple(
+        replace(law, parameters=widened(law, frozen)) if law.rank == 1 or law.source == "given" else law
+        for law in laws
+    )
     shares = probabilities([law.fit for law in laws], frozen, groups, rng)
     return tuple(replace(law, probability=float(p)) for law, p in zip(laws, shares, strict=True))
 
@@ -329,6 +334,26 @@ def _parameters(
         name: replace(p, low=limits[name][0], high=limits[name][1]) if name in limits else p
         for name, p in found.candidate.parameters.items()
     }
+
+
+def widened(law: RankedLaw, frozen: FrozenMotion) -> dict[str, Parameter]:
+    """Numbers with limits that hold what the uncertainty of the identified model adds, as a root of squares.
+
+    A threshold of displacement of a hundredth's error is told to a thousandth along a motion taken as known.
+    """
+    if law.fit.of_losses or not law.fit.free:
+        return dict(law.parameters)
+    found, shifts = dict(law.parameters), shifts_with_model(law.fit, frozen)
+    for name, value, shift in zip(law.fit.free, validation.estimate(law.fit), shifts, strict=True):
+        p = found[name]
+        if p.low is None or p.high is None or not np.isfinite(shift):
+            continue
+        logarithmic = name in law.fit.candidate.coefficient_names and p.value > 0
+        ends = np.log([p.low, p.high]) if logarithmic else np.array([p.low, p.high])
+        both = value + np.array([-1.0, 1.0]) * np.hypot(ends - value, shift)
+        low, high = np.exp(np.clip(both, -690, 690)) if logarithmic else both
+        found[name] = replace(p, low=float(low), high=float(high))
+    return found
 
 
 def _listed(laws: Sequence[RankedLaw], rules: RankingRules) -> list[RankedLaw]:

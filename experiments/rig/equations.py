@@ -41,7 +41,7 @@ class Table(NamedTuple):
 
 
 @njit(nogil=True, cache=True, error_model="numpy")
-def tension_rate(x: float, v: float, tension: float, terms: Any) -> float:
+def tension_rate(x: float, v: float, tension: float, terms: Any, dissipated: float = 0.0) -> float:
     """Sum of the terms of the tension law [N/s]; `terms` holds one `LooseningTerm.row` each.
 
     Parameters
@@ -52,6 +52,8 @@ def tension_rate(x: float, v: float, tension: float, terms: Any) -> float:
         In the bolt [N].
     terms : tuple of tuple
         One `LooseningTerm.row` each.
+    dissipated : float
+        Power that the joint's damping takes, ``|D v|`` [W].
 
     Returns
     -------
@@ -59,15 +61,17 @@ def tension_rate(x: float, v: float, tension: float, terms: Any) -> float:
         Negative where it loosens.
     """
     rate = 0.0
-    for factor, gamma_d, gamma_i, rho, p, q, v_0, x_0 in terms:
+    for factor, gamma_d, gamma_i, rho, p, q, v_0, x_0, r in terms:
         speed, shift = abs(v) - v_0, abs(x) - x_0
-        if (p > 0.0 and speed <= 0.0) or (q > 0.0 and shift <= 0.0):
+        if (p > 0.0 and speed <= 0.0) or (q > 0.0 and shift <= 0.0) or (r > 0.0 and dissipated <= 0.0):
             continue
         exponent = LN10 * (gamma_d - gamma_i / (1.0 + exp(rho * tension)))
         if p > 0.0:
             exponent += p * log(speed)
         if q > 0.0:
             exponent += q * log(shift)
+        if r > 0.0:
+            exponent += r * log(dissipated)
         rate -= factor * exp(exponent) * tension
     return rate
 
@@ -133,8 +137,8 @@ def added_forces(time: float, state: Any, inner: Any, slopes: Any, k: Any, groun
 
 @njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
 def relative_rate(tension: float, terms: Any) -> float:
-    """Size of the law's relative rate at 0.1 mm and 50 mm/s [1/s]: how it goes with tension."""
-    return abs(tension_rate(1e-4, 0.05, tension, terms) / max(tension, 1e-9))
+    """Size of the law's relative rate at 0.1 mm, 50 mm/s and 1 W [1/s]: how it goes with tension."""
+    return abs(tension_rate(1e-4, 0.05, tension, terms, 1.0) / max(tension, 1e-9))
 
 
 @njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
@@ -183,7 +187,7 @@ def derivative(time: float, state: Any, inner: Any, slopes: Any, system: Any) ->
     on_lo += pulse.on_lo * force - joint - c.stiffness_lo * (x_lo - ground) - c.damping_lo * (v_lo - speed)
     on_so += pulse.on_so * force + joint - c.stiffness_so * (x_so - ground) - c.damping_so * (v_so - speed)
     a_lo, a_so = on_lo / c.mass_lo, on_so / c.mass_so
-    rate = tension_rate(x_lo - x_so, v_lo - v_so, tension, terms)
+    rate = tension_rate(x_lo - x_so, v_lo - v_so, tension, terms, damping * (v_lo - v_so))
     motion = (x_lo - x_so, v_lo - v_so, a_lo - a_so, joint + added, damping)
     return v_lo, a_lo, v_so, a_so, changed_rate(rate, tension, motion, terms, table)
 

@@ -28,9 +28,10 @@ class Constants(NamedTuple):
 class LooseningTerm:
     """One term of the tension law.
 
-    ``dT/dt = -factor gamma(T) max(|v| - v_0, 0)^p max(|x| - x_0, 0)^q T`` with
-    ``gamma(T) = 10^(gamma_d - gamma_i / (1 + exp(rho T)))`` (He et al. 2025, Eqs. 12-13 for p = 4, q = 0).
-    ``gamma_i = 0`` makes gamma constant. x, v: relative displacement [m] and velocity [m/s], LO minus SO.
+    ``dT/dt = -factor gamma(T) max(|v| - v_0, 0)^p max(|x| - x_0, 0)^q |D v|^r T`` with
+    ``gamma(T) = 10^(gamma_d - gamma_i / (1 + exp(rho T)))`` (He et al. 2025, Eqs. 12-13: p = 4, q = r = 0).
+    ``gamma_i = 0`` makes gamma constant. x, v: relative displacement [m] and velocity [m/s], LO minus SO;
+    D: viscous part of the joint's force [N].
     """
 
     gamma_d: float = 11.79
@@ -40,6 +41,7 @@ class LooseningTerm:
     displacement_power: float = 0.0
     velocity_threshold: float = 0.0
     displacement_threshold: float = 0.0
+    dissipation_power: float = 0.0
 
     def row(self, factor: float) -> tuple[float, ...]:
         """Numbers of the compiled rate function, in its order."""
@@ -52,6 +54,7 @@ class LooseningTerm:
             self.displacement_power,
             self.velocity_threshold,
             self.displacement_threshold,
+            self.dissipation_power,
         )
 
 

@@ -19,6 +19,13 @@ RIVALS: Mapping[str, tuple[LooseningTerm, ...]] = MappingProxyType(
         "constant-quadratic": (LooseningTerm(3.46, 0.0, velocity_power=2.0),),
         "displacement-2": (LooseningTerm(12.62, velocity_power=0.0, displacement_power=2.0),),
         "displacement-4": (LooseningTerm(21.56, velocity_power=0.0, displacement_power=4.0),),
+        "displacement-threshold": (
+            LooseningTerm(
+                3.668, 0.0, velocity_power=0.0, displacement_power=1.0, displacement_threshold=20e-6
+            ),
+        ),
+        "path": (LooseningTerm(0.980, 0.0, velocity_power=1.0),),
+        "slip-work": (LooseningTerm(0.773, 0.0, velocity_power=0.0, dissipation_power=1.0),),
         "threshold": (LooseningTerm(12.67, velocity_threshold=0.020),),
         "threshold-30": (LooseningTerm(13.22, velocity_threshold=0.030),),
         "velocity-and-displacement": (

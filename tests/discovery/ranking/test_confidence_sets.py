@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import rom
 from discovery.courses.fit import fit, refine
-from discovery.courses.frozen_motion import freeze
+from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.laws.candidate import BASELINE, Candidate, Term, baseline, constant_power, no_loosening
 from discovery.laws.factors import displacement_power, tension_exponential, tension_power, velocity_power
 from discovery.ranking.confidence_sets import (
@@ -17,6 +19,8 @@ from discovery.ranking.confidence_sets import (
     motion_profile,
     not_told_apart,
 )
+from discovery.ranking.cross_validation import groups_of, limits
+from discovery.ranking.race import widened
 from tests.discovery.synthetic import free_power, frozen, measured, small, with_power
 
 VALUES = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
@@ -61,8 +65,7 @@ def test_the_set_does_not_depend_on_the_values_or_processes(profile: ExponentPro
     assert other.high == pytest.approx(profile.high, abs=0.02)
 
 
-def test_an_uncertain_model_widens_the_set(profile: ExponentProfile) -> None:
-    whole = small(noise=0.5)
+def with_uncertain_damping(whole: FrozenMotion) -> FrozenMotion:
     laws = whole.model.link_laws["joint"]
     damping = replace(
         laws.damping,
@@ -72,11 +75,29 @@ def test_an_uncertain_model_widens_the_set(profile: ExponentProfile) -> None:
         },
     )
     model = replace(whole.model, link_laws={**whole.model.link_laws, "joint": replace(laws, damping=damping)})
-    found = exponent_profile(replace(whole, model=model), values=VALUES)
+    return replace(whole, model=model)
+
+
+def test_an_uncertain_model_widens_the_set(profile: ExponentProfile) -> None:
+    found = exponent_profile(with_uncertain_damping(small(noise=0.5)), values=VALUES)
     assert profile.of_model == 0.0
     assert found.of_model > 0.002
     assert found.high >= profile.high
     assert found.best == pytest.approx(profile.best, abs=0.01)
+
+
+def test_an_uncertain_model_widens_the_limits_of_the_laws_numbers() -> None:
+    whole = small(noise=0.5)
+    found = fit(free_power(), whole)
+    told = limits(found, whole, groups_of(whole), np.random.default_rng(0))
+    numbers = found.candidate.parameters
+    known = {name: replace(numbers[name], low=told[name][0], high=told[name][1]) for name in found.free}
+    law: Any = SimpleNamespace(fit=found, parameters=known)
+    same = widened(law, whole)
+    assert [same[name].high for name in known] == pytest.approx([p.high for p in known.values()])
+    wide = widened(law, with_uncertain_damping(whole))
+    for name, p in known.items():
+        assert wide[name].low < p.low < p.high < wide[name].high
 
 
 def test_the_main_term_of_a_sum_is_profiled() -> None:

@@ -145,12 +145,14 @@ def test_pulse_length_follows_strength() -> None:
         (LooseningTerm(6.0, 0.0, velocity_power=3.0, velocity_threshold=0.02), 1e6 * 0.03**3),
         (LooseningTerm(6.0, 0.0, velocity_threshold=0.06), 0.0),
         (LooseningTerm(6.0, 0.0, velocity_power=1, displacement_power=1, displacement_threshold=1e-5), 1.5),
+        (LooseningTerm(1.0, 0.0, velocity_power=0.0, dissipation_power=1.0), 10 * 40 * 0.05),
     ],
 )
 def test_tension_laws(term: LooseningTerm, expected: float) -> None:
     for x, v in ((4e-5, 0.05), (-4e-5, -0.05)):
-        assert tension_rate(x, v, 100.0, (term.row(1.0),)) == pytest.approx(-100.0 * expected, rel=1e-12)
-    twice = tension_rate(4e-5, 0.05, 100.0, (term.row(1.0), term.row(-0.5)))
+        found = tension_rate(x, v, 100.0, (term.row(1.0),), 40 * abs(v))
+        assert found == pytest.approx(-100.0 * expected, rel=1e-12)
+    twice = tension_rate(4e-5, 0.05, 100.0, (term.row(1.0), term.row(-0.5)), 40 * 0.05)
     assert twice == pytest.approx(-50.0 * expected, rel=1e-12)
 
 
