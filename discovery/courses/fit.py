@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from discovery.courses.between_bolts import Index
 from discovery.courses.fitted import Fit
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.likelihood_steps import climbed
@@ -189,6 +190,30 @@ def told_of_bolts(state: State, tau: FloatArray) -> tuple[FloatArray, FloatArray
     seen = (state.slope * state.residual).sum(axis=1) + information * state.u
     spread = 1 + tau**2 * information
     return information / spread, seen / spread
+
+
+def deviation_of_bolt(found: Fit, state: State, initial: FloatArray, cases: Index) -> tuple[float, float]:
+    """Deviation of the bolt that some cases are of: its prior from the population, and what they say.
+
+    Parameters
+    ----------
+    found : Fit
+        Fitted to several bolts.
+    state : State
+        At the fit.
+    initial : ndarray, shape (all cases,)
+        Tensions before the hits [N].
+    cases : ndarray of int
+        Places of the bolt's cases.
+
+    Returns
+    -------
+    tuple of float
+        Deviation of ln rate, and its standard deviation.
+    """
+    told, seen = (part[cases].sum() for part in told_of_bolts(state, found.tau(initial)))
+    variance = 1 / (1 / found.sigma**2 + told)
+    return float(variance * seen), float(np.sqrt(variance))
 
 
 def log_predictive(fitted: Fit, frozen: FrozenMotion, offsets: FloatArray | None = None) -> FloatArray:

@@ -255,7 +255,8 @@ def _with_what_is_open(ranking: Ranking, frozen: FrozenMotion, jobs: int, stage:
     ]
     fits = [replace(law.fit, candidate=law.candidate) for law in compared]
     pairs = compare_laws(fits, frozen, {law.name: law.scores for law in compared})
-    tests = propose_tests(fits[:3], frozen)
+    names = [bolt.name for bolt in ranking.population.bolts] if ranking.population else []
+    tests = propose_tests(fits[:3], frozen, bolts=names)
     if report is not None:
         report(3, 3)
     laws = tuple(replace(law, indistinguishable=not_told_apart(pairs, law.name)) for law in ranking.laws)

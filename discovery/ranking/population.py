@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from discovery.courses.between_bolts import Index, Variances
-from discovery.courses.fit import Fit, at_fit, correction, told_of_bolts
+from discovery.courses.fit import Fit, at_fit, correction, deviation_of_bolt
 from discovery.courses.frozen_motion import FrozenMotion, freeze_bolts
 from discovery.courses.marginal_likelihood import Problem, State
 from discovery.laws.given import GivenLaw
@@ -128,11 +128,9 @@ def standard_deviations(found: Fit, frozen: FrozenMotion) -> tuple[Limited, Limi
 
 def _deviation(found: Fit, state: State, initial: FloatArray, cases: Index) -> Limited:
     """Deviation of the bolt that some tests are of: its prior from the population, and what they say."""
-    told, seen = (part[cases].sum() for part in told_of_bolts(state, found.tau(initial)))
-    variance = 1 / (1 / found.sigma**2 + told)
-    half = found.criteria.chance.normal_quantile * np.sqrt(variance)
-    value = float(variance * seen)
-    return Limited(value, value - float(half), value + float(half))
+    value, error = deviation_of_bolt(found, state, initial, cases)
+    half = found.criteria.chance.normal_quantile * error
+    return Limited(value, value - half, value + half)
 
 
 def _bolt(name: str, tests: int, deviation: Limited, found: Fit, model: Model) -> Bolt:

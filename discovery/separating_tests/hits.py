@@ -10,17 +10,20 @@ covariance of noise, scatter of the rate and error of the model, and J the chang
 standard error of each principal direction of what was fitted to law b: what scatter or other numbers of the
 law could absorb does not count. The change J is linear: where half of the tension is lost a refit absorbs far
 more than that, and such hits are not proposed.
+
+Where laws were fitted to several bolts, the tests are for the one on which they tell best: simulated with its
+model at its own rate under each law, and what is not known of that rate is one more number to law b.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
 
-from discovery.courses.fit import Fit
+from discovery.courses.fit import Fit, at_fit, deviation_of_bolt
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.separating import Separating
 from discovery.laws.candidate import Candidate
@@ -62,6 +65,8 @@ class Proposal:
     odds : float
         To one, expected after this test and those before it in the list, between the two laws that are
         hardest to separate, of those that can be separated.
+    bolt : str
+        The bolt to be hit, where there are several.
     """
 
     body: str
@@ -72,13 +77,15 @@ class Proposal:
     laws: tuple[str, str]
     expected_gain: float
     odds: float
+    bolt: str = ""
 
     @property
     def hit(self) -> str:
         """What to do, in words."""
         number = "once" if self.hits == 1 else f"{self.hits} times"
         hit = f"hit {self.body} {number} with {self.peak_force:.3g} N for {1e3 * self.pulse_length:.2g} ms"
-        return f"{hit} at a preload of {self.preload:.3g} N"
+        where = f" of {self.bolt}" if self.bolt else ""
+        return f"{hit} at a preload of {self.preload:.3g} N{where}"
 
     @property
     def outcome(self) -> str:
@@ -113,7 +120,7 @@ class _Grid:
 
 
 def propose_tests(
-    fits: Sequence[Fit], frozen: FrozenMotion, most_tests: int | None = None
+    fits: Sequence[Fit], frozen: FrozenMotion, most_tests: int | None = None, bolts: Sequence[str] = ()
 ) -> tuple[Proposal, ...]:
     """Choose few tests by greedy search, one hit after the other, until every two laws are told apart.
 
@@ -126,27 +133,62 @@ def propose_tests(
         proposed forces, pulses and preloads, and the tension that a hit must leave, are in its criteria.
     most_tests : int
         Different tests at most; not given: as the criteria have it.
+    bolts : sequence of str
+        Names of the bolts, where there are several; "bolt 1" and so on if not given.
 
     Returns
     -------
     tuple of Proposal
-        Empty where there are no two laws, or no test within reach separates any two of them.
+        All of one bolt. Empty where there are no two laws, or no test within reach separates any two of them.
     """
     rivals = [found for found in fits if found.candidate.rated(np.ones(1))]
     if len(rivals) < 2:
         return ()
+    most = int(frozen.criteria.separating.tests) if most_tests is None else most_tests
+    grid, aim = _grid(frozen), frozen.criteria.separating.odds
+    if frozen.bolt is None:
+        return _plan(rivals, [(0.0, 0.0)] * len(rivals), frozen, grid, most)[1]
+    states = [at_fit(found, frozen)[1] for found in rivals]
+    plans = []
+    for place, (model, cases) in enumerate(frozen.by_bolt()):
+        rates = [
+            deviation_of_bolt(found, state, frozen.initial, cases)
+            for found, state in zip(rivals, states, strict=True)
+        ]
+        pairs, tests = _plan(rivals, rates, replace(frozen, model=model), grid, most)
+        name = bolts[place] if bolts else f"bolt {place + 1}"
+        plans.append((pairs, tuple(replace(test, bolt=name) for test in tests)))
+    return max(plans, key=lambda plan: _worth(plan[0], plan[1], aim))[1]
+
+
+def _worth(pairs: int, tests: Sequence[Proposal], aim: float) -> tuple[float, ...]:
+    """More pairs told apart, the aim reached, by fewer hits, at higher odds."""
+    odds = tests[-1].odds if tests else 0.0
+    return pairs, min(odds, aim), -float(sum(test.hits for test in tests)), odds
+
+
+def _plan(
+    rivals: Sequence[Fit],
+    rates: Sequence[tuple[float, float]],
+    frozen: FrozenMotion,
+    grid: _Grid,
+    most: int,
+) -> tuple[int, tuple[Proposal, ...]]:
+    """Return how many pairs of laws can be told apart, and the tests.
+
+    ``rates`` has for each law the deviation of the bolt's ln rate, and its standard deviation.
+    """
     rules = frozen.criteria.separating
-    grid = _grid(frozen)
-    responses = [_response(found, frozen, grid) for found in rivals]
+    responses = [_response(found, *rate, frozen, grid) for found, rate in zip(rivals, rates, strict=True)]
     ways = [_way(a, b, frozen, grid) for a, b in permutations(responses, 2)]
     names = [(a.candidate.name, b.candidate.name) for a, b in permutations(rivals, 2)]
     many = _by_pair(names, [way.of_each(int(rules.hits)) for way in ways])
     reachable = [i for i, name in enumerate(names) if many[frozenset(name)].max() >= np.log(rules.least_odds)]
     if not reachable:
-        return ()
-    most = int(rules.tests) if most_tests is None else most_tests
+        return 0, ()
     ways, names = [ways[i] for i in reachable], [names[i] for i in reachable]
-    return _proposals(ways, names, _greedy(ways, names, most, rules), grid)
+    tests = _proposals(ways, names, _greedy(ways, names, most, rules), grid)
+    return len({frozenset(name) for name in names}), tests
 
 
 def _grid(frozen: FrozenMotion) -> _Grid:
@@ -177,6 +219,7 @@ class _Response:
     """Courses of y under a law: (hits, bins), by one standard error (hits, bins, numbers), by u; tension."""
 
     candidate: Candidate
+    deviation: float
     course: FloatArray
     by_number: FloatArray
     by_deviation: FloatArray
@@ -184,9 +227,9 @@ class _Response:
     tension: FloatArray
 
 
-def _response(found: Fit, frozen: FrozenMotion, grid: _Grid) -> _Response:
+def _response(found: Fit, deviation: float, error: float, frozen: FrozenMotion, grid: _Grid) -> _Response:
     force = grid.force
-    still = np.zeros(len(grid.preload))
+    still = np.full(len(grid.preload), deviation)
     tension = _simulated(found.candidate, still, frozen, grid, force)
     here = _levels(tension, grid)
     ahead = _levels(_simulated(found.candidate, still + _STEP, frozen, grid, force), grid)
@@ -194,9 +237,11 @@ def _response(found: Fit, frozen: FrozenMotion, grid: _Grid) -> _Response:
         (_levels(_simulated(moved, still, frozen, grid, force), grid) - here) / _STEP
         for moved in _principal_steps(found)
     ]
+    by_deviation = (ahead - here) / _STEP
+    columns += [error * by_deviation] if error > 0 else []
     by_number = np.stack(columns, axis=-1) if columns else np.zeros((*here.shape, 0))
     return _Response(
-        found.candidate, here, by_number, (ahead - here) / _STEP, found.tau(grid.preload), tension
+        found.candidate, deviation, here, by_number, by_deviation, found.tau(grid.preload), tension
     )
 
 
@@ -270,7 +315,7 @@ def _way(true: _Response, rival: _Response, frozen: FrozenMotion, grid: _Grid) -
     per_newton = 1 / (grid.preload[:, None] * share * -np.log(share))
     difference = true.course - rival.course
     level = np.average(difference, axis=1, weights=1 / np.arange(1, bins + 1))  # the first bins know best
-    moved = _simulated(rival.candidate, level, frozen, grid, grid.force)
+    moved = _simulated(rival.candidate, rival.deviation + level, frozen, grid, grid.force)
     difference = true.course - _levels(moved, grid) + rival.by_deviation * level[:, None]
     spread = rival.scatter[:, None] * rival.by_deviation
     covariance = frozen.covariance[nearest][:, :bins, :bins] * per_newton[:, :, None] * per_newton[:, None, :]

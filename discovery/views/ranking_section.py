@@ -101,6 +101,7 @@ def _motion_row(profile: MotionProfile | None) -> dict[str, Any] | None:
 def _proposal_row(test: Proposal) -> dict[str, Any]:
     return {
         "body": test.body,
+        **({"bolt": test.bolt} if test.bolt else {}),
         "peak_force_n": test.peak_force,
         "pulse_s": test.pulse_length,
         "preload_n": test.preload,

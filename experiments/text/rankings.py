@@ -165,7 +165,8 @@ def _on_proposals(proposals: object) -> Iterator[str]:
         f"{_milliseconds(test.get('pulse_s'))} ms at a preload of {_rounded(test.get('preload_n'))} N"
         for test in tests
     ]
-    yield f"Tests that would tell the first laws apart: {'; then '.join(listed)}."
+    bolt = f" on the bolt {tests[0]['bolt']}" if tests[0].get("bolt") else ""
+    yield f"Tests{bolt} that would tell the first laws apart: {'; then '.join(listed)}."
 
 
 def _times(hits: object) -> str:
@@ -284,6 +285,7 @@ def _parameters(data: Data) -> Table:
 
 
 def _proposals(data: Data) -> Table:
+    tests = mappings(data.get("proposals"))
     rows = tuple(
         (
             number(test.get("hits")),
@@ -294,14 +296,15 @@ def _proposals(data: Data) -> Table:
             _odds(test.get("odds")),
             " | ".join(law_name(str(name)) for name in test.get("separates") or ()),
         )
-        for test in mappings(data.get("proposals"))
+        for test in tests
     )
     heads = ("Hits", "Peak force [N]", "Pulse [ms]", "Preload [N]", "Expected gain of a hit", "Odds after it",
              "Separates")  # fmt: skip
+    bolt = next((f" On the bolt {t['bolt']}, where they tell most." for t in tests if t.get("bolt")), "")
     note = (
         "Chosen by simulation, one after the other. Expected gain: 2 ln of the likelihood ratio between "
         "the two laws that one such hit adds. Odds: between the laws that are hardest to separate, of "
-        "those that can be."
+        f"those that can be.{bolt}"
     )
     return Table("Tests that would separate the first laws most, for the fewest hits", heads, rows, note=note)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,15 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+import rom
 from discovery.courses.fit import Fit, fit, predict
 from discovery.courses.frozen_motion import FrozenMotion, freeze, freeze_bolts
 from discovery.laws.candidate import BASELINE, NO_LOOSENING, Candidate
 from discovery.laws.given import given_law
 from discovery.ranking.cross_validation import folds_of, groups_of
+from discovery.ranking.discover import discover
 from discovery.ranking.population import bolt_of_courses, standard_deviations
 from discovery.ranking.race import race
 from discovery.ranking.result import RankedLaw, Ranking
 from discovery.ranking.specimens import check_one_kind
+from experiments.studies import rig
 from rom.model.laws import Law
 from rom.parameters.he_2025 import paper_model
 from tests.discovery.bolts import bolts_of
@@ -111,6 +115,35 @@ def test_three_hits_on_a_ninth_bolt_and_the_other_eight_say_more_than_three_hits
         own = fit(free_power(), freeze(paper_model(), hits))
         alone.append(error_of(own.candidate, 0.0, unseen))
     assert np.median(borrowed) < 0.5 * np.median(alone)
+
+
+@pytest.mark.slow
+def test_raw_records_of_three_bolts_tell_the_law_and_two_hits_a_fourth_ones_rate(tmp_path: Path) -> None:
+    """Of the rig, |v|^3 T gamma(T) at rates of their own; nothing but the campaign folders is given."""
+    rates = (0.5, 1.0, 2.0, 1.6)
+    read = [
+        rom.read_campaign(
+            rig.run(
+                tmp_path / f"bolt-{place}", 4 if place < 3 else 2, seed=4 + place, jobs=1, rate=rate,
+                law="power-3", duration_s=2.5, hold_out_every=0,
+            )
+        )
+        for place, rate in enumerate(rates)
+    ]  # fmt: skip
+    ranking = discover(read[:3], libraries=["velocity"], optimizers=["STLSQ"], max_terms=1)
+    (true,) = (law for law in ranking.laws if re.fullmatch(r"\|v\|\^\S+ T gamma\(T\)", law.name))
+    assert true.name in (ranking.laws[0].name, *ranking.indistinguishable)
+    exponent = true.parameters["n"]
+    assert exponent.low is not None
+    assert exponent.high is not None
+    assert exponent.low < 3.0 < exponent.high
+    population = ranking.population
+    assert population is not None
+    assert population.between_bolts.low < np.std(np.log(rates[:3]), ddof=1) < population.between_bolts.high
+    fourth = ranking.for_bolt(read[3], true.name)
+    assert [bolt.tests for bolt in (*population.bolts, fourth)] == [4, 4, 4, 2]
+    for bolt, rate in zip((*population.bolts, fourth), rates, strict=True):
+        assert bolt.deviation.low < np.log(rate) < bolt.deviation.high
 
 
 @pytest.fixture(scope="module")

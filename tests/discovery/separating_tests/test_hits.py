@@ -7,12 +7,13 @@ import pytest
 
 import rom
 from discovery.courses.fit import fit, log_predictive, refine
-from discovery.courses.frozen_motion import freeze
+from discovery.courses.frozen_motion import freeze, freeze_bolts
 from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import Candidate, Term, baseline, constant_power, no_loosening
 from discovery.laws.factors import tension_power, velocity_power
 from discovery.separating_tests.hits import Proposal, propose_tests
-from tests.discovery.synthetic import RATE_HZ, free_power, measured, model_with, small
+from tests.discovery.bolts import bolts_of
+from tests.discovery.synthetic import RATE_HZ, free_power, measured, model_with, small, with_power
 
 
 def held(n: float) -> Candidate:
@@ -85,6 +86,17 @@ def tension_left(model: rom.Model, test: Proposal) -> float:
     pulse = np.where(time < test.pulse_length, np.sin(np.pi * time / test.pulse_length), 0.0)
     response = model.simulate({"lo": test.peak_force * pulse}, RATE_HZ, test.preload)
     return float(np.asarray(response.tension)[-1])
+
+
+def test_of_several_bolts_the_one_is_named_on_which_the_test_tells_most() -> None:
+    """The first loses next to nothing, whatever is done to it."""
+    both = freeze_bolts(bolts_of(with_power(4.0), (-8.0, 0.0), scatter=0.2, noise=5.0))
+    fits = [refine(law, both) for law in (held(4.0), held(3.5))]
+    found = propose_tests(fits, both, bolts=("quiet", "loose"))
+    assert found
+    assert {test.bolt for test in found} == {"loose"}
+    assert all(f"at a preload of {test.preload:.3g} N of loose: tells" in test.summary for test in found)
+    assert propose_tests(fits, both)[0].bolt == "bolt 2"
 
 
 def test_more_noise_promises_less() -> None:
