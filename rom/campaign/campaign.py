@@ -24,6 +24,7 @@ from rom.campaign.channels import (
 )
 from rom.campaign.checks import Check, check_record, file_digest, moving_bodies
 from rom.campaign.record import Precision, RecordError, read_channels, write_channels
+from rom.campaign.sensors import places_of, sensor_faults
 from rom.campaign.settings import (
     FORMAT,
     BodySettings,
@@ -128,6 +129,11 @@ class Record:
     def force(self, body: str) -> Channel | None:
         """Return the force on a body, None where none was measured."""
         return self.channels.get(f"force_{body}")
+
+    @property
+    def driven(self) -> tuple[str, ...]:
+        """Where a force was measured, in alphabetical order."""
+        return places_of(("force",), self.channels)
 
     def tension_channel(self) -> Channel:
         """Return the channel "tension", or else "strain".
@@ -235,6 +241,7 @@ def read_campaign(
         found = f"found nothing, but {uncalibrated[0]} and {len(uncalibrated) - 1} more records hold strain"
         faults.append(f'{toml.name}: bolt.calibration: {found}, expected coefficients or a channel "tension"')
     faults += [f"{check.file}: {line}" for check in checks for line in check.faults]
+    faults += () if faults else sensor_faults(settings, {check.file: check.channels for check in checks})
     if faults:
         raise CampaignError(faults)
     digest = hashlib.sha256(text)
@@ -359,5 +366,6 @@ def _write_records(
 def _toml(settings: CampaignSettings) -> str:
     import tomli_w
 
-    data: dict[str, Any] = settings.model_dump(exclude_none=True)
+    filled_in = {"body", "link"} if settings.modes is not None else None
+    data: dict[str, Any] = settings.model_dump(exclude_none=True, exclude=filled_in)
     return tomli_w.dumps(data)

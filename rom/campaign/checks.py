@@ -17,6 +17,7 @@ from rom.campaign.channels import (
     motion_channels,
 )
 from rom.campaign.record import inspect_channels
+from rom.campaign.sensors import modal_faults, sensors_of
 from rom.campaign.settings import CampaignSettings, RecordSettings
 from rom.campaign.settings_faults import file_fault, moving_faults
 
@@ -34,12 +35,15 @@ class Check:
     digest: str = ""
     faults: tuple[str, ...] = ()
     needs_calibration: bool = False
+    channels: frozenset[str] = frozenset()
 
 
 def moving_bodies(
     record: RecordSettings, settings: CampaignSettings, channels: Collection[str]
 ) -> tuple[str, ...]:
     """Return the bodies that move: those named, or all; uncoupled, those whose motion is measured.
+
+    Beside modes the sensors stand for bodies.
 
     Parameters
     ----------
@@ -57,6 +61,8 @@ def moving_bodies(
     """
     if record.test in RESTING_TESTS:
         return ()
+    if settings.modes is not None:
+        return sensors_of(channels)
     if record.bodies is not None:
         return record.bodies
     if record.test == "uncoupled" and len(settings.body) > 1:
@@ -90,16 +96,20 @@ def check_record(folder: Path, settings: CampaignSettings, index: int) -> Check:
     if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):  # which survives a loop
         return Check(record.file, faults=("file: found a link to elsewhere, expected a file in the folder",))
     sampling = settings.sampling
-    known = channel_names(settings.body_names, settings.link_names)
+    modal = settings.modes is not None
+    known = None if modal else channel_names(settings.body_names, settings.link_names)
     found = inspect_channels(path, sampling.motion_rate_hz, sampling.tension_rate_hz, known)
     faults = list(found.faults)
-    if found.complete and not any(moving_faults(record, settings.body_names)):
+    if modal and found.complete:
+        faults += modal_faults(found.names, record.test)
+    elif found.complete and not any(moving_faults(record, settings.body_names)):
         faults += _absent(index, settings, found.names)
     if found.channels:
         faults += _too_short(record, settings, max(found.channels.values(), key=lambda c: c.duration_s))
     needs_calibration = settings.bolt is not None and settings.bolt.calibration is None
     needs_calibration &= "strain" in found.names and "tension" not in found.names
-    return Check(record.file, file_digest(path) if not faults else "", tuple(faults), needs_calibration)
+    digest = file_digest(path) if not faults else ""
+    return Check(record.file, digest, tuple(faults), needs_calibration, found.names if modal else frozenset())
 
 
 def file_digest(path: Path) -> str:

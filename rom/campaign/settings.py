@@ -13,6 +13,8 @@ FORMAT = "boltlaw-campaign/1"
 GROUND = "ground"
 USUAL_WINDOWS = {"initial_s": (0.0, 0.4), "final_s": (2.0, 8.0)}
 RECORD_ENDINGS = (".h5", ".mat", ".csv")
+MODAL_TESTS = ("free", "driven")
+_MOST_MODES = 100  # more are refused by their key
 
 _Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Positive: TypeAlias = Annotated[_Number, Field(gt=0)]
@@ -84,6 +86,14 @@ class BandSettings(_Settings):
     high_hz: _Positive = Field(description=POSITIVE)
 
 
+class ModesSettings(_Settings):
+    """Modal bodies in place of lumped ones: their number; mode shapes at the sensors are identified."""
+
+    count: Annotated[int, Field(strict=True, ge=1, le=_MOST_MODES)] = Field(
+        description=f"a whole number from 1 to {_MOST_MODES}"
+    )
+
+
 class RecordSettings(_Settings):
     """One test: its file in the campaign folder, its kind, the bodies that move, its nominal preload [N].
 
@@ -122,6 +132,7 @@ class CampaignSettings(_Settings):
     sampling: SamplingSettings = Field(description="a table [sampling]")
     windows: WindowSettings = Field(description="a table [windows]")
     band: BandSettings | None = Field(None, description="a table [band]")
+    modes: ModesSettings | None = Field(None, description="a table [modes]")
     record: Annotated[tuple[RecordSettings, ...], Field(min_length=1)] = Field(
         description="one [[record]] or more"
     )
@@ -132,6 +143,8 @@ class CampaignSettings(_Settings):
         """Fill in what a campaign without a bolt, or one of bolts at rest alone, has no use for."""
         if not isinstance(data, dict):
             return data
+        if "modes" in data:
+            data = _with_modal_bodies(data)
         if _only_rests(data.get("record")):
             return _at_rest(data)
         return data if "bolt" in data else _without_bolt(data)
@@ -177,6 +190,21 @@ class CampaignSettings(_Settings):
             k = first(f"{link.name}.stiffness.k", link.between) if link.stiffness_n_per_m is None else None
             links.append(link if k is None else link.model_copy(update={"stiffness_n_per_m": k}))
         return self.model_copy(update={"body": tuple(bodies), "link": tuple(links)})
+
+
+def modal_structure(count: int) -> dict[str, Any]:
+    """Bodies and links of a campaign of some modes: each mode by itself on the ground."""
+    names = [f"mode_{place}" for place in range(1, count + 1)]
+    links = [{"name": name, "between": (name, GROUND), "law": "linear"} for name in names]
+    return {"body": [{"name": name} for name in names], "link": links}
+
+
+def _with_modal_bodies(data: dict[str, Any]) -> dict[str, Any]:
+    """Fill in a body and a link for every mode; what stands there is told of later."""
+    modes = data["modes"]
+    count = modes.get("count") if isinstance(modes, dict) else None
+    sound = isinstance(count, int) and not isinstance(count, bool) and 1 <= count <= _MOST_MODES
+    return {**modal_structure(count if isinstance(count, int) and sound else 1), **data}
 
 
 def _only_rests(records: Any) -> bool:

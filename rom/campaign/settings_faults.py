@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from rom.campaign.channels import nearest, one_of
 from rom.campaign.settings import (
     GROUND,
+    MODAL_TESTS,
     POSITIVE,
     RECORD_ENDINGS,
     BandSettings,
@@ -20,10 +21,12 @@ from rom.campaign.settings import (
     CampaignSettings,
     LinkLaw,
     LinkSettings,
+    ModesSettings,
     RecordSettings,
     SamplingSettings,
     Test,
     WindowSettings,
+    modal_structure,
 )
 
 _PRINTED_BITS = 192
@@ -35,6 +38,7 @@ _TABLES: dict[str, type[BaseModel]] = {
     "sampling": SamplingSettings,
     "windows": WindowSettings,
     "band": BandSettings,
+    "modes": ModesSettings,
     "record": RecordSettings,
 }
 
@@ -103,6 +107,8 @@ def _shown(value: Any) -> str:
 
 def structure_faults(settings: CampaignSettings) -> tuple[str, ...]:
     """Name each body and link that cannot be beside the others; no record makes sense without them."""
+    if settings.modes is not None:
+        return tuple(_modes_faults(settings))
     return (*_body_faults(settings), *_link_faults(settings))
 
 
@@ -122,6 +128,28 @@ def _repeated(key: str, names: Iterable[str]) -> Iterator[str]:
         if name in names[:index]:
             first = names.index(name)
             yield f'{key.format(index)}: found "{name}" again, expected a name other than {key.format(first)}'
+
+
+def _modes_faults(settings: CampaignSettings) -> Iterator[str]:
+    """Say what cannot stand beside modes, or in a record of theirs."""
+    assert settings.modes is not None
+    made = modal_structure(settings.modes.count)
+    written = settings.model_dump(include={"body", "link"}, exclude_none=True) | {"bolt": settings.bolt}
+    beside = [key for key in ("body", "link") if list(written[key]) != made[key]]
+    beside += ["bolt"] if settings.bolt is not None else []
+    if beside:
+        shown = " and ".join(f"[{key}]" if key == "bolt" else f"[[{key}]]" for key in beside)
+        yield f"modes: found {shown} beside it, expected either: modes stand in place of bodies and links"
+    for index, record in enumerate(settings.record):
+        key = f"record[{index}]"
+        if record.test not in MODAL_TESTS:
+            yield (
+                f'{key}.test: found "{record.test}" beside [modes], expected "free" or "driven" '
+                "(a hit with a measured force is driven)"
+            )
+        for name in ("bodies", "mass_kg", "stiffness_n_per_m"):
+            if getattr(record, name) is not None:
+                yield f"{key}.{name}: found it beside [modes], expected none: there are no bodies to name"
 
 
 def _body_faults(settings: CampaignSettings) -> Iterator[str]:

@@ -153,7 +153,8 @@ def process(record: Record, settings: CampaignSettings) -> Measurement:
         Where a record lacks a channel that its kind of test needs.
     """
     test = record.test
-    force = {body: channel for body in settings.body_names if (channel := record.force(body)) is not None}
+    places = settings.body_names if settings.modes is None else record.driven
+    force = {body: channel for body in places if (channel := record.force(body)) is not None}
     motion: dict[str, tuple[MotionKind, Channel]] = {body: record.motion(body) for body in record.bodies}
     rates = [c.rate_hz for c in force.values()] + [c.rate_hz for _, c in motion.values()]
     rate = min(rates, default=settings.sampling.motion_rate_hz)
@@ -179,12 +180,21 @@ def process(record: Record, settings: CampaignSettings) -> Measurement:
         strongest_hz=first_mode,
         motion={body: Motion(m.kind, m.samples[:samples]) for body, m in motions.items()},
         impact_s=impact,
-        chain=FilterChain(cutoff(test, first_mode), band_hz=settings.band_hz),
+        chain=FilterChain(_cutoff(settings, test, first_mode), band_hz=settings.band_hz),
         tension=_tension(record, settings, impact, first_mode),
         link={name: c for name, c in record.channels.items() if name.startswith(("link_", "normal_force_"))},
         still_force=still,
         given=record.settings.given,
     )
+
+
+def _cutoff(settings: CampaignSettings, test: str, first_mode_hz: float | None) -> float:
+    """Return the high-pass cutoff [Hz]; of modes well below the band: the strongest may not be the first."""
+    if settings.modes is None:
+        return cutoff(test, first_mode_hz)
+    low = settings.band.low_hz if settings.band is not None else 0.0
+    usual = min(COUPLED_CUTOFF_HZ, _CUTOFF_BELOW_FIRST_MODE * (first_mode_hz or np.inf))
+    return _CUTOFF_BELOW_FIRST_MODE * low if low > 0 else usual
 
 
 def cutoff(test: str, first_mode_hz: float | None) -> float:
