@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -42,10 +43,30 @@ def in_band(samples: FloatArray, rate_hz: float, band_hz: Band | None) -> FloatA
     for cutoff, order, periods in ((low, _HIGHPASS_ORDER, _PERIODS[0]), (high, _LOWPASS_ORDER, _PERIODS[1])):
         if 0 < cutoff < rate_hz / 2:
             kind: Literal["lowpass", "highpass"] = "highpass" if cutoff == low else "lowpass"
-            sections = signal.butter(order, cutoff, kind, fs=rate_hz, output="sos")
             padding = min(samples.shape[-1] - 1, int(periods * rate_hz / cutoff))
-            samples = signal.sosfiltfilt(sections, samples, axis=-1, padtype="even", padlen=padding)
+            samples = _there_and_back(samples, padding, *_sections(order, cutoff, kind, rate_hz))
     return np.asarray(samples)
+
+
+@lru_cache(maxsize=64)
+def _sections(
+    order: int, cutoff_hz: float, kind: Literal["lowpass", "highpass"], rate_hz: float
+) -> tuple[FloatArray, FloatArray]:
+    """Sections of a filter and their steady state, which take longer than a pass over a short record."""
+    sections = np.asarray(signal.butter(order, cutoff_hz, kind, fs=rate_hz, output="sos"), dtype=np.float64)
+    return sections, np.asarray(signal.sosfilt_zi(sections))
+
+
+def _there_and_back(
+    samples: FloatArray, padding: int, sections: FloatArray, steady: FloatArray
+) -> FloatArray:
+    """What ``scipy.signal.sosfiltfilt`` gives with even padding, the steady state being known."""
+    before, after = samples[..., padding:0:-1], samples[..., -2 : -padding - 2 : -1]
+    rows = np.concatenate([before, samples, after], axis=-1) if padding else samples
+    state = steady.reshape(len(steady), *(1,) * (samples.ndim - 1), 2)
+    for _ in range(2):
+        rows = signal.sosfilt(sections, rows, axis=-1, zi=state * rows[..., :1])[0][..., ::-1]
+    return np.asarray(rows[..., padding : rows.shape[-1] - padding])
 
 
 def edge_samples(samples: int, rate_hz: float, band_hz: Band | None) -> int:
