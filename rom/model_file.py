@@ -13,6 +13,7 @@ from rom.model.description import LinkLaws
 from rom.model.laws import Parameter, law_from_text
 from rom.model.model import Model
 from rom.model.rate_uncertainty import RateUncertainty
+from rom.model.shapes import ModeShapes
 from rom.model.structure import Body, Link, Structure
 from rom.model.writing import FORMAT
 
@@ -66,8 +67,14 @@ def _from_data(data: Mapping[str, Any]) -> Model:
         windows={name: (float(low), float(high)) for name, (low, high) in data["windows"].items()},
         sampling=data["sampling"],
         uncoupled_laws={item["name"]: _laws_from_data(item) for item in data.get("uncoupled_links", ())},
+        shapes=_shapes_from_data(data["modes"]) if "modes" in data else None,
         rate_uncertainty=RateUncertainty.from_data(data.get("rate_uncertainty")),
     )
+
+
+def _shapes_from_data(item: Mapping[str, Any]) -> ModeShapes:
+    sensors, modes, forces = (tuple(map(str, item[key])) for key in ("sensors", "names", "forces"))
+    return ModeShapes(sensors, modes, forces, _parameters_from_data(item["numbers"]))
 
 
 def _link(item: Mapping[str, Any]) -> Link:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,8 @@ from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
 from rom.identification.gamma import GammaEstimate
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.joint import JointEstimate
-from rom.model.laws import Z95
+from rom.identification.modal_model import IdentifiedMode
+from rom.model.laws import Z95, Parameter
 from rom.signals.filters import compile_filters
 from rom.signals.measured_records import NothingLeftError, screened, stored
 
@@ -170,6 +171,7 @@ def identification_section(outcome: Outcome) -> dict[str, Any]:
         "gamma": [_gamma_row(estimate) for estimate in found.gamma],
         "fits": _fit_rows(found),
         "convergence": convergence(found.gamma),
+        **({"modes": [_mode_row(mode) for mode in found.modes]} if found.modes else {}),
     }
 
 
@@ -219,6 +221,20 @@ def _linear_rows(found: Identification) -> list[dict[str, Any]]:
         for name in found.linear.names
         if "@" not in name
     ]
+
+
+def _mode_row(mode: IdentifiedMode) -> dict[str, Any]:
+    """Return natural frequency, damping ratio and shape by sensor, each with limits."""
+
+    def row(number: Parameter) -> dict[str, Any]:
+        return {"value": number.value, "low": number.low, "high": number.high, "unit": number.unit}
+
+    return {
+        "name": mode.name,
+        "frequency_hz": row(mode.frequency_hz),
+        "damping_ratio": row(mode.damping_ratio),
+        "shape": {sensor: row(number) for sensor, number in mode.shape.items()},
+    }
 
 
 def _joint_row(estimate: JointEstimate) -> dict[str, Any]:
@@ -280,6 +296,7 @@ def summary(path: Path) -> str:
         f"{data['campaign']}: {section['records']} training records, {len(section['set_aside'])} set aside"
     ]
     lines += _masses(data)
+    lines += [line for mode in section.get("modes", ()) for line in _of_mode(mode)]
     for link in data["links"]:
         for place in ("stiffness", "damping", "tension_rate"):
             law = link[place]
@@ -304,6 +321,13 @@ def _masses(data: Mapping[str, Any]) -> list[str]:
         limits = " given" if half is None else f" [{mass - half:.4g}, {mass + half:.4g}]"
         lines.append(f"  {body['name']} mass: {mass:.5g} kg{limits}")
     return lines
+
+
+def _of_mode(mode: Mapping[str, Any]) -> Iterator[str]:
+    """Yield what modal analysis reports of a mode, and its shape."""
+    numbers = (_with_limits("f", mode["frequency_hz"]), _with_limits("zeta", mode["damping_ratio"]))
+    yield f"  {mode['name']}: {', '.join(numbers)}"
+    yield "    shape: " + ", ".join(_with_limits(sensor, item) for sensor, item in mode["shape"].items())
 
 
 def suspected_lines(data: Mapping[str, Any]) -> list[str]:

@@ -132,6 +132,12 @@ def draft(name: str, files: list[_File]) -> str:
 
 
 def _structure(bodies: tuple[str, ...], links: tuple[str, ...], joint: str | None) -> Iterator[str]:
+    if len(bodies) > 1 and not (links or joint):
+        yield from (
+            "",
+            "# [modes]   # in place of all [[body]] and [[link]]: modes of a beam, a wing, a frame",
+        )
+        yield from ("# count = 2   # no more than there are sensors",)
     for body in bodies:
         yield from ("", "[[body]]", f'name = "{body}"', "# mass_kg = 1.0   # identified if it is not given")
     for body in bodies if len(bodies) > 1 or not (links or joint) else ():

@@ -11,10 +11,11 @@ from typing import Any
 from experiments.results import results_folder, write_result
 from experiments.studies.identify import suspected_lines
 from experiments.studies.suspected import suspected
-from rom.campaign.campaign import read_campaign
+from rom.campaign.campaign import Campaign, read_campaign
 from rom.campaign.checks import file_digest
 from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import Evaluation, evaluate
+from rom.model.model import Model
 from rom.model_file import load_model
 from rom.signals.measured_records import screened, stored
 
@@ -60,6 +61,8 @@ def run(
     started = time.perf_counter()
     model = load_model(model_path)
     campaign = read_campaign(campaign_path, jobs)
+    if (fault := _of_modes(model, campaign)) is not None:
+        raise ValueError(f"{campaign_path}: {fault}")
     missing = sorted(set(campaign.settings.body_names) - set(model.structure.body_names))
     if missing:
         known = ", ".join(model.structure.body_names)
@@ -96,6 +99,23 @@ def summary(path: Path) -> str:
     lines = [data["campaign"], *([found.verdict, *found.sentences] if found else [])]
     lines += [f"  set aside: {text}" for text in data["set_aside"]]
     return "\n".join(lines + suspected_lines(data))
+
+
+def _of_modes(model: Model, campaign: Campaign) -> str | None:
+    """Say why a model of modes and a campaign do not belong together, or None."""
+    modes = campaign.settings.modes
+    if (modes is None) != (model.shapes is None):
+        found, expected = ("bodies", "modes") if modes is None else ("[modes]", "bodies")
+        return f"found a campaign of {found}, expected one of {expected} as the model has"
+    if model.shapes is None:
+        return None
+    sensors = campaign.load(campaign.settings.record[0]).bodies
+    unknown = [sensor for sensor in sensors if sensor not in model.shapes.sensors]
+    if unknown:
+        return (
+            f"found the sensor {unknown[0]}, expected those of the model: {', '.join(model.shapes.sensors)}"
+        )
+    return None
 
 
 def _fitted_to(model_path: Path) -> str | None:

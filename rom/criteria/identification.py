@@ -70,6 +70,15 @@ class Identifying(Group):
     quiet_sensors: float = number(
         4.0, "1", "power of the noise over the least, up to which a group's ambient forces serve"
     )
+    close_modes: float = number(
+        1.0,
+        "1",
+        "sum of the half-power half-widths of two modes, within which shapes may be mixed",
+        "convention",
+    )
+    real_mode: float = number(
+        0.9, "1", "modal phase collinearity, below which a mode shape is called complex", "convention"
+    )
     calibration_slack: float = number(
         0.01, "1", "share of the calibrated range beyond which a tension is extrapolated"
     )

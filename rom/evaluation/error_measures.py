@@ -169,7 +169,7 @@ def _of_motion(
         if measurement.test in _MOTION_TESTS and tension_known(model, measurement)
     }
     finished = [run for run in replays.values() if run.response.status == "ok"]
-    motions = iter(displacements([run.response for run in finished], measurement))
+    motions = iter(displacements(finished))
     found = []
     for place, model in enumerate(models):
         run, comparison = replays.get(place), nothing

@@ -10,7 +10,7 @@ beyond the tension is added to the simulated one.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import in_record
 from rom.effects.observation import motion_of
+from rom.identification.modal_sensors import as_sensors_show, forces_of
 from rom.identification.ring_down import fitted_state, of_moving, ring_down
 from rom.model.assembly import Response
 from rom.model.model import Model
@@ -62,12 +63,13 @@ def replay(model: Model, measurement: Measurement) -> Replay:
     model = of_moving(model, tuple(measurement.motion))
     model, state = own_numbers(model, measurement, _initial_tension(model, corrected(measurement, model)))
     seen = corrected(measurement, model)
-    force = {body: f for body, f in seen.applied_force.items() if body in model.structure.body_names}
+    acting = forces_of(model, seen)
+    force = {body: f for body, f in acting.items() if body in model.structure.body_names}
     if not force:
         force = {model.structure.body_names[0]: np.zeros(seen.samples)}
     tension = _initial_tension(model, seen)
     if seen.motion and (seen.test == "free" or _shows_no_start(model, seen)):
-        ring = ring_down(seen)
+        ring = ring_down(seen, model)
         return Replay(model, seen, ring.response(model, fitted_state(ring, model, tension=tension), tension))
     if _may_start_moving(model, seen):
         return Replay(model, seen, _from_first_samples(model, seen, force, tension, _FIRST))
@@ -76,23 +78,32 @@ def replay(model: Model, measurement: Measurement) -> Replay:
 
 
 def simulate_measurement(model: Model, measurement: Measurement) -> Response:
-    """Simulate a record from its measured force and initial tension: the response of ``replay``."""
-    return replay(model, measurement).response
+    """Simulate a record from its measured force and initial tension: the response of ``replay``.
+
+    Of a model of modes its motion is that of the sensors.
+    """
+    run = replay(model, measurement)
+    if run.model.shapes is None:
+        return run.response
+    motion = {kind: getattr(run.response, kind) for kind in ("displacement", "velocity", "acceleration")}
+    seen = run.measurement
+    shown = run.model.shapes.seen(motion, seen.applied_force, seen.rate_hz, tuple(seen.motion))
+    return replace(run.response, **shown)
 
 
-def displacements(
-    responses: Sequence[Response], measurement: Measurement
-) -> tuple[Mapping[str, FloatArray], ...]:
-    """Return the displacements [m] of responses, by body, as the sensors and the filter chain show them."""
-    found: list[dict[str, FloatArray]] = [{} for _ in responses]
+def displacements(runs: Sequence[Replay]) -> tuple[Mapping[str, FloatArray], ...]:
+    """Return displacements [m] of one record's replays, by body or sensor, as the filter chain shows them."""
+    if not runs:
+        return ()
+    measurement = runs[0].measurement
+    motions = [as_sensors_show(run.model, run.response, measurement) for run in runs]
+    found: list[dict[str, FloatArray]] = [{} for _ in runs]
     for kind in {motion.kind for motion in measurement.motion.values()}:
         bodies = [body for body, motion in measurement.motion.items() if motion.kind == kind]
-        rows = [getattr(response, kind)[body] for response in responses for body in bodies]
-        if not rows:
-            continue
+        rows = [motion[kind][body] for motion in motions for body in bodies]
         filtered = iter(displacement(kind, np.stack(rows), measurement.rate_hz, measurement.chain))
-        for of_response in found:
-            of_response.update((body, next(filtered)) for body in bodies)
+        for of_run in found:
+            of_run.update((body, next(filtered)) for body in bodies)
     return tuple(found)
 
 
@@ -196,6 +207,8 @@ def _shows_no_start(model: Model, measurement: Measurement) -> bool:
     """Whether a driven record without a bolt tells its state only as a whole."""
     if measurement.test != "driven" or model.structure.bolted_links:
         return False
+    if model.shapes is not None:
+        return True
     forced = any(np.any(force) for force in measurement.force.values())
     return not (forced and _may_start_moving(model, measurement))
 
@@ -223,7 +236,7 @@ def _from_first_samples(
             initial_displacement=dict(zip(bodies, at.tolist(), strict=True)),
             initial_velocity=dict(zip(bodies, speed_at.tolist(), strict=True)),
         )
-        shown = displacements([response], measurement)[0]
+        shown = displacements([Replay(model, measurement, response)])[0]
         return response, np.concatenate([shown[body][:first] for body in measurement.motion])
 
     state = np.zeros(2 * len(bodies))

@@ -28,6 +28,7 @@ from rom.identification.joint import (
 )
 from rom.identification.left_open import undetermined, untensioned, vanished
 from rom.identification.link_laws import bolted_laws, linear_laws, mean_laws
+from rom.identification.modal_model import IdentifiedMode, identify_modes
 from rom.identification.output_error import OutputErrorFit
 from rom.identification.record_spectra import LinearNames, with_starts
 from rom.identification.reduce import (
@@ -61,7 +62,8 @@ class Identification(HasViews):
     `unsettled` are reasons to doubt that its numbers are near those of the structure, none for a sound one:
     numbers that the uncoupled tests contradict, or much misfit without such tests. Misfit alone is none: a
     good start may lack an effect. `rom.identification.uncoupled_priors.unlikely` asks it of a later model.
-    `declared` is a tension law whose form was given, in place of gamma(T).
+    `declared` is a tension law whose form was given, in place of gamma(T); `modes` are those of a campaign of
+    modes.
     """
 
     model: Model
@@ -80,6 +82,7 @@ class Identification(HasViews):
     warnings: tuple[str, ...] = ()
     unsettled: tuple[str, ...] = ()
     records: tuple[str, ...] = field(default=(), repr=False)
+    modes: tuple[IdentifiedMode, ...] = ()
 
     @property
     def settled(self) -> bool:
@@ -213,6 +216,8 @@ def identify_campaign(
         files = tuple(record.file for record in campaign.select(hold_out=False))
         model = model_at_rest(campaign)
         return _without_spectra(Identification(model, None, warnings=(STILL,), records=files))
+    if campaign.settings.modes is not None:
+        return _of_modes(campaign)
     if is_free(campaign):
         return _of_free(campaign)
     if is_driven(campaign) and (driven := _of_driven(campaign)) is not None:
@@ -298,6 +303,16 @@ def _of_free(campaign: Campaign) -> Identification:
     fit = fit_free_decay(rings, campaign)
     model, files = free_model(campaign.settings, fit), tuple(ring.file for ring in rings if not ring.hold_out)
     found = Identification(model, None, set_aside=doubts, warnings=fit.lines, records=files)
+    return _without_spectra(found)
+
+
+def _of_modes(campaign: Campaign) -> Identification:
+    """Return the model of a campaign's modes, by output error of all sensors together."""
+    modes = identify_modes(campaign)
+    files = tuple(ring.file for ring in modes.rings if not ring.hold_out)
+    found = Identification(
+        modes.model, None, set_aside=modes.doubts, warnings=modes.lines, records=files, modes=modes.modes
+    )
     return _without_spectra(found)
 
 

@@ -16,8 +16,10 @@ from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import in_record
 from rom.identification.equation_error import noise_of
+from rom.identification.modal_sensors import as_sensors_show, forces_of, slowest_mode
 from rom.model.assembly import TOLERANCE, Response
 from rom.model.model import Model
+from rom.model.shapes import ModeShapes
 from rom.model.structure import GROUND, Structure
 from rom.signals.band import in_band, kink_samples
 from rom.signals.filters import decimate
@@ -33,6 +35,7 @@ _LEAST_NOISE: Numerical[float] = 1e-4
 _TOLERANCE: Numerical[float] = 1e-6  # of a simulation: slopes are differences of two
 _ESCAPED: Numerical[float] = 1e6  # times the motion: no simulation of it
 _STEP: Numerical[float] = 1e-3  # of the state's scale
+_PER_BAND: Numerical[float] = 3.0  # times a band's upper end: rate of rows
 _STATE_STEPS: Numerical[int] = 12
 _SETTLED: Numerical[float] = 1e-4  # of the cost
 
@@ -48,21 +51,24 @@ class RingDown:
     ----------
     measurement : Measurement
         The record as processed.
-    bodies : tuple of str
-        Bodies that move, in the order of the channels.
-    measured : ndarray, shape (bodies, rows)
+    channels : tuple of str
+        Bodies or sensors whose motion is compared.
+    measured : ndarray, shape (channels, rows)
         Samples as they are compared.
-    noise : ndarray, shape (bodies,)
+    noise : ndarray, shape (channels,)
         Standard deviation of the white noise of a row.
     row_rate_hz : float
         Rate of the rows [Hz].
+    shapes : ModeShapes or None
+        Of the modes whose motion the sensors show; None where each channel is a body's own.
     """
 
     measurement: Measurement
-    bodies: tuple[str, ...]
+    channels: tuple[str, ...]
     measured: FloatArray
     noise: FloatArray
     row_rate_hz: float
+    shapes: ModeShapes | None = None
 
     @property
     def file(self) -> str:
@@ -75,6 +81,16 @@ class RingDown:
         return self.measurement.hold_out
 
     @property
+    def bodies(self) -> tuple[str, ...]:
+        """Bodies that move: those of the channels, or modes."""
+        return self.channels if self.shapes is None else self.shapes.modes
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Quantity of each channel."""
+        return tuple(self.measurement.motion[channel].kind for channel in self.channels)
+
+    @property
     def whitened(self) -> FloatArray:
         """What was measured over its noise, (rows of all channels,)."""
         return np.asarray((self.measured / self.noise[:, None]).ravel())
@@ -84,11 +100,16 @@ class RingDown:
 
         Samples may have leading axes, (..., samples).
         """
-        rows = []
-        for body, noise in zip(self.bodies, self.noise.tolist(), strict=True):
-            kind = self.measurement.motion[body].kind
-            rows.append(_compared(self.measurement, kind, motion[kind][body], self.row_rate_hz) / noise)
-        return np.concatenate(rows, axis=-1)
+        rows: dict[str, FloatArray] = {}
+        for kind in dict.fromkeys(self.kinds):
+            same = [c for c, own in zip(self.channels, self.kinds, strict=True) if own == kind]
+            rows |= zip(same, self.compared(kind, np.stack([motion[kind][c] for c in same])), strict=True)
+        pairs = zip(self.channels, self.noise.tolist(), strict=True)
+        return np.concatenate([rows[channel] / noise for channel, noise in pairs], axis=-1)
+
+    def compared(self, kind: str, samples: FloatArray) -> FloatArray:
+        """Samples of a quantity, (..., samples), as the channels are compared, (..., rows)."""
+        return _compared(self.measurement, kind, samples, self.row_rate_hz)
 
     def simulated(self, model: Model, state: FloatArray, tension: Tension = None) -> FloatArray | None:
         """What a model shows from a state at the first sample, over the noise; None where it diverges.
@@ -105,8 +126,7 @@ class RingDown:
         response = self.response(model, state, tension, _TOLERANCE)
         if response.status != "ok":
             return None
-        kinds = ("displacement", "velocity", "acceleration")
-        found = self.shown({kind: getattr(response, kind) for kind in kinds})
+        found = self.shown(as_sensors_show(model, response, self.measurement))
         return found if np.all(np.abs(found) < _ESCAPED * np.abs(self.whitened).max()) else None
 
     def response(
@@ -131,7 +151,7 @@ class RingDown:
             At the samples of the record.
         """
         seen, (x, v) = self.measurement, np.split(np.asarray(state, dtype=np.float64), 2)
-        force = {body: f for body, f in seen.applied_force.items() if body in self.bodies}
+        force = {body: f for body, f in forces_of(model, seen).items() if body in self.bodies}
         return of_moving(in_record(model, seen.given), self.bodies).simulate(
             force or {self.bodies[0]: np.zeros(seen.samples)},
             seen.rate_hz,
@@ -153,7 +173,7 @@ class RingDown:
         motion = {body: Motion(m.kind, m.samples[rows]) for body, m in seen.motion.items()}
         force = {body: samples[rows] for body, samples in seen.force.items()}
         part = replace(seen, samples=last - first, motion=motion, force=force)
-        kinds = ((motion[body].kind, motion[body].samples) for body in self.bodies)
+        kinds = ((motion[body].kind, motion[body].samples) for body in self.channels)
         measured = [_compared(part, *one, self.row_rate_hz) for one in kinds]
         return replace(self, measurement=part, measured=np.stack(measured))
 
@@ -161,15 +181,31 @@ class RingDown:
     def scale(self) -> FloatArray:
         """Sizes of the state: largest displacement [m] of every body, and that times its circular rate."""
         omega = 2 * np.pi * (self.measurement.strongest_hz or 1.0)
-        x = np.array([np.abs(self.measurement.displacement(b)).max() for b in self.bodies])
+        shown = np.stack([self.measurement.displacement(b) for b in self.channels])
+        if self.shapes is not None:
+            shown = np.asarray(np.linalg.lstsq(self.shapes.at(self.channels), shown, rcond=None)[0])
+        x = np.asarray(np.abs(shown).max(axis=1))
         x = np.maximum(x, 1e-6 * float(x.max(initial=0.0)) + np.finfo(float).tiny)
         return np.concatenate([x, omega * x])
 
 
-def ring_down(measurement: Measurement) -> RingDown:
-    """Return a processed record as it is compared."""
+def ring_down(measurement: Measurement, model: Model | None = None, *, modal: bool = False) -> RingDown:
+    """Return a processed record as it is compared.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        The record as processed.
+    model : Model or None
+        A model of modes, where it is known.
+    modal : bool
+        Whether modes are to be told from it, of any frequency in its band.
+    """
+    shapes = None if model is None else model.shapes
+    if model is not None and shapes is not None:
+        measurement = replace(measurement, strongest_hz=slowest_mode(model))
     bodies = tuple(b for b in measurement.motion)
-    rate = _row_rate(measurement)
+    rate = _modal_rate(measurement) if modal or shapes is not None else _row_rate(measurement)
     measured, noise = [], []
     for body in bodies:
         motion = measurement.motion[body]
@@ -178,7 +214,14 @@ def ring_down(measurement: Measurement) -> RingDown:
         white *= np.sqrt(rate / measurement.rate_hz)
         noise.append(max(white, _LEAST_NOISE * float(np.sqrt(np.mean(rows**2))), np.finfo(float).tiny))
         measured.append(rows)
-    return RingDown(measurement, bodies, np.stack(measured), np.array(noise), rate)
+    return RingDown(measurement, bodies, np.stack(measured), np.array(noise), rate, shapes)
+
+
+def _modal_rate(measurement: Measurement) -> float:
+    """Rate of rows that hold the whole band: the strongest mode need not be the highest."""
+    if measurement.chain.band_hz is None:
+        return measurement.rate_hz
+    return measurement.rate_hz / max(1, int(measurement.rate_hz / (_PER_BAND * measurement.chain.band_hz[1])))
 
 
 def _row_rate(measurement: Measurement) -> float:
@@ -190,7 +233,8 @@ def _row_rate(measurement: Measurement) -> float:
 
 def _compared(measurement: Measurement, kind: str, samples: FloatArray, rate_hz: float) -> FloatArray:
     rows = np.asarray(samples, dtype=np.float64)
-    if kind != "displacement":
+    low_hz = 0.0 if measurement.chain.band_hz is None else measurement.chain.band_hz[0]
+    if kind != "displacement" and not low_hz > 0:  # else the band's own high-pass takes an offset off
         rows = measurement.chain.highpass(rows, measurement.rate_hz)
     rows = in_band(rows, measurement.rate_hz, measurement.chain.band_hz)
     rows = decimate(rows, measurement.rate_hz, rate_hz) if rate_hz < measurement.rate_hz else rows
@@ -200,7 +244,7 @@ def _compared(measurement: Measurement, kind: str, samples: FloatArray, rate_hz:
 
 def of_moving(model: Model, bodies: Sequence[str]) -> Model:
     """Return the model of the moving bodies: one that rests in a record is ground to the others."""
-    if not bodies or set(model.structure.body_names) <= set(bodies):
+    if model.shapes is not None or not bodies or set(model.structure.body_names) <= set(bodies):
         return model
     ends = {body: body if body in bodies else GROUND for body in (*model.structure.body_names, GROUND)}
     links = tuple(
@@ -262,8 +306,8 @@ def _linear_states(ring: RingDown, model: Model, tension: Tension) -> list[Float
     if still is None or any(column is None for column in columns):
         return [np.zeros(len(unit))]
     table = np.stack([column - still for column in columns if column is not None], axis=1)
-    table = table.reshape(len(ring.bodies), -1, len(unit))
-    target = (ring.whitened - still).reshape(len(ring.bodies), -1)
+    table = table.reshape(len(ring.channels), -1, len(unit))
+    target = (ring.whitened - still).reshape(len(ring.channels), -1)
     periods = max(2 * ring.row_rate_hz / (ring.measurement.strongest_hz or 1.0), 4 * len(unit))
     found = []
     for rows in (int(periods), table.shape[1]):

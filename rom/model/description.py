@@ -13,6 +13,7 @@ from rom.model.law_change import LawChange, change_law
 from rom.model.laws import Law, Parameter
 from rom.model.places import check_effects, places_of
 from rom.model.rate_uncertainty import RateUncertainty
+from rom.model.shapes import ModeShapes
 from rom.model.structure import Structure
 
 PLACES = ("stiffness", "damping", "tension_rate")
@@ -61,6 +62,8 @@ class ModelDescription:
         Laws that differ while the bolt is out, by link (flexures stiffen when a bolt is tightened).
     rate_uncertainty : RateUncertainty
         How far one new test may be from the tension law; dropped where that or its numbers change.
+    shapes : ModeShapes
+        What sensors show of bodies that are modes; None where bodies are masses that move.
     identification : object
         What an identification reports of itself; not saved.
 
@@ -80,6 +83,7 @@ class ModelDescription:
     sampling: Mapping[str, float] = field(default_factory=dict)
     uncoupled_laws: Mapping[str, LinkLaws] = field(default_factory=dict)
     rate_uncertainty: RateUncertainty | None = field(default=None, repr=False)
+    shapes: ModeShapes | None = None
     identification: object | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -125,6 +129,8 @@ class ModelDescription:
                     found |= {f"{link}.{place}.{name}": value for name, value in law.parameters.items()}
         for effect in self.effects:
             found |= {f"{effect.path}.{name}": p for name, p in effect.parameters.items()}
+        if self.shapes is not None:
+            found |= self.shapes.numbers
         return MappingProxyType(found)
 
     def parameter(self, path: str) -> Parameter:
@@ -169,9 +175,11 @@ class ModelDescription:
         effects = tuple(e.with_values(**below(f"{e.path}.")) for e in self.effects)
         structure = replace(self.structure, bodies=bodies)
         known = None if any(".tension_rate." in path for path in values) else self.rate_uncertainty
+        shapes = self.shapes and self.shapes.with_values(values)
         return replace(
-            self, structure=structure, link_laws=link_laws, effects=effects, rate_uncertainty=known
-        )
+            self, structure=structure, link_laws=link_laws, effects=effects, rate_uncertainty=known,
+            shapes=shapes,
+        )  # fmt: skip
 
     def with_effect(self, effect: ModelCorrection) -> Self:
         """The same model with one more effect of any kind; see ``ModelDescription`` for what is refused."""

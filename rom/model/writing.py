@@ -11,6 +11,7 @@ from typing import Any
 from rom.campaign.record import replacing
 from rom.model.description import LinkLaws, ModelDescription
 from rom.model.laws import Law, Parameter
+from rom.model.shapes import ModeShapes
 from rom.model.structure import Link
 from rom.provenance import program_version, versions
 
@@ -63,7 +64,17 @@ def _as_data(model: ModelDescription) -> dict[str, Any]:
         "calibration": {"coefficients": list(model.calibration), "unit": "N"},
         "windows": {name: list(window) for name, window in model.windows.items()},
         "sampling": dict(model.sampling),
+        **({} if model.shapes is None else {"modes": _shapes_as_data(model.shapes)}),
         "rate_uncertainty": None if model.rate_uncertainty is None else model.rate_uncertainty.as_data(),
+    }
+
+
+def _shapes_as_data(shapes: ModeShapes) -> dict[str, Any]:
+    return {
+        "sensors": list(shapes.sensors),
+        "names": list(shapes.modes),
+        "forces": list(shapes.forces),
+        "numbers": _parameters(shapes.numbers),
     }
 
 

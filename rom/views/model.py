@@ -11,8 +11,10 @@ import numpy as np
 from rom import result_views
 from rom.campaign.channels import FloatArray
 from rom.identification.identify import Identification
+from rom.identification.modal_model import IdentifiedMode
 from rom.model.laws import Law, Parameter
 from rom.model.model import Model
+from rom.model.shapes import ModeShapes, shape_path
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,6 +30,8 @@ def _model_summary(model: Model) -> str:
     """Return bodies, laws with their numbers and 95 % limits, effects, and how the model was found."""
     masses = ", ".join(f"{body.name} {body.mass:.5g} kg" for body in model.structure.bodies)
     lines = [f"bodies: {masses}"]
+    if model.shapes is not None:
+        lines += _shape_lines(model.shapes)
     for link in model.structure.links:
         lines.append(f"{link.name}: {link.law}, between {link.first} and {link.second}")
         laws = model.link_laws[link.name]
@@ -38,6 +42,17 @@ def _model_summary(model: Model) -> str:
         lines += [f"    {name} = {with_limits(p)}" for name, p in effect.parameters.items()]
     found = _identification(model)
     return "\n".join([*lines, *(() if found is None else _identification_lines(found))])
+
+
+def _shape_lines(shapes: ModeShapes) -> Iterator[str]:
+    for mode in shapes.modes:
+        numbers = {place: shapes.numbers[shape_path(mode, place)] for place in shapes.sensors}
+        yield f"{mode} shows " + ", ".join(f"{with_limits(p, 4)} at {place}" for place, p in numbers.items())
+
+
+def _mode_line(mode: IdentifiedMode) -> str:
+    frequency, ratio = with_limits(mode.frequency_hz, 6), with_limits(mode.damping_ratio, 4)
+    return f"{mode.name}: natural frequency {frequency}, damping ratio {ratio}"
 
 
 def _law_lines(letter: str, law: Law) -> Iterator[str]:
@@ -58,6 +73,7 @@ def _identification(model: Model) -> Identification | None:
 
 
 def _identification_lines(found: Identification) -> Iterator[str]:
+    yield from map(_mode_line, found.modes)
     aside = len({doubt.file for doubt in found.set_aside})
     yield f"identified from {len(found.records)} training records, {aside} set aside"
     yield from (f"  note: {text}" for text in found.warnings)

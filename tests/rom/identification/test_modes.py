@@ -1,0 +1,95 @@
+"""Modes of a beam from its accelerometers: poles, shapes and modal masses against the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rom
+from rom.evaluation.evaluate import evaluate
+from rom.identification.identify import Identification, identify_campaign
+from rom.identification.modal_complexity import phase_collinearities
+from rom.identification.modal_fit import fit_modes
+from rom.identification.modal_responses import ModalRecord
+from rom.identification.ring_down import ring_down
+from rom.model.laws import Parameter
+from rom.signals.measured_records import measured_record
+from tests.rom import beams
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> rom.Campaign:
+    return beams.campaign(tmp_path_factory.mktemp("beam") / "folder", noise=0.02)
+
+
+@pytest.fixture(scope="module")
+def found(campaign: rom.Campaign) -> Identification:
+    return identify_campaign(campaign)
+
+
+def _near(number: Parameter, truth: float, accuracy: float) -> None:
+    """Within an accuracy, and within twice the 95 % limits: of many numbers some are outside these."""
+    assert number.low is not None
+    assert number.high is not None
+    assert number.value == pytest.approx(truth, abs=accuracy)
+    assert abs(number.value - truth) < number.high - number.low
+
+
+def test_poles_shapes_and_masses(found: Identification) -> None:
+    truth = beams.shapes()
+    for k, mode in enumerate(found.modes):
+        _near(mode.frequency_hz, beams.FREQUENCY[k], 1e-4 * beams.FREQUENCY[k])
+        _near(mode.damping_ratio, beams.RATIO[k], 0.02 * beams.RATIO[k])
+        mass = next(body.mass for body in found.model.structure.bodies if body.name == mode.name)
+        assert mass == pytest.approx(beams.MASS, rel=0.02)
+        assert mode.shape["tip"].value == 1.0
+        for s, place in enumerate(beams.PLACES):
+            if place != "tip":
+                _near(mode.shape[place], truth[s, k], 4e-3)
+    assert not found.warnings
+
+
+def test_a_model_of_modes_is_written_read_and_predicts(found: Identification, tmp_path: Path) -> None:
+    """Other records, with little noise: that of an accelerometer is large in a displacement."""
+    found.model.save(tmp_path / "model.json")
+    model = rom.load_model(tmp_path / "model.json")
+    assert model == found.model
+    quiet = beams.campaign(tmp_path / "quiet", noise=5e-4, seed=1)
+    (held, *_) = evaluate([model], quiet, quiet.select("driven", hold_out=True))
+    errors = held.comparisons[0].motion_nrmse
+    assert set(errors) == set(beams.PLACES)
+    assert errors["tip"] < 0.01
+    text = found.summary()
+    assert "natural frequency 6.5" in text
+    assert "mode_2 shows" in text
+
+
+def test_without_a_force_the_masses_are_not_told(campaign: rom.Campaign) -> None:
+    free = tuple(record for record in campaign.settings.record if record.test == "free")
+    alone = replace(campaign, settings=campaign.settings.model_copy(update={"record": free}))
+    found = identify_campaign(alone)
+    assert [body.mass for body in found.model.structure.bodies] == [1.0, 1.0]
+    assert "1 kg stands in" in found.warnings[0]
+    assert found.modes[1].frequency_hz.value == pytest.approx(beams.FREQUENCY[1], rel=1e-3)
+
+
+def test_a_wave_that_travels_is_no_real_mode(campaign: rom.Campaign) -> None:
+    """Sensors whose decays are a quarter of a period apart."""
+    record = next(r for r in campaign.settings.record if r.test == "free")
+    seen = measured_record(campaign, record).measurement
+    time = np.arange(seen.samples) / seen.rate_hz
+    decay = np.exp((-0.02 + 1j) * 2 * np.pi * 20.0 * time)
+    turned = {
+        name: replace(motion, samples=(decay * np.exp(1j * phase)).real)
+        for (name, motion), phase in zip(seen.motion.items(), (0.0, 0.5, 1.0, 1.5), strict=True)
+    }
+    standing = {name: replace(motion, samples=decay.real) for name, motion in seen.motion.items()}
+    collinearity = []
+    for motion in (turned, standing):
+        records = [ModalRecord(ring_down(replace(seen, motion=motion), modal=True), ())]
+        collinearity += phase_collinearities(records, fit_modes(records, 1, beams.BAND))
+    assert collinearity[0] < 0.7
+    assert collinearity[1] == pytest.approx(1.0, abs=1e-3)
