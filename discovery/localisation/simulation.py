@@ -38,8 +38,8 @@ def _parts(residual: SimulationResidual) -> Iterator[tuple[RingDown, str, FloatA
     """Rows of every channel of the training records."""
     for place in residual.trained:
         ring = residual.rings[place]
-        mine = residual.residual[residual.owner == place].reshape(len(ring.bodies), -1)
-        yield from ((ring, body, rows) for body, rows in zip(ring.bodies, mine, strict=True))
+        mine = residual.residual[residual.owner == place].reshape(len(ring.channels), -1)
+        yield from ((ring, body, rows) for body, rows in zip(ring.channels, mine, strict=True))
 
 
 def _means(parts: list[tuple[str, FloatArray]]) -> Profile:
@@ -67,7 +67,7 @@ def _by_frequency(parts: list[tuple[RingDown, str, FloatArray]]) -> Profile:
 
 def _by_amplitude(parts: list[tuple[RingDown, str, FloatArray]]) -> Profile:
     """Mean square by what the channel shows at that time, in shares of the largest of all records."""
-    shown = [ring.measured[ring.bodies.index(body)] for ring, body, _ in parts]
+    shown = [ring.measured[ring.channels.index(body)] for ring, body, _ in parts]
     largest: dict[str, float] = {}
     for (_, body, _), rows in zip(parts, shown, strict=True):
         largest[body] = max(largest.get(body, 0.0), float(np.abs(rows).max()))

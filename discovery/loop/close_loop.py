@@ -99,6 +99,8 @@ def refits_of(campaign: Campaign, options: Options, law: Law | None = None) -> R
     """
     if campaign.settings.is_at_rest:
         return RestRefits.of(campaign, options)
+    if campaign.settings.modes is not None:
+        return FreeRefits.of_modes(campaign, options)
     if is_free(campaign):
         return FreeRefits.of(campaign, options)
     if is_driven(campaign):

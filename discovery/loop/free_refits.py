@@ -20,7 +20,8 @@ from rom.campaign.campaign import Campaign
 from rom.campaign.settings import RecordSettings
 from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
-from rom.identification.free_decay import FreeDecayFit, fit_free_decay, free_model, ring_downs
+from rom.identification.free_decay import fit_free_decay, free_model, ring_downs
+from rom.identification.modal_model import identify_modes
 from rom.identification.ring_down import RingDown, fitted_state
 from rom.model.model import Model
 from rom.signals.quality import Doubt
@@ -30,11 +31,27 @@ _VANISHED: Numerical[float] = 1e-6  # of a number: rounding beside its bound
 
 @dataclass(frozen=True, eq=False)
 class FreeRefits(FixedTensionRefits[SimulationResidual]):
-    """Fits of a campaign's models to ring-downs by simulation."""
+    """Fits of a campaign's models to ring-downs, or to records of modes, by simulation.
+
+    Attributes
+    ----------
+    campaign : Campaign
+        As read by `rom.read_campaign`.
+    rings : tuple of RingDown
+        Sound records.
+    declared : Model
+        The declared model.
+    free : tuple of str
+        Paths of its numbers that the records tell.
+    lines : tuple of str
+        What to know of them.
+    """
 
     campaign: Campaign
     rings: tuple[RingDown, ...]
-    fit: FreeDecayFit
+    declared: Model
+    free: tuple[str, ...]
+    lines: tuple[str, ...]
     record_doubts: tuple[Doubt, ...]
     options: Options
     residual_type = SimulationResidual
@@ -50,7 +67,22 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
         """
         options.stage("identifying")
         rings, doubts = ring_downs(campaign)
-        return cls(campaign, rings, fit_free_decay(rings, campaign), doubts, options)
+        fit = fit_free_decay(rings, campaign)
+        model = free_model(campaign.settings, fit)
+        return cls(campaign, rings, model, fit.free, fit.lines, doubts, options)
+
+    @classmethod
+    def of_modes(cls, campaign: Campaign, options: Options) -> FreeRefits:
+        """Read all records of a campaign of modes and identify them.
+
+        Raises
+        ------
+        ValueError
+            If no training record is sound.
+        """
+        options.stage("identifying")
+        found = identify_modes(campaign)
+        return cls(campaign, found.rings, found.model, found.free, found.lines, found.doubts, options)
 
     @property
     def aside(self) -> tuple[Doubt, ...]:
@@ -60,13 +92,12 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What fixes the scale of the numbers."""
-        return self.fit.lines
+        return self.lines
 
     def start(self) -> State:
         """The declared model."""
-        model = free_model(self.campaign.settings, self.fit)
-        states = tuple(fitted_state(ring, model) for ring in self.rings)
-        residual = SimulationResidual(self.rings, model, self.fit.free, states, self.options.criteria)
+        states = tuple(fitted_state(ring, self.declared) for ring in self.rings)
+        residual = SimulationResidual(self.rings, self.declared, self.free, states, self.options.criteria)
         return self.evaluated(refitted(residual).residual)
 
     @property
@@ -105,10 +136,10 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
         """Masses and stiffnesses that effects have driven to zero."""
         first, last = history.states[0].model, history.last.model
         lines = []
-        for path in self.fit.free:
+        for path in self.free:
             before, after = first.parameter(path).value, last.parameter(path).value
             least = 2 * LEAST_MASS if path.endswith(".mass") else _VANISHED
-            if not path.endswith(".c") and after < least * before:
+            if path.endswith((".mass", ".k")) and after < least * before:
                 lines.append(f"{path}: next to nothing with the effects, {before:.4g} without them")
         return tuple(lines)
 

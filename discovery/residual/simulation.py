@@ -20,6 +20,7 @@ from scipy import linalg, optimize
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.residual.base import Kind, ProjectedResidual
+from discovery.residual.modal_slopes import ModalSlopes
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
@@ -29,6 +30,7 @@ from rom.model.model import Model
 LEAST_MASS: Numerical[float] = 1e-3  # of what it is before a fit
 EVALUATIONS: Numerical[int] = 10
 _PARTS: Numerical[int] = 32
+_MODAL_PARTS: Numerical[int] = 8  # each has several sensors and modes
 _SETTLED: Numerical[float] = 1e-5  # of the cost
 _CHANGE: Numerical[float] = 3e-3  # of the motion, by which a step for a slope moves it
 _FIRST_STEP: Numerical[float] = 1e-4
@@ -123,7 +125,7 @@ class SimulationResidual(ProjectedResidual):
         states = tuple(old if ring.hold_out else first_state(ring, model) for ring, old in pairs)
         return replace(self, model=model, states=states)
 
-    def in_parts(self, most: int = _PARTS) -> SimulationResidual:
+    def in_parts(self, most: int | None = None) -> SimulationResidual:
         """Some parts of the training records, each from a state of its own: where a fit starts.
 
         Over a whole record a frequency that is a little wrong loses the phase, and every period lost is a
@@ -131,7 +133,8 @@ class SimulationResidual(ProjectedResidual):
         Phys. 18, 102, 1981). Of many parts every second, third, ... does.
         """
         parts = [part for k in self.trained for part in self.rings[k].parts(PERIODS)]
-        parts = parts[:: -(-len(parts) // most)]
+        usual = _PARTS if self.model.shapes is None else _MODAL_PARTS
+        parts = parts[:: -(-len(parts) // (most or usual))]
         return replace(self, rings=tuple(parts), states=tuple(first_state(p, self.model) for p in parts))
 
 
@@ -275,13 +278,17 @@ def _slopes(residual: SimulationResidual, numbers: Sequence[_Number], steps: dic
     rows = [ring.measured.size for ring in rings]
     edges = np.concatenate([[0], np.cumsum(rows)])
     table = np.zeros((edges[-1], len(numbers) + sum(len(s) for s in states)))
+    of_sensors = ModalSlopes(rings, residual.model, states)
     for column, number in enumerate(numbers):
-        table[:, column] = _slope(residual.model, number, rings, states, shown, steps)
+        found = of_sensors.of(number.path)
+        if found is None:
+            found = _slope(residual.model, number, rings, states, shown, steps) / number.size
+        table[:, column] = found * number.size
     first = len(numbers)
     for place, (ring, state, here) in enumerate(zip(rings, states, shown, strict=True)):
-        found = None if here is None else state_slopes(ring, residual.model, state, here)
-        if found is not None:
-            table[edges[place] : edges[place + 1], first : first + len(state)] = found
+        by_state = None if here is None else state_slopes(ring, residual.model, state, here)
+        if by_state is not None:
+            table[edges[place] : edges[place + 1], first : first + len(state)] = by_state
         first += len(state)
     return table
 
