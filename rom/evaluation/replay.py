@@ -88,7 +88,8 @@ def simulate_measurement(model: Model, measurement: Measurement) -> Response:
     motion = {kind: getattr(run.response, kind) for kind in ("displacement", "velocity", "acceleration")}
     seen = run.measurement
     shown = run.model.shapes.seen(motion, seen.applied_force, seen.rate_hz, tuple(seen.motion))
-    return replace(run.response, **shown)
+    x, v, a = (shown[kind] for kind in motion)
+    return replace(run.response, displacement=x, velocity=v, acceleration=a)
 
 
 def displacements(runs: Sequence[Replay]) -> tuple[Mapping[str, FloatArray], ...]:
