@@ -365,8 +365,15 @@ def main() -> None:
     """
     return_freed_arrays()
     show_warnings_plainly()
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # scratch folders are removed
+    signal.signal(signal.SIGTERM, _terminated)
     sys.exit(run(sys.argv[1:]))
+
+
+def _terminated(number: int, _: object) -> None:
+    """End as after an interrupt: scratch folders are removed, also those of processes at work."""
+    signal.signal(number, signal.SIG_IGN)  # once is enough
+    print("terminated: no result is half-written, earlier ones are as they were", file=sys.stderr)
+    sys.exit(128 + number)
 
 
 def run(arguments: list[str]) -> int:

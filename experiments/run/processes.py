@@ -18,6 +18,7 @@ from typing import Any
 
 from joblib import ParallelBackendBase, cpu_count
 
+_PATIENCE_S = 3.0  # with a process that is asked to end
 _SCRIPT = Path(__file__).with_name("worker.py")
 Task = Callable[[], Any]
 
@@ -36,6 +37,7 @@ class Worker:
     def __init__(self, environment: dict[str, str]) -> None:
         command = [sys.executable, "-P", str(_SCRIPT)]  # -P: no module beside it hides a standard one
         pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        self.busy = False
         self.process = subprocess.Popen(command, env={**os.environ, **environment}, **pipes)  # type: ignore[call-overload]
         self._send(sys.path)
 
@@ -54,11 +56,13 @@ class Worker:
         WorkerLostError
             If the process ends first. Every other exception is the task's own.
         """
+        self.busy = True
         self._send(pickle.dumps(task))
         try:
             reply = pickle.load(self.process.stdout)
         except (EOFError, OSError, ValueError, pickle.UnpicklingError):
             raise self._lost() from None
+        self.busy = False
         return pickle.loads(reply)
 
     def _lost(self) -> WorkerLostError:
@@ -73,8 +77,17 @@ class Worker:
             f"--jobs: a worker process {how}; expected its result: run again with fewer jobs"
         )
 
+    def ask(self) -> None:
+        """Let a process amid its work remove its scratch folders and end."""
+        if self.busy:
+            self.process.terminate()
+
     def end(self) -> None:
-        """End the process, whatever it does."""
+        """End the process, whatever it does; one amid its work has a moment to tidy up."""
+        self.ask()
+        if self.busy:
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(_PATIENCE_S)
         self.process.kill()
         self.process.wait()
 
@@ -190,6 +203,8 @@ class Processes(ParallelBackendBase):  # type: ignore[misc]
             self._closed = True
             workers, self._all, self._idle = self._all, [], []
         for worker in workers:
+            worker.ask()
+        for worker in workers:
             worker.end()
         threads = self._threads
         self.terminate()
@@ -252,5 +267,7 @@ def each_in_a_process(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[int, W
             with lock:
                 ended = True
             threads.shutdown(wait=False, cancel_futures=True)
+            for worker in workers:
+                worker.ask()
             for worker in workers:
                 worker.end()

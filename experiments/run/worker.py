@@ -11,20 +11,32 @@ import signal
 import sys
 import traceback
 import warnings
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
+
+
+class Ended(BaseException):
+    """The process that started this one wants no more: what a task has in scratch folders is removed."""
+
+
+def _end(*_: object) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough
+    raise Ended
 
 
 def main() -> None:
     """Serve the process that started this one, which alone answers an interrupt from the keyboard."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _end)
     tasks, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     with Path(os.devnull).open("rb") as nothing:
         os.dup2(nothing.fileno(), 0)
     os.dup2(2, 1)  # what a task prints is no reply
     sys.path[:] = pickle.load(tasks)
     warnings.filterwarnings("ignore", message="plug-in ")  # the process that started this one has said so
-    _serve(tasks, replies)
+    with suppress(Ended):
+        _serve(tasks, replies)
 
 
 def _serve(tasks: BinaryIO, replies: BinaryIO) -> None:
@@ -42,6 +54,8 @@ def _reply(task: bytes) -> bytes:
     """Pickle of (result, None, "") or of (None, exception, its traceback)."""
     try:
         return pickle.dumps((pickle.loads(task)(), None, ""))
+    except Ended:
+        raise
     except BaseException as error:
         text = traceback.format_exc()
         try:

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -31,7 +32,8 @@ with execution():
 
 
 def slept(_: int, seconds: float = 0.05) -> int:
-    time.sleep(seconds)
+    with TemporaryDirectory():
+        time.sleep(seconds)
     return os.getpid()
 
 
@@ -126,11 +128,12 @@ def test_workers_serve_every_call_of_a_block_and_end_with_it(capfd: pytest.Captu
     assert capfd.readouterr().err.count("heard") == 4
 
 
-def test_an_interrupt_ends_all_workers() -> None:
+def test_an_interrupt_ends_all_workers_and_leaves_no_scratch_folder_of_theirs(tmp_path: Path) -> None:
     there = Path(__file__).parents[3]
     main = subprocess.Popen(
         [sys.executable, "-c", INTERRUPTED],
         cwd=there,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -138,6 +141,7 @@ def test_an_interrupt_ends_all_workers() -> None:
     assert main.stdout is not None
     workers = {int(pid) for pid in main.stdout.readline().split()}
     time.sleep(1.0)  # until the work is under way: between two calls an interrupt may meet a clean-up
+    assert len(list(tmp_path.iterdir())) == 2
     main.send_signal(signal.SIGINT)
     try:
         _, err = main.communicate(timeout=_LONG_S / 2)  # an error here: somebody still waits
@@ -146,6 +150,7 @@ def test_an_interrupt_ends_all_workers() -> None:
     assert err.rstrip().endswith("KeyboardInterrupt")
     assert workers
     assert all(gone(pid) for pid in workers)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_workers_end_where_the_main_process_is_killed() -> None:
