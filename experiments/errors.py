@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import sys
 import traceback
 import warnings
@@ -11,6 +12,24 @@ from pathlib import Path
 BAD_INPUT, PROGRAM_FAULT, INTERRUPTED = 2, 1, 130
 UNFIT = 3  # results are written, but no model describes the records
 SETTINGS = "campaign.toml"
+_USABLE = "a file or folder that can be used: name another"
+_ALLOWED = "the right to read or write there: change it, or name another place"
+_ROOM = "room for what is written: free some, or name another folder with --out"
+_OPEN = "fewer open files: raise the limit, or use fewer --jobs"
+_EXPECTED = {
+    errno.ENOENT: "one that exists, or that can be made there: name another",
+    errno.EEXIST: "a folder, or nothing there yet: name another place",
+    errno.EISDIR: "a file: name one in it",
+    errno.ENOTDIR: "a folder: name another place",
+    errno.EACCES: _ALLOWED,
+    errno.EPERM: _ALLOWED,
+    errno.EROFS: _ALLOWED,
+    errno.ENOSPC: _ROOM,
+    errno.EFBIG: _ROOM,
+    errno.EMFILE: _OPEN,
+    errno.ENFILE: _OPEN,
+    errno.ENAMETOOLONG: "a shorter name",
+}
 _PACKAGES = ("rom", "discovery", "experiments")
 
 
@@ -101,11 +120,20 @@ def tell(error: BaseException) -> int:
         print(text if shows_help else " ".join(text.split()), file=sys.stderr)
         return BAD_INPUT
     if of_the_input(error):
-        print(str(error) or type(error).__name__, file=sys.stderr)
+        print(in_words(error), file=sys.stderr)
         return BAD_INPUT
     traceback.print_exception(error)
     print("boltlaw: this is a fault of the program, not of the input", file=sys.stderr)
     return PROGRAM_FAULT
+
+
+def in_words(error: BaseException) -> str:
+    """Return what an exception of the input says; of the system's own what was found, expected, and to do."""
+    if not isinstance(error, OSError) or error.errno is None or not str(error).startswith("[Errno"):
+        return str(error) or type(error).__name__
+    place = error.filename2 or error.filename
+    head = "" if place is None else f"{place}: "
+    return f'{head}found "{error.strerror}", expected {_EXPECTED.get(error.errno, _USABLE)}'
 
 
 def show_warnings_plainly() -> None:

@@ -40,8 +40,10 @@ def load_model(path: str | Path) -> Model:
     path = Path(path)
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ModelFileError(f"{path}: must be a model file, got {error}") from error
+    except OSError as error:
+        raise ModelFileError(f'{path}: must be a model file, got "{error.strerror}"') from error
+    except ValueError as error:
+        raise ModelFileError(f"{path}: must be a model file, got text that is not JSON ({error})") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         found = data.get("format") if isinstance(data, dict) else type(data).__name__
         raise ModelFileError(f"{path}: format must be {FORMAT!r}, got {found!r}")

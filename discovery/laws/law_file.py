@@ -80,7 +80,9 @@ def read_tables(path: Path | str) -> dict[str, Any]:
     try:
         return tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise ValueError(
+            f'{path}: cannot be read: found "{error.strerror}", expected a file of laws ({FORMAT})'
+        ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(
             f"{path}: found text that is not TOML ({error}), expected laws ({FORMAT})"

@@ -46,7 +46,7 @@ def close_loop(
     campaign : Campaign
         As read by `rom.read_campaign`; nothing is fitted to its held-out records.
     jobs : int
-        Processes and threads; the numbers do not depend on it.
+        Processes and threads; the numbers do not depend on it (the command takes all cores by default).
     progress : callable
         Called with the name of a stage; returns what is then called with (done, in all), or None.
     seed : int

@@ -56,7 +56,7 @@ def discover(
         kind: the law is shared, its rate differs from bolt to bolt (`ranking.population`), and whole bolts
         are left out in cross-validation.
     jobs : int
-        Processes; the numbers do not depend on it.
+        Processes; the numbers do not depend on it (the command takes all cores by default).
     progress : callable
         Called with the name of a stage; returns what is then called with (done, in all), or None.
     seed : int

@@ -37,7 +37,7 @@ def run(
     cases: int | None = None,
     noise: float = 1.0,
     seed: int = 0,
-    jobs: int = 2,
+    jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
     *,
     duration_s: float | None = None,
@@ -65,7 +65,7 @@ def run(
     seed : int
         Same seed, same records, whatever `jobs`.
     jobs : int
-        Tests simulated at the same time.
+        Tests simulated at the same time (the command takes all cores by default).
     progress : callable or None
         Called with (records written, records in all).
     duration_s : float or None

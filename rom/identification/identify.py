@@ -164,7 +164,8 @@ def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None
     campaign : Campaign
         As read by `read_campaign`.
     jobs : int
-        Processes for reading and processing records; the numbers do not depend on it.
+        Processes for reading and processing records; the numbers do not depend on it (the command takes all
+        cores by default).
     progress : callable
         Called with (records done, records in all), then the same of the cases whose gamma is sought.
 

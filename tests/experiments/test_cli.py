@@ -127,7 +127,8 @@ def test_several_faults_take_a_line_each(tmp_path: Path, boltlaw: Boltlaw) -> No
         (("rig", "new", "--law", "treshold"), ("law", "treshold", "nearest is threshold")),
         (("rig", "new", "--undeclared", "cubic-stifness"), ("cubic-stifness", "'cubic-stiffness'")),
         (("rig", "new", "--undeclared", "hum@sensor:tensoin"), ("sensor:tensoin", "'sensor:tension'")),
-        (("rig", "model.json/new", "--cases", "2"), ("model.json",)),
+        (("rig", "model.json/new", "--cases", "2"), ("model.json: found", "expected a folder")),
+        (("run", "empty"), ("empty: found", "expected a file")),
     ],
     ids=" ".join,
 )

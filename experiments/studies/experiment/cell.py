@@ -12,7 +12,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from experiments.errors import of_the_input
+from experiments.errors import in_words, of_the_input
 from experiments.results import plain, write_result
 from experiments.run.execution import execution
 from experiments.run.memory import peak_memory_mb
@@ -86,7 +86,7 @@ def _settings(cell: Cell) -> dict[str, Any]:
 def _told(error: Exception, source: Source, out: Path) -> str:
     """A line about an error, the same wherever results go; of a fault of the program, where it was."""
     if of_the_input(error):
-        text = "; ".join(str(error).splitlines())
+        text = "; ".join(in_words(error).splitlines())
         for place in (*source.folders, _place(source, out)):
             text = text.replace(str(place), place.name if source.bolts > 1 else source.name)
         return text

@@ -52,7 +52,7 @@ def run_experiment(
     out : Path or str, optional
         Folder for results; ``<file>-results`` beside the file if not given.
     jobs : int
-        Cells at the same time; the numbers do not depend on it.
+        Cells at the same time; the numbers do not depend on it (the command takes all cores by default).
     cluster : str, optional
         Address of a Dask scheduler whose workers run the cells; they must see file and folder under the same
         path.
