@@ -80,9 +80,10 @@ def identify_modes(campaign: Campaign) -> ModalIdentification:
     assert settings.modes is not None
     forces = tuple(sorted({p for r in training for p, f in r.measurement.force.items() if np.any(f)}))
     records = [ModalRecord(ring, forces) for ring in training]
-    fit = fit_modes(records, settings.modes.count, _band(training, settings))
+    band_hz = _band(training, settings)
+    fit = fit_modes(records, settings.modes.count, band_hz)
     model, free = _model(settings, fit)
-    lines = (*_lines(fit), *_complex_modes(records, fit))
+    lines = (*_strays(fit, band_hz), *_lines(fit), *_complex_modes(records, fit))
     shown = tuple(ring_down(ring.measurement, model) for ring in rings)
     return ModalIdentification(model, free, shown, doubts, lines, tuple(_modes(fit, model)))
 
@@ -144,15 +145,22 @@ def _modes(fit: ModalFit, model: Model) -> Iterator[IdentifiedMode]:
 
 def _pole_number(fit: ModalFit, value: float, unit: str, column: int) -> Parameter:
     """A number whose logarithm was fitted, with limits."""
-    reach = Z95 * value * fit.error({column: 1.0})
-    return Parameter(value, unit, value - reach, value + reach, source="identified")
+    factor = float(np.exp(Z95 * fit.error({column: 1.0})))
+    return Parameter(value, unit, value / factor, value * factor, source="identified")
 
 
 def _mass(fit: ModalFit, i: int) -> tuple[float, int]:
-    """Modal mass [kg] and its column; 1 kg where no force tells it."""
+    """Modal mass [kg] and its column; -1 where it is not told: its lower limit then, or 1 kg without a force.
+
+    A mode that the force hardly moves must not be moved by it in a simulation either.
+    """
     inverse, column = float(fit.modes.inverse_mass[i]), int(fit.free.inverse_mass[i])
-    told = column >= 0 and inverse > RULES.beyond_chance * fit.error({column: 1.0})
-    return (1.0 / inverse, column) if told else (1.0, -1)
+    if column < 0:
+        return 1.0, -1
+    error = fit.error({column: 1.0})
+    if inverse > RULES.beyond_chance * error:
+        return 1.0 / inverse, column
+    return 1.0 / (max(inverse, 0.0) + Z95 * error), -1
 
 
 def _law(made: Law, value: float, relative_error: float) -> Law:
@@ -217,12 +225,25 @@ def _lines(fit: ModalFit) -> Iterator[str]:
 
 def _untold_mass(fit: ModalFit, i: int, name: str) -> str:
     inverse, column = float(fit.modes.inverse_mass[i]), int(fit.free.inverse_mass[i])
+    least = f"at least {_mass(fit, i)[0]:.3g} kg, which stands in"
     if inverse < -RULES.beyond_chance * fit.error({column: 1.0}):
         return (
-            f"{name}: its modal mass comes out below zero; 1 kg stands in: the sign of the force or of the "
-            f"sensor at {', '.join(fit.forces)} seems flipped, or they do not stand at one place"
+            f"{name}: its modal mass comes out below zero; {least}: the sign of the force or of the sensor "
+            f"at {', '.join(fit.forces)} seems flipped, or they do not stand at one place"
         )
-    return f"{name}: the force hardly moves it, its modal mass is not told; 1 kg stands in"
+    return f"{name}: the force hardly moves it, its modal mass is not told; it is {least}"
+
+
+def _strays(fit: ModalFit, band_hz: tuple[float, float]) -> Iterator[str]:
+    """Name modes that a fit has driven out of the band, or to a damping that no mode has."""
+    for i, (omega, ratio) in enumerate(zip(fit.modes.omega, fit.modes.ratio, strict=True)):
+        frequency = float(omega) / (2 * np.pi)
+        if not band_hz[0] <= frequency <= band_hz[1] or ratio >= RULES.modal_damping:
+            yield (
+                f"mode_{i + 1}: found at {frequency:.4g} Hz with a damping ratio of {ratio:.2g}, expected a "
+                f"mode from {band_hz[0]:.4g} to {band_hz[1]:.4g} Hz: the records may show fewer, or others "
+                "just outside the band"
+            )
 
 
 def _complex_modes(records: Sequence[ModalRecord], fit: ModalFit) -> Iterator[str]:
