@@ -9,6 +9,7 @@ from discovery.criteria.at_rest import AtRest
 from discovery.criteria.chance import Chance
 from discovery.criteria.closing import Closing
 from discovery.criteria.courses import Courses
+from discovery.criteria.detection import Detection
 from discovery.criteria.localisation import Localising
 from discovery.criteria.motion import Motion
 from discovery.criteria.ranking import RankingRules
@@ -38,6 +39,7 @@ class Criteria(RecordCriteria):
     motion: Motion = field(default_factory=Motion)
     tension: Tension = field(default_factory=Tension)
     at_rest: AtRest = field(default_factory=AtRest)
+    detection: Detection = field(default_factory=Detection)
     localisation: Localising = field(default_factory=Localising)
     search: Search = field(default_factory=Search)
     courses: Courses = field(default_factory=Courses)

@@ -41,7 +41,7 @@ def screen(residual: ForceBalanceResidual, options: Options) -> tuple[tuple[Prob
     """
     left = residual.beyond(residual.whitened(residual.force))
     known, found = {effect.path for effect in residual.effects}, []
-    pairs = list(_candidates(residual))
+    pairs = list(candidates_in_balances(residual))
     tell = options.stage("screening effects")
     for done, (member, effect) in enumerate(pairs, 1):
         if effect.path not in known:
@@ -52,7 +52,7 @@ def screen(residual: ForceBalanceResidual, options: Options) -> tuple[tuple[Prob
     return tuple(sorted(found, key=lambda probes: -probes[0].gain))
 
 
-def _candidates(residual: ForceBalanceResidual) -> Iterator[tuple[Member, ModelCorrection]]:
+def candidates_in_balances(residual: ForceBalanceResidual) -> Iterator[tuple[Member, ModelCorrection]]:
     """Effects at the scales of their places, and faults of the force sensors."""
     balances = residual.balances
     channels = dict.fromkeys(b.channel for r in balances.records for b in r.balances)

@@ -59,18 +59,13 @@ def screen(residual: WhitenedResidual, options: Options) -> tuple[tuple[Probe, .
     explains.
     """
     residual = residual.of_training()
-    model = residual.baseline.model
-    known = {(effect.name, effect.enters) for effect in model.effects}
     there = [
         (member, member.probes(effect))
-        for member, effect in candidates(model, motion_channels(residual))
-        if member.kind in ("force", "sensor")
-        and effect.enters != "sensor:tension"
-        and not per_record_names(effect)  # those show before the hits
-        and (effect.name, effect.enters) not in known
+        for member, effect in candidates_in_motion(residual)
+        if not per_record_names(effect)  # those show before the hits
     ]
     jobs, tell, rules = options.jobs, options.stage("screening effects"), residual.criteria.screening
-    rough = _probed_all(there, residual.of(_telling(residual)), jobs, tell)
+    rough = _probed_all(there, residual.of(telling(residual)), jobs, tell)
     least = rules.rough_share * rough[0][0].gain if rough else 0.0
     best = [
         (probes[0].member, [probe.effect for probe in probes[: int(rules.rough_probes)]])
@@ -80,7 +75,20 @@ def screen(residual: WhitenedResidual, options: Options) -> tuple[tuple[Probe, .
     return _probed_all(best, residual, jobs, None)
 
 
-def _telling(residual: WhitenedResidual) -> list[int]:
+def candidates_in_motion(residual: WhitenedResidual) -> list[tuple[Member, ModelCorrection]]:
+    """Forces and faults of sensors in the motion that a model does not hold yet."""
+    model = residual.baseline.model
+    known = {(effect.name, effect.enters) for effect in model.effects}
+    return [
+        (member, effect)
+        for member, effect in candidates(model, motion_channels(residual))
+        if member.kind in ("force", "sensor")
+        and effect.enters != "sensor:tension"
+        and (effect.name, effect.enters) not in known
+    ]
+
+
+def telling(residual: WhitenedResidual) -> list[int]:
     """Places of some records: those that most is left over of, and a few of all."""
     costs = np.array(list(residual.costs(residual.left_over(residual.residual)).values()))
     every = max(round(1 / residual.criteria.screening.record_share), 1)

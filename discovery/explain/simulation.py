@@ -52,7 +52,7 @@ def screen(residual: SimulationResidual, options: Options) -> tuple[tuple[Probe,
 
     Of a wide grid the points that a few parts of the records promise most of are tried on all.
     """
-    pairs = list(_candidates(residual))
+    pairs = list(candidates_in_decays(residual))
     tell, found, most = options.stage("screening effects"), [], int(options.criteria.screening.rough_probes)
     rough = residual.in_parts(_ROUGH)
     for done, (member, effect) in enumerate(pairs, 1):
@@ -80,7 +80,7 @@ def _is_seen(probe: ModelCorrection, residual: SimulationResidual) -> bool:
     return all(number.value < highest for number in probe.parameters.values() if number.unit == "Hz")
 
 
-def _candidates(residual: SimulationResidual) -> Iterator[tuple[Member, Effect]]:
+def candidates_in_decays(residual: SimulationResidual) -> Iterator[tuple[Member, Effect]]:
     """Core forces of the catalogue at the scales of their places: as simulated, the others cost too much."""
     structure = residual.model.structure
     ends = {link.name: (link.first, link.second) for link in structure.links}
@@ -120,16 +120,31 @@ def scale_at(residual: SimulationResidual, enters: str) -> Scale | None:
 def _probed(
     member: Member, probe: ModelCorrection, residual: SimulationResidual, left: FloatArray
 ) -> Probe | None:
-    small = _small(member, probe, residual)
+    small = moved_little(member, probe, residual)
     if small is None:
         return None
     return probed_in_pieces(member, small[0], small[1], residual, left)
 
 
-def _small(
+def moved_little(
     member: Member, probe: ModelCorrection, residual: SimulationResidual
 ) -> tuple[ModelCorrection, FloatArray] | None:
-    """A probe at a strength that moves the motion by a small share of it, and what it changes."""
+    """Return a probe at a strength that moves the motion by a small share of it, and what it changes.
+
+    Parameters
+    ----------
+    member : Member
+        What the catalogue says of it.
+    probe : ModelCorrection
+        At any strength.
+    residual : SimulationResidual
+        Of the model so far.
+
+    Returns
+    -------
+    tuple of (ModelCorrection, ndarray) or None
+        None where no such strength is found.
+    """
     rows = np.concatenate([ring.whitened for ring in residual.rings if not ring.hold_out])
     size = float(np.linalg.norm(rows))
     for _ in range(4):
@@ -256,7 +271,7 @@ def free_forms(residual: SimulationResidual, options: Options) -> tuple[Explanat
 
 def _column(term: Effect, residual: SimulationResidual) -> FloatArray:
     """What a term of coefficient one makes of the rows; NaN where no small coefficient can be simulated."""
-    small = _small(member_of(term), term, residual)
+    small = moved_little(member_of(term), term, residual)
     if small is None:
         return np.full(int(residual.training.sum()), np.nan)
     (coefficient,) = small[0].parameters.values()

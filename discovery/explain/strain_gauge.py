@@ -23,7 +23,7 @@ def explained_by_gauge(data: TensionData, effects: Sequence[Pair]) -> tuple[list
     gained: list[TensionGain] = []
     cost = np.zeros(len(data.records))
     if readings:
-        rows, places = _rows(data, readings)
+        rows, places = reading_rows(data, readings)
         cost += [float(row.target @ row.target) for row in rows]
         gained += [_linear(data, effect, rows, places[effect.path]) for _, effect in readings]
     for member, effect in effects:
@@ -37,9 +37,10 @@ def explained_by_gauge(data: TensionData, effects: Sequence[Pair]) -> tuple[list
     return gained, cost
 
 
-def _rows(
+def reading_rows(
     data: TensionData, readings: Sequence[tuple[Member, Reading]]
 ) -> tuple[list[Projected], Mapping[str, slice]]:
+    """Return the fast part of every record, a column for every strength, and the columns of each path."""
     units: list[Reading] = []
     places = {}
     for member, effect in readings:
@@ -51,7 +52,7 @@ def _rows(
         places[effect.path] = slice(first, len(units))
     rows = []
     for case, record in enumerate(data.records):
-        motion = _measured_motion(record)
+        motion = measured_motion(record)
         rows.append(
             project_readings(record, data.nodes(case), [unit.added(motion) for unit in units], data.criteria)
         )
@@ -86,21 +87,45 @@ def _fault(data: TensionData, member: Member, effect: SensorFault) -> tuple[Tens
     low, high = effect.parameters[name].bounds
     sizes = np.geomspace(0.2 * member.strengths[name], high, 60)
     grid = np.concatenate([-sizes[::-1], sizes] if low < 0 else [sizes])
-    faults = [effect.with_values(**{name: float(value)}) for value in grid]
-    least = int(np.argmin(np.abs(grid - data.criteria.gauge_fault * member.strengths[name])))
-    rows = [
-        project_fault(record, data.nodes(case), faults, least, data.criteria)
-        for case, record in enumerate(data.records)
-    ]
+    rows = fault_rows(data, member, effect, grid)
     gains = np.array(
         [(row.target @ row.target) - ((row.target[:, None] - row.columns) ** 2).sum(axis=0) for row in rows]
     )
     total = gains[: data.training].sum(axis=0)
     best = int(np.argmax(total))
     bend = -np.gradient(np.gradient(total, grid), grid)[best]
-    with_limits = limited(faults[best], {name: float(np.sqrt(2 / max(bend, 1e-300)))})
+    fitted = effect.with_values(**{name: float(grid[best])})
+    with_limits = limited(fitted, {name: float(np.sqrt(2 / max(bend, 1e-300)))})
     before = np.array([float(row.target @ row.target) for row in rows])
     return TensionGain(with_limits, gains[:, best], at_bounds(with_limits)), before
+
+
+def fault_rows(data: TensionData, member: Member, effect: SensorFault, sizes: FloatArray) -> list[Projected]:
+    """Return the part about the hit of every record, a column for every size of a fault of the gauge.
+
+    Parameters
+    ----------
+    data : TensionData
+        The records.
+    member : Member
+        What the catalogue says of the fault.
+    effect : SensorFault
+        The fault.
+    sizes : ndarray, shape (sizes,)
+        Its strengths.
+
+    Returns
+    -------
+    list of Projected
+        One for each record.
+    """
+    (name,) = member.strengths
+    faults = [effect.with_values(**{name: float(value)}) for value in sizes]
+    least = int(np.argmin(np.abs(sizes - data.criteria.gauge_fault * member.strengths[name])))
+    return [
+        project_fault(record, data.nodes(case), faults, least, data.criteria)
+        for case, record in enumerate(data.records)
+    ]
 
 
 def _line(data: TensionData, member: Member, effect: SensorFault) -> tuple[TensionGain, FloatArray]:
@@ -132,6 +157,7 @@ def _line(data: TensionData, member: Member, effect: SensorFault) -> tuple[Tensi
     return TensionGain(found, table[:, best]), np.array(before)
 
 
-def _measured_motion(record: TensionObservation) -> Motion:
+def measured_motion(record: TensionObservation) -> Motion:
+    """Motion of a record as readings of its gauge see it."""
     time = np.arange(len(record.tension)) / record.rate_hz
     return Motion(time, record.course.impact_s, record.displacement, record.link_force, record.bodies)

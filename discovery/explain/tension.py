@@ -99,16 +99,21 @@ def findings(residual: TensionResidual, options: Options, path: str = "") -> Ten
     TensionFindings
         Without explanations where the residual holds no data.
     """
+    effects = candidates_in_tension(residual)
+    fast = [pair for pair in effects if not in_course(*pair)]
+    slow = [pair for pair in effects if in_course(*pair) and path in ("", pair[1].path)]
+    return compared(residual, slow, fast, options)
+
+
+def candidates_in_tension(residual: TensionResidual) -> list[Pair]:
+    """Effects in the tension or its gauge that a model does not hold yet."""
     held = {effect.path for effect in residual.model.effects}
-    effects = [
+    return [
         (member, effect)
         for member, effect in candidates(residual.model, ["tension"])
         if effect.enters in ("tension", "sensor:tension") and effect.path not in held
         and effect.kind != "force"
     ]  # fmt: skip
-    fast = [pair for pair in effects if not _of_course(*pair)]
-    slow = [pair for pair in effects if _of_course(*pair) and path in ("", pair[1].path)]
-    return compared(residual, slow, fast, options)
 
 
 def compared(
@@ -168,7 +173,7 @@ def _explanations(
     return tuple(sorted(found, key=lambda e: -float(e.gains(hold_out=False).sum())))
 
 
-def _of_course(member: Member, effect: ModelCorrection) -> bool:
+def in_course(member: Member, effect: ModelCorrection) -> bool:
     """Whether an effect shows in the course: a law, a reading at rest, a fault that moves a constant."""
     if effect.kind == "law change":
         return True

@@ -69,7 +69,7 @@ def screen(residual: RestResidual, options: Options) -> tuple[tuple[Probe, ...],
         Probes of every effect, best first.
     """
     held, found = {effect.path for effect in residual.effects}, []
-    members = [member for member in CATALOGUE.values() if _shows(member)]
+    members = [member for member in CATALOGUE.values() if shows_at_rest(member)]
     progress = options.stage("screening effects")
     for done, member in enumerate(members, 1):
         effect = at_campaign(member, residual)
@@ -81,7 +81,7 @@ def screen(residual: RestResidual, options: Options) -> tuple[tuple[Probe, ...],
     return tuple(sorted(found, key=lambda probes: -probes[0].gain))
 
 
-def _shows(member: Member) -> bool:
+def shows_at_rest(member: Member) -> bool:
     """Whether it is a reading that adds something while nothing moves."""
     return member.kind == "measured tension" and acts_at_rest(member.at("tension"))
 
@@ -167,7 +167,7 @@ def explain_screened(
     if not probes:
         return []
     found, progress = [], options.stage("fitting effects")
-    gains, drawn = _by_chance(probes, residual, options)
+    gains, drawn = by_chance_at_rest(probes, residual, options)
     for place, ones in enumerate(probes):
         fits = [fitted(residual, (*residual.effects, one.start)) for one in ones[:_STARTS]]
         after = min(fits, key=lambda fit: _training_cost(fit, residual))
@@ -216,10 +216,20 @@ def _is_at_bound(number: Parameter) -> bool:
     return bool(min(number.value - low, high - number.value) <= _AT_BOUND * abs(number.value))
 
 
-def _by_chance(
+def by_chance_at_rest(
     probes: Sequence[Sequence[Probe]], residual: RestResidual, options: Options
 ) -> tuple[list[float], FloatArray]:
-    """Gain of every effect's best probe, and the largest gain of any in lines of noise that wanders."""
+    """Return the gain of every effect's best probe, and the largest of any in noise that wanders, (draws,).
+
+    Parameters
+    ----------
+    probes : sequence of sequence of Probe
+        From `screen`.
+    residual : RestResidual
+        Of the model so far.
+    options : Options
+        For the number of draws.
+    """
     mine = residual.training
     noise, whole = (residual.rows(of)[mine] for of in (residual.noise, residual.variances))
     drawn = drawn_lines([whole / noise], options.criteria.chance.draws, _SEED)

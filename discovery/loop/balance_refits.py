@@ -9,6 +9,8 @@ import numpy as np
 
 from discovery.decide.acceptance import MaterialErrors, meets_worse
 from discovery.decide.explanation import Explanation
+from discovery.detection.force_balance import BalanceMeter
+from discovery.detection.limit import Meter
 from discovery.explain import free_force
 from discovery.explain.force_balance import explain_screened, fitted
 from discovery.explain.force_balance_screen import screen
@@ -141,6 +143,10 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
             and not last.values[name] > 0
             and (".damping." not in name or least[name] < 0)
         )
+
+    def meters(self, history: LoopHistory) -> Sequence[Meter]:
+        """Effects in the balances."""
+        return [BalanceMeter(self.own(history.last.residual), history.chance)]
 
     def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:
         """Where the forces left unbalanced live."""

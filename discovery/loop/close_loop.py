@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import count
+
 from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.detection.limit import DetectionLimit, limits_of
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.loop.declared_law import declared_law
 from discovery.loop.found_effects import label_of
@@ -108,6 +111,18 @@ def refits_of(campaign: Campaign, options: Options, law: Law | None = None) -> R
     return ImpactRefits.of(campaign, options, law=law)
 
 
+def _detection_limits(refits: Refits, history: LoopHistory) -> tuple[DetectionLimit, ...]:
+    """What the last residual would have shown of every effect that the model does not hold."""
+    progress = refits.options.stage("detection limits")
+    done = count(1)
+
+    def told(whole: int) -> None:
+        if progress is not None:
+            progress(next(done), whole)
+
+    return tuple(limit for meter in refits.meters(history) for limit in limits_of(meter, told))
+
+
 def _closure(refits: Refits, history: LoopHistory) -> Closure:
     first, last = history.states[0], history.last
     doubts = refits.doubts(history)
@@ -120,6 +135,7 @@ def _closure(refits: Refits, history: LoopHistory) -> Closure:
         residual_before=refits.localise(first, history.tension[:1]),
         residual_after=refits.localise(last, history.tension[1:]),
         screened=history.screened,
+        detection_limits=_detection_limits(refits, history),
         set_aside=refits.set_aside,
         warnings=tuple(dict.fromkeys((*last.warnings, *refits.warnings, *doubts, *history.remarks()))),
     )

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from discovery.decide.explanation import Explanation
+from discovery.detection.limit import Meter
+from discovery.detection.simulation import DecayMeter
 from discovery.explain.simulation import explain_screened, fitted, free_forms, screen, together
 from discovery.localisation.localise import Localisation
 from discovery.localisation.simulation import localise_motion
@@ -142,6 +144,10 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
             if path.endswith((".mass", ".k")) and after < least * before:
                 lines.append(f"{path}: next to nothing with the effects, {before:.4g} without them")
         return tuple(lines)
+
+    def meters(self, history: LoopHistory) -> Sequence[Meter]:
+        """Forces in the ring-downs."""
+        return [DecayMeter(self.own(history.last.residual), history.chance)]
 
     def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:
         """Where the residual lives."""

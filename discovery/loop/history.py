@@ -21,6 +21,7 @@ from discovery.localisation.tension import tension_views
 from discovery.loop.result import Screened, Verdict
 from discovery.loop.state import State
 from discovery.residual.course_fit import Misfit
+from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE
 
 
@@ -51,6 +52,8 @@ class LoopHistory:
         The first screen of the catalogue.
     tension : tuple of Misfit
         Of the tension's histories, the first and the last.
+    chance : ndarray, shape (draws,), or None
+        Largest gains of the last screen of the catalogue by chance; None where none were drawn.
     criteria : Criteria
         The numbers that decide.
     """
@@ -59,6 +62,7 @@ class LoopHistory:
     selections: tuple[Selection, ...] = ()
     screened: tuple[Screened, ...] = ()
     tension: tuple[Misfit, ...] = ()
+    chance: FloatArray | None = None
     criteria: Criteria = CRITERIA
 
     @property

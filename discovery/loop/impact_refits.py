@@ -11,6 +11,9 @@ import numpy as np
 from discovery.courses.fit import refine
 from discovery.decide.acceptance import in_tension, is_accepted, motion_errors
 from discovery.decide.explanation import Explanation
+from discovery.detection.limit import Meter
+from discovery.detection.motion import MotionMeter
+from discovery.detection.tension import GaugeMeter, TensionMeter
 from discovery.explain import at_rest, free_form
 from discovery.explain.calibration import DISAGREE
 from discovery.explain.motion import explain_screened, explanation, motion_channels, screen
@@ -48,6 +51,8 @@ from rom.model.laws import Law, Parameter
 from rom.model.model import Model
 from rom.signals.per_record_parameters import per_record_names
 from rom.signals.quality import Doubt
+
+NOT_EXPLAINED = "the motion is not explained, so no effect in the tension is looked for"
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,9 +328,28 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         return free_form.explain(self.own(state.residual), self.options)
 
     def tension(self, state: State) -> TensionResidual | None:
-        """What the model's law leaves over of the tension's histories."""
+        """What the model's law leaves over of the tension's histories; the last one asked for is kept."""
         assert state.identification is not None
-        return TensionResidual(self.campaign, state.identification, state.model, self.options)
+        if not (self._latest and self._latest[0][0] is state):
+            found = TensionResidual(self.campaign, state.identification, state.model, self.options)
+            self._latest[:] = [(state, found)]
+        return self._latest[0][1]
+
+    @cached_property
+    def _latest(self) -> list[tuple[State, TensionResidual]]:
+        """The last state whose tension was asked for, and that."""
+        return []
+
+    def meters(self, history: LoopHistory) -> Sequence[Meter]:
+        """Effects in the motion, in the tension's histories and in its gauge."""
+        last = history.last
+        of_motion = MotionMeter(self.own(last.residual), last.evaluations, history.chance)
+        tension = self.tension(last)
+        if tension is None or tension.data is None or tension.baseline is None:
+            return [of_motion]
+        blocked = "" if history.is_explained else NOT_EXPLAINED
+        known = (tension, tension.data, tension.baseline, blocked)
+        return [of_motion, TensionMeter(*known), GaugeMeter(*known)]
 
     def doubts(self, history: LoopHistory) -> tuple[str, ...]:
         """Numbers of the last model that uncoupled tests deny."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from discovery.decide.acceptance import at_noise_floor, is_accepted
 from discovery.decide.explanation import Explanation
+from discovery.explain.probes import by_chance
 from discovery.loop.found_effects import screened
 from discovery.loop.history import (
     LoopHistory,
@@ -23,6 +24,7 @@ from discovery.loop.rest_stage import before_hits
 from discovery.loop.result import Screened
 from discovery.loop.state import State
 from discovery.residual.base import Residual, cost, level
+from rom.campaign.channels import FloatArray
 
 Candidate = tuple[Selection, Residual]
 """An effect, and what is left over with it."""
@@ -79,8 +81,8 @@ def in_motion(refits: Refits, history: LoopHistory, given: Selection | None = No
         history = history.extended(given, after)
     lowest = {history.names: cost(history.last.residual)}
     while True:
-        candidate, first = _most_helpful(refits, history)
-        history = replace(history, screened=history.screened or first)
+        candidate, first, chance = _most_helpful(refits, history)
+        history = replace(history, screened=history.screened or first, chance=chance)
         if candidate is None:
             return history
         selection, residual = candidate
@@ -120,18 +122,21 @@ def refitted_beside(refits: Refits, state: State, selection: Selection) -> Resid
     return refits.with_present_noise(refits.refit_with(state, selection.best))
 
 
-def _most_helpful(refits: Refits, history: LoopHistory) -> tuple[Candidate | None, tuple[Screened, ...]]:
-    """The effect that leaves least, what it leaves, and the first screen."""
+def _most_helpful(
+    refits: Refits, history: LoopHistory
+) -> tuple[Candidate | None, tuple[Screened, ...], FloatArray | None]:
+    """The effect that leaves least, what it leaves; the first screen, and what the last gains by chance."""
     found: Candidate | None = None
     first: tuple[Screened, ...] = ()
+    chance: FloatArray | None = None
     for view in refits.views(history):
         probes = refits.screen(view.residual)
-        first = first or screened(probes, view.residual)
+        first, chance = first or screened(probes, view.residual), by_chance(probes, refits.options.criteria)
         other = _best_refitted(refits, view, refits.explain(probes, view.residual))
         found = min((one for one in (found, other) if one), key=_remaining, default=None)
         if found and at_noise_floor(level(found[1]), history.last.level, refits.options.criteria):
             break
-    return found, first
+    return found, first, chance
 
 
 def _restarted(

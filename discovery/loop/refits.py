@@ -8,6 +8,7 @@ from typing import Any, Generic, TypeVar
 
 from discovery.decide.acceptance import MaterialErrors, is_accepted, motion_errors
 from discovery.decide.explanation import Explanation
+from discovery.detection.limit import Meter
 from discovery.explain.force_balance import explanation
 from discovery.explain.probes import Probe
 from discovery.localisation.localise import Localisation
@@ -155,6 +156,10 @@ class CampaignRefits(ABC, Generic[ResidualT]):
     def tension(self, state: State) -> TensionResidual | None:
         """What the model's law leaves over of the tension's histories; None without a bolt."""
         return None
+
+    def meters(self, history: LoopHistory) -> Sequence[Meter]:
+        """What tells the strengths of effects that the last residual would have shown; none by default."""
+        return ()
 
     def doubts(self, history: LoopHistory) -> tuple[str, ...]:
         """Reasons to doubt that the last model is near its structure."""

@@ -9,10 +9,13 @@ from scipy import stats
 
 from discovery.decide.acceptance import MaterialErrors
 from discovery.decide.explanation import Explanation
+from discovery.detection.at_rest import RestMeter
+from discovery.detection.limit import Meter
 from discovery.explain.rest_fit import fitted
 from discovery.explain.tension_at_rest import explain_screened, explanation, screen
 from discovery.localisation.at_rest import localise_rest
 from discovery.localisation.localise import Localisation
+from discovery.loop.history import LoopHistory
 from discovery.loop.refits import FixedTensionRefits, Probes
 from discovery.loop.state import State
 from discovery.options import Options
@@ -106,6 +109,10 @@ class RestRefits(FixedTensionRefits[RestResidual]):
     def explain(self, probes: Probes, residual: Residual) -> list[Explanation]:
         """Fits of these readings."""
         return explain_screened(probes, self.own(residual), self.options)
+
+    def meters(self, history: LoopHistory) -> Sequence[Meter]:
+        """Readings that show at rest."""
+        return [RestMeter(self.own(history.last.residual), self.options)]
 
     def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:
         """How slow what is left is, and in which records."""

@@ -9,6 +9,7 @@ from rom.evaluation.error_measures import ErrorsByKind
 from rom.result_views import HasViews
 
 if TYPE_CHECKING:
+    from discovery.detection.limit import DetectionLimit
     from discovery.localisation.localise import Localisation
     from rom.effects import ModelCorrection
     from rom.model.model import Model
@@ -116,6 +117,8 @@ class Closure(HasViews):
         Where the residual lives.
     screened : tuple of Screened
         The best of the catalogue in the first round, best first.
+    detection_limits : tuple of DetectionLimit
+        The smallest strength of every effect that these records would have shown.
     set_aside, warnings : tuple of str
         Records of doubtful quality; what to know.
 
@@ -138,6 +141,7 @@ class Closure(HasViews):
     residual_before: Localisation
     residual_after: Localisation
     screened: tuple[Screened, ...] = ()
+    detection_limits: tuple[DetectionLimit, ...] = ()
     set_aside: tuple[str, ...] = ()
     warnings: tuple[str, ...] = field(default=())
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from discovery.criteria.criteria import CRITERIA
+from discovery.detection.limit import NEVER, UNSEEN
 from discovery.localisation.localise import COURSES
 from discovery.views.force import explained_level
 from rom.criteria.number import Numerical
@@ -58,7 +59,8 @@ _SAME: Numerical[float] = 0.02
 
 
 def sections(data: Data) -> dict[str, str]:
-    """Return what was ``missing``, its ``numbers``, the ``evidence``, what ``changed`` and what ``remains``.
+    """Return what was ``missing``, its ``numbers``, the ``evidence``, what ``changed``, what ``remains`` and
+    what is ``excluded``.
 
     Of several effects each has a line in its section; one about which there is nothing to say is left out.
     """
@@ -68,6 +70,7 @@ def sections(data: Data) -> dict[str, str]:
         "evidence": ("How one knows: ", _evidence),
         "changed": ("What changed: ", _changed),
         "remains": ("What remains: ", _remains),
+        "excluded": ("What is excluded: ", _excluded),
     }
     said = {key: (head, "\n".join(say(data))) for key, (head, say) in parts.items()}
     return {key: head + text for key, (head, text) in said.items() if text}
@@ -210,6 +213,40 @@ def _remains(data: Data) -> Iterator[str]:
     size = f"the mean square of the residual {start}is {_number(after['total'])} times that of noise."
     rest = [*(_remaining(after) if data["verdict"] == "unexplained" else _like_noise(after))]
     yield " ".join([size, *rest, *_on_courses(before, after)])
+
+
+def _excluded(data: Data) -> Iterator[str]:
+    """Say which effects would have been found at the catalogue's strengths, and which may be there."""
+    rows = data.get("detection_limits") or ()
+    if data["verdict"] == "unexplained" or not rows:
+        return
+    known = sorted((row for row in rows if row["value"] is not None), key=lambda row: row["share_of_default"])
+    seen = [row for row in known if row["share_of_default"] <= 1]
+    hidden = [row for row in known if row["share_of_default"] > 1]
+    hidden += [row for row in rows if row["value"] is None and row["reason"] in (NEVER, UNSEEN)]
+    untold = len(rows) - len(seen) - len(hidden)
+    if seen:
+        chance = _number(CRITERIA.detection.probability)
+        yield f"with probability {chance} these records would have shown {_from_limits(seen)}."
+    if hidden:
+        yield f"Not excluded at the strengths that the catalogue takes as usual: {_from_limits(hidden)}."
+    if untold:
+        yield f"Of {untold} other strengths no limit is known; detection_limits says why."
+
+
+def _from_limits(rows: Sequence[Data]) -> str:
+    """Effects of different names with the strengths from which they show, and how many there are beside."""
+    first = list({row["name"]: place for place, row in reversed(list(enumerate(rows)))}.values())
+    named = [rows[place] for place in sorted(first)[:_NAMED]]
+    more = len(rows) - len(named)
+    return "; ".join(map(_from_limit, named)) + (f"; and {more} more" if more else "")
+
+
+def _from_limit(row: Data) -> str:
+    if row["value"] is None:
+        return _with_place(row)
+    unit = "" if row["unit"] == "1" else f" {row['unit']}"
+    return f"{_with_place(row)} from {row['parameter']} = {_number(row['value'], 2)}{unit}"
 
 
 def _on_courses(before: Data, after: Data) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from discovery.views.closure_prose import sections
@@ -35,6 +36,7 @@ def closure_section(closure: Closure) -> dict[str, Any]:
             {"name": s.name, "enters": s.enters, "share": s.share, "strength": s.strength}
             for s in closure.screened
         ],
+        "detection_limits": [asdict(limit) for limit in closure.detection_limits],
         "set_aside": list(closure.set_aside),
         "warnings": list(closure.warnings),
     }

@@ -41,6 +41,12 @@ CAPTIONS: dict[str, tuple[str, str]] = {
         "motion, dotted without it. In the legend: "
         "tension before the impact.",
     ),
+    "closure-limits": (
+        "What is excluded",
+        "Smallest strength of each effect that these records would have shown with a probability of 80 %, "
+        "over the strength that the catalogue takes as usual. Left of the shaded field a usual effect is "
+        "excluded; in it, it may be there. Hollow: shown at no strength within the range.",
+    ),
     "law-leader-board": (
         "Leader board of tension laws",
         "Left, the difference of the Bayesian information criterion (BIC) to the first law, smaller is "

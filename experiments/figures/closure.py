@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from discovery.detection.limit import NEVER
 from discovery.views.closure_figure import (
     FORCE_HEIGHT_MM,
     draw_before,
@@ -22,7 +23,7 @@ from discovery.views.closure_figure import (
 )
 from discovery.views.closure_prose import MEASURES, Measure, place_words
 from discovery.views.force import units_of
-from discovery.views.palette import AFTER, BACKGROUND, BLUE, GREEN, GREY, SKY
+from discovery.views.palette import AFTER, BACKGROUND, BLACK, BLUE, GREEN, GREY, SKY, VERMILLION
 from experiments.figures.style import blank, panels, styled
 from experiments.text.closures import correlations, effects_of
 from experiments.text.wording import number, trimmed
@@ -32,6 +33,7 @@ Data = Mapping[str, Any]
 _SETS = (("hold_out", "Hold-out", "-", BLUE), ("training", "Training", "--", SKY))
 _CURVES = (BLUE, GREEN, SKY)
 _BOARD_ROWS = 12
+_PLACES = ((BLUE, "o"), (VERMILLION, "s"), (GREEN, "^"), (SKY, "D"), (BLACK, "v"), (BLUE, "h"))
 _DECADES = 1e3  # that an axis of errors spans at most; less is drawn at its edge
 
 
@@ -44,6 +46,7 @@ def closure_figures(data: Data) -> dict[str, Figure]:
         "closure-force": (has_maps(data), unbalanced_force),
         "closure-screened": (_screened(data), leader_board),
         "closure-effects": (_curves(data), effects),
+        "closure-limits": (_limits(data), detection_limits),
     }
     return {name: draw(data) for name, (there, draw) in made.items() if there}
 
@@ -166,6 +169,61 @@ def leader_board(data: Data) -> Figure:
     ax.set_xlim(0, max(100 * float(rows[0]["share"]) * 1.05, 1.0))
     ax.set_xlabel("Share of the residual that it could explain [%]")
     return figure
+
+
+def _limits(data: Data) -> list[Data]:
+    rows = [row for row in data.get("detection_limits") or [] if row.get("parameter")]
+    return rows if any(row.get("share_of_default") is not None for row in rows) else []
+
+
+@styled
+def detection_limits(data: Data) -> Figure:
+    """Smallest strength that would have been found over the usual one, an effect a row, a place a colour."""
+    rows = [row for row in _limits(data) if row.get("value") is not None or row.get("reason") == NEVER]
+    labels = list(dict.fromkeys(_strength_label(row, rows) for row in rows))
+    places = list(dict.fromkeys(_last_word(row) for row in rows))
+    figure, axes = panels(height_mm=24.0 + 4.2 * len(labels))
+    ax = axes[0, 0]
+    shares = [float(row["share_of_default"]) for row in rows if row["value"] is not None]
+    low, high = min([*shares, 0.1]) / 2, 2 * max([*shares, 5.0])
+    ax.axvspan(1.0, high, color=GREY, alpha=0.15, lw=0)
+    for place, name in enumerate(places):
+        colour, marker = _PLACES[place % len(_PLACES)]
+        mine = [row for row in rows if _last_word(row) == name]
+        at = [labels.index(_strength_label(row, rows)) + _aside(row, rows) for row in mine]
+        shown = [np.nan if row["value"] is None else float(row["share_of_default"]) for row in mine]
+        ax.plot(shown, at, marker, color=colour, label=name)
+        never = [y for row, y in zip(mine, at, strict=True) if row["value"] is None]
+        ax.plot([high / 1.3] * len(never), never, marker, color=colour, mfc="none")
+    ax.set_xscale("log")
+    ax.set_xlim(low, high)
+    plain_log(ax)
+    ax.set_yticks(range(len(labels)), labels)
+    ax.tick_params(axis="y", length=0)
+    ax.set_ylim(len(labels) - 0.4, -0.6)
+    ax.grid(axis="y", color=GREY, alpha=0.2, lw=0.4)
+    ax.set_xlabel("Limit over usual strength [1]")
+    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def _aside(row: Data, rows: Sequence[Data]) -> float:
+    """How far from its line a mark is drawn, so that the places of one strength do not hide each other."""
+    label = _strength_label(row, rows)
+    beside = [one["enters"] for one in rows if _strength_label(one, rows) == label]
+    return 0.25 * (beside.index(row["enters"]) - (len(beside) - 1) / 2)
+
+
+def _strength_label(row: Data, rows: Sequence[Data]) -> str:
+    """Name of an effect; with the strength's where it has several."""
+    several = len({one["parameter"] for one in rows if one["name"] == row["name"]}) > 1
+    return f"{row['name']}, {row['parameter']}" if several else str(row["name"])
+
+
+def _last_word(row: Data) -> str:
+    """Link, body or tension of an effect; of a sensor its body."""
+    kind, _, name = str(row["enters"]).partition(":")
+    return name.rpartition("_")[2] if kind == "sensor" else name or kind
 
 
 def _curves(data: Data) -> list[Data]:

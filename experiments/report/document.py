@@ -33,7 +33,8 @@ _SHOWN = {
     "reproduction": {"rows"},
     "ranking": {"laws", "cases", "considered", "indistinguishable", "proposals", "exponent_profile",
                 "motion_profile", "inclusion", "chosen_terms", "considered_laws"},
-    "closure": {"verdict", "summary", "effects", "steps", "residual", "screened"},
+    "closure": {"verdict", "summary", "effects", "steps", "residual", "screened",
+                "detection_limits"},
 }  # fmt: skip
 _PLACES = (("stiffness", "k"), ("damping", "c"), ("tension_rate", "T"))
 

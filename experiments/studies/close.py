@@ -31,6 +31,7 @@ NO_CLOSURE: Mapping[str, Any] = {
     "errors": {kind: {"before": _NONE, "after": _NONE} for kind in ("training", "hold_out")},
     "residual": {"before": {}, "after": {}},
     "screened": [],
+    "detection_limits": [],
 }
 
 

@@ -52,6 +52,7 @@ _CORRELATED = {
     **{f"line_correlation_{test}": f"Lines side by side, {test}" for test in _TESTS},
     "repeatability": "Tests that repeat each other",
 }
+_OF_LIMIT = (("value", 1.0), ("worst_value", 1.0), ("share_of_default", 100.0), ("felt_percent", 1.0))
 _OF_FORCE = (
     ("level", "Mean square over that of noise [1]", 1.0),
     ("explained", "A function of displacement and velocity [%]", 100.0),
@@ -301,7 +302,31 @@ def _look_alikes(effect: Data) -> Table:
 
 def details(data: Data) -> list[Table]:
     """Return where the residual lives, and what was screened: tables for those who look closer."""
-    return [table for table in (_residual(data), _screened(data)) if table.rows]
+    return [table for table in (_residual(data), _screened(data), _limits(data)) if table.rows]
+
+
+def _limits(data: Data) -> Table:
+    """Return from which strength on every effect would have been found."""
+    rows = tuple(
+        (
+            str(row.get("name")),
+            place_words(row.get("enters")),
+            str(row.get("parameter")),
+            *(_scaled(row.get(key), factor) for key, factor in _OF_LIMIT),
+            str(row.get("unit")),
+            str(row.get("reason") or ""),
+        )
+        for row in mappings(data.get("detection_limits"))
+    )
+    note = (
+        "Smallest strength that these records would have shown with a probability of 80 %, its other numbers "
+        "being the catalogue's; at worst: those of the catalogue's grid that show least."
+    )
+    heads = (
+        *("Effect", "Where", "Strength", "Limit", "At worst", "Over the usual one [%]", "Felt by [%]"),
+        *("Unit", "No limit, since"),
+    )
+    return Table("What is excluded", heads, rows, note=note, folded=True)
 
 
 def _residual(data: Data) -> Table:

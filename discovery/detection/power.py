@@ -1,0 +1,223 @@
+"""With which probability an effect of a strength passes the tests by which a closed loop names an effect.
+
+Of an effect with the output s, whitened and without what the model's numbers imitate, and of noise whose
+scores scatter phi times as much as those of white noise do, the fit finds the strength times 1 + d,
+
+    d ~ N(0, phi / |s|^2),   training gain = (1 + d)^2 |s|^2,
+    gain of a record that is held out = (1 + d) (2 (|s_i|^2 + s_i . n_i) - (1 + d) |s_i|^2)
+
+with s_i . n_i ~ N(0, phi |s_i|^2). These pass what `discovery.decide.acceptance` asks of an explanation, and
+`discovery.decide.chance`: signs of whole records are drawn anew, with the effect in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from discovery.criteria.criteria import CRITERIA, Criteria
+from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
+
+_SEED: Numerical[int] = 0  # numbers of a closure are the same on every run
+_DRAWS: Numerical[int] = 400
+_TINY: Numerical[float] = 1e-300
+NONE: Mapping[str, FloatArray] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """What an effect of one strength adds to the records, beyond what the model's numbers imitate.
+
+    Attributes
+    ----------
+    training, hold_out : ndarray, shape (records,)
+        Squares of its whitened output by record.
+    dispersion : float
+        Variance of its score over that of white noise.
+    changes : mapping of str to ndarray
+        What it adds to each error that an effect must lower, by term of the error's mean.
+    felt : float
+        What it changes of motion, loss or reading [%].
+    """
+
+    training: FloatArray
+    hold_out: FloatArray
+    dispersion: float = 1.0
+    changes: Mapping[str, FloatArray] = field(default_factory=dict)
+    felt: float = 0.0
+
+    @property
+    def square(self) -> float:
+        """Square of the whitened output on training records."""
+        return float(self.training.sum())
+
+    def scaled(self, factor: float) -> Response:
+        """The response to so many times the strength, where it is linear in that."""
+        changes = {name: factor * change for name, change in self.changes.items()}
+        return replace(
+            self, training=factor**2 * self.training, hold_out=factor**2 * self.hold_out, changes=changes,
+            felt=factor * self.felt,
+        )  # fmt: skip
+
+    def towards(self, other: Response, share: float) -> Response:
+        """The response at a strength between two, interpolated in the logarithms."""
+
+        def between(low: FloatArray, high: FloatArray) -> FloatArray:
+            both = (np.log(np.maximum(one, _TINY)) for one in (low, high))
+            return np.asarray(np.exp(next(both) * (1 - share) + next(both) * share))
+
+        felt = between(np.array(self.felt), np.array(other.felt))
+        return Response(
+            between(self.training, other.training), between(self.hold_out, other.hold_out),
+            self.dispersion * (1 - share) + other.dispersion * share,
+            {n: between(change, other.changes[n]) for n, change in self.changes.items()}, float(felt),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """What the last model leaves over: what an effect must stand out from.
+
+    Attributes
+    ----------
+    cost : float
+        Cost of the training records.
+    level : float
+        Mean square of what is left of them; 1 is noise.
+    errors : mapping of str to ndarray
+        Terms of the means of the errors that an effect in the motion must lower; none for one in the tension.
+    chance : ndarray, shape (draws,)
+        Largest gain of any effect by chance; of none where none is drawn.
+    coherent : bool
+        Whether these are of the same few modes as a change, in any phase; else of noise.
+    by_signs : bool
+        Whether signs of records are drawn, which an effect itself makes larger.
+    gains : tuple of float
+        Least gain on training and on hold-out records.
+    """
+
+    cost: float
+    level: float
+    gains: tuple[float, float]
+    errors: Mapping[str, FloatArray] = field(default_factory=dict)
+    chance: FloatArray = field(default_factory=lambda: np.zeros(0))
+    by_signs: bool = False
+    coherent: bool = False
+    criteria: Criteria = CRITERIA
+
+    @property
+    def spread(self) -> float:
+        """Unit of gains: one, or what is left of the training records."""
+        return max(self.level, 1.0)
+
+    def probability(self, response: Response) -> float:
+        """Probability that an effect is named, of draws of the noise."""
+        test = _Test(self, response)
+        passed = test.significant & test.of_size & test.held_out & test.material
+        return float(np.mean(passed))
+
+
+@dataclass(frozen=True, eq=False)
+class _Test:
+    """Draws of what a fit finds of an effect, and which of the tests each of them passes, (draws,)."""
+
+    background: Background
+    response: Response
+
+    @cached_property
+    def _noise(self) -> FloatArray:
+        """Normal numbers, (draws, 1 + records that are held out)."""
+        return _normal(1 + len(self.response.hold_out))
+
+    @cached_property
+    def fitted(self) -> FloatArray:
+        """Fitted strength over the true one."""
+        size = np.sqrt(max(self.response.square, _TINY))
+        return np.asarray(np.maximum(1 + np.sqrt(self.response.dispersion) * self._noise[:, 0] / size, 0.0))
+
+    @cached_property
+    def gain(self) -> FloatArray:
+        """Gain on training records."""
+        return np.asarray(self.fitted**2 * self.response.square)
+
+    @property
+    def significant(self) -> npt.NDArray[np.bool_]:
+        """Whether chance would hardly give as much: `discovery.decide.chance`."""
+        one, rules = self.background, self.background.criteria.chance
+        if not one.chance.size:
+            return np.ones(len(self.gain), dtype=bool)
+        largest = one.chance
+        if one.by_signs:
+            shares = self.response.training / max(self.response.square, _TINY)
+            own = (shares @ _signs(len(shares), len(largest))) ** 2 * self.response.square
+            largest = np.maximum(largest, own)
+        place = int((1 - rules.false_alarms) * len(largest))
+        return np.asarray(self.gain > np.partition(largest, place)[place])
+
+    @property
+    def of_size(self) -> npt.NDArray[np.bool_]:
+        """Whether the gain on training records is large enough, and a share of the cost."""
+        one, rules = self.background, self.background.criteria.acceptance
+        share = self.gain / (one.cost + self.response.square)
+        return np.asarray((self.gain > one.gains[0] * one.spread) & (share > rules.material_share))
+
+    @property
+    def held_out(self) -> npt.NDArray[np.bool_]:
+        """Whether hold-out records gain, in the motion at least half of them."""
+        squares, a = self.response.hold_out, self.fitted[:, None]
+        if not squares.size:
+            return np.ones(len(a), dtype=bool)
+        scores = squares + np.sqrt(self.response.dispersion * squares) * self._noise[:, 1:]
+        gains = a * (2 * scores - a * squares)
+        enough = gains.sum(axis=1) > self.background.gains[1] * self.background.spread
+        if not self.background.errors:
+            return np.asarray(enough)
+        return np.asarray(enough & (2 * np.sum(gains > 0, axis=1) >= squares.size))
+
+    @property
+    def material(self) -> npt.NDArray[np.bool_]:
+        """Whether an error of the motion falls by enough, or little is left of what exceeded noise."""
+        one, passed = self.background, np.zeros(len(self.gain), dtype=bool)
+        if not one.errors:
+            return ~passed
+        rules, closing = one.criteria.acceptance, one.criteria.closing.closing_share
+        before = one.level * (1 + self.response.square / one.cost)
+        closes = before > rules.noise_level and one.level - 1 <= closing * (before - 1)
+        least = 0.0 if closes else rules.material_error
+        rise = rules.error_rise_closing if closes else rules.material_error
+        risen = ~passed
+        for name, terms in one.errors.items():
+            whole = self._error(terms, self.response.changes[name], np.ones(1))
+            left = self._error(terms, self.response.changes[name], 1 - self.fitted)
+            passed |= left <= (1 - least) * whole
+            risen &= left <= (1 + rise) * whole
+        return np.asarray(passed & risen)
+
+    def _error(self, terms: FloatArray, change: FloatArray, share: FloatArray) -> FloatArray:
+        """Means of errors beside a share of a change, (draws,): |e + share d|, the phase unknown or none."""
+        left = share[:, None] * change
+        phases = _phases(len(terms)) if self.background.coherent else 0.0
+        return np.asarray(np.sqrt(terms**2 + left**2 + 2 * terms * left * phases).mean(axis=1))
+
+
+@lru_cache(maxsize=4)
+def _normal(count: int) -> FloatArray:
+    """Normal numbers, (draws, count)."""
+    return np.random.default_rng(_SEED).standard_normal((_DRAWS, count))
+
+
+@lru_cache(maxsize=4)
+def _signs(records: int, draws: int) -> FloatArray:
+    """Signs of records, (records, draws)."""
+    return np.random.default_rng(_SEED).choice((-1.0, 1.0), size=(records, draws))
+
+
+@lru_cache(maxsize=4)
+def _phases(count: int) -> FloatArray:
+    """Cosines of angles drawn evenly, (draws, count)."""
+    return np.asarray(np.cos(np.random.default_rng(_SEED).uniform(0, 2 * np.pi, (_DRAWS, count))))
