@@ -18,6 +18,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
+from scipy import special
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from rom.campaign.channels import FloatArray
@@ -151,13 +152,25 @@ class _Test:
         one, rules = self.background, self.background.criteria.chance
         if not one.chance.size:
             return np.ones(len(self.gain), dtype=bool)
-        largest = one.chance
-        if one.by_signs:
-            shares = self.response.training / max(self.response.square, _TINY)
-            own = (shares @ _signs(len(shares), len(largest))) ** 2 * self.response.square
-            largest = np.maximum(largest, own)
-        place = int((1 - rules.false_alarms) * len(largest))
-        return np.asarray(self.gain > np.partition(largest, place)[place])
+        left = rules.false_alarms - (self._turned if one.by_signs else 0.0)
+        if left <= 0:
+            return np.zeros(len(self.gain), dtype=bool)
+        place = min(int((1 - left) * len(one.chance)), len(one.chance) - 1)
+        return np.asarray(self.gain > np.partition(one.chance, place)[place])
+
+    @property
+    def _turned(self) -> float:
+        """Probability that with other signs of the records the effect would gain as much as with its own.
+
+        That needs a sum of at most zero over the records that are turned, of a share m of the square:
+        N(m |s|^2, phi m |s|^2); turning all others is the same.
+        """
+        square = max(self.response.square, _TINY)
+        shares = self.response.training / square
+        turned = 0.5 * (1 - np.abs(shares @ _signs(len(shares), len(self.background.chance))))
+        return float(
+            np.mean(special.ndtr(-np.sqrt(square * np.maximum(turned, 0.0) / self.response.dispersion)))
+        )
 
     @property
     def of_size(self) -> npt.NDArray[np.bool_]:

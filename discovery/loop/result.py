@@ -117,10 +117,10 @@ class Closure(HasViews):
         Where the residual lives.
     screened : tuple of Screened
         The best of the catalogue in the first round, best first.
-    detection_limits : tuple of DetectionLimit
-        The smallest strength of every effect that these records would have shown.
     set_aside, warnings : tuple of str
         Records of doubtful quality; what to know.
+    detection_limits : tuple of DetectionLimit
+        The smallest strength of every effect that these records would have shown.
 
     Examples
     --------
@@ -141,9 +141,9 @@ class Closure(HasViews):
     residual_before: Localisation
     residual_after: Localisation
     screened: tuple[Screened, ...] = ()
-    detection_limits: tuple[DetectionLimit, ...] = ()
     set_aside: tuple[str, ...] = ()
     warnings: tuple[str, ...] = field(default=())
+    detection_limits: tuple[DetectionLimit, ...] = ()
 
     @property
     def before(self) -> ErrorsByKind:

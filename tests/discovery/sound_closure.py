@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from discovery.detection.limit import NEVER, DetectionLimit
 from discovery.localisation.force_map import ForceMap
 from discovery.localisation.localise import Localisation, Profile
 from discovery.loop.result import Closure, FoundEffect, LookAlike, Screened, Step
@@ -109,6 +110,14 @@ SCREENED = (
     Screened("extra-mode", "body:so", 0.003, 0.02),
 )
 
+LIMITS = (
+    DetectionLimit("cubic-stiffness", "flexure_lo", "k3", "N/m3", 1.4e8, 0.58, 0.14, 2e8),
+    DetectionLimit("cubic-stiffness", "joint", "k3", "N/m3", 9e11, 0.3, 0.2, 9e11),
+    DetectionLimit("even-stiffness", "flexure_so", "k2", "N/m2", 1.3e6, 0.4, 1.3, None),
+    DetectionLimit("constant-force", "body:lo", "F_0", "N", None, None, None, None, NEVER),
+    DetectionLimit("tension-drift", "tension", "d", "N/s", None, None, None, None, "it is each record's own"),
+)
+
 
 def closure(*found: FoundEffect, verdict: str = "closed", hold_out: int = 10) -> Closure:
     """A loop in which these effects were found, one after the other."""
@@ -133,4 +142,5 @@ def closure(*found: FoundEffect, verdict: str = "closed", hold_out: int = 10) ->
         SCREENED,
         ("records/loosening_004.h5: force_lo is clipped",),
         ("strain leaves the calibrated range in 2 records",),
+        LIMITS,
     )

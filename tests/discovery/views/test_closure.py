@@ -78,7 +78,7 @@ def test_errors_are_those_of_records_that_no_fit_has_seen() -> None:
 def test_no_effect_says_so_and_names_no_effect_as_found() -> None:
     found = closure(verdict="no-effect")
     parts = said(found)
-    assert set(parts) == {"missing", "evidence", "remains"}
+    assert set(parts) == {"missing", "evidence", "remains", "excluded"}
     assert parts["missing"].startswith("What was missing: nothing that these records show")
     assert "of all candidates coulomb-friction" in parts["evidence"]
     assert "p = 0.4" in parts["remains"]
@@ -231,3 +231,19 @@ def test_closed_loops_are_imported_when_they_are_used() -> None:
     code = f"import sys, discovery; print([m for m in sys.modules if m in {heavy}])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_no_effect_says_what_is_excluded_and_what_may_be_there() -> None:
+    first, second, third = said(closure(verdict="no-effect"))["excluded"].splitlines()
+    assert first == (
+        "What is excluded: with probability 0.8 these records would have shown "
+        "cubic-stiffness in the link flexure_lo from k3 = 1.4e+08 N/m3; and 1 more."
+    )
+    assert "Not excluded" in second
+    assert "even-stiffness in the link flexure_so from k2 = 1.3e+06 N/m2" in second
+    assert "constant-force in the body lo" in second
+    assert third == "Of 1 other strengths no limit is known; detection_limits says why."
+
+
+def test_nothing_is_said_to_be_excluded_where_more_than_noise_is_left() -> None:
+    assert "excluded" not in said(closure(verdict="unexplained"))

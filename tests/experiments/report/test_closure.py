@@ -33,7 +33,7 @@ from tests.discovery.sound_closure import (
     unknown_force,
 )
 
-ALL = {"closure-errors", "closure-residual", "closure-screened", "closure-effects"}
+ALL = {"closure-errors", "closure-residual", "closure-screened", "closure-effects", "closure-limits"}
 COMMAND = "boltlaw close campaign"
 
 
@@ -85,6 +85,7 @@ def test_a_closure_gives_every_figure_one_column_wide_with_units(tmp_path: Path)
         ("steps", {"closure-errors"}),
         ("residual", {"closure-residual"}),
         ("screened", {"closure-screened"}),
+        ("detection_limits", {"closure-limits"}),
         ("effects", {"closure-effects"}),
         ("summary", set()),
     ],
@@ -338,3 +339,15 @@ def test_equations_of_effects_keep_their_meaning(text: str, enters: str, expecte
     (line,) = effect_equations(text, enters)
     bare = html.unescape(re.sub(r"<[^>]+>", "", line)).replace("\u2062", "").replace("\u00a0", " ")
     assert bare == expected
+
+
+def test_a_limit_is_drawn_over_the_usual_strength_and_hollow_where_there_is_none() -> None:
+    (axes,) = closure_figures(two())["closure-limits"].axes
+    assert [label.get_text() for label in axes.get_yticklabels()] == [
+        "cubic-stiffness", "even-stiffness", "constant-force",
+    ]  # fmt: skip
+    drawn = [line for line in axes.get_lines() if len(line.get_xdata())]
+    filled = {x for line in drawn if line.get_markerfacecolor() != "none" for x in line.get_xdata()}
+    assert {x for x in filled if np.isfinite(x)} == {0.14, 0.2, 1.3}
+    (hollow,) = (line for line in drawn if line.get_markerfacecolor() == "none")
+    assert hollow.get_xdata()[0] > 1.3

@@ -29,7 +29,7 @@ from tests.rom.sound_campaign import LOOSENING, sound_settings, write_sound_camp
 Boltlaw = Callable[..., Any]
 Finding = Callable[[Closure], list[tuple[Any, ...]]]
 RATE_HZ = 4800.0
-FIGURES = {"closure-errors.svg", "closure-residual.svg", "closure-screened.svg", "closure-effects.svg"}
+FIGURES = {f"closure-{name}.svg" for name in ("errors", "residual", "screened", "effects", "limits")}
 
 
 @pytest.fixture(scope="module")
@@ -119,6 +119,11 @@ def test_the_closure_has_the_keys_that_others_read(made: Path) -> None:
     assert data["residual"]["before"]["by_channel"]["acceleration_lo"] == pytest.approx(60.2)
     assert data["residual"]["after"]["whiteness_p"] == 0.31
     assert data["screened"][1]["name"] == "quadratic-damping"
+    limits = data["detection_limits"]
+    assert {"name", "enters", "parameter", "unit", "value", "felt_percent", "share_of_default"} <= set(
+        limits[0]
+    )
+    assert all((limit["value"] is None) == bool(limit["reason"]) for limit in limits)
     assert data["set_aside"]
     assert data["warnings"]
 

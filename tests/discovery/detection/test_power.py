@@ -1,0 +1,68 @@
+"""The probability that an effect is named, against what is known of normal numbers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from discovery.detection.power import Background, Response
+
+GAINS = (150.0, 20.0)
+OPEN = Background(cost=1000.0, level=1.0, gains=GAINS)
+
+
+def response(square: float, *, records: int = 10, dispersion: float = 1.0, error: float = 0.0) -> Response:
+    each = np.full(records, square / records)
+    return Response(each, each, dispersion, {"motion_nrmse": np.full(records, error)})
+
+
+@pytest.mark.parametrize("dispersion", [1.0, 4.0])
+def test_the_limit_of_a_gain_is_where_a_normal_number_passes_it(dispersion: float) -> None:
+    quantile = stats.norm.ppf(0.8) * np.sqrt(dispersion)
+    at_limit = (np.sqrt(GAINS[0]) + quantile) ** 2
+    assert OPEN.probability(response(at_limit, dispersion=dispersion)) == pytest.approx(0.8, abs=0.05)
+    assert OPEN.probability(response(0.1 * at_limit, dispersion=dispersion)) < 0.05
+    assert OPEN.probability(response(4 * at_limit, dispersion=dispersion)) > 0.99
+
+
+def test_a_share_of_a_large_cost_is_asked_for_too() -> None:
+    loud = replace(OPEN, cost=1e6)
+    assert OPEN.probability(response(400.0)) > 0.99
+    assert loud.probability(response(400.0)) == 0.0
+    assert loud.probability(response(2e4)) > 0.99
+
+
+def test_records_that_are_held_out_must_gain() -> None:
+    unseen = replace(response(400.0), hold_out=np.full(10, 0.1))
+    assert OPEN.probability(unseen) < 0.05
+
+
+def test_what_few_records_show_is_never_significant() -> None:
+    drawn = replace(OPEN, chance=np.full(999, 5.0), by_signs=True)
+    for records, found in ((3, 0.0), (10, 1.0)):
+        assert drawn.probability(response(4000.0, records=records)) == found
+
+
+@pytest.mark.parametrize("coherent", [False, True])
+def test_an_error_of_the_motion_must_fall(coherent: bool) -> None:
+    with_errors = replace(OPEN, errors={"motion_nrmse": np.full(10, 0.01)}, coherent=coherent, cost=1e4)
+    small, large = (with_errors.probability(response(1000.0, error=e)) for e in (1e-4, 0.05))
+    assert small < 0.05
+    assert large > 0.95
+
+
+def test_an_error_in_an_unknown_phase_needs_a_larger_change_to_fall_for_sure() -> None:
+    errors = {"motion_nrmse": np.full(4, 0.01)}
+    noise, modes = (replace(OPEN, errors=errors, cost=1e4, coherent=one) for one in (False, True))
+    one = Response(np.full(10, 100.0), np.full(4, 100.0), 1.0, {"motion_nrmse": np.full(4, 0.0025)})
+    assert noise.probability(one) > 0.95
+    assert 0.3 < modes.probability(one) < 0.9
+
+
+def test_an_effect_that_closes_the_residual_need_not_lower_an_error() -> None:
+    errors = {"motion_nrmse": np.full(10, 0.01)}
+    assert replace(OPEN, errors=errors).probability(response(500.0, error=1e-5)) > 0.99
+    assert replace(OPEN, errors=errors, cost=1e4).probability(response(500.0, error=1e-5)) == 0.0
