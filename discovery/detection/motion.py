@@ -17,6 +17,7 @@ from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
 from rom.effects import Member, ModelCorrection
 from rom.evaluation.evaluate import Evaluation
+from rom.evaluation.replay import displacements, simulate_measurement
 from rom.identification.small_matrices import inverse, product
 from rom.identification.spectral_model import ComplexArray
 from rom.signals.filters import INTEGRATIONS
@@ -104,7 +105,7 @@ class MotionMeter:
         return Background(
             cost, cost / float(residual.training.sum()), least,
             {name: np.array(list(terms.values())) for name, terms in self._terms.items()},
-            chance, self.chance is not None, True, criteria,
+            chance, self.chance is not None, criteria,
         )  # fmt: skip
 
     def responses(self, effects: Sequence[ModelCorrection]) -> list[Response | None]:
@@ -119,25 +120,48 @@ class MotionMeter:
         trained, unseen = by_kind(residual.costs(beyond), residual.hold_out)
         scores, _ = by_kind(residual.sums(beyond * self.left), residual.hold_out)
         shares = self._shares(beyond, training=not self._judged)
-        changes = {
-            name: np.array([shares.get(key, 0.0) for key in terms]) for name, terms in self._terms.items()
-        }
+        changes, phases = (
+            {
+                n: np.array([shares.get(key, (0.0, 0.0))[k] for key in terms])
+                for n, terms in self._terms.items()
+            }
+            for k in (0, 1)
+        )
         return Response(
             trained, unseen, dispersion(scores, float(trained.sum()), self.background.level), changes,
-            100 * _largest(self._shares(output, training=True)),
+            100 * _largest(self._shares(output, training=True)), phases,
         )  # fmt: skip
 
     @cached_property
-    def _shown(self) -> list[tuple[MeasuredTrajectory, list[tuple[slice, ComplexArray, ComplexArray]]]]:
-        """Inverse of the whitener and measured displacements of every record's parts, (lines, channels)."""
-        return [
-            (trace, [(rows, inverse(linear.whitener), _displacement(trace, place, trace.parts[place].motion))
-                     for place, (rows, linear) in enumerate(parts)])
-            for trace, parts in self.residual.by_record()
-        ]  # fmt: skip
+    def _shown(self) -> list[tuple[MeasuredTrajectory, list[_Shown]]]:
+        """Displacements of every record's parts."""
+        found = []
+        for trace, parts in self.residual.by_record():
+            judged = trace.settings.hold_out is self._judged
+            errors = self._errors(trace) if judged else None
+            shown = [
+                _Shown(
+                    rows, inverse(linear.whitener), _displacement(trace, place, trace.parts[place].motion),
+                    None if errors is None else _lines(errors, trace, place),
+                )
+                for place, (rows, linear) in enumerate(parts)
+            ]  # fmt: skip
+            found.append((trace, shown))
+        return found
 
-    def _shares(self, rows: FloatArray, *, training: bool) -> dict[tuple[str, str], float]:
-        """RMS of whitened rows as displacements over the measured one, by file and body.
+    def _errors(self, trace: MeasuredTrajectory) -> FloatArray | None:
+        """Measured minus simulated displacement of a record's bodies [m]; None where it does not finish."""
+        model = self.residual.baseline.model
+        measurement = trace.in_double_precision().with_cutoff(model.filter_cutoff_hz)
+        response = simulate_measurement(model.without_effects_of("sensor fault"), measurement)
+        if response.status != "ok":
+            return None
+        (simulated,) = displacements([response], measurement)
+        return np.stack([measurement.displacement(body) - simulated[body] for body in trace.bodies], axis=1)
+
+    def _shares(self, rows: FloatArray, *, training: bool) -> dict[tuple[str, str], tuple[float, float]]:
+        """Whitened rows as displacements, by file and body: RMS over the measured one, and what of the RMS of
+        the simulation's error is along it.
 
         The relative displacement of two bodies has no body's name.
         """
@@ -145,21 +169,44 @@ class MotionMeter:
         for trace, parts in self._shown:
             if trace.settings.hold_out is training:
                 continue
-            squares: dict[str, FloatArray] = {}
-            for place, (mine, colour, measured) in enumerate(parts):
-                change = _displacement(trace, place, _unwhitened(rows[mine], colour))
-                for body, both in _by_body(trace, change, measured):
-                    squares[body] = squares.get(body, np.zeros(2)) + both
-            for body, (changed, whole) in squares.items():
-                found[trace.settings.file, body] = float(np.sqrt(changed / whole)) if whole else 0.0
+            sums: dict[str, FloatArray] = {}
+            for place, part in enumerate(parts):
+                change = _displacement(trace, place, _unwhitened(rows[part.rows], part.colour))
+                for body, some in _by_body(trace, change, part):
+                    sums[body] = sums.get(body, np.zeros(4)) + some
+            for body, (changed, whole, error, along) in sums.items():
+                cosine = along / np.sqrt(max(changed * error, 1e-300))
+                found[trace.settings.file, body] = (float(np.sqrt(changed / whole)) if whole else 0.0, cosine)
         return found
 
 
-def _largest(shares: Mapping[tuple[str, str], float]) -> float:
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """A part of a record: its rows, inverse whitener, displacements, and errors of the simulation."""
+
+    rows: slice
+    colour: ComplexArray
+    measured: ComplexArray
+    errors: ComplexArray | None
+
+
+def _largest(shares: Mapping[tuple[str, str], tuple[float, float]]) -> float:
     """The largest mean over records of any body, or of the relative motion."""
     bodies = {body for _, body in shares}
-    means = (float(np.mean([share for (_, of), share in shares.items() if of == body])) for body in bodies)
+    means = (
+        float(np.mean([share for (_, of), (share, _) in shares.items() if of == body])) for body in bodies
+    )
     return max(means, default=0.0)
+
+
+def _lines(samples: FloatArray, trace: MeasuredTrajectory, place: int) -> ComplexArray:
+    """Spectra of samples, (samples, bodies), at the lines of a part."""
+    part, rate = trace.parts[place], trace.measurement.rate_hz
+    first, last = part.samples
+    whole = np.fft.rfft(samples[first:last], axis=0) / rate
+    at = np.rint(part.frequency * (last - first) / rate).astype(int)
+    passed = part.frequency >= trace.measurement.chain.cutoff_hz
+    return np.asarray(np.where(passed[:, None], whole[at], 0.0))
 
 
 def _unwhitened(rows: FloatArray, colour: ComplexArray) -> ComplexArray:
@@ -181,14 +228,20 @@ def _displacement(trace: MeasuredTrajectory, place: int, lines: ComplexArray) ->
 
 
 def _by_body(
-    trace: MeasuredTrajectory, change: ComplexArray, measured: ComplexArray
+    trace: MeasuredTrajectory, change: ComplexArray, part: _Shown
 ) -> Iterator[tuple[str, FloatArray]]:
-    """Squares of a change and of the measured motion of every body, and of the first two's relative one."""
+    """Sums of squares of a change, of the measured motion and of the error, and of what both have in common.
+
+    Of every body, and of the first two's relative motion.
+    """
+    errors = np.zeros_like(change) if part.errors is None else part.errors
+    every = np.stack([change, part.measured, errors])
     for place, body in enumerate(trace.bodies):
-        yield body, _squares(change[:, place], measured[:, place])
+        yield body, _sums(*every[:, :, place])
     if len(trace.bodies) > 1:
-        yield "", _squares(change[:, 0] - change[:, 1], measured[:, 0] - measured[:, 1])
+        yield "", _sums(*(every[:, :, 0] - every[:, :, 1]))
 
 
-def _squares(change: ComplexArray, measured: ComplexArray) -> FloatArray:
-    return np.array([np.sum(np.abs(change) ** 2), np.sum(np.abs(measured) ** 2)])
+def _sums(change: ComplexArray, measured: ComplexArray, error: ComplexArray) -> FloatArray:
+    squares = [float(np.vdot(one, one).real) for one in (change, measured, error)]
+    return np.array([*squares, float(np.vdot(change, error).real)])

@@ -27,7 +27,6 @@ from rom.criteria.number import Numerical
 _SEED: Numerical[int] = 0  # numbers of a closure are the same on every run
 _DRAWS: Numerical[int] = 400
 _TINY: Numerical[float] = 1e-300
-NONE: Mapping[str, FloatArray] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +41,8 @@ class Response:
         Variance of its score over that of white noise.
     changes : mapping of str to ndarray
         What it adds to each error that an effect must lower, by term of the error's mean.
+    phases : mapping of str to ndarray
+        Cosines of the angles between these and the errors that are there; none of noise.
     felt : float
         What it changes of motion, loss or reading [%].
     """
@@ -51,6 +52,7 @@ class Response:
     dispersion: float = 1.0
     changes: Mapping[str, FloatArray] = field(default_factory=dict)
     felt: float = 0.0
+    phases: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def square(self) -> float:
@@ -77,6 +79,7 @@ class Response:
             between(self.training, other.training), between(self.hold_out, other.hold_out),
             self.dispersion * (1 - share) + other.dispersion * share,
             {n: between(change, other.changes[n]) for n, change in self.changes.items()}, float(felt),
+            {n: one * (1 - share) + other.phases[n] * share for n, one in self.phases.items()},
         )  # fmt: skip
 
 
@@ -94,8 +97,6 @@ class Background:
         Terms of the means of the errors that an effect in the motion must lower; none for one in the tension.
     chance : ndarray, shape (draws,)
         Largest gain of any effect by chance; of none where none is drawn.
-    coherent : bool
-        Whether these are of the same few modes as a change, in any phase; else of noise.
     by_signs : bool
         Whether signs of records are drawn, which an effect itself makes larger.
     gains : tuple of float
@@ -108,7 +109,6 @@ class Background:
     errors: Mapping[str, FloatArray] = field(default_factory=dict)
     chance: FloatArray = field(default_factory=lambda: np.zeros(0))
     by_signs: bool = False
-    coherent: bool = False
     criteria: Criteria = CRITERIA
 
     @property
@@ -205,16 +205,14 @@ class _Test:
         rise = rules.error_rise_closing if closes else rules.material_error
         risen = ~passed
         for name, terms in one.errors.items():
-            whole = self._error(terms, self.response.changes[name], np.ones(1))
-            left = self._error(terms, self.response.changes[name], 1 - self.fitted)
+            whole, left = (self._error(name, terms, share) for share in (np.ones(1), 1 - self.fitted))
             passed |= left <= (1 - least) * whole
             risen &= left <= (1 + rise) * whole
         return np.asarray(passed & risen)
 
-    def _error(self, terms: FloatArray, change: FloatArray, share: FloatArray) -> FloatArray:
-        """Means of errors beside a share of a change, (draws,): |e + share d|, the phase unknown or none."""
-        left = share[:, None] * change
-        phases = _phases(len(terms)) if self.background.coherent else 0.0
+    def _error(self, name: str, terms: FloatArray, share: FloatArray) -> FloatArray:
+        """Means of errors beside a share of a change, (draws,): |e + share d|."""
+        left, phases = share[:, None] * self.response.changes[name], self.response.phases.get(name, 0.0)
         return np.asarray(np.sqrt(terms**2 + left**2 + 2 * terms * left * phases).mean(axis=1))
 
 
@@ -228,9 +226,3 @@ def _normal(count: int) -> FloatArray:
 def _signs(records: int, draws: int) -> FloatArray:
     """Signs of records, (records, draws)."""
     return np.random.default_rng(_SEED).choice((-1.0, 1.0), size=(records, draws))
-
-
-@lru_cache(maxsize=4)
-def _phases(count: int) -> FloatArray:
-    """Cosines of angles drawn evenly, (draws, count)."""
-    return np.asarray(np.cos(np.random.default_rng(_SEED).uniform(0, 2 * np.pi, (_DRAWS, count))))
