@@ -30,5 +30,5 @@ def test_the_library_has_the_terms_by_name() -> None:
     columns = library("v, x, T, F, D").fit(inputs)
     assert columns.get_feature_names() == list(TERMS)
     row = dict(zip("vxTFD", inputs[0], strict=True))
-    expected = [eval(term, {}, row) for term in TERMS]  # noqa: S307 - our own text
+    expected = [eval(term, {}, row) for term in TERMS]
     assert np.asarray(columns.transform(inputs))[0] == pytest.approx(expected)
