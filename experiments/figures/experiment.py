@@ -12,7 +12,7 @@ from discovery.views.palette import BLUE, GREY
 from experiments.figures.style import panels, styled
 
 Data = Mapping[str, Any]
-_ROW_MM, _MARGIN_MM = 3.6, 20.0
+_ROW_MM, _MARGIN_MM = 3.6, 26.0
 _MOST_ROWS = 80
 _LONGEST = 36
 _LOGARITHMIC = 30.0  # largest over smallest error beyond which the axis is logarithmic
@@ -39,7 +39,8 @@ def errors_of_cells(rows: Sequence[Data]) -> Figure:
     figure, axes = panels(len(groups), 1, sum(heights), gridspec_kw={"height_ratios": heights})
     for group, (ax,) in zip(groups, axes, strict=True):
         _draw(ax, group)
-        ax.set_yticks(range(len(group)), [_label(row, varied) for row in group])
+        several = len({row["command"] for row in group}) > 1
+        ax.set_yticks(range(len(group)), [_label(row, varied, told=several) for row in group])
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     return figure
 
@@ -58,8 +59,8 @@ def _draw(ax: Axes, group: Sequence[Data]) -> None:
     ax.set_xlabel("Error [%]\n" + group[0]["error_of"].replace(", ", ",\n"))
 
 
-def _label(row: Data, varied: Sequence[str]) -> str:
-    """The campaign, and the settings in which cells differ."""
-    told = [f"{key.rpartition('.')[2]} {row[key]}" for key in varied if row.get(key) is not None]
-    text = ", ".join([row["campaign"], *told])
+def _label(row: Data, varied: Sequence[str], *, told: bool) -> str:
+    """The campaign, the command where it is to be told, and the settings in which cells differ."""
+    settings = [f"{key.rpartition('.')[2]} {row[key]}" for key in varied if row.get(key) is not None]
+    text = ", ".join([row["campaign"], *([row["command"]] if told else []), *settings])
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"

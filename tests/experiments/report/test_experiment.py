@@ -32,6 +32,7 @@ def test_a_legend_names_what_each_command_compares() -> None:
     laws, effects = experiment_figures({"cells": CELLS})["experiment"].axes
     told = [[text.get_text() for text in axes.get_legend().get_texts()] for axes in (laws, effects)]
     assert told == [["γ(T)", "first law"], ["declared model", "refined model"]]
+    assert [text.get_text() for text in laws.get_yticklabels()] == ["a + b, discover", "a + b, compare"]
 
 
 def test_the_page_of_an_experiment_has_its_table_and_its_figure(tmp_path: Path) -> None:
