@@ -17,7 +17,7 @@ from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
 from rom.effects import Member, ModelCorrection
 from rom.evaluation.evaluate import Evaluation
-from rom.evaluation.replay import displacements, simulate_measurement
+from rom.evaluation.replay import displacements, replay
 from rom.identification.small_matrices import inverse, product
 from rom.identification.spectral_model import ComplexArray
 from rom.signals.filters import INTEGRATIONS
@@ -118,7 +118,7 @@ class MotionMeter:
         if not np.isfinite(beyond).all():
             return None
         trained, unseen = by_kind(residual.costs(beyond), residual.hold_out)
-        scores, _ = by_kind(residual.sums(beyond * self.left), residual.hold_out)
+        scores, others = by_kind(residual.sums(beyond * self.left), residual.hold_out)
         shares = self._shares(beyond, training=not self._judged)
         changes, phases = (
             {
@@ -130,6 +130,7 @@ class MotionMeter:
         return Response(
             trained, unseen, dispersion(scores, float(trained.sum()), self.background.level), changes,
             100 * _largest(self._shares(output, training=True)), phases,
+            dispersion(others, float(unseen.sum()), 1.0),
         )  # fmt: skip
 
     @cached_property
@@ -153,10 +154,10 @@ class MotionMeter:
         """Measured minus simulated displacement of a record's bodies [m]; None where it does not finish."""
         model = self.residual.baseline.model
         measurement = trace.in_double_precision().with_cutoff(model.filter_cutoff_hz)
-        response = simulate_measurement(model.without_effects_of("sensor fault"), measurement)
-        if response.status != "ok":
+        run = replay(model.without_effects_of("sensor fault"), measurement)
+        if run.response.status != "ok":
             return None
-        (simulated,) = displacements([response], measurement)
+        (simulated,) = displacements([run])
         return np.stack([measurement.displacement(body) - simulated[body] for body in trace.bodies], axis=1)
 
     def _shares(self, rows: FloatArray, *, training: bool) -> dict[tuple[str, str], tuple[float, float]]:

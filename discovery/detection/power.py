@@ -6,8 +6,9 @@ scores scatter phi times as much as those of white noise do, the fit finds the s
     d ~ N(0, phi / |s|^2),   training gain = (1 + d)^2 |s|^2,
     gain of a record that is held out = (1 + d) (2 (|s_i|^2 + s_i . n_i) - (1 + d) |s_i|^2)
 
-with s_i . n_i ~ N(0, phi |s_i|^2). These pass what `discovery.decide.acceptance` asks of an explanation, and
-`discovery.decide.chance`: signs of whole records are drawn anew, with the effect in them.
+with s_i . n_i ~ N(0, phi |s_i|^2), phi that of hold-out records. These pass what
+`discovery.decide.acceptance` asks of an explanation, and `discovery.decide.chance`: signs of whole records
+are drawn anew, with the effect in them.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ class Response:
         Squares of its whitened output by record.
     dispersion : float
         Variance of its score over that of white noise.
+    unseen_dispersion : float
+        The same on hold-out records.
     changes : mapping of str to ndarray
         What it adds to each error that an effect must lower, by term of the error's mean.
     phases : mapping of str to ndarray
@@ -53,6 +56,7 @@ class Response:
     changes: Mapping[str, FloatArray] = field(default_factory=dict)
     felt: float = 0.0
     phases: Mapping[str, FloatArray] = field(default_factory=dict)
+    unseen_dispersion: float = 1.0
 
     @property
     def square(self) -> float:
@@ -80,6 +84,7 @@ class Response:
             self.dispersion * (1 - share) + other.dispersion * share,
             {n: between(change, other.changes[n]) for n, change in self.changes.items()}, float(felt),
             {n: one * (1 - share) + other.phases[n] * share for n, one in self.phases.items()},
+            self.unseen_dispersion * (1 - share) + other.unseen_dispersion * share,
         )  # fmt: skip
 
 
@@ -185,7 +190,8 @@ class _Test:
         squares, a = self.response.hold_out, self.fitted[:, None]
         if not squares.size:
             return np.ones(len(a), dtype=bool)
-        scores = squares + np.sqrt(self.response.dispersion * squares) * self._noise[:, 1:]
+        spread = max(self.response.dispersion, self.response.unseen_dispersion)
+        scores = squares + np.sqrt(spread * squares) * self._noise[:, 1:]
         gains = a * (2 * scores - a * squares)
         enough = gains.sum(axis=1) > self.background.gains[1] * self.background.spread
         if not self.background.errors:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,10 +14,11 @@ from discovery.courses.marginal_likelihood import Problem, State
 from discovery.courses.tension_likelihood import course, law_candidate, law_problem
 from discovery.courses.variability import tau
 from discovery.decide.chance import largest_of_noise
+from discovery.detection.limit import dispersion
 from discovery.detection.power import Background, Response
 from discovery.explain.strain_gauge import fault_rows, measured_motion, reading_rows
 from discovery.explain.tension import candidates_in_tension, in_course
-from discovery.residual.course_fit import CourseFit, predictive
+from discovery.residual.course_fit import CourseFit, CourseFits, predictive
 from discovery.residual.tension import TensionResidual
 from discovery.residual.tension_data import TensionData
 from rom.campaign.channels import FloatArray
@@ -28,6 +29,7 @@ from rom.signals.per_record_parameters import per_record_names
 OWN_NUMBERS = "it has a number of each record's own; its limit is not calculated"
 PRELOADS = "declared preloads alone show it; its limit is not calculated"
 _SAME: Numerical[float] = 1e-8
+_TINY: Numerical[float] = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,11 @@ class _Part:
     def slopes(self) -> FloatArray:
         """Slopes by the law's free numbers, (cases, bins, numbers)."""
         return self.marginal(self.problem.jacobian(self.state))
+
+    @property
+    def left(self) -> FloatArray:
+        """What the law leaves over, (cases, bins)."""
+        return self.marginal(self.state.residual)
 
     def change(self, shown: FloatArray) -> FloatArray:
         """Changes of histories [N], (cases, bins), whitened."""
@@ -132,7 +139,8 @@ class TensionMeter:
 
     def squares(self, effects: Sequence[ModelCorrection]) -> list[float]:
         """Squares of what effects add to training histories."""
-        return [0.0 if one is None else one.square for one in self.responses(effects)]
+        found = (self._beyond(effect) for effect in effects)
+        return [0.0 if one is None else float(np.sum(one[0] ** 2)) for one in found]
 
     def responses(self, effects: Sequence[ModelCorrection]) -> list[Response | None]:
         """What effects add."""
@@ -144,7 +152,24 @@ class TensionMeter:
             return None
         trained, unseen, felt = found
         squares = [np.sum(rows**2, axis=1) for rows in (trained, unseen)]
-        return Response(squares[0], squares[1], max(self.base.misfit.level, 1.0), felt=felt)
+        second, other = self._parts[1], 1.0
+        if second is not None:
+            other = dispersion(np.sum(unseen * second.left, axis=1), float(squares[1].sum()), 1.0)
+        kept = self._kept(effect, float(squares[0].sum()))
+        level = max(self.base.misfit.level, 1.0)
+        return Response(kept * squares[0], kept * squares[1], level, felt=felt, unseen_dispersion=other)
+
+    def _kept(self, effect: ModelCorrection, square: float) -> float:
+        """Share of the square that is left where the law and the between-test variability are refitted."""
+        base, first = self.base, self._parts[0]
+        frozen = first.problem.frozen
+        shown = self._shown(effect, frozen, first.state.u)
+        moved = replace(frozen, change=frozen.change + shown)
+        problem = law_problem(base.candidate, moved, base.problem.offsets)
+        start = problem.solve(base.state.theta, base.state.scatter, base.state.u, steps=6)
+        alone = CourseFits(self.data).climbed(problem, start, roughly=True)
+        gain = alone.state.deviance - base.state.deviance
+        return float(np.clip(gain / max(square, _TINY), 0.0, 1.0))
 
     def _beyond(self, effect: ModelCorrection) -> tuple[FloatArray, FloatArray, float] | None:
         """What the law and the rates of each test leave of an effect, (cases, bins), and what it changes."""
