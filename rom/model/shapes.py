@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -70,7 +69,7 @@ class ModeShapes:
 
     @cached_property
     def _matrices(self) -> Mapping[tuple[str, ...], FloatArray]:
-        return MappingProxyType({places: self._matrix(places) for places in (self.sensors, self.forces)})
+        return {places: self._matrix(places) for places in (self.sensors, self.forces)}
 
     def _matrix(self, places: Sequence[str]) -> FloatArray:
         rows = [[self.numbers[shape_path(m, p)].value for m in self.modes] for p in places]

@@ -15,6 +15,7 @@ from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import evaluate
 from rom.model.laws import Parameter
 from rom.parameters.he_2025 import paper_model
+from tests.rom import beams
 from tests.rom.shown_records import SETTINGS, channels
 
 EFFECTS = (
@@ -97,3 +98,10 @@ def test_files_may_be_read_by_whom_the_system_lets(results: Path, tmp_path: Path
     (tmp_path / "plain").touch()
     modes = {path.stat().st_mode for path in (tmp_path / "plain", results / "model.json")}
     assert len(modes) == 1
+
+
+def test_a_model_of_bodies_predicts_no_campaign_of_modes(tmp_path: Path) -> None:
+    beams.campaign(tmp_path / "beam")
+    paper_model().save(tmp_path / "model.json")
+    with pytest.raises(ValueError, match=r"found a campaign of \[modes\], expected one of bodies"):
+        run(tmp_path / "model.json", tmp_path / "beam", tmp_path / "results")

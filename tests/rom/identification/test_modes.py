@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -57,6 +58,9 @@ def test_a_model_of_modes_is_written_read_and_predicts(found: Identification, tm
     found.model.save(tmp_path / "model.json")
     model = rom.load_model(tmp_path / "model.json")
     assert model == found.model
+    assert model.shapes is not None
+    assert model.shapes.at(("tip",)).tolist() == [[1.0, 1.0]]
+    assert pickle.loads(pickle.dumps(model)) == model  # as processes exchange it
     quiet = beams.campaign(tmp_path / "quiet", noise=5e-4, seed=1)
     (held, *_) = evaluate([model], quiet, quiet.select("driven", hold_out=True))
     errors = held.comparisons[0].motion_nrmse
