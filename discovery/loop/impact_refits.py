@@ -13,7 +13,7 @@ from discovery.decide.acceptance import in_tension, is_accepted, motion_errors
 from discovery.decide.explanation import Explanation
 from discovery.detection.limit import Meter
 from discovery.detection.motion import MotionMeter
-from discovery.detection.tension import GaugeMeter, TensionMeter
+from discovery.detection.tension import GaugeMeter
 from discovery.explain import at_rest, free_form
 from discovery.explain.calibration import DISAGREE
 from discovery.explain.motion import explain_screened, explanation, motion_channels, screen
@@ -341,15 +341,14 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         return []
 
     def meters(self, history: LoopHistory) -> Sequence[Meter]:
-        """Effects in the motion, in the tension's histories and in its gauge."""
+        """Effects in the motion, and in the tension and its gauge."""
         last = history.last
         of_motion = MotionMeter(self.own(last.residual), last.evaluations, history.chance)
         tension = self.tension(last)
         if tension is None or tension.data is None or tension.baseline is None:
             return [of_motion]
         blocked = "" if history.is_explained else NOT_EXPLAINED
-        known = (tension, tension.data, tension.baseline, blocked)
-        return [of_motion, TensionMeter(*known), GaugeMeter(*known)]
+        return [of_motion, GaugeMeter(tension, tension.data, tension.baseline, blocked)]
 
     def doubts(self, history: LoopHistory) -> tuple[str, ...]:
         """Numbers of the last model that uncoupled tests deny."""

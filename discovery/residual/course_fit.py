@@ -182,11 +182,11 @@ class CourseFits:
             return replace(fit, costs=costs)
         unseen = self.data.part(hold_out=True, of=frozen)
         plain = law_problem(fit.candidate, unseen, np.zeros_like(unseen.change))
-        at = predictive(plain, fit.state)
+        at = _predictive(plain, fit.state)
         offsets = np.nan_to_num(self._offsets(fit.candidate, unseen, at.u, self.data.training))
         problem = law_problem(fit.candidate, unseen, offsets)
         # at a rate far from all others the correction at the first mode holds nowhere near
-        hidden = np.fmin(predictive(problem, fit.state).by_case, at.by_case)
+        hidden = np.fmin(_predictive(problem, fit.state).by_case, at.by_case)
         return replace(fit, costs=np.concatenate([costs, hidden + self._log_volume(problem, hold_out=True)]))
 
     def _offsets(self, candidate: LawCandidate, part: FrozenMotion, u: FloatArray, first: int) -> FloatArray:
@@ -205,8 +205,8 @@ class CourseFits:
         return np.asarray(problem.log_determinant - usual)
 
 
-def predictive(problem: Problem, at: State) -> State:
-    """Return unseen records at fitted numbers, the deviations integrated out about the best mode."""
+def _predictive(problem: Problem, at: State) -> State:
+    """Unseen records at fitted numbers, the deviations integrated out about the best mode."""
     lowest, place = np.full(len(problem.frozen), np.inf), np.zeros(len(problem.frozen))
     for start in _U_STARTS:
         state = problem.solve(problem.theta0, at.scatter, np.full(len(place), start), steps=12)
