@@ -15,7 +15,7 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Member, ModelCorrection
 
-_ROUNDS: Numerical[int] = 5  # strengths of an effect whose output is not linear in them
+_ROUNDS: Numerical[int] = 4  # strengths of an effect whose output is not linear in them
 _SETTLED: Numerical[float] = 0.05  # in the logarithm of a strength
 _WIDE: Numerical[float] = 100.0  # times the usual strength, where a range has no end
 _FINE: Numerical[float] = 0.02  # in the logarithm of a strength

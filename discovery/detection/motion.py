@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -119,7 +119,7 @@ class MotionMeter:
             return None
         trained, unseen = by_kind(residual.costs(beyond), residual.hold_out)
         scores, others = by_kind(residual.sums(beyond * self.left), residual.hold_out)
-        shares = self._shares(beyond, training=not self._judged)
+        shares = self._shares(beyond, {file for terms in self._terms.values() for file, _ in terms})
         changes, phases = (
             {
                 n: np.array([shares.get(key, (0.0, 0.0))[k] for key in terms])
@@ -129,7 +129,7 @@ class MotionMeter:
         )
         return Response(
             trained, unseen, dispersion(scores, float(trained.sum()), self.background.level), changes,
-            100 * _largest(self._shares(output, training=True)), phases,
+            100 * _largest(self._shares(output, {file for file, _ in self._few.held_out})), phases,
             dispersion(others, float(unseen.sum()), 1.0),
         )  # fmt: skip
 
@@ -160,15 +160,15 @@ class MotionMeter:
         (simulated,) = displacements([run])
         return np.stack([measurement.displacement(body) - simulated[body] for body in trace.bodies], axis=1)
 
-    def _shares(self, rows: FloatArray, *, training: bool) -> dict[tuple[str, str], tuple[float, float]]:
-        """Whitened rows as displacements, by file and body: RMS over the measured one, and what of the RMS of
-        the simulation's error is along it.
+    def _shares(self, rows: FloatArray, files: Set[str]) -> dict[tuple[str, str], tuple[float, float]]:
+        """Whitened rows as displacements, by file and body, of some files.
 
-        The relative displacement of two bodies has no body's name.
+        RMS over the measured one, and the cosine of the angle to the simulation's error. The relative
+        displacement of two bodies has no body's name.
         """
         found = {}
         for trace, parts in self._shown:
-            if trace.settings.hold_out is training:
+            if trace.settings.file not in files:
                 continue
             sums: dict[str, FloatArray] = {}
             for place, part in enumerate(parts):
