@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from scipy import signal
 
-from rom.campaign.channels import FloatArray
+from rom.campaign.channels import Channel, FloatArray
+from rom.criteria.number import Numerical
 from rom.model.assembly import Response
 from rom.model.model import Model
+from rom.signals.band import Band
 from rom.signals.processing import Measurement
+
+_ABOVE_BAND: Numerical[float] = 1.2  # times its upper end
+_LEAST: Numerical[float] = 0.5  # of half the rate, from which lines tell noise
+_MOST: Numerical[float] = 0.8  # the same where the band reaches higher
 
 
 def as_sensors_show(
@@ -46,3 +53,17 @@ def slowest_mode(model: Model) -> float:
     masses = {body.name: body.mass for body in model.structure.bodies}
     squares = [float(model.link_laws[mode].stiffness(0.0)) / masses[mode] for mode in masses]
     return float(np.sqrt(max(min(squares), 0.0)) / (2 * np.pi))
+
+
+def quiet_noise(channel: Channel, band_hz: Band | None) -> float:
+    """Standard deviation of a sensor's white noise, by the median line above the band: modes ring there too.
+
+    The median of the power of white noise is ln 2 of its mean.
+    """
+    samples = channel.samples - channel.samples.mean()
+    window = signal.windows.hann(len(samples))
+    power = np.abs(np.fft.rfft(samples * window)) ** 2 / float(np.sum(window**2))
+    frequency = np.fft.rfftfreq(len(samples), 1 / channel.rate_hz)
+    first = _ABOVE_BAND * (0.0 if band_hz is None else band_hz[1])
+    above = power[frequency >= min(max(first, _LEAST * frequency[-1]), _MOST * frequency[-1])]
+    return float(np.sqrt(np.median(above) / np.log(2)))

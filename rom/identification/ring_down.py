@@ -16,7 +16,7 @@ from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import in_record
 from rom.identification.equation_error import noise_of
-from rom.identification.modal_sensors import as_sensors_show, forces_of, slowest_mode
+from rom.identification.modal_sensors import as_sensors_show, forces_of, quiet_noise, slowest_mode
 from rom.model.assembly import TOLERANCE, Response
 from rom.model.model import Model
 from rom.model.shapes import ModeShapes
@@ -205,12 +205,14 @@ def ring_down(measurement: Measurement, model: Model | None = None, *, modal: bo
     if model is not None and shapes is not None:
         measurement = replace(measurement, strongest_hz=slowest_mode(model))
     bodies = tuple(b for b in measurement.motion)
-    rate = _modal_rate(measurement) if modal or shapes is not None else _row_rate(measurement)
+    is_modal = modal or shapes is not None
+    rate = _modal_rate(measurement) if is_modal else _row_rate(measurement)
     measured, noise = [], []
     for body in bodies:
         motion = measurement.motion[body]
         rows = _compared(measurement, motion.kind, motion.samples, rate)
-        white = noise_of(Channel(body, motion.samples, measurement.rate_hz))
+        channel = Channel(body, motion.samples, measurement.rate_hz)
+        white = quiet_noise(channel, measurement.chain.band_hz) if is_modal else noise_of(channel)
         white *= np.sqrt(rate / measurement.rate_hz)
         noise.append(max(white, _LEAST_NOISE * float(np.sqrt(np.mean(rows**2))), np.finfo(float).tiny))
         measured.append(rows)
