@@ -37,7 +37,7 @@ def in_tension(refits: Refits, history: LoopHistory) -> LoopHistory:
     return _with_free_rate(refits, named, [history, named] if longer else [history])
 
 
-def _named(refits: Refits, history: LoopHistory) -> LoopHistory:
+def _named(refits: Refits, history: LoopHistory, *, until_law: bool = False) -> LoopHistory:
     """Add effects of the catalogue in the tension, which hardly show in the motion, until none helps.
 
     One that makes the simulated errors worse, or the histories by more than it explains, is not kept; nor is
@@ -68,6 +68,8 @@ def _named(refits: Refits, history: LoopHistory) -> LoopHistory:
         if history.names in seen:  # of two effects each takes the other's place
             return before
         seen.append(history.names)
+        if until_law and selection.best.effect.kind == "law change":
+            return history
 
 
 def adopted(refits: Refits, state: State, explanation: Explanation) -> State:
@@ -139,20 +141,31 @@ def law_first(refits: Refits, history: LoopHistory) -> LoopHistory:
     """Add another law of loosening before all effects in the motion, where it is what is plainly wrong.
 
     Records are followed along a tension that falls by the declared law. Where another one holds, tension
-    histories are off by far more than the motion, and what that lacks then is the right tension.
+    histories are off by far more than the motion, or the motion is off for want of the right tension: then
+    next to nothing is left of that along the law found, as no law does for what acts in the motion itself.
     """
     last = history.last
     residual = None if history.is_explained else refits.tension(last)
-    if residual is None or residual.misfit.is_noise or residual.misfit.level <= last.level:
+    if residual is None or residual.misfit.is_noise:
         return history
-    named = _named(refits, history)
+    named = _named(refits, history, until_law=True)
     new = named.selections[len(history.selections) :]
     if not any(selection.best.effect.kind == "law change" for selection in new):
         return history
-    followed = refits.along_law(named.last)
-    if followed.level >= last.level:
+    followed = _followed(refits, named.last)
+    share = 1.0 if residual.misfit.level > last.level else history.criteria.closing.closing_share
+    if followed.level - 1 >= share * (last.level - 1):
         return history
     return replace(named.ending(followed), tension=named.tension[:1])
+
+
+def _followed(refits: Refits, state: State) -> State:
+    """The state along its law; again where it leaves more than noise, for stiffnesses have moved by then."""
+    followed = refits.along_law(state)
+    if followed.level <= refits.options.criteria.acceptance.noise_level:
+        return followed
+    again = refits.along_law(followed)
+    return again if again.level < followed.level else followed
 
 
 def redundant_along_law(refits: Refits, history: LoopHistory) -> LoopHistory:

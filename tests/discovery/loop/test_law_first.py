@@ -1,0 +1,56 @@
+"""When another law of loosening is taken before all effects in the motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from discovery.criteria.criteria import CRITERIA
+from discovery.loop import tension_stage
+
+
+@dataclass(frozen=True)
+class History:
+    """What the rule looks at of a history of the loop."""
+
+    last: Any
+    selections: tuple[Any, ...] = ()
+    tension: tuple[Any, ...] = ()
+    is_explained: bool = False
+    criteria = CRITERIA
+
+    def ending(self, last: Any) -> History:
+        return History(last, self.selections)
+
+
+@pytest.mark.parametrize(
+    ("kind", "histories", "along_law", "is_taken"),
+    [
+        ("law change", 400.0, (150.0, 140.0), True),  # the histories are off by more than the motion
+        ("law change", 100.0, (3.0, 1.4), True),  # next to nothing is left of the motion
+        ("law change", 100.0, (150.0, 140.0), False),
+        ("law change", 100.0, (70.0, 40.0), True),  # once the stiffnesses have followed
+        ("law change", 400.0, (310.0, 320.0), False),
+        ("reading", 400.0, (3.0, 1.4), False),
+    ],
+)
+def test_a_law_comes_first_where_the_histories_or_the_motion_say_so(
+    monkeypatch: pytest.MonkeyPatch, kind: str, histories: float, along_law: tuple[float, ...], is_taken: bool
+) -> None:
+    start = History(SimpleNamespace(level=300.0))
+    named = History(start.last, (SimpleNamespace(best=SimpleNamespace(effect=SimpleNamespace(kind=kind))),))
+    monkeypatch.setattr(tension_stage, "_named", lambda *_, **__: named)
+    levels = iter(along_law)
+    refits: Any = SimpleNamespace(
+        options=SimpleNamespace(criteria=CRITERIA),
+        tension=lambda _: SimpleNamespace(misfit=SimpleNamespace(level=histories, is_noise=False)),
+        along_law=lambda _: SimpleNamespace(level=next(levels)),
+    )
+    found: Any = tension_stage.law_first(refits, start)  # type: ignore[arg-type]
+    assert (found is not start) == is_taken
+    if is_taken:
+        assert found.selections == named.selections
+        assert found.last.level == min(along_law)
