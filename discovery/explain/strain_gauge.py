@@ -13,8 +13,11 @@ from discovery.residual.fast_tension import Projected, project_disturbance, proj
 from discovery.residual.tension_data import TensionData
 from discovery.residual.tension_records import TensionObservation
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import CATALOGUE, Member, ModelCorrection, Motion, Reading, SensorFault
 from rom.signals.per_record_parameters import per_record_names
+
+_FINER: Numerical[int] = 17  # sizes between the neighbours of the best one
 
 
 def explained_by_gauge(data: TensionData, effects: Sequence[Pair]) -> tuple[list[TensionGain], FloatArray]:
@@ -83,21 +86,32 @@ def _linear(
 
 
 def _fault(data: TensionData, member: Member, effect: SensorFault) -> tuple[TensionGain, FloatArray]:
+    """A fault of one size for all: the best of a grid, then of a finer one about that."""
     (name,) = member.strengths
     low, high = effect.parameters[name].bounds
     sizes = np.geomspace(0.2 * member.strengths[name], high, 60)
-    grid = np.concatenate([-sizes[::-1], sizes] if low < 0 else [sizes])
-    rows = fault_rows(data, member, effect, grid)
-    gains = np.array(
-        [(row.target @ row.target) - ((row.target[:, None] - row.columns) ** 2).sum(axis=0) for row in rows]
-    )
+    coarse = np.concatenate([-sizes[::-1], sizes] if low < 0 else [sizes])
+    gains, _ = _fault_gains(data, member, effect, coarse)
+    best = int(np.argmax(gains[: data.training].sum(axis=0)))
+    ends = coarse[max(best - 1, 0)], coarse[min(best + 1, len(coarse) - 1)]
+    grid = np.union1d(coarse, np.linspace(*ends, _FINER))
+    gains, before = _fault_gains(data, member, effect, grid)
     total = gains[: data.training].sum(axis=0)
     best = int(np.argmax(total))
     bend = -np.gradient(np.gradient(total, grid), grid)[best]
-    fitted = effect.with_values(**{name: float(grid[best])})
-    with_limits = limited(fitted, {name: float(np.sqrt(2 / max(bend, 1e-300)))})
-    before = np.array([float(row.target @ row.target) for row in rows])
+    found = effect.with_values(**{name: float(grid[best])})
+    with_limits = limited(found, {name: float(np.sqrt(2 / max(bend, 1e-300)))})
     return TensionGain(with_limits, gains[:, best], at_bounds(with_limits)), before
+
+
+def _fault_gains(
+    data: TensionData, member: Member, effect: SensorFault, sizes: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Gains of every size, (records, sizes), and costs without a fault, (records,)."""
+    rows = fault_rows(data, member, effect, sizes)
+    before = np.array([float(row.target @ row.target) for row in rows])
+    after = np.array([((row.target[:, None] - row.columns) ** 2).sum(axis=0) for row in rows])
+    return before[:, None] - after, before
 
 
 def fault_rows(data: TensionData, member: Member, effect: SensorFault, sizes: FloatArray) -> list[Projected]:

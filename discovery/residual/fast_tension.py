@@ -22,7 +22,7 @@ from rom.effects import SensorFault
 
 # any loss is nearly a sum of these
 _LOSSES_S: Numerical[tuple[float, ...]] = (1e-3, 4e-3, 1.5e-2, 5e-2)
-_OTHER_POWERS: Numerical[tuple[float, ...]] = (2.0, 3.0, 6.0)  # of |v|, beside the simulated quartic one
+_OTHER_POWER: Numerical[float] = 2.0  # of |v|, beside the simulated quartic one; two or three cost more skew
 _SAME: Numerical[float] = 1e-8  # of the largest singular value: directions that are none
 
 
@@ -131,26 +131,23 @@ def project_fault(
     course = np.interp(time, nodes[0], nodes[5])
     columns = np.stack([fault.apply(course, record.rate_hz) - course for fault in faults], axis=1)
     x = record.displacement[window]
-    others = [np.interp(time, nodes[0], other) for other in _courses_of_other_powers(nodes)]
-    nuisance = np.stack([np.ones_like(time), course, *others, x, x**2], axis=1)
+    other = np.interp(time, nodes[0], _course_of_another_power(nodes))
+    nuisance = np.stack([np.ones_like(time), course, other, x, x**2], axis=1)
     rank = int(criteria.fault_directions)
     found = _projected(rest_of(record, nodes)[window], columns, nuisance, record.white, rank)
     return _allowing(found, found.columns[:, [least]])
 
 
-def _courses_of_other_powers(nodes: FloatArray) -> list[FloatArray]:
-    """Courses [N] of rates in proportion to other powers of the velocity, with the same loss in the end.
+def _course_of_another_power(nodes: FloatArray) -> FloatArray:
+    """Course [N] of a rate in proportion to another power of the velocity, with the same loss in the end.
 
     Where such a law holds, the measured tension falls sooner or later than the simulated one, as if its gauge
     were not on time.
     """
     time, velocity, tension = nodes[0], np.abs(nodes[2]), np.maximum(nodes[5], 1e-3 * nodes[5, 0])
-    found = []
-    for power in _OTHER_POWERS:
-        passed = integrate.cumulative_trapezoid(velocity**power, time, initial=0)
-        share = passed / max(passed[-1], np.finfo(float).tiny)
-        found.append(tension[0] * (tension[-1] / tension[0]) ** share)
-    return found
+    passed = integrate.cumulative_trapezoid(velocity**_OTHER_POWER, time, initial=0)
+    share = passed / max(passed[-1], np.finfo(float).tiny)
+    return np.asarray(tension[0] * (tension[-1] / tension[0]) ** share)
 
 
 def project_disturbance(

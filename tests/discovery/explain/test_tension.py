@@ -222,7 +222,11 @@ def test_a_late_gauge_is_found_from_the_step_of_the_loss(tau: float) -> None:
     late = fault.with_values(tau=tau)
     shown = [late.apply(seen.tension, seen.rate_hz) for seen in of.records]
     (one,) = explained_by_gauge(with_samples(of, shown), [(member, fault)])[0]
-    assert one.effect.parameters["tau"].value == pytest.approx(tau, rel=0.15)
+    number = one.effect.parameters["tau"]
+    assert number.low is not None
+    assert number.high is not None
+    assert number.low < tau < number.high
+    assert number.value == pytest.approx(tau, rel=0.25)  # of another power of the velocity it is told apart
     assert one.gains[of.training :].sum() > 20
 
 
