@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.errors import INTERRUPTED, UNFIT, a_model, existing, show_warnings_plainly, tell
+from experiments.errors import INTERRUPTED, UNFIT, a_model, existing, show_warnings_plainly, tell, terminated
 from experiments.options import CORES as _CORES
 from experiments.options import CampaignPath, Campaigns, Cluster, Jobs, OneProcess, Out, Quiet, Seed, Unseeded
 from experiments.results import results_folder, writable
@@ -365,15 +365,8 @@ def main() -> None:
     """
     return_freed_arrays()
     show_warnings_plainly()
-    signal.signal(signal.SIGTERM, _terminated)
+    signal.signal(signal.SIGTERM, terminated)
     sys.exit(run(sys.argv[1:]))
-
-
-def _terminated(number: int, _: object) -> None:
-    """End as after an interrupt: scratch folders are removed, also those of processes at work."""
-    signal.signal(number, signal.SIG_IGN)  # once is enough
-    print("terminated: no result is half-written, earlier ones are as they were", file=sys.stderr)
-    sys.exit(128 + number)
 
 
 def run(arguments: list[str]) -> int:

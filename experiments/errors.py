@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import errno
+import signal
 import sys
 import traceback
 import warnings
@@ -155,3 +156,10 @@ def of_the_input(error: BaseException) -> bool:
     if type(error.__cause__).__name__ == "RemoteTraceback":  # from another process, as text
         return any(line.strip().startswith("raise ") for line in str(error.__cause__).splitlines())
     return (traceback.extract_tb(error.__traceback__)[-1].line or "").startswith("raise ")
+
+
+def terminated(number: int, _: object) -> None:
+    """End as after an interrupt: scratch folders are removed, also those of processes at work."""
+    signal.signal(number, signal.SIG_IGN)  # once is enough
+    print("terminated: no result is half-written, earlier ones are as they were", file=sys.stderr)
+    sys.exit(128 + number)

@@ -17,9 +17,9 @@ from discovery.laws.names import names_of
 from discovery.ranking import cross_validation as validation
 from discovery.ranking import ordering
 from discovery.ranking.cross_validation import CrossValidation, Fold
+from discovery.ranking.model_limits import widened
 from discovery.ranking.ordering import Index
 from discovery.ranking.probabilities import probabilities
-from discovery.ranking.profile_likelihood import shifts_with_model
 from discovery.ranking.result import RankedLaw, Ranking, with_law
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
@@ -334,26 +334,6 @@ def _parameters(
         name: replace(p, low=limits[name][0], high=limits[name][1]) if name in limits else p
         for name, p in found.candidate.parameters.items()
     }
-
-
-def widened(law: RankedLaw, frozen: FrozenMotion) -> dict[str, Parameter]:
-    """Numbers with limits that hold what the uncertainty of the identified model adds, as a root of squares.
-
-    A threshold of displacement of a hundredth's error is told to a thousandth along a motion taken as known.
-    """
-    if law.fit.of_losses or not law.fit.free:
-        return dict(law.parameters)
-    found, shifts = dict(law.parameters), shifts_with_model(law.fit, frozen)
-    for name, value, shift in zip(law.fit.free, validation.estimate(law.fit), shifts, strict=True):
-        p = found[name]
-        if p.low is None or p.high is None or not np.isfinite(shift):
-            continue
-        logarithmic = name in law.fit.candidate.coefficient_names and p.value > 0
-        ends = np.log([p.low, p.high]) if logarithmic else np.array([p.low, p.high])
-        both = value + np.array([-1.0, 1.0]) * np.hypot(ends - value, shift)
-        low, high = np.exp(np.clip(both, -690, 690)) if logarithmic else both
-        found[name] = replace(p, low=float(low), high=float(high))
-    return found
 
 
 def _listed(laws: Sequence[RankedLaw], rules: RankingRules) -> list[RankedLaw]:

@@ -311,10 +311,8 @@ def _of_modes(campaign: Campaign) -> Identification:
     """Return the model of a campaign's modes, by output error of all sensors together."""
     modes = identify_modes(campaign)
     files = tuple(ring.file for ring in modes.rings if not ring.hold_out)
-    found = Identification(
-        modes.model, None, set_aside=modes.doubts, warnings=modes.lines, records=files, modes=modes.modes
-    )
-    return _without_spectra(found)
+    found = Identification(modes.model, None, set_aside=modes.doubts, warnings=modes.lines, records=files)
+    return _without_spectra(replace(found, modes=modes.modes))
 
 
 def _started(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[SpectralRecord, ...]:

@@ -20,7 +20,7 @@ from discovery.ranking.confidence_sets import (
     not_told_apart,
 )
 from discovery.ranking.cross_validation import groups_of, limits
-from discovery.ranking.race import widened
+from discovery.ranking.model_limits import widened
 from tests.discovery.synthetic import free_power, frozen, measured, small, with_power
 
 VALUES = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)

@@ -5,10 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -22,31 +18,10 @@ from experiments.studies.experiment import cell as one_cell
 from experiments.studies.experiment import run as study
 from experiments.studies.experiment.cells import Cell, read_experiment
 from tests.discovery import driven_twins as twins
-from tests.experiments.conftest import Cluster
+from tests.experiments.studies.experiment_files import HEAD, SMALL, table_of
 
 Boltlaw = Callable[..., Any]
-HEAD = 'format = "boltlaw-experiment/1"\nname = "slip"\n'
-SMALL = HEAD + 'command = "close"\ncampaigns = ["one", "two"]\nseeds = [0, 1]\n'
 LAW = '[[law]]\nname = "own"\nrate = "-a * abs(v) * T"\nparameters = { a = { value = 1.0, unit = "1/m" } }\n'
-
-
-@pytest.fixture(scope="module")
-def campaigns(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with two small campaigns of a cycled contact."""
-    folder = tmp_path_factory.mktemp("campaigns")
-    for seed, name in enumerate(("one", "two")):
-        twins.cycled(folder / name, friction=0.0, seed=seed, seconds=3.0)
-    return folder
-
-
-@pytest.fixture
-def file(campaigns: Path, tmp_path: Path) -> Path:
-    """An experiment of two cells on each of two campaigns."""
-    for name in ("one", "two"):
-        shutil.copytree(campaigns / name, tmp_path / name)
-    path = tmp_path / "slip.toml"
-    path.write_text(SMALL)
-    return path
 
 
 @pytest.fixture
@@ -71,15 +46,6 @@ def ran(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
 
     monkeypatch.setattr(one_cell, "COMMANDS", dict.fromkeys(one_cell.COMMANDS, closed))
     return cells
-
-
-def table_of(folder: Path) -> bytes:
-    return (folder / "experiment.csv").read_bytes()
-
-
-def cells_of(folder: Path) -> dict[str, int]:
-    """Cells that are done, with the time when each was."""
-    return {path.parent.name: path.stat().st_mtime_ns for path in folder.glob("cells/[!.]*/cell.json")}
 
 
 def test_cells_are_the_product_of_what_each_command_uses(file: Path) -> None:
@@ -359,62 +325,3 @@ def test_each_cell_in_a_process_of_its_own_measured_by_a_module_beside_the_file(
     cell = json.loads(table.path.read_text())["cells"][0]
     assert cell["peak_mb"] > 50
     assert cell["cpu_s"] > 0
-
-
-def test_two_jobs_give_the_table_of_one(file: Path) -> None:
-    one, two = (experiments.run_experiment(file, file.parent / str(jobs), jobs) for jobs in (1, 2))
-    assert not one.failed
-    assert len(set(one.to_frame()["error"])) == 2
-    assert table_of(one.path.parent) == table_of(two.path.parent)
-
-
-def started(file: Path, out: Path, *arguments: str) -> subprocess.Popen[bytes]:
-    """The program at work on an experiment, once its first cell is done."""
-    code = "from experiments.cli import main; main()"
-    command = [sys.executable, "-c", code, "run", str(file), "--out", str(out), "--quiet", *arguments]
-    running = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])})
-    deadline = time.monotonic() + 120
-    while not cells_of(out):
-        assert running.poll() is None, "it ended before a cell was done"
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    return running
-
-
-def test_a_killed_run_goes_on_where_it_was(file: Path) -> None:
-    out = file.parent / "killed"
-    running = started(file, out, "--jobs", "1")
-    running.send_signal(signal.SIGKILL)
-    running.wait()
-    done = cells_of(out)
-    assert 1 <= len(done) < 4
-    assert not (out / "experiment.csv").exists()
-    table = experiments.run_experiment(file, out)
-    assert not table.failed
-    assert cells_of(out).items() >= done.items()
-    assert table_of(out) == table_of(experiments.run_experiment(file, file.parent / "whole").path.parent)
-    assert sorted(path.name for path in out.iterdir()) == [
-        "cells", "experiment.csv", "experiment.json", "experiment.svg",
-    ]  # fmt: skip
-    assert len(list((out / "cells").iterdir())) == 4
-
-
-@pytest.mark.slow
-def test_24_cells_are_the_same_on_a_cluster_that_loses_a_worker(file: Path, cluster: Cluster) -> None:
-    """Killed once on two processes; then on a cluster of two workers of which one is killed."""
-    address, workers = cluster
-    file.write_text(SMALL.replace("[0, 1]", str(list(range(12)))))
-    whole = experiments.run_experiment(file, file.parent / "whole", jobs=1)
-    assert (len(whole.rows), whole.failed) == (24, ())
-    killed = file.parent / "killed"
-    running = started(file, killed, "--jobs", "2")
-    running.send_signal(signal.SIGKILL)
-    running.wait()
-    assert 1 <= len(cells_of(killed)) < 24
-    experiments.run_experiment(file, killed, jobs=2)
-    spread = file.parent / "cluster"
-    running = started(file, spread, "--jobs", "2", "--cluster", address)
-    assert len(cells_of(spread)) < 22
-    workers[0].send_signal(signal.SIGKILL)
-    assert running.wait(timeout=300) == 0
-    assert table_of(whole.path.parent) == table_of(killed) == table_of(spread)

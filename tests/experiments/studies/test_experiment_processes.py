@@ -1,0 +1,75 @@
+"""Experiments as files on several processes and machines, and after a kill."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import experiments
+from tests.experiments.conftest import Cluster
+from tests.experiments.studies.experiment_files import SMALL, cells_of, table_of
+
+
+def test_two_jobs_give_the_table_of_one(file: Path) -> None:
+    one, two = (experiments.run_experiment(file, file.parent / str(jobs), jobs) for jobs in (1, 2))
+    assert not one.failed
+    assert len(set(one.to_frame()["error"])) == 2
+    assert table_of(one.path.parent) == table_of(two.path.parent)
+
+
+def started(file: Path, out: Path, *arguments: str) -> subprocess.Popen[bytes]:
+    """The program at work on an experiment, once its first cell is done."""
+    code = "from experiments.cli import main; main()"
+    command = [sys.executable, "-c", code, "run", str(file), "--out", str(out), "--quiet", *arguments]
+    running = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])})
+    deadline = time.monotonic() + 120
+    while not cells_of(out):
+        assert running.poll() is None, "it ended before a cell was done"
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    return running
+
+
+def test_a_killed_run_goes_on_where_it_was(file: Path) -> None:
+    out = file.parent / "killed"
+    running = started(file, out, "--jobs", "1")
+    running.send_signal(signal.SIGKILL)
+    running.wait()
+    done = cells_of(out)
+    assert 1 <= len(done) < 4
+    assert not (out / "experiment.csv").exists()
+    table = experiments.run_experiment(file, out)
+    assert not table.failed
+    assert cells_of(out).items() >= done.items()
+    assert table_of(out) == table_of(experiments.run_experiment(file, file.parent / "whole").path.parent)
+    assert sorted(path.name for path in out.iterdir()) == [
+        "cells", "experiment.csv", "experiment.json", "experiment.svg",
+    ]  # fmt: skip
+    assert len(list((out / "cells").iterdir())) == 4
+
+
+@pytest.mark.slow
+def test_24_cells_are_the_same_on_a_cluster_that_loses_a_worker(file: Path, cluster: Cluster) -> None:
+    """Killed once on two processes; then on a cluster of two workers of which one is killed."""
+    address, workers = cluster
+    file.write_text(SMALL.replace("[0, 1]", str(list(range(12)))))
+    whole = experiments.run_experiment(file, file.parent / "whole", jobs=1)
+    assert (len(whole.rows), whole.failed) == (24, ())
+    killed = file.parent / "killed"
+    running = started(file, killed, "--jobs", "2")
+    running.send_signal(signal.SIGKILL)
+    running.wait()
+    assert 1 <= len(cells_of(killed)) < 24
+    experiments.run_experiment(file, killed, jobs=2)
+    spread = file.parent / "cluster"
+    running = started(file, spread, "--jobs", "2", "--cluster", address)
+    assert len(cells_of(spread)) < 22
+    workers[0].send_signal(signal.SIGKILL)
+    assert running.wait(timeout=300) == 0
+    assert table_of(whole.path.parent) == table_of(killed) == table_of(spread)
