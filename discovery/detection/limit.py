@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from discovery.detection.power import Background, Response
+from discovery.options import Progress
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Member, ModelCorrection
@@ -82,18 +83,18 @@ class Meter(Protocol):
         """Why an effect has no limit; empty where it has."""
 
 
-def limits_of(meter: Meter, told: Callable[[int], None] = lambda _: None) -> Iterator[DetectionLimit]:
+def limits_of(meter: Meter, progress: Progress | None = None) -> Iterator[DetectionLimit]:
     """Yield the limit of every strength of every effect that a meter knows.
 
     Parameters
     ----------
     meter : Meter
         Of one kind of effect.
-    told : callable
-        Called after every effect with how many there are.
+    progress : callable
+        Called with (effects done, effects in all).
     """
     pairs = list(meter.pairs())
-    for member, effect in pairs:
+    for done, (member, effect) in enumerate(pairs, 1):
         reason = meter.unavailable(member, effect)
         for name in member.strengths:
             if not effect.parameters[name].value:
@@ -102,7 +103,8 @@ def limits_of(meter: Meter, told: Callable[[int], None] = lambda _: None) -> Ite
                 yield _without(effect, name, reason)
             else:
                 yield _Search(meter, member, effect, name).limit()
-        told(len(pairs))
+        if progress is not None:
+            progress(done, len(pairs))
 
 
 def _without(effect: ModelCorrection, name: str, reason: str) -> DetectionLimit:

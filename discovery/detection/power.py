@@ -6,7 +6,8 @@ scores scatter phi times as much as those of white noise do, the fit finds the s
     d ~ N(0, phi / |s|^2),   training gain = (1 + d)^2 |s|^2,
     gain of a record that is held out = (1 + d) (2 (|s_i|^2 + s_i . n_i) - (1 + d) |s_i|^2)
 
-with s_i . n_i ~ N(0, phi |s_i|^2), phi that of hold-out records. These pass what
+with s_i . n_i ~ N(0, phi |s_i|^2), phi that of hold-out records. An effect changes the very motion along
+which s is calculated: |s|^2 is drawn too, times exp(e z). These pass what
 `discovery.decide.acceptance` asks of an explanation, and `discovery.decide.chance`: signs of whole records
 are drawn anew, with the effect in them.
 """
@@ -137,8 +138,14 @@ class _Test:
 
     @cached_property
     def _noise(self) -> FloatArray:
-        """Normal numbers, (draws, 1 + records that are held out)."""
-        return _normal(1 + len(self.response.hold_out))
+        """Normal numbers, (draws, 2 + records that are held out)."""
+        return _normal(2 + len(self.response.hold_out))
+
+    @cached_property
+    def shown(self) -> FloatArray:
+        """Square of the output over what is predicted."""
+        error = self.background.criteria.detection.prediction_error
+        return np.asarray(np.exp(error * self._noise[:, 1]))
 
     @cached_property
     def fitted(self) -> FloatArray:
@@ -149,7 +156,7 @@ class _Test:
     @cached_property
     def gain(self) -> FloatArray:
         """Gain on training records."""
-        return np.asarray(self.fitted**2 * self.response.square)
+        return np.asarray(self.fitted**2 * self.response.square * self.shown)
 
     @property
     def significant(self) -> npt.NDArray[np.bool_]:
@@ -181,22 +188,22 @@ class _Test:
     def of_size(self) -> npt.NDArray[np.bool_]:
         """Whether the gain on training records is large enough, and a share of the cost."""
         one, rules = self.background, self.background.criteria.acceptance
-        share = self.gain / (one.cost + self.response.square)
+        share = self.gain / (one.cost + self.response.square * self.shown)
         return np.asarray((self.gain > one.gains[0] * one.spread) & (share > rules.material_share))
 
     @property
     def held_out(self) -> npt.NDArray[np.bool_]:
         """Whether hold-out records gain, in the motion at least half of them."""
-        squares, a = self.response.hold_out, self.fitted[:, None]
+        squares, a = self.response.hold_out * self.shown[:, None], self.fitted[:, None]
         if not squares.size:
             return np.ones(len(a), dtype=bool)
         spread = max(self.response.dispersion, self.response.unseen_dispersion)
-        scores = squares + np.sqrt(spread * squares) * self._noise[:, 1:]
+        scores = squares + np.sqrt(spread * squares) * self._noise[:, 2:]
         gains = a * (2 * scores - a * squares)
         enough = gains.sum(axis=1) > self.background.gains[1] * self.background.spread
         if not self.background.errors:
             return np.asarray(enough)
-        return np.asarray(enough & (2 * np.sum(gains > 0, axis=1) >= squares.size))
+        return np.asarray(enough & (2 * np.sum(gains > 0, axis=1) >= squares.shape[1]))
 
     @property
     def material(self) -> npt.NDArray[np.bool_]:
@@ -205,13 +212,13 @@ class _Test:
         if not one.errors:
             return ~passed
         rules, closing = one.criteria.acceptance, one.criteria.closing.closing_share
-        before = one.level * (1 + self.response.square / one.cost)
-        closes = before > rules.noise_level and one.level - 1 <= closing * (before - 1)
-        least = 0.0 if closes else rules.material_error
-        rise = rules.error_rise_closing if closes else rules.material_error
-        risen = ~passed
+        before = one.level * (1 + self.response.square * self.shown / one.cost)
+        closes = (before > rules.noise_level) & (one.level - 1 <= closing * (before - 1))
+        least = np.where(closes, 0.0, rules.material_error)
+        rise = np.where(closes, rules.error_rise_closing, rules.material_error)
+        risen, root = ~passed, np.sqrt(self.shown)
         for name, terms in one.errors.items():
-            whole, left = (self._error(name, terms, share) for share in (np.ones(1), 1 - self.fitted))
+            whole, left = (self._error(name, terms, share) for share in (root, root * (1 - self.fitted)))
             passed |= left <= (1 - least) * whole
             risen &= left <= (1 + rise) * whole
         return np.asarray(passed & risen)

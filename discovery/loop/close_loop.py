@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import count
-
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.detection.limit import DetectionLimit, limits_of
 from discovery.loop.balance_refits import BalanceRefits
@@ -113,14 +111,10 @@ def refits_of(campaign: Campaign, options: Options, law: Law | None = None) -> R
 
 def _detection_limits(refits: Refits, history: LoopHistory) -> tuple[DetectionLimit, ...]:
     """What the last residual would have shown of every effect that the model does not hold."""
-    progress = refits.options.stage("detection limits")
-    done = count(1)
-
-    def told(whole: int) -> None:
-        if progress is not None:
-            progress(next(done), whole)
-
-    return tuple(limit for meter in refits.meters(history) for limit in limits_of(meter, told))
+    stage = refits.options.stage
+    return tuple(
+        limit for meter in refits.meters(history) for limit in limits_of(meter, stage("detection limits"))
+    )
 
 
 def _closure(refits: Refits, history: LoopHistory) -> Closure:

@@ -45,6 +45,7 @@ def _named(refits: Refits, history: LoopHistory, *, until_law: bool = False) -> 
     """
     options, criteria = refits.options, history.criteria
     before, accepted, seen, count = history, set[str](), [history.names], len(history.selections)
+    has_law = False
     while True:
         last, residual = history.last, refits.tension(history.last)
         if residual is None:
@@ -54,6 +55,8 @@ def _named(refits: Refits, history: LoopHistory, *, until_law: bool = False) -> 
         if history.tension and history.tension[-1].loss_to(misfit) > history.selections[-1].training_gain:
             return before
         history = replace(history, tension=(*(history.tension or (misfit,))[:1], misfit))
+        if until_law and has_law:
+            return history
         apart = history.selections and _is_apart(history.selections[-1].best.effect)
         known = [e for e in explanations if e.effect.kind != "law change" or e.effect.path in accepted]
         selection = best_explanation(known if apart else explanations, criteria)
@@ -68,8 +71,7 @@ def _named(refits: Refits, history: LoopHistory, *, until_law: bool = False) -> 
         if history.names in seen:  # of two effects each takes the other's place
             return before
         seen.append(history.names)
-        if until_law and selection.best.effect.kind == "law change":
-            return history
+        has_law = selection.best.effect.kind == "law change"
 
 
 def adopted(refits: Refits, state: State, explanation: Explanation) -> State:

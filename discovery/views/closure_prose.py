@@ -228,10 +228,12 @@ def _excluded(data: Data) -> Iterator[str]:
     if seen:
         chance = _number(CRITERIA.detection.probability)
         yield f"with probability {chance} these records would have shown {_from_limits(seen)}."
+    else:
+        yield "nothing at the strengths that the catalogue takes as usual."
     if hidden:
         yield f"Not excluded at the strengths that the catalogue takes as usual: {_from_limits(hidden)}."
     if untold:
-        yield f"Of {untold} other strengths no limit is known; detection_limits says why."
+        yield f"Strengths of which no limit is known: {untold}; the table of limits says why."
 
 
 def _from_limits(rows: Sequence[Data]) -> str:

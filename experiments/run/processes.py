@@ -116,9 +116,7 @@ class Processes(ParallelBackendBase):  # type: ignore[misc]
 
     def effective_n_jobs(self, n_jobs: int | None) -> int:
         """Return the number of processes; negative ones count from the number of processors."""
-        if n_jobs == 0:
-            raise ValueError("n_jobs: found 0, expected at least 1, or -1 for all processors")
-        return 1 if n_jobs is None else n_jobs if n_jobs > 0 else max(cpu_count() + 1 + n_jobs, 1)
+        return 1 if n_jobs is None else number_of_processes(n_jobs)
 
     def configure(
         self, n_jobs: int = 1, parallel: object = None, prefer: str | None = None, **_: object
@@ -214,6 +212,19 @@ class Processes(ParallelBackendBase):  # type: ignore[misc]
             worker.hang_up()
 
 
+def number_of_processes(jobs: int) -> int:
+    """Return the number of processes; negative ones count from the number of processors.
+
+    Raises
+    ------
+    ValueError
+        If it is 0.
+    """
+    if jobs == 0:
+        raise ValueError("n_jobs: found 0, expected at least 1, or -1 for all processors")
+    return jobs if jobs > 0 else max(cpu_count() + 1 + jobs, 1)
+
+
 def each_in_a_process(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[int, WorkerLostError | None]]:
     """Run every task in a process of its own, which gives all its memory back.
 
@@ -236,7 +247,7 @@ def each_in_a_process(tasks: Sequence[Task], jobs: int) -> Iterator[tuple[int, W
     Exception
         Of the first task that raises one.
     """
-    workers: list[Worker] = []
+    workers, jobs = list[Worker](), number_of_processes(jobs)
     share = str(max(cpu_count() // jobs, 1))
     environment = {name: os.environ.get(name, share) for name in ParallelBackendBase.MAX_NUM_THREADS_VARS}
     lock, ended = Lock(), False

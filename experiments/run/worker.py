@@ -11,7 +11,6 @@ import signal
 import sys
 import traceback
 import warnings
-from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -35,8 +34,10 @@ def main() -> None:
     os.dup2(2, 1)  # what a task prints is no reply
     sys.path[:] = pickle.load(tasks)
     warnings.filterwarnings("ignore", message="plug-in ")  # the process that started this one has said so
-    with suppress(Ended):
+    try:
         _serve(tasks, replies)
+    except Ended:
+        sys.exit(128 + signal.SIGTERM)
 
 
 def _serve(tasks: BinaryIO, replies: BinaryIO) -> None:

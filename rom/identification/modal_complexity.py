@@ -45,9 +45,13 @@ def _complex_shapes(record: ModalRecord, fit: ModalFit) -> list[list[ComplexArra
         length = np.maximum(np.linalg.norm(table, axis=1), 1e-300)
         solved = np.linalg.lstsq((table / length[:, None]).T, target[s], rcond=1e-9)[0] / length
         found[s] = solved[: m * count].reshape(m, count)
-    pairs = range(0, count, 2)
+    turns = [1j] * (count // 2 - 1) + [-1j]  # a decay is given as cosine and sine: real and imaginary part
     return [
-        [(found[:, i, k] + 1j * found[:, i, k + 1]) * size[:, i, k].mean() for k in pairs] for i in range(m)
+        [
+            (found[:, i, k] + turn * found[:, i, k + 1]) * size[:, i, k].mean()
+            for k, turn in zip(range(0, count, 2), turns, strict=True)
+        ]
+        for i in range(m)
     ]
 
 
@@ -58,6 +62,3 @@ def _mean(vectors: Sequence[ComplexArray]) -> ComplexArray:
 
 def _collinearity(shape: ComplexArray) -> float:
     return float(np.abs(shape @ shape) ** 2 / np.sum(np.abs(shape) ** 2) ** 2)
-
-
-__all__ = ["phase_collinearities"]

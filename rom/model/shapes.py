@@ -4,8 +4,9 @@
 
 with q the motion of the modal bodies [m], y that of the sensors, F the forces at their places [N], and R the
 compliance of all modes above the band, which follow a force at once (residual flexibility; D. J. Ewins,
-Modal Testing, 2nd ed., 2000, Sec. 4.5). Every shape is 1 at the sensor where it is largest: there q_i is what
-mode i contributes to the motion, and the mass of its body is the modal mass.
+Modal Testing, 2nd ed., 2000, Sec. 4.5). Every shape is 1 at the sensor where it is largest (or -1, where no
+sensor stands at the drive point and the shape is positive there): there q_i is what mode i contributes to the
+motion, and the mass of its body is the modal mass.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ def result_of_cell(folder: Path) -> dict[str, Any]:
     head = {"group": group_of(hidden), "label": label, "seed": settings["rig.seed"]}
     head |= {"noise": settings["rig.noise"], "program_version": cell["program_version"]}
     if cell["status"] != "ok":
-        return {**head, "program": cell["program_version"], "fault": cell["message"]}
+        return {**head, "fault": cell["message"]}
     closure = json.loads((folder / "closure.json").read_text(encoding="utf-8"))
     told = {key: cell["numbers"][key] for key in ("program", "truth", "oracle")}
     return {**head, **told, "closure": closure, "closing_cpu_s": cell["cpu_s"], "peak_mb": cell["peak_mb"]}

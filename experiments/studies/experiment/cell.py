@@ -87,7 +87,9 @@ def _told(error: Exception, source: Source, out: Path) -> str:
     """A line about an error, the same wherever results go; of a fault of the program, where it was."""
     if of_the_input(error):
         text = "; ".join(in_words(error).splitlines())
-        for place in (*source.folders, _place(source, out)):
+        made = _place(source, out)
+        bolts = [made.with_name(f"bolt-{n}") for n in range(source.bolts, 0, -1)] if source.bolts > 1 else []
+        for place in (*source.folders, *bolts, made):
             text = text.replace(str(place), place.name if source.bolts > 1 else source.name)
         return text
     raised = traceback.extract_tb(error.__traceback__)[-1]

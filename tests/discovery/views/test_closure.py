@@ -242,7 +242,7 @@ def test_no_effect_says_what_is_excluded_and_what_may_be_there() -> None:
     assert "Not excluded" in second
     assert "even-stiffness in the link flexure_so from k2 = 1.3e+06 N/m2" in second
     assert "constant-force in the body lo" in second
-    assert third == "Of 1 other strengths no limit is known; detection_limits says why."
+    assert third == "Strengths of which no limit is known: 1; the table of limits says why."
 
 
 def test_nothing_is_said_to_be_excluded_where_more_than_noise_is_left() -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import rom
 from rom.evaluation.evaluate import evaluate
@@ -97,3 +98,24 @@ def test_a_wave_that_travels_is_no_real_mode(campaign: rom.Campaign) -> None:
         collinearity += phase_collinearities(records, fit_modes(records, 1, beams.BAND))
     assert collinearity[0] < 0.7
     assert collinearity[1] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_wave_travels_the_same_way_in_a_decay_and_behind_a_force(campaign: rom.Campaign) -> None:
+    pole = (-0.02 + 1j) * 2 * np.pi * 20.0
+    records, each, forces = list[ModalRecord](), list[float](), tuple[str, ...]()
+    for test in ("driven", "free"):
+        record = next(r for r in campaign.settings.record if r.test == test)
+        seen = measured_record(campaign, record).measurement
+        turned = np.exp(pole / seen.rate_hz)
+        forces = forces or tuple(seen.applied_force)
+        force = next(iter(seen.applied_force.values()), np.eye(1, seen.samples)[0])
+        moved = pole**2 * signal.lfilter([1.0], [1.0, -turned], force.astype(complex))
+        motion = {
+            name: replace(one, samples=(moved * np.exp(1j * phase)).real)
+            for (name, one), phase in zip(seen.motion.items(), (0.0, 0.5, 1.0, 1.5), strict=True)
+        }
+        records.append(ModalRecord(ring_down(replace(seen, motion=motion), modal=True), forces))
+        each += phase_collinearities(records[-1:], fit_modes(records[-1:], 1, beams.BAND))
+    both = phase_collinearities(records, fit_modes(records, 1, beams.BAND))
+    assert max(each) < 0.7
+    assert both[0] == pytest.approx(np.mean(each), abs=0.1)
