@@ -59,7 +59,7 @@ def _of_level(noise: float, results: Sequence[Result]) -> str:
     groups = {name: [one for one in sound if one["group"] == name] for name in _GROUPS}
     parts = [f"## Noise x {noise:g}: {len(sound)} campaigns", summary(groups, len(faults))]
     parts += [f"### {title}\n\n{make(groups[name])}" for name, title, make in _PARTS if groups[name]]
-    programs = Counter(one["program"] for one in sound)
+    programs = Counter(one["program"] for one in results if "program" in one)
     if len(programs) > 1:
         told = ", ".join(f"{name}: {count}" for name, count in programs.most_common())
         parts.append(f"Results of {len(programs)} states of the program, by digest: {told}.")

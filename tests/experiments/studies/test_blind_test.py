@@ -344,9 +344,7 @@ def test_results_are_those_of_cells_a_fault_among_them(tmp_path: Path) -> None:
     (tmp_path / "cells" / ".making-x").mkdir()
     read = read_results(tmp_path)
     assert table_row(read[0]) == table_row(one) | {"program_version": "0.1"}
-    assert read[1] == broken | {
-        "program": "0.1", "program_version": "0.1", "fault": "ZeroDivisionError: by nothing"
-    }  # fmt: skip
+    assert read[1] == broken | {"program_version": "0.1", "fault": "ZeroDivisionError: by nothing"}
 
 
 def test_the_tables_alone_need_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
