@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from discovery.detection.limit import by_kind, by_piece, dispersion
-from discovery.detection.power import Background, Response
+from discovery.detection.power import Background, Response, background_of
 from discovery.explain.force_balance_screen import candidates_in_balances
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.channels import FloatArray
@@ -63,15 +63,8 @@ class BalanceMeter:
     @cached_property
     def background(self) -> Background:
         """What is left unbalanced."""
-        residual, rules = self.residual, self.residual.criteria.acceptance
-        chance = np.zeros(0) if self.chance is None else self.chance
-        least = (rules.training_gain_motion, rules.hold_out_gain_motion)
-        cost = float(np.sum(residual.residual[residual.training] ** 2))
-        return Background(
-            cost, cost / float(residual.training.sum()), least,
-            {_FORCE: np.array([residual.force_error()])},
-            chance, self.chance is not None, criteria=residual.criteria,
-        )  # fmt: skip
+        errors = {_FORCE: np.array([self.residual.force_error()])}
+        return background_of(self.residual, errors, self.chance)
 
     def squares(self, effects: Sequence[ModelCorrection]) -> list[float]:
         """Squares of what effects add to training rows."""

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from scipy import special
 
 from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.residual.base import ProjectedResidual
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 
@@ -127,6 +128,28 @@ class Background:
         test = _Test(self, response)
         passed = test.significant & test.of_size & test.held_out & test.material
         return float(np.mean(passed))
+
+
+def background_of(
+    residual: ProjectedResidual, errors: Mapping[str, FloatArray], chance: FloatArray | None
+) -> Background:
+    """What a residual in the motion leaves over.
+
+    Parameters
+    ----------
+    residual : ProjectedResidual
+        Of the last model.
+    errors : mapping of str to ndarray
+        As of `Background`.
+    chance : ndarray, shape (draws,), or None
+        Largest gains by chance of the last screen, of signs drawn anew; None where there was none.
+    """
+    rules = residual.criteria.acceptance
+    cost = float(np.sum(residual.residual[residual.training] ** 2))
+    return Background(
+        cost, cost / float(residual.training.sum()), (rules.training_gain_motion, rules.hold_out_gain_motion),
+        errors, np.zeros(0) if chance is None else chance, chance is not None, residual.criteria,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from discovery.detection.limit import by_piece, dispersion
-from discovery.detection.power import Background, Response
+from discovery.detection.power import Background, Response, background_of
 from discovery.explain.simulation import candidates_in_decays, moved_little
 from discovery.residual.simulation import SimulationResidual
 from rom.campaign.channels import FloatArray
@@ -58,18 +58,12 @@ class DecayMeter:
     @cached_property
     def background(self) -> Background:
         """What is left of the motion."""
-        residual, rules = self.residual, self.residual.criteria.acceptance
-        chance = np.zeros(0) if self.chance is None else self.chance
-        least = (rules.training_gain_motion, rules.hold_out_gain_motion)
-        cost = float(np.sum(residual.residual[residual.training] ** 2))
+        residual = self.residual
         costs = residual.costs(residual.residual)
         judged = [(file, held) for file, held in residual.held_out if held] or residual.held_out
         sizes = self._sizes[1] if len(self._sizes[1]) else self._sizes[0]
-        errors = np.sqrt(np.array([costs[file] for file, _ in judged]) / sizes)
-        return Background(
-            cost, cost / float(residual.training.sum()), least,
-            {_MOTION: errors}, chance, self.chance is not None, criteria=residual.criteria,
-        )  # fmt: skip
+        errors = {_MOTION: np.sqrt(np.array([costs[file] for file, _ in judged]) / sizes)}
+        return background_of(residual, errors, self.chance)
 
     def squares(self, effects: Sequence[ModelCorrection]) -> list[float]:
         """Squares of what effects add to training rows."""
