@@ -23,27 +23,26 @@ from experiments.run.progress import progress_bars
 from experiments.studies import rig
 
 FILE = Path(__file__).with_suffix(".toml")
-TRUTHS: Mapping[str, tuple[str, str, str]] = {
-    "constant-quadratic": ("power 2", "c2", "constant gamma, quadratic"),
-    "constant-quartic": ("power 4", "c4", "constant gamma, quartic"),
-    "slip-work": ("slip work", "a", ""),
-    "displacement-threshold": ("displacement threshold", "b", ""),
-    "path": ("path of slip", "r", ""),
+TRUTHS: Mapping[str, tuple[str, str]] = {
+    "constant-quadratic": ("power 2", "c2"),
+    "constant-quartic": ("power 4", "c4"),
+    "slip-work": ("slip work", "a"),
+    "displacement-threshold": ("displacement threshold", "b"),
+    "path": ("path of slip", "r"),
 }
-"""For the rig's law its name in the file, its coefficient, and which standing law is the same one."""
+"""For the rig's law its name in the file, and its coefficient."""
 
 
 def measured(ranking: Ranking, campaign: Path) -> dict[str, Any]:
     """Return what the truth file says of a cell's ranking, as columns of the experiment's table."""
     hidden = json.loads(rig.truth_path(campaign).read_text(encoding="utf-8"))["law"]
-    name, coefficient, same = TRUTHS[hidden]
+    name, coefficient = TRUTHS[hidden]
     law, (term,) = ranking[name], RIVALS[hidden]
     true = {coefficient: 10.0**term.gamma_d}
     if term.displacement_threshold:
         true["x_0"] = term.displacement_threshold
-    found = {"place": law.rank, "first_is_true": ranking.laws[0].name in (name, same)}
-    found["true_is_listed"] = bool({name, same} & {ranking.laws[0].name, *ranking.indistinguishable})
-    found["true_probability"] = sum(one.probability for one in ranking.laws if one.name in (name, same))
+    found = {"place": law.rank, "first_is_true": law.rank == 1, "true_probability": law.probability}
+    found["true_is_listed"] = name in (ranking.laws[0].name, *ranking.indistinguishable)
     for key, value in true.items():
         p = law.parameters[key]
         low, high = (value if end is None else end for end in (p.low, p.high))

@@ -9,7 +9,7 @@ from typing import TypeAlias
 from discovery.courses.fit import refine
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.laws.candidate import Candidate, baseline
+from discovery.laws.candidate import Candidate, baseline, rivals_always_in_the_race
 from discovery.laws.given import GivenLaw, check_finite, given_law, starts_of
 from discovery.laws.plug_in_laws import plug_in_laws, usable
 from discovery.ranking.confidence_sets import exponent_profile, motion_profile
@@ -163,7 +163,12 @@ def _at_least_one(terms: int) -> int:
 
 
 def _given(laws: Sequence[Given]) -> tuple[Candidate, ...]:
-    return tuple(given_law(law) for law in laws)
+    found = tuple(given_law(law) for law in laws)
+    standing = [law.name for law in rivals_always_in_the_race()]
+    for law in found:
+        if isinstance(law, GivenLaw) and law.name in standing:
+            raise ValueError(f"law {law.name!r}: found the name of a standing law, expected another name")
+    return found
 
 
 def check_given(laws: Sequence[Candidate], frozen: FrozenMotion) -> None:
@@ -218,7 +223,7 @@ def _ranking(
 
 def _not_fitted(given: Sequence[Candidate], laws: Sequence[RankedLaw]) -> tuple[str, ...]:
     """Say which laws of one's own could not be fitted, or no longer simulated."""
-    there = {law.name for law in laws}
+    there = {name for law in laws for name in (law.name, *law.same_as)}
     return tuple(
         f"law {law.name!r}: it could not be fitted to these records: no start led to a finite likelihood"
         for law in given

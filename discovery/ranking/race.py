@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from joblib import Parallel, delayed
 
-from discovery.courses.fit import ROUNDS, Fit, correction, fit, fit_losses, predict, unchanged
+from discovery.courses.fit import ROUNDS, Fit, correction, fit, fit_losses, unchanged
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import ALWAYS_LISTED, BASELINE, Candidate, rivals_always_in_the_race
@@ -17,6 +17,7 @@ from discovery.laws.names import names_of
 from discovery.ranking import cross_validation as validation
 from discovery.ranking import ordering
 from discovery.ranking.cross_validation import CrossValidation, Fold
+from discovery.ranking.merging import Entrant, merged, same_equations, started_alike
 from discovery.ranking.model_limits import widened
 from discovery.ranking.ordering import Index
 from discovery.ranking.probabilities import probabilities
@@ -34,15 +35,6 @@ __all__ = ["RankedLaw", "Ranking", "race"]
 _CHUNKS: Numerical[int] = 4  # for each process and stage
 Item = TypeVar("Item")
 Found = TypeVar("Found")
-
-
-@dataclass(frozen=True, eq=False)
-class _Entrant:
-    """A refined law, what turned out to be the same law, and its cross-validation."""
-
-    fit: Fit
-    look_alikes: tuple[str, ...] = ()
-    validation: CrossValidation | None = None
 
 
 def race(
@@ -86,10 +78,13 @@ def race(
     validating = (rules.validated_least, rules.validated_most, rules.validated_reach)
     folds = validation.folds_of(frozen, groups, seed)
     run = _Runner(jobs, progress, 3 if campaign is None else 4)
-    starts = [*_baseline_starts(), *rivals_always_in_the_race(), *candidates]
+    standing = rivals_always_in_the_race()
+    same = same_equations(candidates, standing, frozen)
+    starts = [*_baseline_starts(), *standing]
+    starts += [*candidates, *started_alike(starts, same, frozen)]
     first = _lowest(run(0, _fit_some, starts, frozen))
     refined = run(1, _refine_some, _best(first, frozen, refining), frozen)
-    entrants = [_Entrant(found, same) for found, same in _merged(_best(refined, frozen, refining), frozen)]
+    entrants = merged(_best(refined, frozen, refining), frozen, same)
     kept = _best([entrant.fit for entrant in entrants], frozen, validating)
     entrants = [entrant for entrant in entrants if any(entrant.fit is found for found in kept)]
     validated = run(2, _validate_some, [entrant.fit for entrant in entrants], frozen, folds)
@@ -151,15 +146,27 @@ def _baseline_starts() -> list[Candidate]:
 
 
 def _lowest(fits: Sequence[Fit | None]) -> list[Fit]:
-    """The fit of lowest deviance of each form: a law may start from several numbers."""
+    """The fit of lowest deviance of each form: a law may start from several numbers.
+
+    Of a form that is both searched and always listed the listed name stays, of these the one given.
+    """
     best: dict[tuple[object, ...], Fit] = {}
     for found in fits:
         if found is None:
             continue
-        other = best.get(found.candidate.key)
-        if other is None or found.deviance < other.deviance - 1e-9:
-            best[found.candidate.key] = found
+        key = found.candidate.key
+        other = best.setdefault(key, found)
+        lowest = found if found.deviance < other.deviance - 1e-9 else other
+        owner = max(other.candidate, found.candidate, key=_precedence)
+        if _precedence(owner) > _precedence(lowest.candidate):
+            named = replace(lowest.candidate, name=owner.name, source=owner.source)
+            lowest = replace(lowest, candidate=named)
+        best[key] = lowest
     return list(best.values())
+
+
+def _precedence(law: Candidate) -> int:
+    return ("baseline", "given").index(law.source) + 1 if law.source in ALWAYS_LISTED else 0
 
 
 def _fit_some(candidates: Sequence[Candidate], frozen: FrozenMotion) -> list[Fit | None]:
@@ -237,56 +244,15 @@ def _best(fits: Sequence[Fit | None], frozen: FrozenMotion, share: tuple[float, 
     ]
 
 
-def _at_bound(found: Fit) -> bool:
-    """Whether an inner number ended at a bound of its range."""
-    values = [found.candidate.parameters[name] for name in found.free]
-    return any(p.value in p.bounds for p in values)
-
-
-def _merged(fits: Sequence[Fit], frozen: FrozenMotion) -> list[tuple[Fit, tuple[str, ...]]]:
-    """Laws of equal predictions as one: that of the fewest numbers, the others as its look-alikes.
-
-    Also those with a number at its bound, a threshold of zero say, that fit as well as a simpler law.
-    """
-    by_simplicity = sorted(
-        fits, key=lambda f: (f.candidate.source not in ALWAYS_LISTED, len(f.free), f.deviance)
-    )
-    kept: list[tuple[Fit, FloatArray, list[str]]] = []
-    rules = frozen.criteria.ranking
-    noise = np.sqrt(np.diagonal(np.stack([c.covariance for c in frozen.courses]), axis1=1, axis2=2))
-    for found in by_simplicity:
-        course = predict(found.candidate, frozen) + found.offsets
-        near = rules.equal_noise * noise + rules.equal_loss * np.abs(course)
-        bound = _at_bound(found)
-        same = next(
-            (
-                k
-                for k in kept
-                if bool((np.abs(course - k[1]) <= near).all())
-                or (
-                    bound
-                    and len(k[0].free) < len(found.free)
-                    and abs(k[0].deviance - found.deviance) <= rules.equal_fit
-                )
-            ),
-            None,
-        )
-        if same is None or found.candidate.source in ALWAYS_LISTED:
-            kept.append((found, course, []))
-        else:
-            same[2].append(found.candidate.equation)
-    return [(found, tuple(others)) for found, _, others in kept]
-
-
 def _ranked(
-    entrants: Sequence[_Entrant], frozen: FrozenMotion, groups: Index, rng: np.random.Generator
+    entrants: Sequence[Entrant], frozen: FrozenMotion, groups: Index, rng: np.random.Generator
 ) -> tuple[RankedLaw, ...]:
     rules = frozen.criteria.ranking
     fits = [entrant.fit for entrant in entrants]
     checks = [entrant.validation for entrant in entrants if entrant.validation is not None]
     scores = np.stack([check.scores for check in checks])
     numbers = [len(found.free) for found in fits]
-    base = next(k for k, found in enumerate(fits) if found.candidate.name == BASELINE)
+    base = next(k for k, entrant in enumerate(entrants) if BASELINE in entrant.names)
     p_values = ordering.p_values(scores, scores[base], groups, rng, rules)
     spread = validation.dispersion(min(fits, key=lambda found: found.deviance), frozen)
     criteria = [validation.information_criterion(found, frozen, spread) for found in fits]
@@ -310,6 +276,7 @@ def _ranked(
             source=fits[k].candidate.source,
             free_numbers=numbers[k],
             look_alikes=entrants[k].look_alikes,
+            same_as=entrants[k].same_as,
             fit=fits[k],
             candidate=replace(fits[k].candidate, name=name),
             scores=scores[k],

@@ -67,6 +67,8 @@ class RankedLaw:
     look_alikes : tuple of str
         Equations of other candidates that became the same law, or that ended with a number at its bound and
         fit as well.
+    same_as : tuple of str
+        Names of standing laws, or of others given, that are this equation: they have no row of their own.
     identified : Model
         The identified model; `model` is the same with this law.
 
@@ -101,6 +103,7 @@ class RankedLaw:
     known_bolt_loss_error_percent_median: float | None = None
     indistinguishable: tuple[str, ...] = ()
     identified: Model | None = None
+    same_as: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"RankedLaw({self.rank}, {self.name!r}, {self.equation!r}, source={self.source!r})"
@@ -219,9 +222,9 @@ class Ranking(HasViews):
         return f"Ranking({len(self.laws)} laws of {self.considered} candidates{first})"
 
     def __getitem__(self, name: str) -> RankedLaw:
-        """Return the law of this name."""
+        """Return the law of this name, or that is the same as the law of this name."""
         for law in self.laws:
-            if law.name == name:
+            if name in (law.name, *law.same_as):
                 return law
         raise KeyError(f"no law {name!r} in the ranking; it has {', '.join(law.name for law in self.laws)}")
 

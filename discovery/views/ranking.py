@@ -29,10 +29,11 @@ def summary(ranking: Ranking) -> str:
     """Return in plain words what won, how surely, and what it beats."""
     first = ranking.laws[0]
     lines = [f"First of {ranking.considered} candidate laws: {first.name}", f"  dT/dt = {first.equation}"]
+    lines += [f"  the same law as {', '.join(first.same_as)}"] if first.same_as else []
     lines += [f"  {name} = {with_limits(p, 4)}" for name, p in first.parameters.items()]
     lines.append(_verdict(first, ranking.rules.better))
     for name in (BASELINE, NO_LOOSENING):
-        lines += [_against(first, law) for law in ranking.laws[1:] if law.name == name]
+        lines += [_against(first, law) for law in ranking.laws[1:] if name in (law.name, *law.same_as)]
     lines += [_population(ranking.population)] if ranking.population else []
     named = [(law.name, law.chosen) for law in ranking.laws if law.chosen >= ranking.rules.named]
     rest = 1.0 - sum(share for _, share in named)
@@ -73,6 +74,7 @@ def frame(ranking: Ranking) -> DataFrame:
             "parameters": {name: parameter_row(p) for name, p in law.parameters.items()},
             "indistinguishable": list(law.indistinguishable),
             "look_alikes": list(law.look_alikes),
+            "same_as": list(law.same_as),
             **{
                 f"{records}_{key}": value
                 for records in ("training", "hold_out")

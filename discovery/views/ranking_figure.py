@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
 Data = Mapping[str, Any]
-OWN_COLOURS = {BASELINE: VERMILLION, NO_LOOSENING: GREY}  # in every figure
+_OWN_COLOURS = {BASELINE: VERMILLION, NO_LOOSENING: GREY}
 _ROWS: Numerical[int] = 10
 _LONGEST: Numerical[int] = 48  # characters of a name in a legend
 _LAW_WORDS = {BASELINE: "γ(T), the paper's law"}
@@ -42,6 +42,22 @@ def law_name(name: str, most: int = 70) -> str:
     return shown if len(shown) <= most else shown[: most - 1].rstrip() + "…"
 
 
+def is_law(law: Data, name: str) -> bool:
+    """Return whether a row of a ranking is of this law, under its own name or one that is the same law."""
+    return name == law.get("name") or name in (law.get("same_as") or ())
+
+
+def row_name(law: Data) -> str:
+    """Return the name of a row's law for people, with the standing law that it is."""
+    same = " = ".join(law_name(str(name)) for name in law.get("same_as") or ())
+    return law_name(str(law.get("name"))) + (f" (= {same})" if same else "")
+
+
+def row_colour(law: Data, other: str = BLUE) -> str:
+    """Return the colour of a row's law: the paper's law and no loosening have their own in every figure."""
+    return next((colour for name, colour in _OWN_COLOURS.items() if is_law(law, name)), other)
+
+
 def ranked(data: Data) -> list[Data]:
     """Return the laws of a ranking, the first one first."""
     laws = [law for law in data.get("laws") or [] if isinstance(law, Mapping)]
@@ -54,7 +70,7 @@ def leader_board_height_mm(data: Data) -> float:
 
 
 def _shown(data: Data) -> list[Data]:
-    return [law for place, law in enumerate(ranked(data)) if place < _ROWS or law["name"] == BASELINE]
+    return [law for place, law in enumerate(ranked(data)) if place < _ROWS or is_law(law, BASELINE)]
 
 
 def draw_leader_board(figure: Figure | SubFigure, data: Data) -> None:
@@ -63,13 +79,13 @@ def draw_leader_board(figure: Figure | SubFigure, data: Data) -> None:
     axes = figure.subplots(1, 2, squeeze=False, sharey=True)
     equal = {str(name) for name in data.get("indistinguishable") or ()}
     for row, law in enumerate(shown):
-        colour = OWN_COLOURS.get(str(law["name"]), BLUE)
+        colour = row_colour(law)
         face = colour if law["rank"] == 1 or law["name"] in equal else "none"
         keys = ("delta_bic", "cross_validated_loss_error_percent_median")
         for ax, key in zip(axes[0], keys, strict=True):
             if law.get(key) is not None:
                 ax.plot(law[key], row, "o", color=colour, markerfacecolor=face, markeredgewidth=0.9)
-        name = axes[0, 0].annotate(f"{law['rank']}  {law_name(str(law['name']))}", (0.0, row - 0.28),
+        name = axes[0, 0].annotate(f"{law['rank']}  {row_name(law)}", (0.0, row - 0.28),
                                    xycoords=("axes fraction", "data"), va="bottom")  # fmt: skip
         name.set_in_layout(False)  # it runs on over the panel beside
     for ax in axes[0]:
@@ -135,7 +151,7 @@ def draw_front(ax: Axes, data: Data) -> None:
     best = np.minimum.accumulate([error[count <= step].min() for step in steps])
     ax.step(steps, best, where="post", color=BLUE, label="Best with as many or fewer")
     for law in ranked(data):
-        if law["rank"] == 1 or law["name"] in (BASELINE, NO_LOOSENING):
+        if law["rank"] == 1 or is_law(law, BASELINE) or is_law(law, NO_LOOSENING):
             _point_out(ax, law)
     ax.set_yscale("log")
     plain_decades(ax.yaxis)
@@ -150,5 +166,5 @@ def _point_out(ax: Axes, law: Data) -> None:
     if error is None or law.get("free_numbers") is None:
         return
     name = str(law["name"])
-    ax.plot(law["free_numbers"], error, "D", color=OWN_COLOURS.get(name, BLUE), markersize=4.5,
+    ax.plot(law["free_numbers"], error, "D", color=row_colour(law), markersize=4.5,
             label=("First: " if law["rank"] == 1 else "") + law_name(name, _LONGEST))  # fmt: skip

@@ -56,6 +56,7 @@ def _law_row(law: RankedLaw) -> dict[str, Any]:
         "indistinguishable": list(law.indistinguishable),
         "free_numbers": law.free_numbers,
         "look_alikes": list(law.look_alikes),
+        "same_as": list(law.same_as),
         "source": law.source,
     }
 

@@ -13,14 +13,15 @@ from matplotlib.ticker import MaxNLocator
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.views.palette import BACKGROUND, BLUE, GREEN, GREY, MEASURED, SKY, VERMILLION
 from discovery.views.ranking_figure import (
-    OWN_COLOURS,
     draw_front,
     draw_leader_board,
     front_points,
+    is_law,
     law_name,
     leader_board_height_mm,
     plain_decades,
     ranked,
+    row_colour,
 )
 from experiments.figures.style import FloatArray, blank, panels, styled, tension_axis
 from experiments.text.wording import set_words
@@ -54,9 +55,11 @@ def _cases(data: Data) -> list[Data]:
     return list(data.get("cases") or [])
 
 
-def _colour(name: str, rank: int) -> str:
-    """Return the colour of a law: the paper's law and no loosening have their own in every figure."""
-    return OWN_COLOURS.get(name, _LINES[min(rank, len(_LINES)) - 1][0])
+def _drawn(data: Data) -> list[tuple[str, str]]:
+    """Return the laws of `drawn_laws`, each with its colour."""
+    rows = {law["name"]: law for law in ranked(data)}
+    names = drawn_laws(data)
+    return [(n, row_colour(rows[n], _LINES[min(k, len(_LINES) - 1)][0])) for k, n in enumerate(names)]
 
 
 def drawn_laws(data: Data) -> list[str]:
@@ -64,10 +67,11 @@ def drawn_laws(data: Data) -> list[str]:
 
     Where that is one of them, the law of earlier work is the third, so that there is something to compare.
     """
-    names = [str(law["name"]) for law in ranked(data)]
-    chosen = [name for name in names if name != NO_LOOSENING][:2]
-    third = _EARLIER if BASELINE in chosen else BASELINE
-    return [*chosen, third] if third in names and third not in chosen else chosen
+    laws = ranked(data)
+    chosen = [law for law in laws if not is_law(law, NO_LOOSENING)][:2]
+    third = _EARLIER if any(is_law(law, BASELINE) for law in chosen) else BASELINE
+    chosen += [law for law in laws if is_law(law, third) and law not in chosen]
+    return [str(law["name"]) for law in chosen]
 
 
 @styled
@@ -114,9 +118,9 @@ def trajectories(data: Data) -> Figure:
     columns = 2 if len(cases) > 1 else 1
     rows = -(-len(cases) // columns)
     figure, axes = panels(rows, columns, 16.0 + 30.0 * rows, sharex=True)
-    names = drawn_laws(data)
+    laws = _drawn(data)
     for ax, case in zip(axes.flat, cases, strict=False):
-        _course(ax, case, names, _scatter(data, _tension(case)))
+        _course(ax, case, laws, _scatter(data, _tension(case)))
     for ax in axes.flat[len(cases) :]:
         ax.remove()
     for column in range(columns):
@@ -129,7 +133,7 @@ def trajectories(data: Data) -> Figure:
     return figure
 
 
-def _course(ax: Axes, case: Data, names: Sequence[str], scatter: float) -> None:
+def _course(ax: Axes, case: Data, laws: Sequence[tuple[str, str]], scatter: float) -> None:
     time, initial = np.asarray(case["time_s"], dtype=float), _tension(case)
     measured = initial + np.asarray(case["change_n"], dtype=float)
     error = Z95 * np.asarray(case["change_error_n"], dtype=float)
@@ -137,7 +141,7 @@ def _course(ax: Axes, case: Data, names: Sequence[str], scatter: float) -> None:
     ax.errorbar(time, measured, error, fmt="o", color=MEASURED, markersize=2.5, elinewidth=0.6,
                 label="Measured, 95 % limits", zorder=3)  # fmt: skip
     shown = [initial, *(measured - error), *(measured + error)]
-    for place, name in enumerate(names):
+    for place, (name, colour) in enumerate(laws):
         predicted = (case.get("laws") or {}).get(name)
         if predicted is None:
             continue
@@ -145,7 +149,7 @@ def _course(ax: Axes, case: Data, names: Sequence[str], scatter: float) -> None:
         if place == 0:
             shown += [*_scattered(ax, time, course, initial, scatter), *course]
         style = _LINES[min(place, 2)][1]
-        ax.plot(time, course, style, color=_colour(name, place + 1), label=law_name(name, _LONGEST))
+        ax.plot(time, course, style, color=colour, label=law_name(name, _LONGEST))
     low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
     ax.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))  # rivals far off may leave it
     ax.set_xscale("log")
@@ -179,19 +183,19 @@ def errors_over_preload(data: Data) -> Figure:
     """Error of the loss of every record over its initial tension, for the first laws and the paper's."""
     figure, axes = panels(height_mm=64.0)
     ax = axes[0, 0]
-    cases, names = _cases(data), drawn_laws(data)
+    cases = _cases(data)
     tension = np.array([_tension(case) for case in cases])
     ax.axhline(100.0, color=BACKGROUND, lw=0.6, label="No loosening")
     lowest = highest = 100.0
-    for place, name in enumerate(names):
+    for place, (name, colour) in enumerate(_drawn(data)):
         error = np.array([_loss_error(case, name) for case in cases])
         there = np.isfinite(error) & (tension > 0)
         held = np.array([bool(case.get("hold_out")) for case in cases])
-        for chosen, face, label in ((there & ~held, _colour(name, place + 1), law_name(name, _LONGEST)),
+        for chosen, face, label in ((there & ~held, colour, law_name(name, _LONGEST)),
                                     (there & held, "none", None)):  # fmt: skip
             ax.plot(tension[chosen], np.clip(error[chosen], *_DRAWN_PERCENT), "oDs"[min(place, 2)],
-                    color=_colour(name, place + 1), markerfacecolor=face, markersize=3.0,
-                    markeredgewidth=0.7, label=label)  # fmt: skip
+                    color=colour, markerfacecolor=face, markersize=3.0, markeredgewidth=0.7,
+                    label=label)  # fmt: skip
         lowest, highest = min([lowest, *error[there]]), max([highest, *error[there]])
     tension_axis(ax, tension, "Initial tension [N]")
     ax.set_yscale("log")

@@ -205,7 +205,7 @@ def left_for_laws(campaign: Campaign) -> None:
 
 def summary(path: Path) -> str:
     """Return a few lines for people: which law, how sure, what it beats, and the leader board."""
-    from discovery.views.ranking_figure import law_name, ranked
+    from discovery.views.ranking_figure import ranked, row_name
     from experiments.text import rankings
     from experiments.text.wording import number, trimmed
 
@@ -222,8 +222,7 @@ def summary(path: Path) -> str:
         error = trimmed(number(law["cross_validated_loss_error_percent_median"], 3))
         rise = trimmed(number(law["delta_bic"], 4))
         lines.append(
-            f"{law['rank']:>4} {error:>18} {rise:>10} {law.get('probability', 0.0):>11.3f}  "
-            f"{law_name(law['name'])}"
+            f"{law['rank']:>4} {error:>18} {rise:>10} {law.get('probability', 0.0):>11.3f}  {row_name(law)}"
         )
         lines.append(f"{'':>47} dT/dt = {rankings.equation_text(law['equation'])}")
     lines += [f"  note: {text}" for text in data["warnings"] + data["set_aside"]]
@@ -313,13 +312,15 @@ def _final_edges(course: TensionCourse) -> FloatArray:
 
 def model_section(content: dict[str, Any]) -> dict[str, Any]:
     """Return what model.json says of how the first law was found: its errors, and those without loosening."""
-    laws = {law["name"]: law["errors"] for law in content["laws"]}
-    first = laws[content["laws"][0]["name"]]
+    from discovery.views.ranking_figure import is_law
+
+    first = content["laws"][0]["errors"]
+    still = next(law["errors"] for law in content["laws"] if is_law(law, NO_LOOSENING))
     return {
         "campaign_digest": content["campaign_digest"],
         "command": content["command"],
         "records": first["training"]["records"],
-        "errors": first | {"no_loosening": laws[NO_LOOSENING]},
+        "errors": first | {"no_loosening": still},
         "set_aside": content["set_aside"],
         "warnings": content["warnings"],
     }

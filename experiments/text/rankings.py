@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
-from discovery.views.ranking_figure import law_name, ranked
+from discovery.views.ranking_figure import is_law, law_name, ranked, row_name
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
 from experiments.text.tables import Table, parameter_rows
@@ -30,7 +30,7 @@ def answer(data: Data) -> Answer | None:
     if not laws:
         return None
     best = laws[0]
-    verdict, good = _verdict(best, _equals(data))
+    verdict, good = _verdict(best, _equals(data), laws)
     return Answer(
         _QUESTION, verdict, tuple(_sentences(data, best, laws)), tuple(_headlines(best, laws)), good
     )
@@ -41,22 +41,24 @@ def _equals(data: Data) -> list[str]:
     return [str(name) for name in data.get("indistinguishable") or []]
 
 
-def _verdict(best: Data, equals: Sequence[str]) -> tuple[str, bool | None]:
-    name = str(best.get("name"))
-    if name == NO_LOOSENING:
+def _verdict(best: Data, equals: Sequence[str], laws: Sequence[Data]) -> tuple[str, bool | None]:
+    if is_law(best, NO_LOOSENING):
         return "No law tells more of these records than a bolt that never loosens.", False
     count = len(equals)
     told = f"these records cannot tell it from {'another one' if count == 1 else f'{count} others'}"
-    if name != BASELINE:
-        return _against_baseline(best, equals, told)
+    if not is_law(best, BASELINE):
+        baseline = any(is_law(law, BASELINE) and law.get("name") in equals for law in laws)
+        return _against_baseline(best, equals, told, baseline)
     if equals:
         return f"The paper's law ranks first; {told}.", None
     return "The paper's law ranks first, and no other law describes these records as well.", True
 
 
-def _against_baseline(best: Data, equals: Sequence[str], told: str) -> tuple[str, bool | None]:
-    first, p = f"“{law_name(str(best.get('name')))}” ranks first", best.get("p_value_against_baseline")
-    if BASELINE in equals:
+def _against_baseline(
+    best: Data, equals: Sequence[str], told: str, baseline_too: bool
+) -> tuple[str, bool | None]:
+    first, p = f"“{row_name(best)}” ranks first", best.get("p_value_against_baseline")
+    if baseline_too:
         return f"{first}, but these records cannot tell it from the paper's law.", None
     if p is None:
         return f"{first} by re-simulation.", None
@@ -84,10 +86,10 @@ def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
 
 def _on_wins(best: Data, laws: Sequence[Data]) -> Iterator[str]:
     wins = best.get("wins_against_baseline")
-    if best.get("name") == BASELINE or not isinstance(wins, Sequence) or len(wins) != 2:
+    if is_law(best, BASELINE) or not isinstance(wins, Sequence) or len(wins) != 2:
         return
     text = f"It is nearer than the paper's law on {wins[0]} of {wins[1]} records"
-    rise = next((law.get("delta_bic") for law in laws if law.get("name") == BASELINE), None)
+    rise = next((law.get("delta_bic") for law in laws if is_law(law, BASELINE)), None)
     if isinstance(rise, float):
         text += (
             f"; its BIC is {number(abs(rise), 3)} {'lower' if rise > 0 else 'higher'} than the paper's law's"
@@ -98,7 +100,11 @@ def _on_wins(best: Data, laws: Sequence[Data]) -> Iterator[str]:
 def _on_number(considered: int, laws: Sequence[Data]) -> str:
     given = sum(law.get("source") == "given" for law in laws)
     if given and considered <= given:
-        return f"Laws given: {considered}, beside {len(laws) - given} standing ones."
+        same, standing = sum(bool(law.get("same_as")) for law in laws), len(laws) - given
+        if not same:
+            return f"Laws given: {considered}, beside {standing} standing ones."
+        known = "is a standing one" if same == 1 else "are standing ones"
+        return f"Laws given: {considered}, {same} of which {known}, beside {standing} other standing ones."
     return f"{considered} candidate laws were considered; {len(laws)} laws are listed below."
 
 
@@ -125,9 +131,13 @@ def _on_errors(best: Data, laws: Sequence[Data], left_out: str) -> Iterator[str]
     text = (
         f"On {left_out} that its fit has not seen, its loss of tension is off by {number(own, 3)} % (median)"
     )
-    rest = {str(law.get("name")): law.get(_ERROR) for law in laws[1:]}
     words = {BASELINE: "that of the paper's law by", NO_LOOSENING: "no loosening by"}
-    known = {say: rest[name] for name, say in words.items() if rest.get(name) is not None}
+    known = {
+        say: law[_ERROR]
+        for name, say in words.items()
+        for law in laws[1:]
+        if is_law(law, name) and law.get(_ERROR) is not None
+    }
     against = [f"{say} {number(error, 3)} %" for say, error in known.items()]
     yield "; ".join([text, ", ".join(against)] if against else [text]) + "."
 
@@ -175,7 +185,7 @@ def _times(hits: object) -> str:
 
 def _headlines(best: Data, laws: Sequence[Data]) -> Iterator[Headline]:
     listed = [("first law", best)]
-    listed += [("the paper's law", law) for law in laws[1:] if law.get("name") == BASELINE]
+    listed += [("the paper's law", law) for law in laws[1:] if is_law(law, BASELINE)]
     for words, law in listed:
         if isinstance(law.get(_ERROR), float):
             shown = f"{number(law[_ERROR], 3)} %"
@@ -213,7 +223,7 @@ def _leader_board(data: Data) -> Table:
 def _row(law: Data) -> tuple[str | Markup, ...]:
     return (
         number(law.get("rank")),
-        _tied(law_name(str(law.get("name")))),
+        _tied(row_name(law)),
         _share(law.get(_ERROR)),
         _share(_error(law, "hold_out", "tension_loss_error_percent_median")),
         _share(_error(law, "training", "final_tension_error_percent_mean")),
@@ -250,7 +260,7 @@ def _share(value: object) -> str:
 
 def _wins(law: Data) -> str:
     wins = law.get("wins_against_baseline")
-    if law.get("name") == BASELINE or not isinstance(wins, Sequence) or len(wins) != 2:
+    if is_law(law, BASELINE) or not isinstance(wins, Sequence) or len(wins) != 2:
         return NONE
     return f"{wins[0]} of {wins[1]}"
 
@@ -273,7 +283,7 @@ def rate(text: object) -> str | Markup:
 def _parameters(data: Data) -> Table:
     laws = ranked(data)
     chosen = laws[:_WITH_PARAMETERS]
-    chosen += [law for law in laws[_WITH_PARAMETERS:] if law.get("name") == BASELINE]
+    chosen += [law for law in laws[_WITH_PARAMETERS:] if is_law(law, BASELINE)]
     rows = [
         ("" if place else law_name(str(law.get("name"))), *cells[:1], *cells[2:5])
         for law in chosen

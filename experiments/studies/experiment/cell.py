@@ -150,6 +150,7 @@ COMMANDS: Mapping[str, Callable[[Cell, Places, Path, int, Then], Path]] = {
 def _of_ranking(found: Mapping[str, Any]) -> dict[str, Any]:
     """Main numbers of a ranking; none where no record was left."""
     from discovery.laws.candidate import BASELINE
+    from discovery.views.ranking_figure import is_law
 
     if not found["laws"]:
         return {}
@@ -160,7 +161,7 @@ def _of_ranking(found: Mapping[str, Any]) -> dict[str, Any]:
         "first": first["name"],
         "error": first[error],
         "error_of": f"tension loss, {'bolts left out' if population else 'cross-validated'}",
-        "error_before": next(law[error] for law in found["laws"] if law["name"] == BASELINE),
+        "error_before": next(law[error] for law in found["laws"] if is_law(law, BASELINE)),
         "hold_out_error": first["errors"]["hold_out"].get("tension_loss_error_percent_median"),
         "probability": first["probability"],
         "p_value_against_baseline": first["p_value_against_baseline"],

@@ -14,6 +14,7 @@ from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import (
     BASELINE,
     CONSTANT_QUADRATIC,
+    CONSTANT_QUARTIC,
     NO_LOOSENING,
     Candidate,
     Term,
@@ -28,13 +29,16 @@ from discovery.laws.factors import (
     velocity_power,
     velocity_threshold,
 )
+from discovery.laws.given import given_law
 from discovery.laws.names import equation_name, names_of
-from discovery.ranking.race import RankedLaw, _at_bound, _listed, _merged, race
+from discovery.ranking.merging import at_bound, merged
+from discovery.ranking.race import RankedLaw, _listed, race
 from discovery.ranking.result import Ranking
 from rom import paper_model
 from rom.campaign.campaign import read_campaign
 from rom.identification.identify import Identification
 from rom.identification.reduce import reduce_records, tension_courses
+from rom.model.laws import Parameter, free_form_law
 from tests.discovery.synthetic import measured, with_power
 
 FREE = Candidate("free", (Term(velocity_power(), tension_logistic()),), (1e11,), "hand")
@@ -105,17 +109,52 @@ def test_law_equal_to_a_simpler_one_is_its_look_alike(frozen: FrozenMotion) -> N
             assert law.free_numbers <= 4
 
 
+def own_law(name: str, rate: str, **numbers: Parameter) -> Candidate:
+    return given_law(free_form_law(name, rate, "tension rate", numbers))
+
+
+def test_a_law_given_under_another_name_than_its_standing_equation_is_one_row(frozen: FrozenMotion) -> None:
+    """It keeps its name and numbers; the standing law takes no share of its probability."""
+    part = frozen.subset(range(6, 12))
+    quartic = own_law("power 4", "-c4 * v**4 * max(T, 0)", c4=Parameter(1.0, "s3/m4", bounds=(0.0, np.inf)))
+    curve = own_law(
+        "curve", "-c * v**4 * T * exp(-b / (1 + exp(r * T)))", c=Parameter(1.0, "s3/m4"),
+        b=Parameter(1.0, "1", bounds=(-40.0, 90.0)), r=Parameter(-0.01, "1/N", bounds=(-0.1, -1e-5)),
+    )  # fmt: skip
+    alone, found = (race(laws, part, seed=1) for laws in ((), (quartic, curve)))
+    same = {"power 4": CONSTANT_QUARTIC, "curve": BASELINE}
+    assert {law.name: law.same_as for law in found if law.same_as} == {n: (s,) for n, s in same.items()}
+    assert not {law.name for law in found} & {*same.values()}
+    assert len(found) == len(alone) == 4
+    for name, standing in same.items():
+        row, before = named(found, name), named(alone, standing)
+        assert row.rank == before.rank
+        assert row.probability == pytest.approx(before.probability, abs=0.02)
+        assert row.p_value_against_baseline == before.p_value_against_baseline
+    assert Ranking(found, 2, paper_model(), {})[BASELINE] is named(found, "curve")
+
+
+def test_a_law_whose_range_keeps_it_from_fitting_as_the_standing_one_is_another_row(
+    frozen: FrozenMotion,
+) -> None:
+    part = frozen.subset(range(6, 12))
+    slow = own_law("slow", "-c4 * v**4 * max(T, 0)", c4=Parameter(1.0, "s3/m4", bounds=(0.0, 100.0)))
+    found = race([slow], part)
+    assert {"slow", CONSTANT_QUARTIC} <= {law.name for law in found}
+    assert not any(law.same_as for law in found)
+
+
 def test_law_at_its_bound_is_no_look_alike_of_one_that_fits_far_better(frozen: FrozenMotion) -> None:
     better = replace(refine(FREE, frozen), deviance=100.0)
-    at_bound = THRESHOLD.with_values({"v_th": 0.0})
-    worse = refine(at_bound, frozen)
-    assert _at_bound(replace(worse, candidate=at_bound))
+    low = THRESHOLD.with_values({"v_th": 0.0})
+    worse = refine(low, frozen)
+    assert at_bound(replace(worse, candidate=low))
     offsets = np.full_like(worse.offsets, -50.0)  # other courses
     for deviance, look_alike in ((399.0, False), (100.5, True)):
-        rival = replace(worse, candidate=at_bound, offsets=offsets, deviance=deviance)
-        merged = _merged([better, rival], frozen)
-        assert merged[0][1] == ((THRESHOLD.equation,) if look_alike else ())
-        assert len(merged) == (1 if look_alike else 2)
+        rival = replace(worse, candidate=low, offsets=offsets, deviance=deviance)
+        found = merged([better, rival], frozen)
+        assert found[0].look_alikes == ((THRESHOLD.equation,) if look_alike else ())
+        assert len(found) == (1 if look_alike else 2)
 
 
 def test_law_that_comes_first_in_one_resample_of_twenty_is_listed_whatever_its_rank(

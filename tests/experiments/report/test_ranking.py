@@ -104,6 +104,23 @@ def test_figures_over_cases_draw_the_first_laws_and_always_the_papers() -> None:
     assert drawn_laws(data) == [BASELINE]
 
 
+def test_a_law_given_that_is_a_standing_one_says_so_and_takes_its_place() -> None:
+    data = ranking()
+    own = data["laws"][2] | {"name": "mine", "source": "given", "same_as": [BASELINE]}
+    data["laws"][2] = own
+    assert drawn_laws(data) == [WINNER, SECOND, "mine"]
+    board = rankings.tables(data)[0]
+    named = [str(row[1]) for row in board.rows]
+    assert named[2].replace("\u00a0", " ") == "mine (= γ(T), the paper's law)"
+    told = " ".join(rankings.answer(data).sentences)  # type: ignore[union-attr]
+    assert "that of the paper's law by 19.9" in told
+    only = data | {"laws": [own | {"rank": 1}, *data["laws"][4:]], "considered": 1}
+    found = rankings.answer(only)
+    assert found is not None
+    assert found.verdict.startswith("The paper's law ranks first")
+    assert "Laws given: 1, 1 of which is a standing one, beside 3 other standing ones." in found.sentences
+
+
 def test_the_profile_shows_its_sets() -> None:
     axes = discovery_figures(ranking())["exponent-profile"].axes
     assert [ax.get_title(loc="left") for ax in axes] == ["95 % set: 3.8 to 4.25", "95 % set: 0.21 at most"]

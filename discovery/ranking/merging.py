@@ -1,0 +1,159 @@
+"""Laws that turn out to be one: of equal predictions, or the same equation given under another name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from discovery.courses.fit import Fit, predict
+from discovery.courses.frozen_motion import FrozenMotion
+from discovery.laws.candidate import ALWAYS_LISTED, Candidate
+from discovery.laws.same_law import numbers_at_rate_of, same_law, states_of
+from discovery.ranking.cross_validation import CrossValidation
+from rom.campaign.channels import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Entrant:
+    """A refined law, what turned out to be the same law, and its cross-validation."""
+
+    fit: Fit
+    look_alikes: tuple[str, ...] = ()
+    same_as: tuple[str, ...] = ()
+    validation: CrossValidation | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Its name, and those of standing or given laws of the same equation."""
+        return (self.fit.candidate.name, *self.same_as)
+
+    def with_another(self, found: Fit) -> Entrant:
+        """The same with a law that it stands for: by name if that is always listed, or else by equation."""
+        law = found.candidate
+        if _listed(found):
+            return replace(self, same_as=(*self.same_as, law.name))
+        return replace(self, look_alikes=(*self.look_alikes, law.equation))
+
+
+def same_equations(
+    candidates: Sequence[Candidate], standing: Sequence[Candidate], frozen: FrozenMotion
+) -> dict[str, Candidate]:
+    """Return by name each standing or given law whose equation an earlier one has, and that law.
+
+    Parameters
+    ----------
+    candidates : sequence of Candidate
+        Of which those given count, in their order, before the standing ones.
+    standing : sequence of Candidate
+        Laws that are always in the race.
+    frozen : FrozenMotion
+        Its motion and tension are the range in which rates are compared.
+    """
+    given = {law.name: law for law in reversed(candidates) if law.source == "given"}
+    if not given:
+        return {}
+    states, firsts, found = states_of(frozen.nodes), list[Candidate](), dict[str, Candidate]()
+    for law in [*reversed(given.values()), *standing]:
+        first = next((one for one in firsts if same_law(one, law, states)), None)
+        if first is None:
+            firsts.append(law)
+        elif first.name != law.name:
+            found[law.name] = first
+    return found
+
+
+def started_alike(
+    starts: Sequence[Candidate], same: Mapping[str, Candidate], frozen: FrozenMotion
+) -> list[Candidate]:
+    """Return further starts of laws: the rates from which other laws of their equations start.
+
+    Parameters
+    ----------
+    starts : sequence of Candidate
+        Starts of standing laws.
+    same : mapping of str to Candidate
+        As `same_equations` returns it.
+    frozen : FrozenMotion
+        As there.
+    """
+    there = [(same[start.name], start) for start in starts if start.name in same]
+    states = states_of(frozen.nodes)
+    numbers = [(law, numbers_at_rate_of(start, law, states)) for law, start in there]
+    return [law.with_values(found) for law, found in numbers if found is not None]
+
+
+def merged(
+    fits: Sequence[Fit], frozen: FrozenMotion, same: Mapping[str, Candidate] | None = None
+) -> list[Entrant]:
+    """Laws of equal predictions as one: that of the fewest numbers, the others as its look-alikes.
+
+    Also those with a number at its bound, a threshold of zero say, that fit as well as a simpler law. A law
+    that is always listed stays, unless an earlier one of its equation (`same_equations`) fits as well.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        Refined laws.
+    frozen : FrozenMotion
+        What they were fitted to.
+    same : mapping of str to Candidate
+        As `same_equations` returns it.
+    """
+    same, rules = same or {}, frozen.criteria.ranking
+    noise = np.sqrt(np.diagonal(np.stack([c.covariance for c in frozen.courses]), axis1=1, axis2=2))
+    kept: list[tuple[Entrant, FloatArray]] = []
+    for found in sorted(
+        fits, key=lambda f: (not _listed(f), f.candidate.name in same, len(f.free), f.deviance)
+    ):
+        course = predict(found.candidate, frozen) + found.offsets
+        near = rules.equal_noise * noise + rules.equal_loss * np.abs(course)
+        place = next(
+            (
+                k
+                for k, (one, other) in enumerate(kept)
+                if (
+                    _is_first(one.fit, found, same, rules.equal_fit)
+                    if _listed(found)
+                    else bool((np.abs(course - other) <= near).all())
+                    or _equals_at_bound(found, one.fit, rules.equal_fit)
+                )
+            ),
+            None,
+        )
+        if place is None:
+            kept.append((Entrant(found, same_as=_without_fit(found, fits, same)), course))
+        else:
+            kept[place] = (kept[place][0].with_another(found), kept[place][1])
+    return [one for one, _ in kept]
+
+
+def _listed(found: Fit) -> bool:
+    return found.candidate.source in ALWAYS_LISTED
+
+
+def _is_first(first: Fit, found: Fit, same: Mapping[str, Candidate], equal: float) -> bool:
+    """Whether a law has the equation of the first one, and this fits as well within its own ranges."""
+    own = same.get(found.candidate.name)
+    return own is not None and own.name == first.candidate.name and first.deviance <= found.deviance + equal
+
+
+def _without_fit(first: Fit, fits: Sequence[Fit], same: Mapping[str, Candidate]) -> tuple[str, ...]:
+    """Names of laws of its equation that have no fit of their own: equal terms are fitted once."""
+    there = {found.candidate.name for found in fits}
+    return tuple(n for n, law in same.items() if law.name == first.candidate.name and n not in there)
+
+
+def _equals_at_bound(found: Fit, simpler: Fit, equal: float) -> bool:
+    return (
+        at_bound(found)
+        and len(simpler.free) < len(found.free)
+        and abs(simpler.deviance - found.deviance) <= equal
+    )
+
+
+def at_bound(found: Fit) -> bool:
+    """Whether an inner number ended at a bound of its range."""
+    values = [found.candidate.parameters[name] for name in found.free]
+    return any(p.value in p.bounds for p in values)
