@@ -21,6 +21,7 @@ Curve = Callable[[Law, FloatArray], FloatArray]
 _TINY: Numerical[float] = 1e-300
 _LEAST_SCALE: Numerical[float] = 1e-100  # its inverse can still be squared
 _LEAST_INFORMATION: Numerical[float] = 1e-9  # of the best told direction of the parameters, to a direction
+_MIRRORED = {"logistic damping": ("c_d", "c_i", "eta"), "logistic loosening": ("gamma_d", "gamma_i", "rho")}
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,7 @@ def fit_law(
         scatter, candidates = update, [law]
         if settled:
             break
+    law, _ = upright(law, free)
     jacobian = _whitener(log_covariance, scatter) @ _log_jacobian(law, free, tension, curve)
     covariance = covariance_of(jacobian)
     fitted = curve(law, tension)
@@ -135,7 +137,7 @@ def covariance_of(jacobian: FloatArray) -> FloatArray:
 
 
 def with_limits(law: Law, free: Sequence[str], covariance: FloatArray, degrees_of_freedom: int) -> Law:
-    """Return the law with 95 % limits (Student's t) on its free parameters.
+    """Return the law with 95 % limits (Student's t) on its free parameters; none without degrees of freedom.
 
     Parameters
     ----------
@@ -153,13 +155,32 @@ def with_limits(law: Law, free: Sequence[str], covariance: FloatArray, degrees_o
     Law
         The law.
     """
-    width = float(stats.t.ppf(0.975, max(degrees_of_freedom, 1)))
     parameters: dict[str, Parameter] = dict(law.parameters)
     for name, variance in zip(free, np.diag(covariance), strict=True):
-        half = width * float(np.sqrt(variance))
-        value = parameters[name].value
-        parameters[name] = replace(parameters[name], low=value - half, high=value + half, source="identified")
+        found = replace(parameters[name], low=None, high=None, source="identified")
+        if degrees_of_freedom > 0:
+            half = float(stats.t.ppf(0.975, degrees_of_freedom)) * float(np.sqrt(variance))
+            found = replace(found, low=found.value - half, high=found.value + half)
+        parameters[name] = found
     return replace(law, parameters=parameters)
+
+
+def upright(law: Law, free: Sequence[str]) -> tuple[Law, FloatArray]:
+    """Return Eq. 11 or 13 written the paper's way, with a steepness below zero; other laws as they are.
+
+    ``d - i / (1 + exp(r T))`` and ``(d - i) + i / (1 + exp(-r T))`` are one curve. Also returned is the
+    matrix (free, free) that takes the free parameters there.
+    """
+    turn = np.eye(len(free))
+    upper, depth, steepness = _MIRRORED.get(law.name, ("", "", ""))
+    if steepness not in free or law.parameters[steepness].value <= 0:
+        return law, turn
+    rows = {name: place for place, name in enumerate(free)}
+    turn[rows[upper], rows[depth]] = turn[rows[depth], rows[depth]] = turn[
+        rows[steepness], rows[steepness]
+    ] = -1
+    values = turn @ np.array([law.parameters[name].value for name in free])
+    return law.with_values(**dict(zip(free, values.tolist(), strict=True))), turn
 
 
 def _logarithm(law: Law, tension: FloatArray, curve: Curve) -> FloatArray:

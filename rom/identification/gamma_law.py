@@ -17,7 +17,8 @@ from scipy import optimize
 from rom.campaign.channels import FloatArray
 from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
-from rom.identification.curve_fits import LawFit, covariance_of, fit_law, gamma_curve, with_limits
+from rom.identification.curve_fits import LawFit, covariance_of, fit_law, gamma_curve, upright, with_limits
+from rom.identification.few_cases import few_cases
 from rom.identification.gamma import GammaEstimate, LooseningCase, Progress, final_tensions, identify_gamma
 from rom.identification.joint import tension_levels
 from rom.model.expressions import is_linear_in
@@ -47,8 +48,8 @@ class Loosening:
 
     @property
     def rate_uncertainty(self) -> RateUncertainty | None:
-        """How far one new test may be from the law; None where no law was fitted."""
-        if self.fit is None:
+        """How far one new test may be from the law; None where none was fitted, or to too few to tell."""
+        if self.fit is None or len(self.fit.records) <= len(self.fit.free):
             return None
         fit, tests = self.fit, len(self.fit.records)
         return RateUncertainty.of(fit.free, fit.covariance, (fit.scatter, 0.0), tests - len(fit.free))
@@ -84,14 +85,17 @@ def loosening_law(
     start = case_fit if declared is None else _start_of(declared, case_fit)
     fit = refine_gamma_law(model, [by_file[one.file] for one in usable], window_s, start)
     form = "gamma(T)" if declared is None else "the declared tension law"
-    text = f"the fit of {form} by re-simulation had not settled when it ended"
-    return Loosening(gamma, fit.law, case_fit, fit, () if fit.settled else (text,))
+    lines = few_cases(form, fit, np.array([one.initial for one in usable]))
+    if not fit.settled:
+        lines += (f"the fit of {form} by re-simulation had not settled when it ended",)
+    return Loosening(gamma, fit.law, case_fit, fit, lines)
 
 
 def fitted_numbers(law: Law) -> tuple[str, ...]:
-    """Names of a law's numbers that were fitted: those with limits; all where none has any."""
-    limited = tuple(n for n, p in law.parameters.items() if (p.low, p.high) != (None, None))
-    return limited or tuple(law.parameters)
+    """Names of a law's numbers that were fitted: those with limits, or identified; all where none is."""
+    numbers = law.parameters.items()
+    fitted = (n for n, p in numbers if (p.low, p.high) != (None, None) or p.source == "identified")
+    return tuple(fitted) or tuple(law.parameters)
 
 
 def _start_of(law: Law, case_fit: LawFit) -> LawFit:
@@ -186,7 +190,8 @@ def refine_gamma_law(
         )  # fmt: skip
         values, covariance = found.x, covariance_of(np.asarray(found.jac))
         scatter = _loss_scatter(measured, loss(values), error, len(values))
-    law = fit.law.with_values(**dict(zip(fit.free, values, strict=True)))
+    law, turn = upright(fit.law.with_values(**dict(zip(fit.free, values, strict=True))), fit.free)
+    covariance = turn @ covariance @ turn.T
     limited = with_limits(law, fit.free, covariance, len(cases) - len(fit.free))
     files = tuple(case.file for case in cases)
     return replace(

@@ -26,7 +26,7 @@ from rom.identification.joint import (
     joint_curves,
     joint_estimates,
 )
-from rom.identification.left_open import undetermined, untensioned, vanished
+from rom.identification.left_open import few_joints, undetermined, untensioned, vanished
 from rom.identification.link_laws import bolted_laws, linear_laws, mean_laws
 from rom.identification.modal_model import IdentifiedMode, identify_modes
 from rom.identification.output_error import OutputErrorFit
@@ -254,7 +254,7 @@ def _of_impacts(campaign: Campaign, records: Sequence[ReducedRecord]) -> Identif
         )
     joint = joint_estimates(records, linear, settings)
     stiffness_fit, damping_fit = joint_curves(joint, linear, settings)
-    doubtful = undetermined(linear)
+    doubtful = (*undetermined(linear), *few_joints(joint, (stiffness_fit, damping_fit)))
     if linear is not None and stiffness_fit is not None and damping_fit is not None:
         linear = given_curves(parts, linear, joint, (stiffness_fit, damping_fit))
     model, missing = _model(campaign, records, linear, (stiffness_fit, damping_fit))

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from rom.campaign.campaign import CampaignSettings
 from rom.criteria.identification import RULES
+from rom.identification.curve_fits import LawFit
+from rom.identification.few_cases import few_cases
+from rom.identification.joint import JointEstimate
 from rom.identification.output_error import OutputErrorFit
 from rom.identification.record_spectra import UNCOUPLED
 from rom.identification.reduce import ReducedRecord
@@ -51,3 +56,12 @@ def untensioned(records: Sequence[ReducedRecord], settings: CampaignSettings) ->
         and r.tensions is None
         and r.settings.preload_n is None
     )
+
+
+def few_joints(
+    joint: Sequence[JointEstimate], curves: tuple[LawFit | None, LawFit | None]
+) -> tuple[str, ...]:
+    """Return a line for every curve of the joint that its records cannot contradict."""
+    tension = np.array([estimate.tension for estimate in joint])
+    pairs = zip(("k_C(T)", "c_C(T)"), curves, strict=True)
+    return tuple(line for name, fit in pairs for line in few_cases(name, fit, tension))

@@ -1,0 +1,44 @@
+"""What a curve over tension rests on where its cases cannot contradict it, a line each.
+
+A curve with as many free numbers as cases passes through them whatever its form: their scatter is not known,
+and errors on these very cases say nothing.
+"""
+
+from __future__ import annotations
+
+from rom.campaign.channels import FloatArray
+from rom.criteria.identification import RULES
+from rom.identification.curve_fits import LawFit
+from rom.identification.joint import tension_levels
+
+
+def few_cases(curve: str, fit: LawFit | None, tension: FloatArray) -> tuple[str, ...]:
+    """Return a line for a curve of as many numbers as cases or levels, or for a constant in its place.
+
+    Parameters
+    ----------
+    curve : str
+        What people call it, such as "k_C(T)".
+    fit : LawFit or None
+        The fitted curve.
+    tension : ndarray, shape (cases,)
+        Tensions of its cases [N].
+    """
+    if fit is None:
+        return ()
+    numbers, cases, levels = len(fit.free), len(fit.records), tension_levels(tension)
+    if not levels and cases > 1 and tension.any():
+        span = f"tensions from {tension.min():.4g} to {tension.max():.4g} N"
+        return (f"{curve}: {span} are too near to each other for a curve: a constant stands for it",)
+    assumed = ", and where between them it bends is assumed" if levels == RULES.curve_levels else ""
+    if cases <= numbers:
+        text = f"{curve}: {_count(numbers, 'number')} from {_count(cases, 'record')}{assumed}"
+        return (f"{text}: it meets them whatever its form; no limits, and its errors on them say nothing",)
+    if 0 < levels <= numbers:
+        text = f"{curve}: {numbers} numbers from {levels} levels of tension{assumed}"
+        return (f"{text}: no level is left to test its form; its limits hold for this form alone",)
+    return ()
+
+
+def _count(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
