@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rom.campaign.channels import Channel, FloatArray
+from rom.campaign.matlab_arrays import level_of, variables
 
 Precision: TypeAlias = Literal["float64", "float32"]
 Read: TypeAlias = Callable[[], tuple[Any, Any]]  # samples and rate_hz (None: not stated), as in the file
@@ -93,7 +94,7 @@ def _read_mat(path: Path) -> Iterator[tuple[str, Read]]:
 
     if h5py.is_hdf5(path):
         return _read_mat_hdf5(path)
-    return _read_mat_classic(path)
+    return _read_mat_level_5(path) if level_of(path) == 5 else _read_mat_level_4(path)
 
 
 def _read_mat_hdf5(path: Path) -> Iterator[tuple[str, Read]]:
@@ -113,23 +114,28 @@ def _read_mat_hdf5(path: Path) -> Iterator[tuple[str, Read]]:
             yield name, partial(read, name)
 
 
-def _read_mat_classic(path: Path) -> Iterator[tuple[str, Read]]:
-    from scipy.io import loadmat, whosmat
-
-    numeric = {"double", "single", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
-    kinds = {name: kind for name, _, kind in whosmat(str(path), appendmat=False)}
-    if not kinds:
-        return
-    found = loadmat(str(path), appendmat=False, variable_names=[n for n in kinds if kinds[n] in numeric])
+def _read_mat_level_5(path: Path) -> Iterator[tuple[str, Read]]:
+    found = list(variables(path))
+    if repeated := [name for name, count in Counter(one.name for one in found).items() if count > 1]:
+        raise LayoutError(f"{repeated[0]}: found this variable more than once, expected it once")
+    by_name = {one.name: one for one in found}
 
     def read(name: str) -> tuple[Any, Any]:
-        if kinds[name] not in numeric:
-            raise ValueError(f"found a MATLAB {kinds[name]} variable, expected real numbers")
-        rate_name = f"rate_hz_{name}"
-        return found[name], found.get(rate_name, "text") if rate_name in kinds else None
+        one, rate = by_name[name], by_name.get(f"rate_hz_{name}")
+        if one.samples is None:
+            raise ValueError(f"found a MATLAB {one.kind} variable, expected real numbers")
+        return one.samples, None if rate is None else "text" if rate.samples is None else rate.samples
 
-    for name in _mat_channels(kinds):
+    for name in _mat_channels(by_name):
         yield name, partial(read, name)
+
+
+def _read_mat_level_4(path: Path) -> Iterator[tuple[str, Read]]:
+    from scipy.io import loadmat
+
+    found = loadmat(str(path), appendmat=False)
+    for name in _mat_channels(found):
+        yield name, partial(lambda name: (found[name], found.get(f"rate_hz_{name}")), name)
 
 
 def _mat_channels(names: Collection[str]) -> list[str]:
