@@ -26,6 +26,53 @@ _DIGITS = 16
 
 
 @dataclass(frozen=True)
+class NamedMeasure:
+    """The function MODULE:FUNCTION, imported where it is called: another machine has a path of its own.
+
+    Attributes
+    ----------
+    text : str
+        ``"MODULE:FUNCTION"``.
+    folder : str
+        Of the experiment's file; a module in it is found where no other has its name.
+    """
+
+    text: str
+    folder: str
+
+    def __call__(self, result: Any, campaign: Any) -> Mapping[str, Any]:
+        """Return the function's columns."""
+        return self.function(result, campaign)
+
+    @property
+    def function(self) -> Measure:
+        """The function itself.
+
+        Raises
+        ------
+        ValueError
+            If it cannot be imported, or a module of its name from elsewhere is in its place.
+        """
+        if self.folder not in sys.path:
+            sys.path.append(self.folder)
+        name, _, function = self.text.partition(":")
+        try:
+            module = import_module(name)
+            found: Measure = getattr(module, function)
+        except (ImportError, AttributeError, ValueError) as error:
+            raise ValueError(
+                f"measure: found {self.text!r} ({error}), expected MODULE:FUNCTION that can be imported"
+            ) from error
+        beside = Path(self.folder, *name.split(".")).with_suffix(".py")
+        if beside.exists() and Path(module.__file__ or "").resolve() != beside.resolve():
+            raise ValueError(
+                f"measure: found the module {name!r} in {module.__file__}, expected {beside}: give it a name "
+                "that no other has"
+            )
+        return found
+
+
+@dataclass(frozen=True)
 class Source:
     """Where a campaign, or those of several bolts, come from: folders, or options of the rig that measures.
 
@@ -86,7 +133,8 @@ class Cell:
     def digest(self) -> str:
         """Of settings, plug-ins and the campaign's contents: what has the same is the same cell."""
         own = [self.command, self.source.digest, self.seed, self.laws, self.options]
-        measured = self.measure and f"{self.measure.__module__}.{self.measure.__qualname__}"
+        own_columns = self.measure.function if isinstance(self.measure, NamedMeasure) else self.measure
+        measured = own_columns and f"{own_columns.__module__}.{own_columns.__qualname__}"
         return _digest([*own, self.plug_ins, measured])
 
     @property
@@ -149,19 +197,12 @@ def read_experiment(
 
 
 def _named_function(path: Path, text: str | None) -> Measure | None:
-    """The function MODULE:FUNCTION; a module beside the file is found where no other has its name."""
+    """The function that a file names, once it was imported here."""
     if text is None:
         return None
-    beside = str(path.parent.absolute())
-    if beside not in sys.path:
-        sys.path.append(beside)
-    module, _, name = text.partition(":")
-    try:
-        found: Measure = getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ValueError(
-            f"{path}: measure: found {text!r} ({error}), expected MODULE:FUNCTION that can be imported"
-        ) from error
+    found = NamedMeasure(text, str(path.parent.absolute()))
+    with _naming(str(path)):
+        _ = found.function
     return found
 
 

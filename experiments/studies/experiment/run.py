@@ -183,8 +183,9 @@ def _run_missing(experiment: Experiment, folder: Path, jobs: int, progress: Prog
     if progress is not None:
         progress(total - len(due), total)
     left = Counter(cell.source.digest for cell in due)
-    finished = _apart if experiment.own_process and on_this_machine() else _finished
-    for number, cell in enumerate(finished(due, folder, jobs), total - len(due) + 1):
+    finish = _apart if experiment.own_process and on_this_machine() else _finished
+    finished = finish(due, folder, jobs, experiment.own_process)
+    for number, cell in enumerate(finished, total - len(due) + 1):
         left[cell.source.digest] -= 1
         if not left[cell.source.digest] and not experiment.keeps_campaigns:
             remove_campaign(cell.source, folder)
@@ -192,18 +193,19 @@ def _run_missing(experiment: Experiment, folder: Path, jobs: int, progress: Prog
             progress(number, total)
 
 
-def _finished(due: Sequence[Cell], folder: Path, jobs: int) -> Iterable[Cell]:
-    """Yield cells as they are done; a single one has all processes for itself."""
-    if len(due) == 1:
+def _finished(due: Sequence[Cell], folder: Path, jobs: int, own_process: bool) -> Iterable[Cell]:
+    """Yield cells as they are done; a single one has all processes for itself, or else one of its own."""
+    if len(due) == 1 and not own_process:
         run_cell(due[0], folder, jobs)
         yield due[0]
         return
     many = Parallel(n_jobs=min(jobs, max(len(due), 1)), return_as="generator_unordered", batch_size=1)
-    for place in many(delayed(_numbered)(place, cell, folder) for place, cell in enumerate(due)):
+    tasks = (delayed(_numbered)(place, cell, folder, own_process) for place, cell in enumerate(due))
+    for place in many(tasks):
         yield due[place]
 
 
-def _apart(due: Sequence[Cell], folder: Path, jobs: int) -> Iterable[Cell]:
+def _apart(due: Sequence[Cell], folder: Path, jobs: int, _: bool = True) -> Iterable[Cell]:
     """Yield cells as they are done, each by a process of its own, whose end fails that cell alone."""
     tasks = [partial(run_cell, cell, folder) for cell in due]
     for place, error in each_in_a_process(tasks, jobs):
@@ -212,8 +214,12 @@ def _apart(due: Sequence[Cell], folder: Path, jobs: int) -> Iterable[Cell]:
         yield due[place]
 
 
-def _numbered(place: int, cell: Cell, folder: Path) -> int:
-    run_cell(cell, folder)
+def _numbered(place: int, cell: Cell, folder: Path, own_process: bool) -> int:
+    """Run a cell where the task is carried out; on a cluster it may have a process of its own there."""
+    if own_process:
+        list(_apart([cell], folder, jobs=1))
+    else:
+        run_cell(cell, folder)
     return place
 
 

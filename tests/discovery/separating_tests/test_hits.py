@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.courses.fit import fit, log_predictive, refine
+from discovery.courses.fit import at_fit, deviation_of_bolt, fit, log_predictive, refine
 from discovery.courses.frozen_motion import freeze, freeze_bolts
 from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import Candidate, Term, baseline, constant_power, no_loosening
 from discovery.laws.factors import tension_power, velocity_power
-from discovery.separating_tests.hits import Proposal, propose_tests
+from discovery.separating_tests.hits import Proposal, _grid, _response, _way, propose_tests
 from tests.discovery.bolts import bolts_of
 from tests.discovery.synthetic import RATE_HZ, free_power, measured, model_with, small, with_power
 
@@ -97,6 +97,25 @@ def test_of_several_bolts_the_one_is_named_on_which_the_test_tells_most() -> Non
     assert {test.bolt for test in found} == {"loose"}
     assert all(f"at a preload of {test.preload:.3g} N of loose: tells" in test.summary for test in found)
     assert propose_tests(fits, both)[0].bolt == "bolt 2"
+
+
+def test_a_new_bolt_never_tells_more_than_one_tested_at_the_same_rate() -> None:
+    """All of the variance between bolts is unknown of it, and what is unknown counts for the rival law."""
+    both = freeze_bolts(bolts_of(with_power(4.0), (-0.5, 0.5), scatter=0.2, noise=5.0))
+    fits = [fit(law, both) for law in (held(4.0), held(3.5))]
+    grid = _grid(both)
+    _, cases = next(both.by_bolt())
+    tested = [deviation_of_bolt(one, at_fit(one, both)[1], both.initial, cases) for one in fits]
+    assert all(error < one.sigma for (_, error), one in zip(tested, fits, strict=True))
+    new = [(rate, one.sigma) for (rate, _), one in zip(tested, fits, strict=True)]
+    known, unknown = (
+        _way(*(_response(one, *rate, both, grid) for one, rate in zip(fits, rates, strict=True)), both, grid)
+        for rates in (tested, new)
+    )
+    for hits in (1, 10):
+        more = unknown.of_each(hits) - known.of_each(hits)
+        assert more.max() <= 1e-9
+        assert more.min() < -0.1
 
 
 def test_more_noise_promises_less() -> None:

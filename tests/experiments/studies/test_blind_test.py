@@ -28,7 +28,7 @@ from experiments.studies.blind.scores import (
 )
 from experiments.studies.blind.tables import tables
 from experiments.studies.blind.trials import experiment_of, planned
-from experiments.studies.experiment.cells import read_experiment
+from experiments.studies.experiment.cells import NamedMeasure, read_experiment
 from rom.effects import CATALOGUE
 
 Row = dict[str, Any]
@@ -313,7 +313,9 @@ def test_a_test_is_an_experiments_file(tmp_path: Path) -> None:
     assert experiment.own_process
     told = [(c.settings["rig.seed"], c.settings["rig.undeclared"]) for c in experiment.cells]
     assert told == [(t.seed, [f"{name}@{enters}" for name, enters in t.hidden]) for t in trials]
-    assert [cell.measure for cell in experiment.cells] == [measured] * len(trials)
+    (measure,) = {cell.measure for cell in experiment.cells}
+    assert isinstance(measure, NamedMeasure)
+    assert measure.function is measured
     assert {(cell.command, cell.seed) for cell in experiment.cells} == {("close", 0)}
     assert experiment.sources[1].name == "seed 0, noise 1, undeclared cubic-stiffness@joint"
 

@@ -325,3 +325,16 @@ def test_each_cell_in_a_process_of_its_own_measured_by_a_module_beside_the_file(
     cell = json.loads(table.path.read_text())["cells"][0]
     assert cell["peak_mb"] > 50
     assert cell["cpu_s"] > 0
+
+
+def test_a_measure_of_the_same_name_beside_another_file_is_not_taken_for_this_one(
+    file: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    module = "def f(_, campaign):\n    return {}\n"
+    other = tmp_path_factory.mktemp("other") / "slip.toml"
+    for path in (other, file):
+        (path.parent / "twice_named.py").write_text(module)
+        path.write_text(HEAD + 'measure = "twice_named:f"\n[[rig]]\n')
+    assert read_experiment(other).cells[0].measure is not None
+    with pytest.raises(ValueError, match=r"slip.toml: measure: found the module 'twice_named' in .*other"):
+        read_experiment(file)

@@ -54,10 +54,29 @@ def test_a_killed_run_goes_on_where_it_was(file: Path) -> None:
     assert len(list((out / "cells").iterdir())) == 4
 
 
+def spread_with_a_measure_beside_the_file(file: Path, address: str) -> None:
+    """Each cell in a process of its own on a worker, measured by a module that no worker has on its path."""
+    (file.parent / "beside.py").write_text(
+        "import os, sys\n\ndef seen(_, campaign):\n"
+        "    if campaign.name == 'two':\n        os.kill(os.getpid(), 9)\n"
+        "    return {'dask': 'distributed.worker' in sys.modules}\n"
+    )
+    text = SMALL.replace("seeds", 'own_process = true\nmeasure = "beside:seen"\nseeds')
+    file.write_text(text.replace("[0, 1]", "0"))
+    table = experiments.run_experiment(file, file.parent / "apart", jobs=2, cluster=address)
+    assert [row["status"] for row in table.rows] == ["ok", "failed"]
+    assert not table.rows[0]["dask"]
+    assert "killed by signal 9" in table.failed[0]["message"]
+    file.write_text(text.replace("own_process = true\n", "").replace('["one", "two"]', '["one"]'))
+    table = experiments.run_experiment(file, file.parent / "shared", jobs=2, cluster=address)
+    assert [row["dask"] for row in table.rows] == [True, True]
+
+
 @pytest.mark.slow
 def test_24_cells_are_the_same_on_a_cluster_that_loses_a_worker(file: Path, cluster: Cluster) -> None:
     """Killed once on two processes; then on a cluster of two workers of which one is killed."""
     address, workers = cluster
+    spread_with_a_measure_beside_the_file(file, address)
     file.write_text(SMALL.replace("[0, 1]", str(list(range(12)))))
     whole = experiments.run_experiment(file, file.parent / "whole", jobs=1)
     assert (len(whole.rows), whole.failed) == (24, ())
