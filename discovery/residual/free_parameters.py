@@ -82,6 +82,14 @@ class FreeParameters:
             found[f"{term}:{parameter}"] = (float(moved(tension)) - here) / here * size / step
         return found
 
+    def change_with_tension(self, name: str, tension: float, error: float) -> float:
+        """By what share of itself a term's coefficient changes with an error of the tension [N]."""
+        if "@" not in name:
+            return 0.0
+        law = self._law(name.partition("@")[0])
+        here, low, high = (float(law(tension + change)) for change in (0.0, -error, error))
+        return (high - low) / (2 * here) if here else 0.0
+
     def stepped(self, steps: Mapping[str, float]) -> FreeParameters:
         """The same with its numbers moved, by the names of ``slopes`` and in their units."""
         model, corners = self.model, dict(self.corners)

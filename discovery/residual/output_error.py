@@ -13,6 +13,9 @@ The same holds for the model's own numbers. Along the measured motion Y, whateve
 so slopes along Y hold for changes d of any size, while those of H, which are along the model's own motion,
 hold nearby alone. But Y has the sensors' noise in it, which a regression takes for less slope (errors in
 variables; L. Ljung, System Identification, 1999, section 7.6): where noise alone is left, those of H count.
+
+The tension of a record is known within its gauge's error alone, and a loose joint's stiffness follows it
+closely: 0.02 N are 0.2 rad of phase after 2 s at 10 N. What that changes is estimated beside the end states.
 """
 
 from __future__ import annotations
@@ -324,6 +327,8 @@ def whiten(
             first, last = part.samples
             seconds = (last - first) / trace.measurement.rate_hz
             linear = linearise(driven, values, floors[trace.group].whitener(part, values, seconds))
+            error = _of_tension_error(trace, linear, baseline)
+            linear = linear if error is None else linear.beside(error)
             terms = zip(linear.columns, linear.jacobian.T, strict=True)
             columns.append(_by_number(terms, baseline, trace.level))
             parts.append((trace, driven, linear.thin()))
@@ -347,6 +352,20 @@ def whiten(
         owner=owner,
         criteria=criteria,
     )
+
+
+def _of_tension_error(
+    trace: MeasuredTrajectory, linear: Linearised, baseline: FreeParameters
+) -> FloatArray | None:
+    """What a standard error of the record's tension changes of its output by way of its joint, (rows,)."""
+    seen = trace.measurement.tension
+    if seen is None:
+        return None
+    error = seen.final_error if trace.measurement.test == "loosening" else seen.initial_error
+    found = np.zeros(len(linear.residual))
+    for name, column in zip(linear.columns, linear.jacobian.T, strict=True):
+        found += column * baseline.change_with_tension(name, trace.level, error)
+    return found if found.any() else None
 
 
 def _along_measured(

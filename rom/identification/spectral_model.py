@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import linalg
 
 from rom.criteria.number import Numerical
 from rom.identification.small_matrices import by_one, inverse, product
@@ -105,6 +106,27 @@ class Linearised:
         """Return the same without what only a fit of this record alone needs, for many are kept."""
         none = np.zeros((0, 0))
         return replace(self, jacobian=none, columns=(), unweighted=none.astype(np.complex128))
+
+    def beside(self, change: FloatArray) -> Linearised:
+        """Return the same with one more thing estimated beside the end states, of unit variance.
+
+        ``change`` (rows,) is what one standard error of it changes of the output, whitened and projected.
+        """
+        along = np.append(change, 1.0)
+        square = float(along @ along)
+
+        def beyond(rows: FloatArray) -> FloatArray:
+            padded = np.concatenate([rows, np.zeros((1, *rows.shape[1:]))])
+            return np.asarray(padded - np.multiply.outer(along, along @ padded / square))
+
+        return replace(
+            self,
+            residual=beyond(self.residual),
+            jacobian=beyond(self.jacobian),
+            ends=np.pad(self.ends, ((0, 1), (0, 1)))
+            + np.pad(along[:, None], ((0, 0), (self.ends.shape[1], 0))),
+            inverse=linalg.block_diag(self.inverse, 1 / square),
+        )
 
     def projected(self, change: ComplexArray) -> FloatArray:
         """Return a change of the output (lines, channels) whitened, the end states projected out."""

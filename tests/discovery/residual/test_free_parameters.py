@@ -52,6 +52,14 @@ def evidence(misfit: float, *, tied: bool = True) -> WhitenedResidual:
     )
 
 
+def test_an_error_of_the_tension_changes_the_joint_alone_and_as_its_laws_do() -> None:
+    model = rom.paper_model()
+    law, numbers = model.link_laws["joint"].stiffness, FreeParameters(model, {})
+    share = numbers.change_with_tension("joint.stiffness@a", 20.0, 0.5)
+    assert share == pytest.approx(float(law(20.5)) / float(law(20.0)) - 1, rel=0.05)
+    assert numbers.change_with_tension("flexure_lo.stiffness", 20.0, 0.5) == 0.0
+
+
 def test_ties_say_nothing_where_noise_alone_is_left() -> None:
     free, tied = evidence(0.0, tied=False), evidence(0.0)
     assert free.steps(free.residual) == tied.steps(tied.residual)

@@ -120,6 +120,28 @@ def test_samples_too_far_apart_for_the_pulse_widen_the_limits_and_shift_nothing(
     assert told.value("k") / told.value("mass") == pytest.approx(2000.0, rel=1e-3)
 
 
+def test_what_is_estimated_beside_the_end_states_leaves_noise_alone_and_no_more() -> None:
+    """A stiffness that scatters from record to record, 30 standard errors in one of them."""
+    rng, squares, spread = np.random.default_rng(7), [], 30.0
+    force = pulse(100.0, SAMPLES, RATE_HZ, 0.5, 8e-3)
+    for _ in range(20):
+        off = float(rng.normal())
+        clean = respond({"m": 2.0}, [("s", ("m", "ground"), "linear", 4000.0, 3.0)], {"m": force}, RATE_HZ)
+        record = one_body(clean["displacement_m"], force, "displacement", start=1.0)
+        quiet = 1e-9 * np.ones((len(record.frequency), 1, 1))
+        values = {term.name: term.value for term in record.terms}
+        plain = linearise(record, values, (1 / quiet).astype(np.complex128))
+        slope = plain.jacobian[:, plain.columns.index("k")]
+        change = spread * slope / np.linalg.norm(slope)
+        seen = replace(plain, residual=rng.normal(size=len(slope)) + off * change)
+        beside = seen.beside(change)
+        squares.append((float(np.mean(seen.residual**2)), float(np.mean(beside.residual**2))))
+        shown = beside.projected(record.motion)
+        assert abs(beside.ends[:, -1] @ shown) < 1e-9 * spread * np.linalg.norm(shown)
+    before, after = np.mean(squares, axis=0)
+    assert after == pytest.approx(1.0, abs=0.05) and before > 1.2
+
+
 def test_no_record_is_refused() -> None:
     with pytest.raises(ValueError, match="at least one record"):
         fit_output_error([])
