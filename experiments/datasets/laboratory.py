@@ -14,6 +14,7 @@ import numpy as np
 
 from experiments.datasets import catman, json_signals, matlab, spreadsheet, tables, tdms, universal
 from experiments.datasets.channel_map import FILE, TIME, ChannelMap, Rule, read_map, record_of
+from experiments.datasets.code_pages import in_code_page
 from experiments.datasets.collected import Collected, SourceError, unreadable
 from experiments.datasets.signals import NOT_UNDERSTOOD, Clocks, Signal, TimeRule, labelled
 from experiments.datasets.times import ABSOLUTE_S
@@ -50,6 +51,7 @@ class _Told:
     clocks: list[str] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     other_rates: set[str] = field(default_factory=set)
+    pages: set[str] = field(default_factory=set)
 
     def rates(self, channel: str, rate_hz: float, usual_hz: float) -> None:
         """Keep a rate that is not that of [sampling]."""
@@ -61,6 +63,7 @@ class _Told:
         lines = [
             ("files that no [[record]] of the map matches", self.unmatched),
             ("warnings of a file's reader", self.said),
+            ("code pages of texts, as the names of the map tell", sorted(self.pages)),
             ("records cut to their shortest channel", self.cut),
             ("rates other than in [sampling], as files or map tell", sorted(self.other_rates)),
             ("records whose channels state starts on different clocks, not compared", self.clocks),
@@ -138,8 +141,9 @@ def _records(
     sources: Sources, form: str, channel_map: ChannelMap, sampling: SamplingSettings, told: _Told
 ) -> Iterator[tuple[str, dict[str, Channel]]]:
     for record, (path, rules) in sources.items():
-        signals = signals_of(path, form, told.said)
+        signals, page = in_code_page(signals_of(path, form, told.said), rules.keys())
         told.names |= {signal.name for signal in signals}
+        told.pages |= {page} - {""}
         yield record, _cut(path.name, _channels(path.name, signals, rules, sampling, told), told)
     if missing := {name for entry in channel_map.entries for name in entry.rules} - told.used:
         raise SourceError(

@@ -92,7 +92,8 @@ def run(
         else:
             drawn = draw(outcome)
             section = identification_section(outcome) | {"command": command}
-            header |= suspected(outcome.campaign, section["errors"]["training"])
+            errors = section["errors"]["training"]
+            header |= suspected(outcome.campaign, errors, _unexplained(outcome.identification))
             header["elapsed_s"] = round(time.perf_counter() - started, 3)
             outcome.identification.model.save(new / "model.json", **header, identification=plain(section))
             save_figures(drawn, new)
@@ -126,6 +127,10 @@ def examine(
         compile_filters()
     judged = evaluate([model, without_loosening(model)], campaign, jobs=jobs, progress=report("simulating"))
     return Outcome(campaign, identification, judged)
+
+
+def _unexplained(found: Identification) -> list[str]:
+    return [one.line for one in found.linear.unexplained] if found.linear is not None else []
 
 
 def draw(outcome: Outcome) -> dict[str, Figure]:

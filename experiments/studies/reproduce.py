@@ -18,6 +18,7 @@ from experiments.results import write_result
 from experiments.run.publication import results_into
 from experiments.studies import rig
 from experiments.studies.identify import Outcome, Progress, draw, errors_by_set, examine, save_figures
+from experiments.studies.suspected import suspected
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import Comparison, summarise
 from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
@@ -101,6 +102,7 @@ def run(
         rows = [
             *_model_rows(), *_coupled_rows(judged), *_identified_rows(outcome), *_error_rows(outcome.judged)
         ]  # fmt: skip
+        errors = errors_by_set(outcome.judged, 0)
         content = {
             "rows": [asdict(row) | {"within": row.within} for row in rows],
             "errors": {
@@ -108,7 +110,8 @@ def run(
                 "the paper's model": summarise(_loosened(judged, 0)),
                 "no loosening": summarise(_loosened(judged, 1)),
             },
-            "all_records": errors_by_set(outcome.judged, 0),
+            "all_records": errors,
+            **suspected(outcome.campaign, errors["training"]),
             "data": "virtual rig; the paper's own measurements are not public",
             "command": command,
         }

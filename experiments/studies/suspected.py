@@ -22,7 +22,9 @@ def screening_of(campaign: Campaign) -> Screening:
     return found or Screening()
 
 
-def suspected(campaign: Campaign | Sequence[Campaign], errors: Data | None) -> dict[str, Any]:
+def suspected(
+    campaign: Campaign | Sequence[Campaign], errors: Data | None, reasons: Sequence[str] = ()
+) -> dict[str, Any]:
     """Return keys of a result file: `suspicions`, and `unfit` where the model does not describe the records.
 
     Parameters
@@ -31,11 +33,14 @@ def suspected(campaign: Campaign | Sequence[Campaign], errors: Data | None) -> d
         As screened; of several each row says of which it is.
     errors : mapping, optional
         Of the model on training records; None where nothing was fitted.
+    reasons : sequence of str
+        What may be the cause where no suspicion is.
     """
     several = (campaign,) if isinstance(campaign, Campaign) else tuple(campaign)
     found = [screening_of(one) for one in several]
     lost = tuple(dict.fromkeys(test for one in found for test in one.lost))
-    unfit = misfit(errors or {}, lost, causes([s for one in found for s in one.suspicions]))
+    likely = causes([s for one in found for s in one.suspicions]) or reasons
+    unfit = misfit(errors or {}, lost, likely)
     listed = [
         asdict(s) | ({"campaign": of.settings.name} if len(several) > 1 else {})
         for of, one in zip(several, found, strict=True)

@@ -79,6 +79,17 @@ class Identifying(Group):
     real_mode: float = number(
         0.9, "1", "modal phase collinearity, below which a mode shape is called complex", "convention"
     )
+    far_start: float = number(
+        10.0, "1", "factor between a declared starting value and the records, from which theirs may do better"
+    )
+    unexplained_share: float = number(
+        0.05, "1", "share of a body's motion in a resonance without a mode, from which it is told",
+        "11 rig campaigns, three levels of noise: below 0.01 %, with friction, slip and gaps too",
+    )  # fmt: skip
+    unexplained_part: float = number(0.5, "1", "part of a resonance that the model does not explain")
+    unexplained_peak: float = number(
+        5.0, "1", "height of a resonance over its neighbours' level, below which it may be noise"
+    )
     calibration_slack: float = number(
         0.01, "1", "share of the calibrated range beyond which a tension is extrapolated"
     )

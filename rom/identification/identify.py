@@ -30,7 +30,7 @@ from rom.identification.left_open import few_joints, undetermined, untensioned, 
 from rom.identification.link_laws import bolted_laws, linear_laws, mean_laws
 from rom.identification.modal_model import IdentifiedMode, identify_modes
 from rom.identification.output_error import OutputErrorFit
-from rom.identification.record_spectra import LinearNames, with_starts
+from rom.identification.record_spectra import LinearNames
 from rom.identification.reduce import (
     Progress,
     ReducedRecord,
@@ -41,6 +41,7 @@ from rom.identification.reduce import (
     tension_courses,
 )
 from rom.identification.spectral_model import SpectralRecord
+from rom.identification.starting_values import best_starts
 from rom.identification.uncoupled_priors import fit_near, flexure_ties, unsettled, without_modes
 from rom.model.description import LinkLaws
 from rom.model.effect import SensorFault
@@ -137,7 +138,7 @@ class Identification(HasViews):
             With the same law of the tension.
         """
         assert self.linear is not None
-        parts = with_starts(records, settings)
+        parts = best_starts(records, settings)
         linear = fit_near(parts, without_modes(self.linear.ties, acted_in))
         files = {part.file for part in parts}
         joint = [estimate for estimate in self.joint if estimate.file in files]
@@ -254,7 +255,7 @@ def _of_impacts(campaign: Campaign, records: Sequence[ReducedRecord]) -> Identif
         )
     joint = joint_estimates(records, linear, settings)
     stiffness_fit, damping_fit = joint_curves(joint, linear, settings)
-    doubtful = (*undetermined(linear), *few_joints(joint, (stiffness_fit, damping_fit)))
+    doubtful = (*undetermined(linear, settings), *few_joints(joint, (stiffness_fit, damping_fit)))
     if linear is not None and stiffness_fit is not None and damping_fit is not None:
         linear = given_curves(parts, linear, joint, (stiffness_fit, damping_fit))
     model, missing = _model(campaign, records, linear, (stiffness_fit, damping_fit))
@@ -317,7 +318,7 @@ def _of_modes(campaign: Campaign) -> Identification:
 
 def _started(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[SpectralRecord, ...]:
     parts = [record.spectra for record in records if record.spectra]
-    return with_starts(parts, settings) if parts else ()
+    return best_starts(parts, settings) if parts else ()
 
 
 def _model(

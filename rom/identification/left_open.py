@@ -15,6 +15,7 @@ from rom.identification.output_error import OutputErrorFit
 from rom.identification.record_spectra import UNCOUPLED
 from rom.identification.reduce import ReducedRecord
 from rom.identification.spectral_model import CORNER
+from rom.identification.starting_values import far_starts
 from rom.model.model import Model
 
 
@@ -30,8 +31,10 @@ def vanished(model: Model, settings: CampaignSettings) -> tuple[str, ...]:
     )
 
 
-def undetermined(linear: OutputErrorFit | None) -> tuple[str, ...]:
-    """Return a line for every shared value that the records leave open, and for a fit that did not end."""
+def undetermined(linear: OutputErrorFit | None, settings: CampaignSettings) -> tuple[str, ...]:
+    """Return a line for every shared value that the records leave open, every resonance without a mode and
+    every start far off, and for a fit that did not end.
+    """
     if linear is None:
         return ()
     shared = [name for name in linear.names if "@" not in name and not name.startswith(CORNER)]
@@ -42,7 +45,7 @@ def undetermined(linear: OutputErrorFit | None) -> tuple[str, ...]:
     ]
     if not linear.converged:
         lines.append("the fit of the linear links had not settled when it ended")
-    return tuple(lines)
+    return (*lines, *far_starts(settings, linear), *(one.line for one in linear.unexplained))
 
 
 def untensioned(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[str, ...]:

@@ -31,6 +31,7 @@ from rom.identification.spectral_model import (
     linearise,
     step_unit,
 )
+from rom.identification.unexplained import Unexplained, unexplained_resonances
 
 _STEP: Numerical[tuple[float, float]] = (-0.6, 1.0)  # shares of a value that it may lose or gain at once
 _OUTER_ITERATIONS: Numerical[int] = 12
@@ -51,7 +52,7 @@ class OutputErrorFit:
 
     `values` maps "name" (shared) or "name@file" (local) to the estimate; `covariance` is that of the natural
     logarithms in the order of `names`. `misfits` tell how much of the residual is no noise, `ties` what the
-    coefficients lean on there.
+    coefficients lean on there, `unexplained` the resonances without a mode of the structure.
     """
 
     names: tuple[str, ...]
@@ -61,6 +62,7 @@ class OutputErrorFit:
     converged: bool
     misfits: tuple[Misfit, ...] = ()
     ties: tuple[PriorConstraint, ...] = field(default=(), repr=False)
+    unexplained: tuple[Unexplained, ...] = ()
 
     def value(self, name: str) -> float:
         """Return the estimate of one coefficient."""
@@ -319,6 +321,12 @@ def fit_output_error(
     return _estimate(records, state, names, ties, converged=converged)
 
 
+def start_cost(records: Sequence[SpectralRecord]) -> float:
+    """Return what starting values leave over at equal weights."""
+    parts = (linearise(r, {key(r, t): t.value for t in r.terms}, _equal_weights(r)) for r in records)
+    return sum(float(part.residual @ part.residual) for part in parts)
+
+
 def _estimate(
     records: Sequence[SpectralRecord],
     state: _State,
@@ -340,6 +348,7 @@ def _estimate(
         converged,
         misfits(records, state.parts),
         tuple(ties),
+        unexplained_resonances(records, state.parts),
     )
 
 

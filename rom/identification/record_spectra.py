@@ -257,16 +257,26 @@ def _direction(between: Sequence[str], bodies: Sequence[str]) -> FloatArray:
 
 
 def with_starts(
-    records: Sequence[tuple[SpectralRecord, ...]], settings: CampaignSettings
+    records: Sequence[tuple[SpectralRecord, ...]], settings: CampaignSettings, *, declared: bool = True
 ) -> tuple[SpectralRecord, ...]:
     """Return all parts of all records with starting values.
 
-    The campaign's own starting values come first; a link whose stiffness was seen without the bolt starts
-    from that; the rest are medians of equation-error fits. Then the joint of every record is estimated beside
-    these.
+    The campaign's own starting values come first, without `declared` none; a link whose stiffness was seen
+    without the bolt starts from that; the rest are medians of equation-error fits. Then the joint of every
+    record is estimated beside these.
+
+    Parameters
+    ----------
+    records : sequence of tuple of SpectralRecord
+        Parts of every record.
+    settings : CampaignSettings
+        Settings of the campaign.
+    declared : bool
+        Whether starting values that the campaign declares are taken.
     """
-    given = {LinearNames.stiffness(link.name): link.stiffness_n_per_m for link in settings.link}
-    given |= {LinearNames.damping(link.name): link.damping_ns_per_m for link in settings.link}
+    links = settings.link if declared else ()
+    given = {LinearNames.stiffness(link.name): link.stiffness_n_per_m for link in links}
+    given |= {LinearNames.damping(link.name): link.damping_ns_per_m for link in links}
     shared = _shared_start(records)
     for link in settings.link:
         without = shared.get(LinearNames.stiffness(link.name, bolted_in=False))

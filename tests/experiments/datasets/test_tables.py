@@ -105,6 +105,23 @@ def test_encodings(encoding: str, put: Put) -> None:
 
 
 @pytest.mark.parametrize(
+    ("page", "force", "size"),
+    [
+        ("cp1251", "Сила", "Ускорение"),
+        ("mac_cyrillic", "Сила", "Ускорение"),
+        ("koi8_r", "Сила", "Ускорение"),
+        ("cp1250", "Síla", "Zrychlení ťažiska"),
+        ("mac_roman", "Kraft", "Größe"),
+    ],
+)
+def test_names_of_the_map_tell_the_code_page(page: str, force: str, size: str, put: Put) -> None:
+    rules = {force: '"force_m"', size: '"acceleration_m"'}
+    found = put(table(f"time\t{force}\t{size}\ns\tN\tm/s2", "\t"), rules, encoding=page)
+    sound(found)
+    assert f"the names of the map tell: {page}" in found.out
+
+
+@pytest.mark.parametrize(
     "head",
     [
         "time,F,A\ns,N,m/s2",
