@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import erf, sqrt
 
 from rom.criteria.number import Group, number
 
@@ -31,3 +32,8 @@ class Chance(Group):
         1.96, "1", "standard errors of 95 % limits, and of a correlation that is printed as chance",
         "convention",
     )  # fmt: skip
+
+    @property
+    def level(self) -> float:
+        """Share of normal numbers within `normal_quantile` standard errors."""
+        return erf(self.normal_quantile / sqrt(2))

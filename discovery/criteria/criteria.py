@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 from discovery.criteria.acceptance import Acceptance
 from discovery.criteria.at_rest import AtRest
@@ -51,6 +53,36 @@ class Criteria(RecordCriteria):
         """Those by which records are set aside."""
         return RecordCriteria(self.records, self.suspicions)
 
+    @property
+    def changes(self) -> dict[str, dict[str, float]]:
+        """The numbers that are not the defaults, by group, as `changed` takes them."""
+        found: dict[str, dict[str, float]] = {}
+        for group in fields(self):
+            pairs = zip(getattr(self, group.name).rows(), getattr(CRITERIA, group.name).rows(), strict=True)
+            own = {name: value for (name, value, *_), (_, default, *_) in pairs if value != default}
+            found |= {group.name: own} if own else {}
+        return found
+
+    @property
+    def level_of_limits(self) -> str:
+        """Of a law's numbers, in words: the wider of the likelihood's limits and those of resamples."""
+        return " to ".join(sorted({percent(self.chance.level), percent(self.ranking.confidence)}))
+
+    @property
+    def level_of_noise(self) -> str:
+        """Share of cases in which correlations of noise stay within what is printed as chance, in words."""
+        return " to ".join(sorted({percent(self.chance.level), percent(1 - self.localisation.chance)}))
+
 
 CRITERIA = Criteria()
 """The defaults."""
+
+
+def used_in(result: Mapping[str, Any]) -> Criteria:
+    """Return the criteria of a result file, which holds those that are not the defaults."""
+    return CRITERIA.changed(**(result.get("criteria") or {}))
+
+
+def percent(share: float) -> str:
+    """Return a probability in words: ``"95 %"``."""
+    return f"{100 * share:.3g} %"

@@ -130,6 +130,7 @@ def _closure(refits: Refits, history: LoopHistory) -> Closure:
         residual_after=refits.localise(last, history.tension[1:]),
         screened=history.screened,
         detection_limits=_detection_limits(refits, history),
+        criteria=refits.options.criteria,
         set_aside=refits.set_aside,
         warnings=tuple(dict.fromkeys((*last.warnings, *refits.warnings, *doubts, *history.remarks()))),
     )

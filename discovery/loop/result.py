@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from discovery.criteria.criteria import CRITERIA, Criteria
 from rom.evaluation.error_measures import ErrorsByKind
 from rom.result_views import HasViews
 
@@ -121,6 +122,8 @@ class Closure(HasViews):
         Records of doubtful quality; what to know.
     detection_limits : tuple of DetectionLimit
         The smallest strength of every effect that these records would have shown.
+    criteria : Criteria
+        The numbers that decided.
 
     Examples
     --------
@@ -144,6 +147,7 @@ class Closure(HasViews):
     set_aside: tuple[str, ...] = ()
     warnings: tuple[str, ...] = field(default=())
     detection_limits: tuple[DetectionLimit, ...] = ()
+    criteria: Criteria = CRITERIA
 
     @property
     def before(self) -> ErrorsByKind:

@@ -21,6 +21,7 @@ from scipy import stats
 
 from discovery.courses.fit import Fit, fit
 from discovery.courses.frozen_motion import FrozenMotion
+from discovery.criteria.criteria import percent
 from discovery.laws.candidate import Candidate, Term, baseline, no_loosening
 from discovery.laws.factors import Factor, Inner, velocity_power
 from discovery.ranking.pairwise import Pair, compare_laws, not_told_apart, separation
@@ -105,8 +106,9 @@ class ExponentProfile:
     @property
     def summary(self) -> str:
         """The result in one sentence."""
+        level = percent(self.fitted.criteria.ranking.confidence)
         verdict = {
-            "identified": f"{self.name} = {self.best:.2f}, 95 % limits {self.low:.2f} to {self.high:.2f}",
+            "identified": f"{self.name} = {self.best:.2f}, {level} limits {self.low:.2f} to {self.high:.2f}",
             "open below": f"{self.name} is {self.high:.2f} at most; no lower limit within the range",
             "open above": f"{self.name} is {self.low:.2f} at least; no upper limit within the range",
             "not identifiable": f"{self.name} is not identifiable: {self.low:g} to {self.high:g} all do",

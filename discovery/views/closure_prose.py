@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.criteria import used_in
+from discovery.criteria.localisation import Localising
 from discovery.detection.limit import NEVER, UNSEEN
 from discovery.localisation.localise import COURSES
 from discovery.views.force import explained_level
@@ -211,7 +212,8 @@ def _remains(data: Data) -> Iterator[str]:
     before, after = data["residual"]["before"], data["residual"]["after"]
     start = f"was {_number(before['total'])} and " if data["effects"] else ""
     size = f"the mean square of the residual {start}is {_number(after['total'])} times that of noise."
-    rest = [*(_remaining(after) if data["verdict"] == "unexplained" else _like_noise(after))]
+    say = _remaining if data["verdict"] == "unexplained" else _like_noise
+    rest = say(after, used_in(data).localisation)
     yield " ".join([size, *rest, *_on_courses(before, after)])
 
 
@@ -226,7 +228,7 @@ def _excluded(data: Data) -> Iterator[str]:
     hidden += [row for row in rows if row["value"] is None and row["reason"] in (NEVER, UNSEEN)]
     untold = len(rows) - len(seen) - len(hidden)
     if seen:
-        chance = _number(CRITERIA.detection.probability)
+        chance = _number(used_in(data).detection.probability)
         yield f"with probability {chance} these records would have shown {_from_limits(seen)}."
     else:
         yield "nothing at the strengths that the catalogue takes as usual."
@@ -261,29 +263,29 @@ def _on_courses(before: Data, after: Data) -> Iterator[str]:
         )
 
 
-def _like_noise(after: Data) -> Iterator[str]:
+def _like_noise(after: Data, rules: Localising) -> Iterator[str]:
     p = after["whiteness_p"]
     if not _known(p):
         return
-    if p >= CRITERIA.localisation.regular:
+    if p >= rules.regular:
         yield f"What is left shows no more dependence than noise would (p = {_number(p, 2)})."
     else:
         yield f"What is left is small, but shows more dependence than noise would (p {_chance(p)})."
 
 
-def _remaining(after: Data) -> Iterator[str]:
-    places = list(lives_in(after))
+def _remaining(after: Data, rules: Localising) -> Iterator[str]:
+    places = list(lives_in(after, rules))
     where = f"It is largest at: {'; '.join(places)}" if places else "It stands out in no view"
     yield f"What is left is more than noise. {where}."
-    yield from _as_force(after)
+    yield from _as_force(after, rules)
     if "repeatability" in after:
         alike, chance = (_number(after[key], 2) for key in ("repeatability", "repeatability_chance"))
         yield f"Tests that repeat each other leave residuals that correlate by {alike} (noise: {chance})."
 
 
-def _as_force(after: Data) -> Iterator[str]:
+def _as_force(after: Data, rules: Localising) -> Iterator[str]:
     """Say how much of the force that is left is a function of the motion, where it is most."""
-    one, rules = max(after.get("forces", ()), key=explained_level, default=None), CRITERIA.localisation
+    one = max(after.get("forces", ()), key=explained_level, default=None)
     if one is None or not _known(one["explained_p"]) or one["explained"] < rules.function_of_motion:
         return
     if one["explained_p"] > rules.regular:
@@ -298,9 +300,9 @@ def _as_force(after: Data) -> Iterator[str]:
     )
 
 
-def lives_in(residual: Data) -> Iterator[str]:
+def lives_in(residual: Data, rules: Localising) -> Iterator[str]:
     """Yield where a residual stands out, a phrase for each view in which it does."""
-    least = CRITERIA.localisation.stands_out
+    least = rules.stands_out
     for view, profile in residual.items():
         if not isinstance(profile, Mapping):
             continue

@@ -19,7 +19,9 @@ _KINDS: tuple[Kind, ...] = ("training", "hold_out")
 def closure_section(closure: Closure) -> dict[str, Any]:
     """Return what closure.json says, but for its header."""
     residual = {"before": closure.residual_before, "after": closure.residual_after}
+    changes = closure.criteria.changes
     section: dict[str, Any] = {
+        **({"criteria": changes} if changes else {}),
         "verdict": closure.verdict,
         "summary": {},
         "effects": [_effect_row(found) for found in closure.effects],

@@ -30,7 +30,8 @@ def summary(ranking: Ranking) -> str:
     first = ranking.laws[0]
     lines = [f"First of {ranking.considered} candidate laws: {first.name}", f"  dT/dt = {first.equation}"]
     lines += [f"  the same law as {', '.join(first.same_as)}"] if first.same_as else []
-    lines += [f"  {name} = {with_limits(p, 4)}" for name, p in first.parameters.items()]
+    level = first.fit.criteria.level_of_limits
+    lines += [f"  {name} = {with_limits(p, 4, level)}" for name, p in first.parameters.items()]
     lines.append(_verdict(first, ranking.rules.better))
     for name in (BASELINE, NO_LOOSENING):
         lines += [_against(first, law) for law in ranking.laws[1:] if name in (law.name, *law.same_as)]

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from scipy import stats
+
 from discovery.views.closure_section import parameter_row
-from rom.model.laws import Z95
 
 if TYPE_CHECKING:
     from discovery.ranking.confidence_sets import ExponentProfile, MotionProfile
@@ -17,8 +18,10 @@ if TYPE_CHECKING:
 
 def ranking_section(ranking: Ranking) -> dict[str, Any]:
     """Return what ranking.json says, but for its header and the tests one by one."""
-    population = ranking.population
+    population, changes = ranking.population, ranking.laws[0].fit.criteria.changes
+    level = float(stats.chi2.ppf(ranking.rules.confidence, 1))
     return {
+        **({"criteria": changes} if changes else {}),
         **({} if population is None else {"population": _population_row(population)}),
         "laws": [_law_row(law) for law in ranking.laws],
         "considered": ranking.considered,
@@ -26,8 +29,8 @@ def ranking_section(ranking: Ranking) -> dict[str, Any]:
         "inclusion": dict(ranking.inclusion),
         "chosen_terms": ranking.chosen_terms,
         "scatter": dict(zip(("a", "b"), ranking.scatter, strict=True)),
-        "exponent_profile": _profile_row(ranking.profile),
-        "motion_profile": _motion_row(ranking.motion_profile),
+        "exponent_profile": _profile_row(ranking.profile, level),
+        "motion_profile": _motion_row(ranking.motion_profile, level),
         "proposals": [_proposal_row(test) for test in ranking.proposals],
         "set_aside": list(ranking.set_aside),
         "warnings": list(ranking.warnings),
@@ -73,7 +76,7 @@ def _population_row(population: Population) -> dict[str, Any]:
     }
 
 
-def _profile_row(profile: ExponentProfile | None) -> dict[str, Any]:
+def _profile_row(profile: ExponentProfile | None, level: float) -> dict[str, Any]:
     if profile is None:
         return {"values": [], "delta_bic": []}
     return {
@@ -84,18 +87,18 @@ def _profile_row(profile: ExponentProfile | None) -> dict[str, Any]:
         "low": profile.low,
         "high": profile.high,
         "reach": profile.reach,
-        "level": Z95**2 * profile.dispersion,
+        "level": level * profile.dispersion,
         "explains_the_courses": profile.fits,
     }
 
 
-def _motion_row(profile: MotionProfile | None) -> dict[str, Any] | None:
+def _motion_row(profile: MotionProfile | None, level: float) -> dict[str, Any] | None:
     if profile is None:
         return None
     return {
         "driver": profile.driver,
-        "velocity": _profile_row(profile.velocity),
-        "displacement": _profile_row(profile.displacement),
+        "velocity": _profile_row(profile.velocity, level),
+        "displacement": _profile_row(profile.displacement, level),
     }
 
 

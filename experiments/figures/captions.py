@@ -1,5 +1,7 @@
 """Titles and captions of the figures by name, in the order of a report."""
 
+from discovery.criteria.criteria import CRITERIA, Criteria, percent
+
 CAPTIONS: dict[str, tuple[str, str]] = {
     "experiment": (
         "Errors of all cells",
@@ -19,8 +21,8 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     "closure-correlation": (
         "Whether noise alone is left",
         "Correlation of what is left at neighbouring frequencies, and of tests that repeat each other (one "
-        "body, like preload and hit), before and after. White noise stays within the bars in nineteen cases "
-        "of twenty.",
+        "body, like preload and hit), before and after. White noise stays within the bars in {noise} "
+        "of cases.",
     ),
     "closure-force": (
         "The force that is left",
@@ -43,7 +45,7 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     ),
     "closure-limits": (
         "What is excluded",
-        "Smallest strength of each effect that these records would have shown with a probability of 80 %, "
+        "Smallest strength of each effect that these records would have shown with a probability of {shown}, "
         "over the strength that the catalogue takes as usual. Left of the shaded field a usual effect is "
         "excluded; in it, it may be there. Hollow: shown at no strength within the range.",
     ),
@@ -68,7 +70,7 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     "exponent-profile": (
         "How well the exponent is known",
         "Rise of the badness of fit when the exponent is held at a value and all else is fitted again. "
-        "Shaded: the 95 % set, below the dashed level and as far beyond as the identified model is "
+        "Shaded: the {confidence} set, below the dashed level and as far beyond as the identified model is "
         "uncertain.",
     ),
     "accuracy-complexity": (
@@ -145,10 +147,23 @@ CAPTIONS: dict[str, tuple[str, str]] = {
 }
 
 
-def caption(name: str) -> tuple[str, str]:
-    """Return title and caption of a figure; the name itself in words where it has none."""
+def caption(name: str, criteria: Criteria = CRITERIA) -> tuple[str, str]:
+    """Return title and caption of a figure; the name itself in words where it has none.
+
+    Parameters
+    ----------
+    name : str
+        Of the figure.
+    criteria : Criteria
+        Those of its result file, whose numbers the caption states.
+    """
     words = name.replace("-", " ").replace("_", " ").strip()
-    return CAPTIONS.get(name, (words[:1].upper() + words[1:], ""))
+    title, text = CAPTIONS.get(name, (words[:1].upper() + words[1:], ""))
+    return title, text.format(
+        noise=criteria.level_of_noise,
+        shown=percent(criteria.detection.probability),
+        confidence=percent(criteria.ranking.confidence),
+    )
 
 
 def order(name: str) -> tuple[int, str]:

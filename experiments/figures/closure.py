@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from discovery.criteria.criteria import used_in
 from discovery.detection.limit import NEVER
 from discovery.views.closure_figure import (
     FORCE_HEIGHT_MM,
@@ -67,7 +68,8 @@ def correlation(data: Data) -> Figure:
     rows = np.arange(len(labels))
     figure, axes = panels(height_mm=16.0 + 6.0 * len(rows))
     ax = axes[0, 0]
-    ax.barh(rows, 2 * chance, 0.7, left=-chance, color=BACKGROUND, alpha=0.3, label="95 % of noise")
+    ax.barh(rows, 2 * chance, 0.7, left=-chance, color=BACKGROUND, alpha=0.3,
+            label=f"{used_in(data).level_of_noise} of noise")  # fmt: skip
     if effects_of(data):
         draw_before(ax, before)
     ax.plot(after, rows, "o", color=AFTER, label="After" if effects_of(data) else "Residual")

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from discovery.criteria.criteria import percent, used_in
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.views.palette import BACKGROUND, BLUE, GREEN, GREY, MEASURED, SKY, VERMILLION
 from discovery.views.ranking_figure import (
@@ -223,24 +224,25 @@ def _profiles(data: Data) -> list[tuple[str, Data]]:
 
 @styled
 def profiles(data: Data) -> Figure:
-    """Badness of fit over the exponent of the relative velocity (and of x against v), with the 95 % set."""
+    """Badness of fit over the exponent of the relative velocity (and of x against v), with their sets."""
     shown = _profiles(data)
     figure, axes = panels(len(shown), 1, 6.0 + 50.0 * len(shown))
     figure.get_layout_engine().set(hspace=0.08)  # type: ignore[union-attr,call-arg]
+    level = percent(used_in(data).ranking.confidence)
     for ax, (label, profile) in zip(axes[:, 0], shown, strict=True):
-        _profile(ax, profile)
+        _profile(ax, profile, level)
         ax.set_xlabel(label)
     return figure
 
 
-def _profile(ax: Axes, profile: Data) -> None:
+def _profile(ax: Axes, profile: Data, confidence: str) -> None:
     value, rise = _curve(profile)
     level = float(profile.get("level") or Z95**2)
     low, high = profile.get("low"), profile.get("high")
     ax.axhline(level, color=BACKGROUND, lw=0.6, ls="--")
     if low is not None and high is not None:
         ax.axvspan(low, high, color=VERMILLION, alpha=0.18, lw=0)
-        ax.set_title(f"95 % set: {set_words(profile)}")
+        ax.set_title(f"{confidence} set: {set_words(profile)}")
     ax.plot(value, rise, "o-", color=BLUE, markersize=2.5)
     most = min(max(1.2 * float(rise.max()), 2 * level), max(_MOST_DEVIANCE, 10 * level))
     near = np.flatnonzero(rise <= most)

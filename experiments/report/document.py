@@ -11,6 +11,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from discovery.criteria.criteria import used_in
 from discovery.views.closure_prose import place_words
 from experiments.figures.captions import caption, order
 from experiments.report.comparisons import comparison_tables, identification_of
@@ -86,7 +87,9 @@ def render(directory: Path) -> str:
         motion=_motion(found.results),
         laws=_laws(found.results),
         parameters=_present(parameters_table(r.data) for r in found.results if r.kind == "model"),
-        pictures=[_picture(path) for path in sorted(found.figures, key=lambda path: order(path.stem))],
+        pictures=[
+            _picture(path, found.results) for path in sorted(found.figures, key=lambda path: order(path.stem))
+        ],
         notes=_notes(found),
         details=_details(found.results),
         made=_made(found.results),
@@ -152,8 +155,10 @@ def _law_equation(letter: str, law: Data, link: Data) -> Markup:
     return equations.equation(left, str(law.get("equation")))
 
 
-def _picture(path: Path) -> Picture:
-    title, text = caption(path.stem)
+def _picture(path: Path, results: Sequence[Result]) -> Picture:
+    kind = "closure" if path.stem.startswith("closure-") else "ranking"
+    own = next((result.data for result in results if result.kind == kind), {})
+    title, text = caption(path.stem, used_in(own))
     coded = base64.b64encode(path.read_bytes()).decode("ascii")
     anchor = "".join(c if c.isalnum() else "-" for c in path.stem)
     return Picture(anchor, title, text, f"data:image/svg+xml;base64,{coded}")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.criteria.criteria import CRITERIA, Criteria, used_in
 from discovery.laws.candidate import ALWAYS_LISTED, NO_LOOSENING, Candidate
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
@@ -216,7 +216,7 @@ def summary(path: Path) -> str:
         return "\n".join([*lines, *suspected_lines(data)])
     lines.append(f"\n{'rank':>4} {'error of loss [%]':>18} {'delta BIC':>10} {'probability':>11}  law")
     laws = ranked(data)
-    named = CRITERIA.ranking.named
+    named = used_in(data).ranking.named
     later = [law for law in laws[_SHOWN:] if law["source"] in ALWAYS_LISTED or law["chosen"] >= named]
     for law in [*laws[:_SHOWN], *later]:
         error = trimmed(number(law["cross_validated_loss_error_percent_median"], 3))

@@ -9,7 +9,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.criteria import percent, used_in
 from discovery.views.closure_figure import class_words, forces, sides
 from discovery.views.closure_prose import place_words, view_words
 from experiments.text import equations
@@ -36,7 +36,7 @@ _SINGLE = {
     "whiteness_p": "Chance of so much dependence if only noise were left [1]",
     "total": "All",
     "repeatability": "Correlation of residuals of tests that repeat each other [1]",
-    "repeatability_chance": "What noise exceeds there in one case of twenty [1]",
+    "repeatability_chance": "What noise exceeds there in one case of {rare} [1]",
     "repeatability_noise": "Noise as such tests tell it, over that before the hits [1]",
     "repeatability_pairs": "Pairs of such tests",
     **{
@@ -44,7 +44,7 @@ _SINGLE = {
         for test in _TESTS
         for end, words in (
             ("", "Correlation of lines side by side"),
-            ("_chance", "What white noise exceeds there in one case of twenty"),
+            ("_chance", "What white noise exceeds there in one case of {white}"),
         )
     },
 }
@@ -62,7 +62,7 @@ _OF_FORCE = (
     ("work_per_cycle_j", "Work in a cycle, first three [mJ]", 1e3),
     ("cosine_displacement", "Cosine of the angle to displacement [1]", 1.0),
     ("cosine_velocity", "Cosine of the angle to velocity [1]", 1.0),
-    ("cosine_chance", "What noise exceeds in one case of twenty [1]", 1.0),
+    ("cosine_chance", "What noise exceeds in one case of {rare} [1]", 1.0),
 )
 
 
@@ -99,7 +99,7 @@ def _remaining(data: Data) -> str:
     before, after = (side.get("total") for side in sides(data))
     if (
         not (isinstance(before, float) and isinstance(after, float))
-        or after <= CRITERIA.acceptance.noise_level
+        or after <= used_in(data).acceptance.noise_level
     ):
         return "no more is left than noise explains"
     share = number(100 * after / before, 2)
@@ -128,7 +128,7 @@ def _placed(effect: Data) -> str:
 
 
 def correlations(data: Data) -> list[tuple[str, float, float, float]]:
-    """Return what correlates in the residual: label, before, after, and the 95 % limit of noise."""
+    """Return what correlates in the residual: label, before, after, and the limit of noise."""
     before, after = sides(data)
     found = []
     for key, words in _CORRELATED.items():
@@ -232,7 +232,7 @@ def force_table(data: Data) -> Table:
     if both is None:
         return Table("", (), ())
     rows = tuple(
-        (words, *(_scaled(one.get(key), factor) for one in both))
+        (words.format(**_rare(data)), *(_scaled(one.get(key), factor) for one in both))
         for key, words, factor in _OF_FORCE
         if both[0].get(key) is not None
     )
@@ -318,9 +318,10 @@ def _limits(data: Data) -> Table:
         )
         for row in mappings(data.get("detection_limits"))
     )
+    shown = percent(used_in(data).detection.probability)
     note = (
-        "Smallest strength that these records would have shown with a probability of 80 %, its other numbers "
-        "being the catalogue's; at worst: those of the catalogue's grid that show least."
+        f"Smallest strength that these records would have shown with a probability of {shown}, its other "
+        "numbers being the catalogue's; at worst: those of the catalogue's grid that show least."
     )
     heads = (
         *("Effect", "Where", "Strength", "Limit", "At worst", "Over the usual one [%]", "Felt by [%]"),
@@ -342,15 +343,24 @@ def _residual(data: Data) -> Table:
             rows += [(name, class_words(part), _cell(mapping(old).get(part)), _cell(mapping(new).get(part)))
                      for part in parts]  # fmt: skip
         else:
-            rows.append((_single_words(view), "", _cell(old), _cell(new)))
+            rows.append((_single_words(view, _rare(data)), "", _cell(old), _cell(new)))
     note = "Mean square of the whitened residual; 1 is what noise alone leaves."
     return Table("Where the residual lives", ("View", "", "Before", "After"), tuple(rows), note=note)
 
 
-def _single_words(view: str) -> str:
+def _rare(data: Data) -> dict[str, str]:
+    """Return of how many cases noise exceeds what is printed as chance in one."""
+    criteria = used_in(data)
+    shares = {"rare": 1 - criteria.chance.level, "white": criteria.localisation.chance}
+    return {name: f"{1 / share:.3g}" for name, share in shares.items()}
+
+
+def _single_words(view: str, rare: Mapping[str, str]) -> str:
     """Return what a number of the residual is, in words."""
     head, of_sensor, body = view.partition("repeatability_noise_")
-    return f"The same, sensor of {body} [1]" if of_sensor and not head else _SINGLE.get(view, label(view))
+    if of_sensor and not head:
+        return f"The same, sensor of {body} [1]"
+    return _SINGLE.get(view, label(view)).format(**rare)
 
 
 def _screened(data: Data) -> Table:

@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from discovery.criteria.criteria import CRITERIA
+from discovery.criteria.criteria import percent, used_in
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.views.ranking_figure import is_law, law_name, ranked, row_name
 from experiments.text import equations
@@ -30,7 +30,7 @@ def answer(data: Data) -> Answer | None:
     if not laws:
         return None
     best = laws[0]
-    verdict, good = _verdict(best, _equals(data), laws)
+    verdict, good = _verdict(best, _equals(data), laws, used_in(data).ranking.better)
     return Answer(
         _QUESTION, verdict, tuple(_sentences(data, best, laws)), tuple(_headlines(best, laws)), good
     )
@@ -41,29 +41,31 @@ def _equals(data: Data) -> list[str]:
     return [str(name) for name in data.get("indistinguishable") or []]
 
 
-def _verdict(best: Data, equals: Sequence[str], laws: Sequence[Data]) -> tuple[str, bool | None]:
+def _verdict(
+    best: Data, equals: Sequence[str], laws: Sequence[Data], better: float
+) -> tuple[str, bool | None]:
     if is_law(best, NO_LOOSENING):
         return "No law tells more of these records than a bolt that never loosens.", False
     count = len(equals)
     told = f"these records cannot tell it from {'another one' if count == 1 else f'{count} others'}"
     if not is_law(best, BASELINE):
-        baseline = any(is_law(law, BASELINE) and law.get("name") in equals for law in laws)
-        return _against_baseline(best, equals, told, baseline)
+        if any(is_law(law, BASELINE) and law.get("name") in equals for law in laws):
+            return (
+                f"“{row_name(best)}” ranks first, but these records cannot tell it from the paper's law.",
+                None,
+            )
+        return _against_baseline(best, equals, told, better)
     if equals:
         return f"The paper's law ranks first; {told}.", None
     return "The paper's law ranks first, and no other law describes these records as well.", True
 
 
-def _against_baseline(
-    best: Data, equals: Sequence[str], told: str, baseline_too: bool
-) -> tuple[str, bool | None]:
+def _against_baseline(best: Data, equals: Sequence[str], told: str, better: float) -> tuple[str, bool | None]:
     first, p = f"“{row_name(best)}” ranks first", best.get("p_value_against_baseline")
-    if baseline_too:
-        return f"{first}, but these records cannot tell it from the paper's law.", None
     if p is None:
         return f"{first} by re-simulation.", None
     chance = trimmed(number(float(p), 2))
-    if p >= CRITERIA.ranking.better:
+    if p >= better:
         return f"{first}; that it beats the paper's law may be chance (p = {chance}).", None
     sure = f"{first} and beats the paper's law beyond chance (p = {chance})"
     return (f"{sure}; {told}.", None) if equals else (f"{sure}.", True)
@@ -155,10 +157,11 @@ _DRIVERS = {
 def _on_profiles(data: Data) -> Iterator[str]:
     profile, motion = data.get("exponent_profile"), data.get("motion_profile")
     if isinstance(profile, Mapping) and profile.get("best") is not None:
-        value, words = trimmed(number(profile["best"], 3)), set_words(profile)
-        told = f"loosening goes with exponent {value} (95 % set: {words})"
+        level = percent(used_in(data).ranking.confidence)
+        value, words = trimmed(number(profile["best"], 3)), f"{level} set: {set_words(profile)}"
+        told = f"loosening goes with exponent {value} ({words})"
         if profile.get("reach") in _UNTOLD:
-            told = f"these records do not tell the exponent of loosening (95 % set: {words})"
+            told = f"these records do not tell the exponent of loosening ({words})"
         if profile.get("explains_the_courses") is False:
             told += ", but none explains the courses to within noise and scatter"
         yield f"As a power of the relative velocity, {told}."
@@ -289,7 +292,7 @@ def _parameters(data: Data) -> Table:
         for law in chosen
         for place, cells in enumerate(parameter_rows("", law.get("parameters")))
     ]
-    heads = ("Law", "", "Value", "95 % limits", "Unit")
+    heads = ("Law", "", "Value", f"{used_in(data).level_of_limits} limits", "Unit")
     note = "A number without limits is held: it belongs to the law's form."
     return Table("Parameters of the first laws", heads, tuple(rows), note=note)
 

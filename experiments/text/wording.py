@@ -96,7 +96,7 @@ def trimmed(shown: str) -> str:
 
 
 def set_words(profile: Mapping[str, object]) -> str:
-    """Return the 95 % set of a profiled exponent in words; an end that its range cuts is open."""
+    """Return the confidence set of a profiled exponent in words; an end that its range cuts is open."""
     low, high = (trimmed(number(profile.get(end), 3)) for end in ("low", "high"))
     reach = str(profile.get("reach") or "identified")
     words = {"open below": f"{high} at most", "open above": f"{low} at least"}

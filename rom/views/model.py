@@ -60,12 +60,22 @@ def _law_lines(letter: str, law: Law) -> Iterator[str]:
     yield from (f"    {name} = {with_limits(p)}" for name, p in law.parameters.items())
 
 
-def with_limits(parameter: Parameter, digits: int = 5) -> str:
-    """Return ``"4.02 N (95 %: 3.96 to 4.09)"``; a number at a bound has one limit alone."""
+def with_limits(parameter: Parameter, digits: int = 5, level: str = "95 %") -> str:
+    """Return ``"4.02 N (95 %: 3.96 to 4.09)"``; a number at a bound has one limit alone.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        The number.
+    digits : int
+        That are shown.
+    level : str
+        Of its limits, in words.
+    """
     unit = "" if parameter.unit == "1" else f" {parameter.unit}"
     low, high = (None if end is None else f"{end:.{digits}g}" for end in parameter.limits)
     words = f"{low} to {high}" if low and high else f"at least {low}" if low else f"at most {high}"
-    return f"{parameter.value:.{digits}g}{unit}" + (f" (95 %: {words})" if low or high else "")
+    return f"{parameter.value:.{digits}g}{unit}" + (f" ({level}: {words})" if low or high else "")
 
 
 def _identification(model: Model) -> Identification | None:

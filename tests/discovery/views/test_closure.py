@@ -10,8 +10,9 @@ from dataclasses import replace
 import pytest
 
 import discovery
+from discovery.criteria.criteria import CRITERIA
 from discovery.loop.result import Screened
-from discovery.views.closure_prose import lives_in, place_words
+from discovery.views.closure_prose import lives_in, place_words, sections
 from discovery.views.closure_section import closure_section
 from rom.effects import CATALOGUE
 from tests.discovery.sound_closure import (
@@ -104,10 +105,10 @@ def test_regular_remains_are_not_called_noise() -> None:
 
 
 def test_a_view_without_a_peak_is_not_named() -> None:
-    assert list(lives_in(localisation(1.0, 0.5).as_dict())) == []
+    assert list(lives_in(localisation(1.0, 0.5).as_dict(), CRITERIA.localisation)) == []
     flat = replace(localisation(9.0, 0.0), by_test=(("coupled", 9.0), ("loosening", 9.1)))
-    assert not any("kind of test" in place for place in lives_in(flat.as_dict()))
-    assert len(list(lives_in(flat.as_dict()))) == 4
+    assert not any("kind of test" in place for place in lives_in(flat.as_dict(), CRITERIA.localisation))
+    assert len(list(lives_in(flat.as_dict(), CRITERIA.localisation))) == 4
 
 
 def test_a_fault_of_a_sensor_is_no_force() -> None:
@@ -247,3 +248,14 @@ def test_no_effect_says_what_is_excluded_and_what_may_be_there() -> None:
 
 def test_nothing_is_said_to_be_excluded_where_more_than_noise_is_left() -> None:
     assert "excluded" not in said(closure(verdict="unexplained"))
+
+
+def test_a_closure_states_the_numbers_of_its_criteria() -> None:
+    used = CRITERIA.changed(detection={"probability": 0.6})
+    section = closure_section(replace(closure(), criteria=used))
+    assert section["criteria"] == {"detection": {"probability": 0.6}}
+    assert "criteria" not in closure_section(closure())
+    limit = {"name": "hum", "enters": "joint", "parameter": "A", "unit": "N", "value": 1.0,
+             "share_of_default": 0.5, "reason": None}  # fmt: skip
+    told = sections(section | {"verdict": "no-effect", "detection_limits": [limit]})["excluded"]
+    assert "with probability 0.6 these records" in told

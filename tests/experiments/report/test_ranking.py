@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from matplotlib.patches import Rectangle
 
+from discovery.criteria.criteria import CRITERIA, used_in
 from discovery.views.ranking_figure import law_name
+from experiments.figures.captions import caption
 from experiments.figures.discovery import discovery_figures, drawn_laws, nearest_cases
 from experiments.figures.style import COLUMN_MM, save
 from experiments.studies import report
@@ -119,6 +121,22 @@ def test_a_law_given_that_is_a_standing_one_says_so_and_takes_its_place() -> Non
     assert found is not None
     assert found.verdict.startswith("The paper's law ranks first")
     assert "Laws given: 1, 1 of which is a standing one, beside 3 other standing ones." in found.sentences
+
+
+def test_numbers_in_words_are_those_of_the_criteria_that_were_used() -> None:
+    """A result file holds what is not the default: the same p is beyond chance by one, not by another."""
+    used = CRITERIA.changed(ranking={"confidence": 0.9, "better": 1e-4}, chance={"normal_quantile": 1.645})
+    data = ranking() | {"criteria": used.changes}
+    assert used_in(data) == used
+    assert CRITERIA.changes == {}
+    found = rankings.answer(data)
+    assert found is not None
+    assert "may be chance (p = 4 × 10⁻⁴)" in found.verdict
+    title = discovery_figures(data)["exponent-profile"].axes[0].get_title(loc="left")
+    heads = next(t.columns for t in rankings.tables(data) if t.caption == "Parameters of the first laws")
+    told = [*found.sentences, title, caption("exponent-profile", used)[1], *heads]
+    assert sum("90 % " in text for text in told) == 4
+    assert not any("95 %" in text for text in told)
 
 
 def test_the_profile_shows_its_sets() -> None:
