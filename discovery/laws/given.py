@@ -131,6 +131,8 @@ def given_law(law: str | Law | Candidate, fixed: Sequence[str] = ()) -> Candidat
         return replace(law, source="given")
     if isinstance(law, str):
         law = _from_expression(law)
+    if not isinstance(law, Law):
+        raise ValueError(f"laws: found {law!r}, expected an expression, a law, or a row of a ranking")
     if law.enters != "tension rate":
         raise ValueError(f"law {law.name!r}: found a law of the {law.enters}, expected a tension rate")
     if OWN_RATE in law.parameters:

@@ -29,7 +29,8 @@ class AveragedPrediction:
     Attributes
     ----------
     final_tension, low, high : ndarray, shape (cases,)
-        Mean and 95 % limits for one new test [N]: law, its numbers, and the deviation of the test.
+        Mean and 95 % limits for one new test [N]: law, its numbers, and the deviation of the test. A law of
+        small probability whose tension is far off can draw the mean beyond the limits.
     by_law : mapping of str to ndarray, shape (cases,)
         Mean under each law that has a part in it [N].
     """

@@ -29,7 +29,7 @@ from rom.one_thread import one_threaded
 from rom.signals.measured_records import with_stored_records
 
 Stages = Callable[[str], Progress | None]
-Given: TypeAlias = str | Law | Candidate
+Given: TypeAlias = str | Law | Candidate | RankedLaw
 _NAMED: Numerical[int] = 5  # of columns left out
 
 
@@ -65,7 +65,7 @@ def discover(
         Whether records whose tension rose are fitted too, and laws may have a term of either sign.
     criteria : Criteria
         The numbers that decide.
-    laws : sequence of str, Law or Candidate
+    laws : sequence of str, Law, Candidate or RankedLaw
         Laws of one's own that run among the candidates (`discovery.laws.given.given_law`), beside those of
         installed packages.
     libraries : sequence of str or object
@@ -127,8 +127,8 @@ def compare(
     ----------
     campaign, jobs, progress, seed, tightening, criteria
         As for `discover`.
-    laws : sequence of str, Law or Candidate
-        An expression of dT/dt, a tension rate, ``ranking.laws[0].candidate``, or what
+    laws : sequence of str, Law, Candidate or RankedLaw
+        An expression of dT/dt, a tension rate, a row of an earlier ranking, or what
         `discovery.laws.law_file.read_laws` returns.
 
     Returns
@@ -163,7 +163,7 @@ def _at_least_one(terms: int) -> int:
 
 
 def _given(laws: Sequence[Given]) -> tuple[Candidate, ...]:
-    found = tuple(given_law(law) for law in laws)
+    found = tuple(given_law(law.candidate if isinstance(law, RankedLaw) else law) for law in laws)
     standing = [law.name for law in rivals_always_in_the_race()]
     for law in found:
         if isinstance(law, GivenLaw) and law.name in standing:

@@ -9,7 +9,9 @@ from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.ranking.population import Population
 from discovery.ranking.result import RankedLaw, Ranking
 from discovery.views.closure_section import parameter_row
+from discovery.views.course_figure import courses_height_mm, draw_courses
 from discovery.views.palette import INCH_PER_MM, WIDTH
+from discovery.views.ranking_cases import with_cases
 from discovery.views.ranking_figure import draw_front, draw_leader_board, leader_board_height_mm
 from discovery.views.ranking_section import ranking_section
 from rom import result_views
@@ -89,17 +91,21 @@ def frame(ranking: Ranking) -> DataFrame:
 
 @result_views.figure.register(Ranking)
 def figure(ranking: Ranking) -> Figure:
-    """Draw the leader board, and the error of all laws over their numbers with its Pareto front."""
+    """Draw the leader board, the error of all laws over their numbers with its Pareto front, and courses."""
     from matplotlib.figure import Figure
 
-    data = ranking_section(ranking)
-    heights = leader_board_height_mm(data), _FRONT_MM
+    data = with_cases(ranking_section(ranking), ranking)
+    heights = [leader_board_height_mm(data), _FRONT_MM]
+    heights += [courses_height_mm(data)] if data["cases"] else []
     made = Figure(figsize=(WIDTH, sum(heights) * INCH_PER_MM), layout="constrained")
-    board, front = made.subfigures(2, 1, squeeze=False, height_ratios=heights).ravel()
-    draw_leader_board(board, data)
-    axes = front.subplots()
+    parts = made.subfigures(len(heights), 1, squeeze=False, height_ratios=heights).ravel()
+    draw_leader_board(parts[0], data)
+    axes = parts[1].subplots()
     draw_front(axes, data)
     axes.legend(frameon=False, fontsize="small")
+    if data["cases"]:
+        labels = draw_courses(parts[2], data).get_legend_handles_labels()
+        parts[2].legend(*labels, loc="outside upper center", ncols=2, frameon=False, fontsize="small")
     return made
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Data = Mapping[str, Any]
 _OWN_COLOURS = {BASELINE: VERMILLION, NO_LOOSENING: GREY}
 _ROWS: Numerical[int] = 10
-_LONGEST: Numerical[int] = 48  # characters of a name in a legend
+LONGEST: Numerical[int] = 48  # characters of a name in a legend
 _LAW_WORDS = {BASELINE: "γ(T), the paper's law"}
 _NUMBER = r"[\w.+-]+"
 _LAW_PATTERNS = (
@@ -167,4 +167,4 @@ def _point_out(ax: Axes, law: Data) -> None:
         return
     name = str(law["name"])
     ax.plot(law["free_numbers"], error, "D", color=row_colour(law), markersize=4.5,
-            label=("First: " if law["rank"] == 1 else "") + law_name(name, _LONGEST))  # fmt: skip
+            label=("First: " if law["rank"] == 1 else "") + law_name(name, LONGEST))  # fmt: skip

@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from discovery.criteria.criteria import percent, used_in
-from discovery.laws.candidate import BASELINE, NO_LOOSENING
-from discovery.views.palette import BACKGROUND, BLUE, GREEN, GREY, MEASURED, SKY, VERMILLION
+from discovery.views.course_figure import courses_height_mm, draw_courses, drawn_with_colours, tension_of
+from discovery.views.palette import BACKGROUND, BLUE, SKY, VERMILLION
 from discovery.views.ranking_figure import (
+    LONGEST,
     draw_front,
     draw_leader_board,
     front_points,
-    is_law,
     law_name,
     leader_board_height_mm,
     plain_decades,
     ranked,
-    row_colour,
 )
 from experiments.figures.style import FloatArray, blank, panels, styled, tension_axis
 from experiments.text.wording import set_words
@@ -30,12 +28,9 @@ from rom.model.laws import Z95
 
 Data = Mapping[str, Any]
 
-_EARLIER = "constant gamma, quadratic"  # [47] of He et al. (2025)
-_PRINTED_N = (6.4, 21.5, 61.3, 152.7, 317.0, 700.2)  # preloads of He et al. (2025), Fig. 15
 _TERMS, _SELDOM = 12, 0.005
 _DRAWN_PERCENT = (0.1, 1000.0)  # errors beyond are drawn at the edge
-_LINES = ((BLUE, "-"), (GREEN, "--"), (SKY, "-."))
-_LONGEST, _HALF_WIDTH = 48, 27  # characters of a name in a legend, and of one that leaves room for another
+_HALF_WIDTH = 27  # characters of a name in a legend that leaves room for another
 _MOST_DEVIANCE = 60.0
 
 
@@ -56,25 +51,6 @@ def _cases(data: Data) -> list[Data]:
     return list(data.get("cases") or [])
 
 
-def _drawn(data: Data) -> list[tuple[str, str]]:
-    """Return the laws of `drawn_laws`, each with its colour."""
-    rows = {law["name"]: law for law in ranked(data)}
-    names = drawn_laws(data)
-    return [(n, row_colour(rows[n], _LINES[min(k, len(_LINES) - 1)][0])) for k, n in enumerate(names)]
-
-
-def drawn_laws(data: Data) -> list[str]:
-    """Return the laws that figures over cases draw: the first two and the paper's.
-
-    Where that is one of them, the law of earlier work is the third, so that there is something to compare.
-    """
-    laws = ranked(data)
-    chosen = [law for law in laws if not is_law(law, NO_LOOSENING)][:2]
-    third = _EARLIER if any(is_law(law, BASELINE) for law in chosen) else BASELINE
-    chosen += [law for law in laws if is_law(law, third) and law not in chosen]
-    return [str(law["name"]) for law in chosen]
-
-
 @styled
 def leader_board(data: Data) -> Figure:
     """Difference of BIC to the first law, and cross-validated error of the loss, a row a law."""
@@ -92,91 +68,12 @@ def _legend(figure: Figure, ax: Axes) -> None:
     figure.legend(handles, labels, loc="outside upper center", ncols=columns)
 
 
-def nearest_cases(cases: Sequence[Data], wanted: Sequence[float] = _PRINTED_N) -> list[Data]:
-    """Return the case nearest to each preload [N] by ratio, each once, the hardest hit of those alike.
-
-    Preloads below a newton cannot be compared by ratio and are left out.
-    """
-    left = [case for case in cases if _tension(case) > 1.0]
-    chosen: list[Data] = []
-    for preload in wanted[: len(left)]:
-        near = min(abs(np.log(_tension(case) / preload)) for case in left)
-        close = [case for case in left if abs(np.log(_tension(case) / preload)) < near + 0.1]
-        best = max(close, key=lambda case: float(case.get("peak_force_n") or 0.0))
-        chosen.append(best)
-        left = [case for case in left if case is not best]
-    return sorted(chosen, key=_tension)
-
-
-def _tension(case: Data) -> float:
-    return float(case["initial_tension_n"])
-
-
 @styled
 def trajectories(data: Data) -> Figure:
     """Measured tension after the hit with 95 % limits and the course of each law (preloads of Fig. 15)."""
-    cases = nearest_cases(_cases(data))
-    columns = 2 if len(cases) > 1 else 1
-    rows = -(-len(cases) // columns)
-    figure, axes = panels(rows, columns, 16.0 + 30.0 * rows, sharex=True)
-    laws = _drawn(data)
-    for ax, case in zip(axes.flat, cases, strict=False):
-        _course(ax, case, laws, _scatter(data, _tension(case)))
-    for ax in axes.flat[len(cases) :]:
-        ax.remove()
-    for column in range(columns):
-        lowest = axes[(len(cases) - 1 - column) // columns, column] if len(cases) > column else None
-        if lowest is not None:
-            lowest.tick_params(labelbottom=True)
-            lowest.set_xlabel("Time after the hit [s]")
-    figure.supylabel("Non-oscillatory tension $T$ [N]", fontsize=7.5)
-    _legend(figure, axes[0, 0])
+    figure = blank(courses_height_mm(data))
+    _legend(figure, draw_courses(figure, data))
     return figure
-
-
-def _course(ax: Axes, case: Data, laws: Sequence[tuple[str, str]], scatter: float) -> None:
-    time, initial = np.asarray(case["time_s"], dtype=float), _tension(case)
-    measured = initial + np.asarray(case["change_n"], dtype=float)
-    error = Z95 * np.asarray(case["change_error_n"], dtype=float)
-    ax.axhline(initial, color=BACKGROUND, lw=0.6, ls=":", label="Before the hit")
-    ax.errorbar(time, measured, error, fmt="o", color=MEASURED, markersize=2.5, elinewidth=0.6,
-                label="Measured, 95 % limits", zorder=3)  # fmt: skip
-    shown = [initial, *(measured - error), *(measured + error)]
-    for place, (name, colour) in enumerate(laws):
-        predicted = (case.get("laws") or {}).get(name)
-        if predicted is None:
-            continue
-        course = initial + np.asarray(predicted, dtype=float)
-        if place == 0:
-            shown += [*_scattered(ax, time, course, initial, scatter), *course]
-        style = _LINES[min(place, 2)][1]
-        ax.plot(time, course, style, color=colour, label=law_name(name, _LONGEST))
-    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
-    ax.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))  # rivals far off may leave it
-    ax.set_xscale("log")
-    ax.set_title(f"{initial:.3g} N" + (", held out" if case.get("hold_out") else ""))
-    ax.ticklabel_format(axis="y", useOffset=False)
-    ax.yaxis.set_major_locator(MaxNLocator(4))
-
-
-def _scattered(
-    ax: Axes, time: FloatArray, course: FloatArray, initial: float, scatter: float
-) -> tuple[float, float]:
-    """Draw where 68 % of tests lie by the scatter of the rate, a power of T / T_0; return the ends."""
-    if not scatter or initial <= 0:
-        return initial, initial
-    share = np.log(np.clip(course / initial, 1e-9, None))
-    fast, slow = (initial * np.exp(share * np.exp(sign * scatter)) for sign in (1, -1))
-    ax.fill_between(time, fast, slow, color=GREY, alpha=0.25, lw=0, label="68 % of tests, by the first law")
-    return float(fast.min()), float(slow.max())
-
-
-def _scatter(data: Data, tension: float) -> float:
-    """Return the standard deviation of the log rate from test to test, at a tension [N]."""
-    known = data.get("scatter") or {}
-    if known.get("a") is None or known.get("b") is None or tension <= 0:
-        return 0.0
-    return float(np.exp(np.clip(known["a"] + known["b"] * np.log(tension / 100.0), -7.0, 1.5)))
 
 
 @styled
@@ -185,14 +82,14 @@ def errors_over_preload(data: Data) -> Figure:
     figure, axes = panels(height_mm=64.0)
     ax = axes[0, 0]
     cases = _cases(data)
-    tension = np.array([_tension(case) for case in cases])
+    tension = np.array([tension_of(case) for case in cases])
     ax.axhline(100.0, color=BACKGROUND, lw=0.6, label="No loosening")
     lowest = highest = 100.0
-    for place, (name, colour) in enumerate(_drawn(data)):
+    for place, (name, colour) in enumerate(drawn_with_colours(data)):
         error = np.array([_loss_error(case, name) for case in cases])
         there = np.isfinite(error) & (tension > 0)
         held = np.array([bool(case.get("hold_out")) for case in cases])
-        for chosen, face, label in ((there & ~held, colour, law_name(name, _LONGEST)),
+        for chosen, face, label in ((there & ~held, colour, law_name(name, LONGEST)),
                                     (there & held, "none", None)):  # fmt: skip
             ax.plot(tension[chosen], np.clip(error[chosen], *_DRAWN_PERCENT), "oDs"[min(place, 2)],
                     color=colour, markerfacecolor=face, markersize=3.0, markeredgewidth=0.7,

@@ -10,8 +10,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from discovery.criteria.criteria import CRITERIA, Criteria, used_in
 from discovery.laws.candidate import ALWAYS_LISTED, NO_LOOSENING, Candidate
 from experiments.results import plain, results_folder, write_result
@@ -19,14 +17,11 @@ from experiments.run.publication import results_into
 from experiments.studies.identify import Progress, save_figures, suspected_lines
 from experiments.studies.suspected import screening_of, suspected, write_without_records
 from rom.campaign.campaign import Campaign, read_campaign, read_settings
-from rom.campaign.channels import FloatArray
 from rom.signals.measured_records import NothingLeftError, judged_by, screened, stored
 from rom.signals.suspicions import causes
-from rom.signals.tension_bins import TensionCourse
 
 if TYPE_CHECKING:
-    from discovery.ranking.result import RankedLaw, Ranking
-    from rom.model.model import Model
+    from discovery.ranking.result import Ranking
 
 NO_RANKING: Mapping[str, Any] = {
     "laws": [],
@@ -231,83 +226,10 @@ def summary(path: Path) -> str:
 
 def ranking_content(ranking: Ranking) -> dict[str, Any]:
     """Return what ranking.json says, but for its header: the section, and the tests by the laws drawn."""
+    from discovery.views.ranking_cases import with_cases
     from discovery.views.ranking_section import ranking_section
-    from experiments.figures.discovery import drawn_laws
 
-    content = ranking_section(ranking)
-    return content | {"cases": _case_rows(ranking, drawn_laws(content))}
-
-
-def _case_rows(ranking: Ranking, names: Sequence[str]) -> list[dict[str, Any]]:
-    """Return what every loosening test measured, and its course and loss by the laws of the figures."""
-    predicted = {name: _predicted_of_bolts(ranking, ranking[name]) for name in names}
-    population = ranking.population
-    bolts = [population.bolts[k].name for k in population.of_course] if population else []
-    rows = []
-    for place, course in enumerate(ranking.courses):
-        loss = course.initial - course.final
-        middles = 0.5 * (course.edges_s[1:] + course.edges_s[:-1]) - course.impact_s
-        rows.append(
-            {
-                "file": course.file,
-                **({"campaign": bolts[place]} if bolts else {}),
-                "hold_out": course.hold_out,
-                "preload_n": course.preload,
-                "initial_tension_n": course.initial,
-                "peak_force_n": np.abs(course.force).max(),
-                "loss_n": loss,
-                "loss_error_n": course.final_error,
-                "time_s": middles,
-                "change_n": course.change,
-                "change_error_n": np.sqrt(np.diag(course.covariance)),
-                "laws": {name: means[place][:-1] - course.initial for name, means in predicted.items()},
-                "loss_error_percent": {
-                    name: 100 * abs((course.initial - means[place][-1]) / loss - 1) if loss else None
-                    for name, means in predicted.items()
-                },
-            }
-        )
-    return rows
-
-
-def _predicted_of_bolts(ranking: Ranking, law: RankedLaw) -> list[FloatArray]:
-    """Return what `_predicted` does of each test, of several bolts by the model of its own."""
-    from discovery.ranking.result import with_law
-
-    population, courses = ranking.population, ranking.courses
-    if population is None:
-        return _predicted(with_law(ranking.identified, law), courses)
-    found: dict[int, FloatArray] = {}
-    for bolt in dict.fromkeys(population.of_course):
-        places = [place for place, of in enumerate(population.of_course) if of == bolt]
-        model = with_law(population.bolts[bolt].model, law)
-        found |= dict(zip(places, _predicted(model, [courses[k] for k in places]), strict=True))
-    return [found[place] for place in range(len(courses))]
-
-
-def _predicted(model: Model, courses: Sequence[TensionCourse]) -> list[FloatArray]:
-    """Return the mean tensions [N] of each test in its bins, then in its final window, by full simulation."""
-    found: dict[int, FloatArray] = {}
-    kinds = [(c.body, c.rate_hz, c.tension_rate_hz, len(c.force), len(c.edges_s)) for c in courses]
-    for kind in dict.fromkeys(kinds):
-        places = [place for place, other in enumerate(kinds) if other == kind]
-        chosen = [courses[place] for place in places]
-        forces = np.stack([c.force for c in chosen])
-        divisor = kind[2] if kind[1] % kind[2] == 0 else None
-        initial = np.array([max(c.initial, 0.0) for c in chosen])
-        bins, final = (
-            model.mean_tensions(
-                forces, kind[1], initial, np.stack(edges), body=kind[0], tension_rate_hz=divisor
-            )
-            for edges in ([c.edges_s for c in chosen], [_final_edges(c) for c in chosen])
-        )
-        found |= dict(zip(places, np.concatenate([bins, final], axis=1), strict=True))
-    return [found[place] for place in range(len(courses))]
-
-
-def _final_edges(course: TensionCourse) -> FloatArray:
-    start, end = course.final_window
-    return np.array([start, min(end, len(course.force) / course.rate_hz)])
+    return with_cases(ranking_section(ranking), ranking)
 
 
 def model_section(content: dict[str, Any]) -> dict[str, Any]:

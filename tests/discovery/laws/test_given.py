@@ -96,6 +96,11 @@ def test_what_is_no_file_of_laws_is_told(tmp_path: Path) -> None:
         read_laws(path)
 
 
+def test_what_is_no_law_is_refused_in_a_line() -> None:
+    with pytest.raises(ValueError, match=r"laws: found 3, expected an expression, a law, or a row"):
+        given_law(3)  # type: ignore[arg-type]
+
+
 def test_an_expression_alone_is_a_law_whose_only_number_has_the_unit_that_fits() -> None:
     law = given_law("-a*abs(D*v)*max(T, 0)")
     assert law.parameters["a"].unit == "N^-1 m^-1"

@@ -12,6 +12,7 @@ import rom
 from discovery.laws.candidate import rivals_always_in_the_race
 from discovery.ranking.result import Ranking
 from discovery.views.ranking_section import ranking_section
+from tests.discovery.synthetic import measured
 from tests.experiments.studies.test_discover import ranked
 
 _RENAMED = {  # columns of their own
@@ -70,3 +71,12 @@ def test_the_front_is_drawn_beside_the_leader_board(ranking: Ranking) -> None:
 def test_a_ranking_and_its_rows_print_short(ranking: Ranking) -> None:
     assert repr(ranking) == "Ranking(4 laws of 2000 candidates, first: 'gamma(T) baseline')"
     assert all(len(repr(law)) < 300 for law in ranking.laws)
+
+
+def test_courses_are_drawn_below_with_what_was_measured(ranking: Ranking) -> None:
+    courses = measured(preloads=(20.0, 300.0), strengths=(1.0,), length_s=0.5)
+    figure = replace(ranking, courses=courses).plot()
+    drawn = [axes for axes in figure.axes if axes.get_title(loc="center") in ("20 N", "300 N")]
+    assert len(drawn) == 2
+    labels = [str(line.get_label()) for line in drawn[0].lines]
+    assert {"Before the hit", "γ(T), the paper's law"} <= set(labels)

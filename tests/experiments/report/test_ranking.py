@@ -12,9 +12,10 @@ import pytest
 from matplotlib.patches import Rectangle
 
 from discovery.criteria.criteria import CRITERIA, used_in
+from discovery.views.course_figure import drawn_laws, nearest_cases
 from discovery.views.ranking_figure import law_name
 from experiments.figures.captions import caption
-from experiments.figures.discovery import discovery_figures, drawn_laws, nearest_cases
+from experiments.figures.discovery import discovery_figures
 from experiments.figures.style import COLUMN_MM, save
 from experiments.studies import report
 from experiments.text import rankings
