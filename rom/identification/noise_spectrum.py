@@ -15,7 +15,7 @@ import numpy as np
 
 from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
-from rom.identification.output_error import ambient_forces, root_of, sensor_noise, whitener
+from rom.identification.output_error import ambient_forces, left_over, root_of, sensor_noise, whitener
 from rom.identification.spectral_model import (
     ComplexArray,
     FloatArray,
@@ -74,12 +74,16 @@ class NoiseFloor:
 
 @dataclass(frozen=True)
 class Quiet:
-    """What a record shows where nothing but noise is expected: its motion less any part that is explained."""
+    """What a record shows where nothing but noise is expected: its motion less any part that is explained.
+
+    ``share`` of the noise is left at every line.
+    """
 
     group: Group
     left_over: Linearised
     frequency: FloatArray
     seconds: float
+    share: FloatArray
 
     def between(self, first: int, end: int) -> Quiet:
         """Return the same with some of its lines."""
@@ -87,7 +91,7 @@ class Quiet:
         left_over = replace(
             self.left_over, unweighted=self.left_over.unweighted[lines], gain=self.left_over.gain[lines]
         )
-        return replace(self, left_over=left_over, frequency=self.frequency[lines])
+        return replace(self, left_over=left_over, frequency=self.frequency[lines], share=self.share[lines])
 
 
 def segment_before_hit(
@@ -172,7 +176,13 @@ def before_hit(
     """
     segment = segment_before_hit(measurement, bodies, like, force)
     quiet = linearise(segment, values, _plain(segment.motion))
-    return Quiet((measurement.test, bodies), quiet, segment.frequency, len(force) / measurement.rate_hz)
+    return Quiet(
+        (measurement.test, bodies),
+        quiet,
+        segment.frequency,
+        len(force) / measurement.rate_hz,
+        left_over(quiet),
+    )
 
 
 def quiet_seconds(measurements: Sequence[Measurement]) -> float:
@@ -196,7 +206,10 @@ def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseFloor]:
         place, source = _source(group, sensors, {other: len(ones) for other, ones in members.items()})
         ones = members[source]
         ambient = ambient_forces(
-            ones[0].frequency, [one.left_over for one in ones], sensors[source] * ones[0].seconds
+            ones[0].frequency,
+            [one.left_over for one in ones],
+            sensors[source] * ones[0].seconds,
+            [one.share for one in ones],
         )
         density = ambient[:, place][:, :, place] / ones[0].seconds
         found[group] = NoiseFloor(group[1], sensors[group], ones[0].frequency, density)

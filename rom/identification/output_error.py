@@ -41,6 +41,7 @@ _INNER_ITERATIONS: Numerical[int] = 12
 _SMOOTHING_HZ: Numerical[float] = 2.0
 _TOLERANCE: Numerical[float] = 1e-4  # of a step
 _NEGLIGIBLE: Numerical[float] = 1e-7  # share of the cost that a step may still promise
+_REWEIGHTED: Numerical[int] = 5
 _UNTOLD: Numerical[float] = 1e-12
 _TINY: Numerical[float] = 1e-6  # stands for a sensor's corner that comes out at zero or below [rad/s]
 _SETTLED: Numerical[float] = 0.05  # square of a change in standard errors
@@ -79,15 +80,21 @@ class OutputErrorFit:
         return np.exp(self.logarithms[index]), self.covariance[np.ix_(index, index)]
 
 
-def _whiteners(records: Sequence[SpectralRecord], parts: Sequence[Linearised]) -> list[ComplexArray]:
+def _whiteners(records: Sequence[SpectralRecord], state: _State, names: Sequence[str]) -> list[ComplexArray]:
     """Return S^-1/2 of every record; Q and R are pooled over the records of a group with equal lines."""
+    parts, covariance = state.parts, _covariance(state.hessian)
+    position = {name: i for i, name in enumerate(names)}
+    index = [[position[name] for name in part.columns] for part in parts]
+    left = [left_over(part, covariance[np.ix_(own, own)]) for part, own in zip(parts, index, strict=True)]
     groups: dict[tuple[str, int], list[int]] = {}
     for i, record in enumerate(records):
         groups.setdefault((record.group, len(record.frequency)), []).append(i)
     out: list[ComplexArray] = [np.empty(0, dtype=np.complex128)] * len(records)
     for members in groups.values():
         sensor = sensor_noise([parts[i] for i in members])
-        ambient = ambient_forces(records[members[0]].frequency, [parts[i] for i in members], sensor)
+        ambient = ambient_forces(
+            records[members[0]].frequency, [parts[i] for i in members], sensor, [left[i] for i in members]
+        )
         root = root_of(ambient / 2)
         for i in members:
             out[i] = whitener(parts[i].gain, root, sensor / 2)
@@ -134,11 +141,29 @@ def sensor_noise(parts: Sequence[Linearised]) -> FloatArray:
     return np.asarray(np.maximum(power, 1e-12 * power.max() + np.finfo(float).tiny))
 
 
-def ambient_forces(frequency: FloatArray, parts: Sequence[Linearised], sensor: FloatArray) -> ComplexArray:
+def left_over(part: Linearised, covariance: FloatArray | None = None) -> FloatArray:
+    """Return the share of the noise that a fit leaves in the residual at every line, (lines,).
+
+    The rest is taken up by the record's end states and, with their ``covariance``, the coefficients: one less
+    the leverage. A mode that rings longer than the record is seen at a single line, which both follow.
+    """
+    lines, channels = part.unweighted.shape
+    taken = np.einsum("ij,ij->i", part.ends @ part.inverse, part.ends)
+    if covariance is not None:
+        taken = taken + np.einsum("ij,ij->i", part.jacobian @ covariance, part.jacobian)
+    rows = taken[: 2 * lines * channels].reshape(2, lines, channels)
+    return np.asarray(np.clip(1 - rows.mean(axis=(0, 2)), 0.0, 1.0))
+
+
+def ambient_forces(
+    frequency: FloatArray, parts: Sequence[Linearised], sensor: FloatArray, left: Sequence[FloatArray]
+) -> ComplexArray:
     """Return the cross-spectrum Q(f) of the ambient forces: residuals brought to the joint of force, less
     their noise.
 
-    The running mean weights lines by the inverse variance that sensor noise has there, so resonances speak.
+    The running mean weights lines by the inverse variance that a force has there, so resonances speak. The
+    search for the level starts from above, with all lines alike: weights of a level that is too low rest on
+    the one line at which a mode resonates, and leave it there.
 
     Parameters
     ----------
@@ -148,25 +173,30 @@ def ambient_forces(frequency: FloatArray, parts: Sequence[Linearised], sensor: F
         Residuals and gains of the records.
     sensor : ndarray, shape (channels,)
         Power of each sensor's noise.
+    left : sequence of ndarray, shape (lines,)
+        Share of the noise that is left in the residuals of each record, from `left_over`.
 
     Returns
     -------
     ndarray
         Shape (lines, forces, forces).
     """
-    total = np.zeros((len(frequency), len(sensor), len(sensor)), dtype=np.complex128)
-    weights = np.zeros(len(frequency))
-    for part in parts:
-        inverse = np.linalg.inv(part.gain)
-        noise = (inverse * sensor) @ inverse.conj().swapaxes(1, 2)
-        force = (inverse @ part.unweighted[:, :, None])[:, :, 0]
-        weight = 1 / np.einsum("nii->n", noise).real ** 2
-        total += weight[:, None, None] * (force[:, :, None] * force.conj()[:, None, :] - noise)
-        weights += weight
+    inverses = [np.linalg.inv(part.gain) for part in parts]
+    noises = [(inverse * sensor) @ inverse.conj().swapaxes(1, 2) for inverse in inverses]
+    forces = [(i @ part.unweighted[:, :, None])[:, :, 0] for i, part in zip(inverses, parts, strict=True)]
     half = max(2, round(_SMOOTHING_HZ / (frequency[1] - frequency[0])))
-    mean = _running_sum(total, half) / _running_sum(weights, half).reshape(-1, 1, 1)
-    level, direction = np.linalg.eigh((mean + mean.conj().swapaxes(1, 2)) / 2)
-    return np.asarray((direction * np.maximum(level, 0.0)[:, None, :]) @ direction.conj().swapaxes(1, 2))
+    squares = [force[:, :, None] * force.conj()[:, None, :] for force in forces]
+    ambient = _running_sum(sum(squares), half) / (2 * half + 1) / len(parts)
+    for _ in range(_REWEIGHTED):
+        total, weights = np.zeros_like(ambient), np.zeros(len(frequency))
+        for square, noise, share in zip(squares, noises, left, strict=True):
+            weight = 1 / np.einsum("nii->n", noise + ambient).real ** 2
+            total += weight[:, None, None] * (square - share[:, None, None] * noise)
+            weights += weight * share
+        mean = _running_sum(total, half) / _running_sum(weights, half).reshape(-1, 1, 1)
+        level, direction = np.linalg.eigh((mean + mean.conj().swapaxes(1, 2)) / 2)
+        ambient = (direction * np.maximum(level, 0.0)[:, None, :]) @ direction.conj().swapaxes(1, 2)
+    return np.asarray(ambient)
 
 
 def _running_sum(values: npt.NDArray[Any], half: int) -> npt.NDArray[Any]:
@@ -316,7 +346,7 @@ def fit_output_error(
         if iteration > 1 and inner and settled:
             converged = True
             break
-        whiteners = _whiteners(records, state.parts)
+        whiteners = _whiteners(records, state, names)
         state, tied = _weighed(records, state.values, whiteners, names, ties)
     return _estimate(records, state, names, ties, converged=converged)
 

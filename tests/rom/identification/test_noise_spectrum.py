@@ -22,7 +22,7 @@ def quiet(rng: np.random.Generator, first: int) -> Quiet:
     left = (gain @ (np.sqrt(AMBIENT) * force)[:, :, None])[:, :, 0] + np.sqrt(SENSOR) * noise
     none = np.empty((0, 0))
     part = Linearised(none, none, (), left, gain, none, none, gain)
-    return Quiet(("coupled", ("lo", "so")), part, frequency, SECONDS)
+    return Quiet(("coupled", ("lo", "so")), part, frequency, SECONDS, np.ones(len(frequency)))
 
 
 def test_records_with_other_lowest_lines_share_the_floor_of_the_lines_that_all_have() -> None:
