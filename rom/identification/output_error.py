@@ -186,7 +186,7 @@ def ambient_forces(
     forces = [(i @ part.unweighted[:, :, None])[:, :, 0] for i, part in zip(inverses, parts, strict=True)]
     half = max(2, round(_SMOOTHING_HZ / (frequency[1] - frequency[0])))
     squares = [force[:, :, None] * force.conj()[:, None, :] for force in forces]
-    ambient = _running_sum(sum(squares), half) / (2 * half + 1) / len(parts)
+    ambient = _running_sum(np.sum(squares, axis=0), half) / (2 * half + 1) / len(parts)
     for _ in range(_REWEIGHTED):
         total, weights = np.zeros_like(ambient), np.zeros(len(frequency))
         for square, noise, share in zip(squares, noises, left, strict=True):

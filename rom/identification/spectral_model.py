@@ -125,7 +125,7 @@ class Linearised:
             jacobian=beyond(self.jacobian),
             ends=np.pad(self.ends, ((0, 1), (0, 1)))
             + np.pad(along[:, None], ((0, 0), (self.ends.shape[1], 0))),
-            inverse=linalg.block_diag(self.inverse, [[1 / square]]),
+            inverse=linalg.block_diag(self.inverse, np.array([[1 / square]])),
         )
 
     def projected(self, change: ComplexArray) -> FloatArray:
