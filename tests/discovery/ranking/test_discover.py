@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
-from discovery.ranking.discover import _left_out
+from discovery.ranking.discover import _given, _left_out
 from discovery.ranking.specimens import _held_out
 from rom.identification.reduce import ReducedRecord
+from rom.model.laws import Parameter, free_form_law
 from rom.signals.quality import Doubt
 
 
@@ -30,3 +31,9 @@ def test_a_held_out_record_of_doubtful_quality_is_told_not_dropped(monkeypatch: 
     campaign: Any = SimpleNamespace(select=lambda *_, **__: [settings], settings=None)
     found: Any = SimpleNamespace(course_noise=None)
     assert _held_out(campaign, found, 1, lambda _: None) == ((), (doubt,))
+
+
+def test_a_law_cannot_have_the_name_of_a_standing_one() -> None:
+    law = free_form_law("no loosening", "-a * abs(v) * T", "tension rate", {"a": Parameter(1.0, "1/m")})
+    with pytest.raises(ValueError, match="found the name of a standing law, expected another name"):
+        _given([law])
