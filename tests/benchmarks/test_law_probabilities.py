@@ -60,7 +60,7 @@ def test_a_race_that_is_there_is_not_run_again(tmp_path: Path, monkeypatch: pyte
     assert (tmp_path / "diagram.svg").stat().st_size > 1000
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 def test_probabilities_of_ten_races_one_of_each_law_are_what_they_say() -> None:
     races = [law_probabilities.run(number) for number in range(LAWS)]
     probability, right = all_pairs(races)

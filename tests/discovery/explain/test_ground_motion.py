@@ -45,7 +45,7 @@ def test_a_ground_that_moves_is_found_with_its_frequency() -> None:
     assert best.gains(hold_out=True).sum() > 0
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 def test_a_ground_that_moves_is_found_behind_what_the_hits_show(tmp_path: Path) -> None:
     cubic = Undeclared("cubic-stiffness", "flexure_lo", {"k3": 1e10})
     rig.run(tmp_path / "c", 5, 1.0, 4, 1, duration_s=2.5, hold_out_every=4, undeclared=(cubic, SHAKEN))

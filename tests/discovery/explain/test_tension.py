@@ -265,7 +265,11 @@ def test_limits_stay_within_the_range_and_ends_are_told() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "place"), [("relaxation-log", "tension"), ("tension-skew", "sensor:tension")]
+    ("name", "place"),
+    [
+        pytest.param("relaxation-log", "tension", marks=pytest.mark.variant),
+        ("tension-skew", "sensor:tension"),
+    ],
 )
 def test_an_effect_of_the_rig_comes_first(tmp_path: Path, name: str, place: str) -> None:
     from experiments.studies.rig import Undeclared, run

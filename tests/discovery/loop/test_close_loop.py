@@ -155,7 +155,10 @@ def test_a_step_along_the_measured_motion_is_right_from_afar_where_one_along_the
     "hidden",
     [
         Undeclared("one-sided-gap", "flexure_lo", {"k_g": 51e3, "delta": 3.35e-4, "side": 1.0}),
-        Undeclared("extra-mode", "body:so", {"m3": 0.05, "f3": 166.0, "zeta3": 0.013}),
+        pytest.param(
+            Undeclared("extra-mode", "body:so", {"m3": 0.05, "f3": 166.0, "zeta3": 0.013}),
+            marks=pytest.mark.variant,
+        ),
     ],
 )
 def test_an_effect_that_leads_the_first_fit_far_astray_is_told_by_what_holds_from_afar(
@@ -211,7 +214,11 @@ def test_the_loop_closes_on_a_cubic_flexure() -> None:
     ("hidden", "named"),
     [
         (Undeclared("outside-fractional-drag", "flexure_lo", {"c_f": 60.0}), "free-form"),
-        (Undeclared("quadratic-damping", "flexure_lo", {"c2": 60.0}), "quadratic-damping"),
+        pytest.param(
+            Undeclared("quadratic-damping", "flexure_lo", {"c2": 60.0}),
+            "quadratic-damping",
+            marks=pytest.mark.variant,
+        ),
     ],
 )
 def test_a_form_that_is_not_the_true_one_gives_way_to_a_free_one(hidden: Undeclared, named: str) -> None:

@@ -14,7 +14,7 @@ from tests.rom.lumped_hidden import STIFFNESS, with_hidden_mode
     ("test", "kind"),
     [
         ("driven", "displacement"),
-        pytest.param("free", "acceleration", marks=pytest.mark.slow),
+        pytest.param("free", "acceleration", marks=pytest.mark.variant),
         ("coupled", "acceleration"),
     ],
 )

@@ -79,7 +79,7 @@ def test_a_force_is_dropped_where_the_model_does_as_well_without(there: bool) ->
     assert len(path.selections) == len(path.states) - 1 == len(path.states[-1].model.effects) == int(there)
 
 
-@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("there", [False, pytest.param(True, marks=pytest.mark.variant)])
 def test_a_fault_is_dropped_where_a_later_effect_has_made_it_redundant(there: bool) -> None:
     hidden = [CUBIC, *([GAIN] if there else [])]
     mine, first = refits(*hidden), start(*hidden)

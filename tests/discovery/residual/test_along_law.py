@@ -49,7 +49,7 @@ def test_the_tension_of_a_trace_falls_by_the_law_that_was_found_to_where_it_was_
 @pytest.mark.parametrize(
     ("hidden", "cases"),
     [
-        ((RATCHET,), 10),
+        pytest.param((RATCHET,), 10, marks=pytest.mark.variant),
         pytest.param((RATCHET, SOFT), 10, marks=pytest.mark.variant),  # `test_redundant`: what is there stays
         pytest.param((RATCHET,), 20, marks=pytest.mark.variant),
         pytest.param((RATCHET, SOFT), 20, marks=pytest.mark.variant),

@@ -80,7 +80,7 @@ def test_few_hits_that_leave_the_tension_alone_tell_it_by_the_time_before_all() 
     assert np.median([one.spread for one in drifts]) < 0.25
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 def test_a_drift_of_all_records_is_named_with_its_size(tmp_path: Path) -> None:
     """A slow bolt of 0.15 N/s in every record: a free form of the loosening's rate imitates it as well."""
     plain = read_campaign(

@@ -93,7 +93,7 @@ def catalogue(
     return dict(zip(members, shared.all(works), strict=True))
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 @pytest.mark.parametrize(
     "name", [name for name, kind in KINDS.items() if kind.outside and kind.acts in ("force", "rate")]
 )

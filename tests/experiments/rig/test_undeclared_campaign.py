@@ -170,7 +170,7 @@ def test_a_drawn_effect_is_felt_as_much_as_was_asked(name: str) -> None:
         assert number.low <= one.parameters[key] <= number.high
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 @pytest.mark.parametrize("name", KINDS)
 def test_every_drawn_effect_is_plausible_and_felt(name: str) -> None:
     rng = np.random.default_rng(4)

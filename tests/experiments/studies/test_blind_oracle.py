@@ -107,6 +107,7 @@ def test_an_effect_that_the_catalogue_does_not_have_there_is_refused(
         oracle_errors(campaign, twin, [truth])
 
 
+@pytest.mark.variant
 def test_faults_and_what_acts_in_the_tension_are_refitted_too_wherever_they_start(tmp_path: Path) -> None:
     hidden = (
         rig.Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1}),
