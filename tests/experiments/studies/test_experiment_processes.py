@@ -16,6 +16,7 @@ from tests.experiments.conftest import Cluster
 from tests.experiments.studies.experiment_files import SMALL, cells_of, table_of
 
 
+@pytest.mark.variant  # of the test of 24 cells
 def test_two_jobs_give_the_table_of_one(file: Path) -> None:
     one, two = (experiments.run_experiment(file, file.parent / str(jobs), jobs) for jobs in (1, 2))
     assert not one.failed

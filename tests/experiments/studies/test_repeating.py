@@ -49,7 +49,7 @@ def same(one: Path, other: Path, main: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("command", MAIN)
+@pytest.mark.parametrize("command", [pytest.param("identify", marks=pytest.mark.variant), "close"])
 def test_results_do_not_depend_on_jobs(
     command: str, campaign: Path, tmp_path: Path, boltlaw: Boltlaw
 ) -> None:
