@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from statistics import median_high, median_low
 
 import numpy as np
 from scipy import optimize
@@ -110,8 +111,16 @@ def _masses(records: Sequence[Evidence], settings: CampaignSettings, fewest: int
         if body.mass_kg is not None:
             masses[body.name] = body.mass_kg
         elif alone or len(shown) >= fewest:
-            masses[body.name] = float(np.median(alone or [mass for _, mass in shown]))
+            masses[body.name] = _usual(alone or [mass for _, mass in shown])
     return {body: mass for body, mass in masses.items() if mass > 0}
+
+
+def _usual(masses: Sequence[float]) -> float:
+    """Return what most records show; of two halves the smaller, since sensors in g show g times the mass,
+    or the larger, where a thousand are between them: a force in kN, an acceleration in mm/s2.
+    """
+    low, high = median_low(masses), median_high(masses)
+    return low if high < np.sqrt(1e3 * g) * low else high
 
 
 def _slip_of(balance: HitBalance, masses: FloatArray) -> tuple[_Slip | None, float, float] | None:

@@ -182,6 +182,17 @@ def test_without_declared_masses_the_few_that_differ_are_told(slip: str, likely:
     assert {(one.record, one.likely) for one in found} == {(f"records/{i}.h5", likely) for i in (2, 5)}
 
 
+@pytest.mark.parametrize("name", STRUCTURES)
+@pytest.mark.parametrize("slip", ["acceleration in g", "force in kN"])
+@pytest.mark.parametrize("few", [(0, 2, 4), (1, 3, 5)])
+def test_of_two_halves_that_with_the_likelier_slip_is_named(
+    name: str, slip: str, few: tuple[int, ...]
+) -> None:
+    """All small hits, or all hard ones, without declared masses."""
+    found = told(campaign(STRUCTURES[name]), settings_of(STRUCTURES[name], masses=False), SLIPS[slip][0], few)
+    assert {(one.record, one.likely) for one in found} == {(f"records/{i}.h5", slip) for i in few}
+
+
 def test_masses_a_thousand_times_too_large_are_told_from_a_force_in_kilonewton() -> None:
     heavy = Structure(tuple((name, 1e3 * m) for name, m in CHAIN.masses), CHAIN.links, CHAIN.struck)
     found = told(campaign(CHAIN), settings_of(heavy))
