@@ -26,6 +26,9 @@ from rom.signals.tension_bins import TensionCourse
 
 Progress = Callable[[int, int], None]
 _PROBE: Numerical[float] = 100.0  # loosens by a small share, yet far above rounding
+_PROBED: Numerical[tuple[float, float]] = (1e-11, 0.1)  # ln(T_0 / T_1) that such a share is
+_STEP_OF_UNIT: Numerical[float] = 1e6  # fewer decades than between those
+_UNITS: Numerical[int] = 10  # tried at most
 _LEAST_EXPOSURE: Numerical[float] = 1e-30  # a touch so weak that the probe's loss is lost in rounding
 _BRACKETS: Numerical[int] = 16  # at most
 _HALVINGS: Numerical[int] = 80  # at most; so many steps end within 1e-3 of the bound, in asinh(gamma)
@@ -129,7 +132,8 @@ def identify_gamma(
     exponent: float = 4.0,
     progress: Progress | None = None,
 ) -> tuple[GammaEstimate, ...]:
-    """Return gamma per case such that simulated and measured final tension agree; bounds +-1e10.
+    """Return gamma per case such that simulated and measured final tension agree; bounds +-1e10,
+    in a unit that is 1 s^3/m^4 for velocities as in He et al. (2025).
 
     Parameters
     ----------
@@ -196,8 +200,8 @@ def matching_gammas(
         Gammas, shape (cases,), and whether each is at a bound.
     """
     trial = _with_power(model, exponent)
-    near = _small_loss_gamma(trial, cases, window_s)
-    return _matching(trial, None, cases, window_s, near, tolerance, progress)
+    near, unit = _small_loss_gamma(trial, cases, window_s)
+    return _matching(trial, None, cases, window_s, near, tolerance, progress, unit)
 
 
 def own_rate(factor: float) -> LawChange:
@@ -239,20 +243,25 @@ def _matching(
     near: FloatArray,
     tolerance: float,
     progress: Progress | None = None,
+    unit: float = 1.0,
 ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
-    """Return the values at a path near some with which the final tensions are the measured ones."""
+    """Return the values at a path near some with which the final tensions are the measured ones.
+
+    They are sought as multiples of a unit.
+    """
     measured = np.array([case.final for case in cases])
 
     def miss(place: FloatArray, index: FloatArray) -> FloatArray:
         rows = index.astype(int).ravel()
         if progress is not None:  # only cases that are not solved are asked for
             progress(len(cases) - len(rows), len(cases))
-        final = final_tensions(trial, [cases[i] for i in rows], window_s, np.sinh(place.ravel()), path)
+        values = unit * np.sinh(place.ravel())
+        final = final_tensions(trial, [cases[i] for i in rows], window_s, values, path)
         final = np.where(np.isfinite(final), final, _NEVER)
         return np.asarray((final - measured[rows]).reshape(place.shape))
 
     index = np.arange(len(cases), dtype=float)
-    guess, limit = np.arcsinh(near), float(np.arcsinh(RULES.gamma_bound))
+    guess, limit = np.arcsinh(near / unit), float(np.arcsinh(RULES.gamma_bound))
     bracket = elementwise.bracket_root(
         miss, np.clip(guess - 1, -limit, limit - 1), np.clip(guess + 1, 1 - limit, limit), xmin=-limit,
         xmax=limit, args=(index,), maxiter=_BRACKETS,
@@ -268,7 +277,7 @@ def _matching(
         progress(len(cases), len(cases))
     at_bound = ~np.asarray(bracket.success)
     ends = np.where(guess > 0, limit, -limit)
-    return np.sinh(np.where(at_bound, ends, root.x)), at_bound
+    return unit * np.sinh(np.where(at_bound, ends, root.x)), at_bound
 
 
 def _with_power(model: Model, exponent: float) -> Model:
@@ -278,10 +287,31 @@ def _with_power(model: Model, exponent: float) -> Model:
 
 def _small_loss_gamma(
     trial: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float]
-) -> FloatArray:
-    """Return ln(T_0 / T_1) / integral |v|^n dt: gamma as if the falling tension left the motion alone."""
-    probe = np.full(len(cases), _PROBE)
-    initial = np.array([case.initial for case in cases])
-    exposure = np.log(initial / final_tensions(trial, cases, window_s, probe)) / probe
+) -> tuple[FloatArray, float]:
+    """Return ln(T_0 / T_1) / integral |v|^n dt, gamma as if the falling tension left the motion alone, and
+    the power of ten in which gammas of such motions are counted.
+    """
+    initial, unit = np.array([case.initial for case in cases]), 1.0
+    exposure = first = _exposure(trial, cases, window_s, unit)
+    for _ in range(_UNITS):
+        share = _PROBE * unit * float(np.median(exposure))
+        if _PROBED[0] <= share <= _PROBED[1]:
+            break
+        unit *= _STEP_OF_UNIT if share < _PROBED[0] else 1 / _STEP_OF_UNIT
+        exposure = _exposure(trial, cases, window_s, unit)
+    else:  # nothing moves
+        exposure, unit = first, 1.0
     final = np.maximum([case.final for case in cases], 1e-3 * initial)
-    return np.asarray(np.log(initial / final) / np.maximum(np.nan_to_num(exposure), _LEAST_EXPOSURE))
+    exposure = np.where(np.isfinite(exposure), exposure, 0.0)
+    return np.asarray(np.log(initial / final) / np.maximum(exposure, _LEAST_EXPOSURE / unit)), unit
+
+
+def _exposure(
+    trial: Model, cases: Sequence[LooseningCase], window_s: tuple[float, float], unit: float
+) -> FloatArray:
+    """Return integral |v|^n dt of each case by a small loss; infinite where that is all of the tension."""
+    probe = _PROBE * unit
+    initial = np.array([case.initial for case in cases])
+    final = final_tensions(trial, cases, window_s, np.full(len(cases), probe))
+    lost = np.isnan(final) | (final <= 0)
+    return np.asarray(np.where(lost, np.inf, np.log(initial / np.where(lost, initial, final)) / probe))

@@ -127,7 +127,7 @@ def _fit_to_cases(usable: Sequence[GammaEstimate]) -> LawFit:
         start = power_loosening(float(np.exp(np.log(values).mean())))
         return fit_law([start], ["gamma"], tension, values, covariance, files, gamma_curve)
     top, bottom = float(np.log10(values.max())), float(np.log10(values.min()))
-    scales, free = np.geomspace(30.0, max(tension.max(), 60.0), 6), ["gamma_d", "gamma_i", "rho"]
+    scales, free = tension.max() * np.geomspace(0.01, 1.0, 6), ["gamma_d", "gamma_i", "rho"]
     if levels == RULES.curve_levels:  # two levels tell two parameters
         scales, free = np.sqrt([tension.min() * tension.max()]) / 2, free[:2]
     starts = [logistic_loosening(2 * top - bottom, 2 * (top - bottom), -1 / scale) for scale in scales]

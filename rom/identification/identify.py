@@ -1,5 +1,4 @@
-"""A campaign of records into the paper's model: linear links, k_C(T), c_C(T), gamma per case and gamma(T),
-with limits.
+"""A campaign of records into the paper's model: links, k_C(T), c_C(T), gamma per case, gamma(T), with limits.
 
 He et al. (2025), Sections 3.1 to 3.5. The paper's own estimates (Eqs. 3, 9 and 10 from the first mode) are
 reported for every coupled record; the curves are fitted to the joint output-error estimates, which hold where
@@ -14,19 +13,14 @@ from dataclasses import dataclass, field, replace
 from rom.campaign.campaign import Campaign, CampaignSettings
 from rom.criteria.identification import RULES
 from rom.effects import CATALOGUE
+from rom.identification import left_open
 from rom.identification.at_rest import STILL, model_at_rest
 from rom.identification.curve_fits import LawFit
 from rom.identification.force_balance import balances_of, declared_model, is_driven, noise_share
 from rom.identification.free_decay import fit_free_decay, free_model, is_free, ring_downs
 from rom.identification.gamma import GammaEstimate, LooseningCase
 from rom.identification.gamma_law import fitted_numbers, loosening_law
-from rom.identification.joint import (
-    JointEstimate,
-    given_curves,
-    joint_curves,
-    joint_estimates,
-)
-from rom.identification.left_open import few_joints, undetermined, untensioned, vanished
+from rom.identification.joint import JointEstimate, given_curves, joint_curves, joint_estimates
 from rom.identification.link_laws import bolted_laws, linear_laws, mean_laws
 from rom.identification.modal_model import IdentifiedMode, identify_modes
 from rom.identification.output_error import OutputErrorFit
@@ -255,11 +249,15 @@ def _of_impacts(campaign: Campaign, records: Sequence[ReducedRecord]) -> Identif
         )
     joint = joint_estimates(records, linear, settings)
     stiffness_fit, damping_fit = joint_curves(joint, linear, settings)
-    doubtful = (*undetermined(linear, settings), *few_joints(joint, (stiffness_fit, damping_fit)))
+    doubtful = (
+        *left_open.undetermined(linear, settings),
+        *left_open.few_joints(joint, (stiffness_fit, damping_fit)),
+    )
     if linear is not None and stiffness_fit is not None and damping_fit is not None:
         linear = given_curves(parts, linear, joint, (stiffness_fit, damping_fit))
     model, missing = _model(campaign, records, linear, (stiffness_fit, damping_fit))
     far_off = unsettled(model, linear) if linear is not None else ()
+    model, unlimited = left_open.without_conditional_limits(model, linear, bool(far_off))
     noise = course_noise(
         [r.bins for r in records if r.bins and r.settings.test == "coupled"],
         [r.bins_before for r in records if r.bins_before],
@@ -274,7 +272,8 @@ def _of_impacts(campaign: Campaign, records: Sequence[ReducedRecord]) -> Identif
         courses=tension_courses(records, noise, settings),
         course_noise=noise,
         warnings=(
-            *missing, *vanished(model, settings), *doubtful, *far_off, *untensioned(records, settings)
+            *missing, *left_open.vanished(model, settings), *doubtful, *far_off, *unlimited,
+            *left_open.untensioned(records, settings)
         ),
         unsettled=far_off,
     )  # fmt: skip

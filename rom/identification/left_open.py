@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from rom.identification.record_spectra import UNCOUPLED
 from rom.identification.reduce import ReducedRecord
 from rom.identification.spectral_model import CORNER
 from rom.identification.starting_values import far_starts
+from rom.identification.uncoupled_priors import of_stiffness
+from rom.model.description import LinkLaws
+from rom.model.laws import Law
 from rom.model.model import Model
 
 
@@ -46,6 +50,46 @@ def undetermined(linear: OutputErrorFit | None, settings: CampaignSettings) -> t
     if not linear.converged:
         lines.append("the fit of the linear links had not settled when it ended")
     return (*lines, *far_starts(settings, linear), *(one.line for one in linear.unexplained))
+
+
+def without_conditional_limits(
+    model: Model, linear: OutputErrorFit | None, far_off: bool
+) -> tuple[Model, tuple[str, ...]]:
+    """Return the model without limits of its links where they hold for wrong numbers alone, and a line on it.
+
+    A term that a fit drove to zero, or where it stopped, makes others look well known, which then may be off
+    by factors: of a ringing with one mode the bodies' springs change places. Uncoupled tests rule that out.
+
+    Parameters
+    ----------
+    model : Model
+        As identified.
+    linear : OutputErrorFit or None
+        The fit behind it.
+    far_off : bool
+        Whether its numbers are doubted anyway.
+    """
+    if linear is None or of_stiffness(linear.ties) or len(model.link_laws) < 2:
+        return model, ()
+    untold = [x for x in linear.names if CORNER not in x and linear.relative_error(x) > RULES.undetermined]
+    joints = {name for name in linear.names if "@" in name}
+    is_open = any("@" not in name for name in untold) or (joints and joints <= {*untold})
+    if linear.converged and not far_off and not is_open:
+        return model, ()
+    laws = {link: _unlimited(law) for link, law in model.link_laws.items()}
+    text = (
+        "no uncoupled test tells the links by themselves, and the records leave some of them open: no limits"
+    )
+    return replace(model, link_laws=laws), (text,)
+
+
+def _unlimited(laws: LinkLaws) -> LinkLaws:
+    def law(one: Law) -> Law:
+        return replace(
+            one, parameters={n: replace(p, low=None, high=None) for n, p in one.parameters.items()}
+        )
+
+    return replace(laws, stiffness=law(laws.stiffness), damping=law(laws.damping))
 
 
 def untensioned(records: Sequence[ReducedRecord], settings: CampaignSettings) -> tuple[str, ...]:

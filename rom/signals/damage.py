@@ -132,8 +132,9 @@ def _windowed(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, s
     if np.corrcoef(time, logs)[0, 1] > -rules.window_straight:
         return None
     decay = -float(np.polyfit(time, logs, 1)[0])
-    text = f"has a noise that fades with {decay:.3g} 1/s to {levels[-1] / quiet:.2g} of that before the hit"
-    return text, "exponential window"
+    fallen = f"to {levels[-1] / quiet:.2g} of that before the hit"
+    remedy = f"multiply motions and force by exp({decay:.3g} (t - t_hit))"
+    return f"has a noise that fades with {decay:.3g} 1/s {fallen}: {remedy}", "exponential window"
 
 
 def _settling(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, str] | None:

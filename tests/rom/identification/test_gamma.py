@@ -142,9 +142,10 @@ def test_progress_is_told_for_as_long_as_gammas_are_sought() -> None:
 
 
 def test_a_final_tension_out_of_reach_is_flagged_at_the_bound() -> None:
-    """A weak touch cannot take half of the tension away, nor add half, whatever gamma."""
+    """Beside hits, a weak touch cannot take half of the tension away, nor add half, whatever gamma."""
     weak = [replace(case(500.0, final), force=1e-3 * PULSE) for final in (250.0, 750.0)]
-    lost, gained = identify_gamma(MODEL, weak, WINDOW_S)
+    hits = with_true_losses(np.array([20.0, 100.0, 500.0]))
+    *_, lost, gained = identify_gamma(MODEL, [*hits, *weak], WINDOW_S)
     assert lost.at_bound
     assert lost.gamma == pytest.approx(RULES.gamma_bound)
     assert gained.at_bound
@@ -270,3 +271,15 @@ def _holds(fit: LawFit, name: str) -> bool:
 def test_estimates_say_what_they_are() -> None:
     estimate = GammaEstimate("a", 100.0, 103.0, 0.1, -1e6, 0.03, False)
     assert estimate.loss == -3.0
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_gamma_of_motions_of_any_size_is_found(size: float) -> None:
+    """Forces a thousandth as large move a structure of the same masses by a thousandth: gamma 1e12 times."""
+    cases = with_true_losses(np.array([20.0, 200.0]))
+    usual = identify_gamma(MODEL, cases, WINDOW_S)
+    scaled = identify_gamma(MODEL, [replace(c, force=size * c.force) for c in cases], WINDOW_S)
+    for one, other in zip(usual, scaled, strict=True):
+        assert not other.at_bound
+        assert other.gamma == pytest.approx(one.gamma / size**4, rel=1e-6)
+        assert other.log_error == pytest.approx(one.log_error, rel=1e-3)
