@@ -17,6 +17,11 @@ class Suspicions(Group):
     balance_window_s: float = number(
         0.02, "s", "time after a contact over which momentum is balanced", "the joint passes momentum on"
     )
+    balance_contacts: float = number(
+        40.0,
+        "1",
+        "the same in durations of the contact, where that is shorter; so are the two below in proportion",
+    )
     balance_guard_s: float = number(0.003, "s", "time before a contact that is balanced too")
     unbalanced: float = number(
         0.02, "1", "share of the force's square left, below which no delay is looked for", _RIG

@@ -32,7 +32,8 @@ LINEAR_TESTS = ("uncoupled", "coupled", "free", "driven")
 UNCOUPLED = "uncoupled"
 _FIRST_CORNER: Numerical[float] = 0.5  # [rad/s]: a time constant of 2 s
 HIGHEST_HZ: Numerical[float] = 1000.0
-"""No line of an impact or a driven force is looked at above."""
+"""No line of an impact or a driven force is looked at above, if the strongest frequency is far below."""
+_HIGHEST_OF_STRONGEST: Numerical[float] = 8.0
 _LENGTH_S: Numerical[float] = 8.0
 _BEFORE_IMPACT_S: Numerical[float] = 0.1
 _LOWEST_LINES: Numerical[float] = 1.5
@@ -95,13 +96,14 @@ def spectral_records(
     bodies = tuple(body for body in settings.body_names if body in measurement.motion)
     rate, start, stop = measurement.rate_hz, 0, measurement.samples
     force = np.stack([measurement.force.get(body, np.zeros(stop)) for body in bodies], axis=1)
-    low, high = _band(force, rate, _lowest(measurement))
+    within = _lowest(measurement), max(HIGHEST_HZ, _HIGHEST_OF_STRONGEST * (measurement.strongest_hz or 0.0))
+    low, high = _band(force, rate, within)
     parts = [(stop, (low, high))]
     if measurement.impact_s is not None:
         start = max(0, int((measurement.impact_s - _BEFORE_IMPACT_S) * rate))
         if start_s is not None:
             start = min(int(start_s * rate), stop - 16)
-            low, high = _band(np.zeros_like(force), rate, low)
+            low, high = _band(np.zeros_like(force), rate, within)
         parts = [(start + _fast(min(stop - start, int(_LENGTH_S * rate))), (low, high))]
         strongest = measurement.strongest_hz
         if strongest is not None and _SPLIT * strongest < high:
@@ -197,9 +199,9 @@ def _sampling_errors(measurement: Measurement) -> tuple[float, float]:
     return folded, folded / (np.pi * measurement.rate_hz)
 
 
-def _band(force: FloatArray, rate_hz: float, lowest_hz: float) -> tuple[float, float]:
-    """Return the band [Hz] in which the force says something of the structure."""
-    highest = min(HIGHEST_HZ, 0.4 * rate_hz)
+def _band(force: FloatArray, rate_hz: float, within_hz: tuple[float, float]) -> tuple[float, float]:
+    """Return the band [Hz] within another in which the force says something of the structure."""
+    lowest_hz, highest = within_hz[0], min(within_hz[1], 0.4 * rate_hz)
     if not np.any(force):
         return lowest_hz, highest
     frequency, lines = spectrum(force, rate_hz, (lowest_hz, highest))

@@ -90,10 +90,13 @@ def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Sus
     rate = hit.force.rate_hz
     if not motions or any(channel.rate_hz != rate for _, channel in motions):
         return None
-    first = max(hit.start - round(rules.balance_guard_s * rate), 0)
-    last = min(
-        hit.stop + round(rules.balance_window_s * rate), *(len(channel.samples) for _, channel in motions)
+    contact = (hit.stop - hit.start) / rate  # of a small structure it is short, and all that follows
+    window_s, guard_s, latest_s = (
+        min(seconds, rules.balance_contacts * contact * seconds / rules.balance_window_s)
+        for seconds in (rules.balance_window_s, rules.balance_guard_s, rules.latest_s)
     )
+    first = max(hit.start - round(guard_s * rate), 0)
+    last = min(hit.stop + round(window_s * rate), *(len(channel.samples) for _, channel in motions))
     grounded = tuple(
         any(GROUND in link.between and body in link.between for link in settings.link)
         for body in record.bodies
@@ -102,7 +105,7 @@ def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Sus
     orders = [order - MOTIONS.index(kind) for kind, _ in motions]
     rows = [channel.samples for _, channel in motions]
     force = hit.force.samples[first:last]
-    reach = round(rules.latest_s * rate)
+    reach = round(latest_s * rate)
     lags = [lag for lag in range(-reach, reach + 1) if first + lag >= 0 and last + lag <= min(map(len, rows))]
     roots = {0: _root(force, [row[first:last] for row in rows], order, orders, rate)}
     left = {0: _free(roots[0], grounded)[1]}
