@@ -59,8 +59,8 @@ def row_colour(law: Data, other: str = BLUE) -> str:
 
 
 def ranked(data: Data) -> list[Data]:
-    """Return the laws of a ranking, the first one first."""
-    laws = [law for law in data.get("laws") or [] if isinstance(law, Mapping)]
+    """Return the laws of a ranking, the first one first, each once."""
+    laws = [law for law in data.get("laws") or [] if isinstance(law, Mapping) and "repeats" not in law]
     return sorted(laws, key=lambda law: float(law.get("rank") or len(laws) + 1))
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from scipy import stats
 
+from discovery.laws.candidate import rivals_always_in_the_race
 from discovery.views.closure_section import parameter_row
 
 if TYPE_CHECKING:
@@ -23,7 +25,7 @@ def ranking_section(ranking: Ranking) -> dict[str, Any]:
     return {
         **({"criteria": changes} if changes else {}),
         **({} if population is None else {"population": _population_row(population)}),
-        "laws": [_law_row(law) for law in ranking.laws],
+        "laws": [*map(_law_row, ranking.laws), *_repeated(ranking.laws)],
         "considered": ranking.considered,
         "indistinguishable": list(ranking.indistinguishable),
         "inclusion": dict(ranking.inclusion),
@@ -62,6 +64,20 @@ def _law_row(law: RankedLaw) -> dict[str, Any]:
         "same_as": list(law.same_as),
         "source": law.source,
     }
+
+
+def _repeated(laws: Sequence[RankedLaw]) -> Iterator[dict[str, Any]]:
+    """Yield the row of a law once more for every other name that its equation has in the race.
+
+    Readers of the file look for standing laws by name; a probability counts once.
+    """
+    others = [(law, name) for law in laws for name in law.same_as]
+    standing = {law.name for law in rivals_always_in_the_race()}
+    for rank, (law, name) in enumerate(others, len(laws) + 1):
+        source = "baseline" if name in standing else "given"
+        named = {"rank": rank, "name": name, "source": source, "repeats": law.name}
+        none = {"chosen": 0.0, "probability": 0.0, "indistinguishable": [], "same_as": []}
+        yield {**_law_row(law), **named, **none}
 
 
 def _population_row(population: Population) -> dict[str, Any]:

@@ -34,6 +34,8 @@ from discovery.laws.names import equation_name, names_of
 from discovery.ranking.merging import at_bound, merged
 from discovery.ranking.race import RankedLaw, _listed, race
 from discovery.ranking.result import Ranking
+from discovery.views.ranking_figure import ranked
+from discovery.views.ranking_section import ranking_section
 from rom import paper_model
 from rom.campaign.campaign import read_campaign
 from rom.identification.identify import Identification
@@ -131,7 +133,16 @@ def test_a_law_given_under_another_name_than_its_standing_equation_is_one_row(fr
         assert row.rank == before.rank
         assert row.probability == pytest.approx(before.probability, abs=0.02)
         assert row.p_value_against_baseline == before.p_value_against_baseline
-    assert Ranking(found, 2, paper_model(), {})[BASELINE] is named(found, "curve")
+    ranking = Ranking(found, 2, paper_model(), {})
+    assert ranking[BASELINE] is named(found, "curve")
+    rows = ranking_section(ranking)["laws"]  # of the file: there every name of the race has a row
+    repeated = {row["name"]: row["repeats"] for row in rows if "repeats" in row}
+    assert repeated == {standing: name for name, standing in same.items()}
+        s: n for n, s in same.items()
+    }
+    assert [row["rank"] for row in rows] == list(range(1, 7))
+    assert sum(row["probability"] for row in rows) == pytest.approx(1.0)
+    assert len(ranked({"laws": rows})) == 4
 
 
 def test_a_law_whose_range_keeps_it_from_fitting_as_the_standing_one_is_another_row(
