@@ -138,8 +138,6 @@ def test_a_law_given_under_another_name_than_its_standing_equation_is_one_row(fr
     rows = ranking_section(ranking)["laws"]  # of the file: there every name of the race has a row
     repeated = {row["name"]: row["repeats"] for row in rows if "repeats" in row}
     assert repeated == {standing: name for name, standing in same.items()}
-        s: n for n, s in same.items()
-    }
     assert [row["rank"] for row in rows] == list(range(1, 7))
     assert sum(row["probability"] for row in rows) == pytest.approx(1.0)
     assert len(ranked({"laws": rows})) == 4
