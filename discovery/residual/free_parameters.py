@@ -83,12 +83,26 @@ class FreeParameters:
         return found
 
     def change_with_tension(self, name: str, tension: float, error: float) -> float:
-        """By what share of itself a term's coefficient changes with an error of the tension [N]."""
+        """Return by what share of itself a term's coefficient changes with an error of the tension.
+
+        Parameters
+        ----------
+        name : str
+            Name of the coefficient; those of a record's joint alone follow its tension.
+        tension, error : float
+            Tension of the record, and by how much it may be off [N].
+
+        Returns
+        -------
+        float
+            Zero where nothing changes.
+        """
         if "@" not in name:
             return 0.0
         law = self._law(name.partition("@")[0])
-        here, low, high = (float(law(tension + change)) for change in (0.0, -error, error))
-        return (high - low) / (2 * here) if here else 0.0
+        ends = max(tension - error, 0.0), tension + error
+        here, low, high = (float(law(at)) for at in (tension, *ends))
+        return (high - low) / here * error / (ends[1] - ends[0]) if here and error > 0 else 0.0
 
     def stepped(self, steps: Mapping[str, float]) -> FreeParameters:
         """The same with its numbers moved, by the names of ``slopes`` and in their units."""

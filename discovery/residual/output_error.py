@@ -13,9 +13,6 @@ The same holds for the model's own numbers. Along the measured motion Y, whateve
 so slopes along Y hold for changes d of any size, while those of H, which are along the model's own motion,
 hold nearby alone. But Y has the sensors' noise in it, which a regression takes for less slope (errors in
 variables; L. Ljung, System Identification, 1999, section 7.6): where noise alone is left, those of H count.
-
-The tension of a record is known within its gauge's error alone, and a loose joint's stiffness follows it
-closely: 0.02 N are 0.2 rad of phase after 2 s at 10 N. What that changes is estimated beside the end states.
 """
 
 from __future__ import annotations
@@ -33,6 +30,7 @@ from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.residual.base import Kind, Residual
 from discovery.residual.effect_forces import lasting_force, lines_beyond_linear
 from discovery.residual.free_parameters import FreeParameters
+from discovery.residual.tension_error import beside_tension_error
 from discovery.residual.trajectory import MeasuredTrajectory, Measurements, Progress, trace_records
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
@@ -327,8 +325,7 @@ def whiten(
             first, last = part.samples
             seconds = (last - first) / trace.measurement.rate_hz
             linear = linearise(driven, values, floors[trace.group].whitener(part, values, seconds))
-            error = _of_tension_error(trace, linear, baseline)
-            linear = linear if error is None else linear.beside(error)
+            linear = beside_tension_error(linear, trace, baseline) if part is trace.parts[0] else linear
             terms = zip(linear.columns, linear.jacobian.T, strict=True)
             columns.append(_by_number(terms, baseline, trace.level))
             parts.append((trace, driven, linear.thin()))
@@ -352,20 +349,6 @@ def whiten(
         owner=owner,
         criteria=criteria,
     )
-
-
-def _of_tension_error(
-    trace: MeasuredTrajectory, linear: Linearised, baseline: FreeParameters
-) -> FloatArray | None:
-    """What a standard error of the record's tension changes of its output by way of its joint, (rows,)."""
-    seen = trace.measurement.tension
-    if seen is None:
-        return None
-    error = seen.final_error if trace.measurement.test == "loosening" else seen.initial_error
-    found = np.zeros(len(linear.residual))
-    for name, column in zip(linear.columns, linear.jacobian.T, strict=True):
-        found += column * baseline.change_with_tension(name, trace.level, error)
-    return found if found.any() else None
 
 
 def _along_measured(

@@ -2,7 +2,7 @@
 
 Noise of a channel has the spectrum S = G Q G^H + R per second of record: ambient forces Q(f) through the
 structure's transfer G, and sensor noise R. Both come from what precedes the hits
-(`rom.identification.output_error`).
+(`rom.identification.ambient_noise`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
-from rom.identification.output_error import ambient_forces, left_over, root_of, sensor_noise, whitener
+from rom.identification.ambient_noise import ambient_forces, root_of, sensor_noise, share_left, whitener
 from rom.identification.spectral_model import (
     ComplexArray,
     FloatArray,
@@ -181,7 +181,7 @@ def before_hit(
         quiet,
         segment.frequency,
         len(force) / measurement.rate_hz,
-        left_over(quiet),
+        share_left(quiet),
     )
 
 

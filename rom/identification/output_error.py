@@ -14,14 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rom.criteria.number import Numerical
+from rom.identification.ambient_noise import ambient_forces, root_of, sensor_noise, share_left, whitener
 from rom.identification.priors import Misfit, PriorConstraint, misfits, pull
-from rom.identification.small_matrices import inverse_root, product
 from rom.identification.spectral_model import (
     ComplexArray,
     FloatArray,
@@ -38,10 +36,8 @@ _OUTER_ITERATIONS: Numerical[int] = 12
 # weights taken from a half-done fit would make its misfit look like noise
 _FIRST_ITERATIONS: Numerical[int] = 60
 _INNER_ITERATIONS: Numerical[int] = 12
-_SMOOTHING_HZ: Numerical[float] = 2.0
 _TOLERANCE: Numerical[float] = 1e-4  # of a step
 _NEGLIGIBLE: Numerical[float] = 1e-7  # share of the cost that a step may still promise
-_REWEIGHTED: Numerical[int] = 5
 _UNTOLD: Numerical[float] = 1e-12
 _TINY: Numerical[float] = 1e-6  # stands for a sensor's corner that comes out at zero or below [rad/s]
 _SETTLED: Numerical[float] = 0.05  # square of a change in standard errors
@@ -85,7 +81,7 @@ def _whiteners(records: Sequence[SpectralRecord], state: _State, names: Sequence
     parts, covariance = state.parts, _covariance(state.hessian)
     position = {name: i for i, name in enumerate(names)}
     index = [[position[name] for name in part.columns] for part in parts]
-    left = [left_over(part, covariance[np.ix_(own, own)]) for part, own in zip(parts, index, strict=True)]
+    left = [share_left(part, covariance[np.ix_(own, own)]) for part, own in zip(parts, index, strict=True)]
     groups: dict[tuple[str, int], list[int]] = {}
     for i, record in enumerate(records):
         groups.setdefault((record.group, len(record.frequency)), []).append(i)
@@ -99,114 +95,6 @@ def _whiteners(records: Sequence[SpectralRecord], state: _State, names: Sequence
         for i in members:
             out[i] = whitener(parts[i].gain, root, sensor / 2)
     return out
-
-
-def root_of(ambient: ComplexArray) -> ComplexArray:
-    """Return a root of the cross-spectrum Q at every line."""
-    level, direction = np.linalg.eigh(ambient)
-    return np.asarray(direction * np.sqrt(np.maximum(level, 0.0))[:, None, :])
-
-
-def whitener(gain: ComplexArray, root: ComplexArray, sensor: FloatArray) -> ComplexArray:
-    """Return S^-1/2 at every line with S = G Q G^H + R, (lines, channels, channels), from a root of Q.
-
-    Where G is nearly singular, rounding would leave S less than no power.
-
-    Parameters
-    ----------
-    gain : ndarray, shape (lines, channels, forces)
-        Transfer from ambient forces to channels.
-    root : ndarray, shape (lines, forces, forces)
-        Of the cross-spectrum of the ambient forces, from `root_of`.
-    sensor : ndarray, shape (channels,)
-        Power of each sensor's noise.
-
-    Returns
-    -------
-    ndarray
-        Shape (lines, channels, channels).
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If some S is not positive definite.
-    """
-    answer = product(gain, root)
-    return inverse_root(product(answer, answer.conj().swapaxes(1, 2)) + np.diag(sensor))
-
-
-def sensor_noise(parts: Sequence[Linearised]) -> FloatArray:
-    """Return the power of the sensors' noise at a line, (channels,): the median over lines and records."""
-    power = np.median(np.abs(np.stack([part.unweighted for part in parts])) ** 2, axis=(0, 1)) / np.log(2)
-    return np.asarray(np.maximum(power, 1e-12 * power.max() + np.finfo(float).tiny))
-
-
-def left_over(part: Linearised, covariance: FloatArray | None = None) -> FloatArray:
-    """Return the share of the noise that a fit leaves in the residual at every line, (lines,).
-
-    The rest is taken up by the record's end states and, with their ``covariance``, the coefficients: one less
-    the leverage. A mode that rings longer than the record is seen at a single line, which both follow.
-    """
-    lines, channels = part.unweighted.shape
-    taken = np.einsum("ij,ij->i", part.ends @ part.inverse, part.ends)
-    if covariance is not None:
-        taken = taken + np.einsum("ij,ij->i", part.jacobian @ covariance, part.jacobian)
-    rows = taken[: 2 * lines * channels].reshape(2, lines, channels)
-    return np.asarray(np.clip(1 - rows.mean(axis=(0, 2)), 0.0, 1.0))
-
-
-def ambient_forces(
-    frequency: FloatArray, parts: Sequence[Linearised], sensor: FloatArray, left: Sequence[FloatArray]
-) -> ComplexArray:
-    """Return the cross-spectrum Q(f) of the ambient forces: residuals brought to the joint of force, less
-    their noise.
-
-    The running mean weights lines by the inverse variance that a force has there, so resonances speak. The
-    search for the level starts from above, with all lines alike: weights of a level that is too low rest on
-    the one line at which a mode resonates, and leave it there.
-
-    Parameters
-    ----------
-    frequency : ndarray, shape (lines,)
-        Frequencies [Hz].
-    parts : sequence of Linearised
-        Residuals and gains of the records.
-    sensor : ndarray, shape (channels,)
-        Power of each sensor's noise.
-    left : sequence of ndarray, shape (lines,)
-        Share of the noise that is left in the residuals of each record, from `left_over`.
-
-    Returns
-    -------
-    ndarray
-        Shape (lines, forces, forces).
-    """
-    inverses = [np.linalg.inv(part.gain) for part in parts]
-    noises = [(inverse * sensor) @ inverse.conj().swapaxes(1, 2) for inverse in inverses]
-    forces = [(i @ part.unweighted[:, :, None])[:, :, 0] for i, part in zip(inverses, parts, strict=True)]
-    half = max(2, round(_SMOOTHING_HZ / (frequency[1] - frequency[0])))
-    squares = [force[:, :, None] * force.conj()[:, None, :] for force in forces]
-    ambient = _running_sum(np.sum(squares, axis=0), half) / (2 * half + 1) / len(parts)
-    for _ in range(_REWEIGHTED):
-        total, weights = np.zeros_like(ambient), np.zeros(len(frequency))
-        for square, noise, share in zip(squares, noises, left, strict=True):
-            weight = 1 / np.einsum("nii->n", noise + ambient).real ** 2
-            total += weight[:, None, None] * (square - share[:, None, None] * noise)
-            weights += weight * share
-        mean = _running_sum(total, half) / _running_sum(weights, half).reshape(-1, 1, 1)
-        level, direction = np.linalg.eigh((mean + mean.conj().swapaxes(1, 2)) / 2)
-        ambient = (direction * np.maximum(level, 0.0)[:, None, :]) @ direction.conj().swapaxes(1, 2)
-    return np.asarray(ambient)
-
-
-def _running_sum(values: npt.NDArray[Any], half: int) -> npt.NDArray[Any]:
-    """Return sums over windows of 2 half + 1 lines, shortened at the ends.
-
-    Window by window: weights span so many decades that differences of a running total would lose the small.
-    """
-    padded = np.pad(values, [(half, half), *[(0, 0)] * (values.ndim - 1)])
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1, axis=0)
-    return np.asarray(windows.sum(axis=-1))
 
 
 @dataclass

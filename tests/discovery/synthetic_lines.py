@@ -11,7 +11,7 @@ import numpy as np
 
 from discovery.localisation.lines import Lines, Place
 from rom.campaign.channels import FloatArray
-from rom.identification.output_error import root_of, whitener
+from rom.identification.ambient_noise import root_of, whitener
 from rom.identification.spectral_model import (
     ComplexArray,
     SpectralRecord,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rom.identification.ambient_noise import share_left
 from rom.identification.noise_spectrum import Quiet, noise_floors
 from rom.identification.spectral_model import Linearised
 
@@ -44,3 +45,19 @@ def test_the_forces_of_the_surroundings_are_told_by_records_of_any_lowest_line(f
     assert ambient[0, 0].real == pytest.approx(AMBIENT, rel=0.25)
     assert abs(ambient[0, 1]) < 0.15 * AMBIENT
     np.testing.assert_allclose(floor.sensor, SENSOR, rtol=0.1)
+
+
+def test_the_share_of_noise_that_a_fit_leaves_is_that_of_the_residual_s_power() -> None:
+    """Where end states take most of a line, what is left of it is that much smaller in the mean."""
+    rng = np.random.default_rng(2)
+    lines = 12
+    ends = rng.normal(size=(2 * lines, 4)) * np.repeat(np.geomspace(100, 0.1, lines), 2).reshape(-1, 1)
+    ends = ends.reshape(lines, 2, 4).swapaxes(0, 1).reshape(2 * lines, 4)  # real parts, then imaginary ones
+    inverse = np.linalg.inv(ends.T @ ends)
+    noise = rng.normal(size=(4000, 2 * lines))
+    left = noise - noise @ ends @ inverse @ ends.T
+    square = np.mean(left.reshape(-1, 2, lines) ** 2, axis=(0, 1))
+    none, unweighted = np.empty((0, 0)), np.zeros((lines, 1), dtype=np.complex128)
+    part = Linearised(none, none, (), unweighted, unweighted, ends, inverse, unweighted)
+    np.testing.assert_allclose(share_left(part), square, atol=0.05)
+    assert share_left(part)[0] < 0.1

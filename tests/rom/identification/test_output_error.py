@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rom.identification.output_error import OutputErrorFit, fit_output_error, root_of, whitener
+from rom.identification.ambient_noise import root_of, whitener
+from rom.identification.output_error import OutputErrorFit, fit_output_error
 from rom.identification.spectral_model import (
     CORNER,
     DERIVATIVE_ORDER,
