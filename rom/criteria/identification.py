@@ -83,7 +83,7 @@ class Identifying(Group):
         10.0, "1", "factor between a declared starting value and the records, from which theirs may do better"
     )
     unexplained_share: float = number(
-        0.05, "1", "share of a body's motion in a resonance without a mode, from which it is told",
+        0.05, "1", "share of a channel's power in a resonance without a mode, from which it is told",
         "11 rig campaigns, three levels of noise: below 0.01 %, with friction, slip and gaps too",
     )  # fmt: skip
     unexplained_part: float = number(0.5, "1", "part of a resonance that the model does not explain")

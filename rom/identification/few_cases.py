@@ -12,7 +12,9 @@ from rom.identification.curve_fits import LawFit
 from rom.identification.joint import tension_levels
 
 
-def few_cases(curve: str, fit: LawFit | None, tension: FloatArray) -> tuple[str, ...]:
+def few_cases(
+    curve: str, fit: LawFit | None, tension: FloatArray, *, declared: bool = False
+) -> tuple[str, ...]:
     """Return a line for a curve of as many numbers as cases or levels, or for a constant in its place.
 
     Parameters
@@ -23,14 +25,19 @@ def few_cases(curve: str, fit: LawFit | None, tension: FloatArray) -> tuple[str,
         The fitted curve.
     tension : ndarray, shape (cases,)
         Tensions of its cases [N].
+    declared : bool
+        Whether its form is declared: then it stands as it is.
     """
     if fit is None:
         return ()
     numbers, cases, levels = len(fit.free), len(fit.records), tension_levels(tension)
-    if not levels and cases > 1 and tension.any():
-        span = f"tensions from {tension.min():.4g} to {tension.max():.4g} N"
-        return (f"{curve}: {span} are too near to each other for a curve: a constant stands for it",)
-    assumed = ", and where between them it bends is assumed" if levels == RULES.curve_levels else ""
+    positive = tension[tension > 0]
+    if not levels and not declared and cases > 1 and positive.size:
+        span = f"tensions from {positive.min():.4g} to {positive.max():.4g} N are too near to each other"
+        found = span if positive.size > 1 else "found one tension above zero, too few"
+        return (f"{curve}: {found} for a curve: a constant stands for it",)
+    bends = levels == RULES.curve_levels and not declared
+    assumed = ", and where between them it bends is assumed" if bends else ""
     if cases <= numbers:
         text = f"{curve}: {_count(numbers, 'number')} from {_count(cases, 'record')}{assumed}"
         return (f"{text}: it meets them whatever its form; no limits, and its errors on them say nothing",)

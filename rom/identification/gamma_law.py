@@ -85,7 +85,8 @@ def loosening_law(
     start = case_fit if declared is None else _start_of(declared, case_fit)
     fit = refine_gamma_law(model, [by_file[one.file] for one in usable], window_s, start)
     form = "gamma(T)" if declared is None else "the declared tension law"
-    lines = few_cases(form, fit, np.array([one.initial for one in usable]))
+    initial = np.array([one.initial for one in usable])
+    lines = few_cases(form, fit, initial, declared=declared is not None)
     if not fit.settled:
         lines += (f"the fit of {form} by re-simulation had not settled when it ended",)
     return Loosening(gamma, fit.law, case_fit, fit, lines)

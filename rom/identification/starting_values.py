@@ -41,8 +41,9 @@ def far_starts(settings: CampaignSettings, linear: OutputErrorFit | None) -> Ite
     for link in settings.link:
         name, start = LinearNames.stiffness(link.name), link.stiffness_n_per_m
         values = [linear.value(x) for x in linear.names if x == name or x.startswith(f"{name}@")]
-        if start and values and abs(np.log(start / np.median(values))) > np.log(RULES.far_start):
-            factor = start / float(np.median(values))
+        nearest = float(np.clip(start or 0.0, min(values, default=0.0), max(values, default=0.0)))
+        if start and nearest and abs(np.log(start / nearest)) > np.log(RULES.far_start):
+            factor = start / nearest
             yield (
                 f"link {link.name}: stiffness_n_per_m = {start:.4g} is {factor:.3g} times what the records "
                 "show: the mode that it gives is not theirs"

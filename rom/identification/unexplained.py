@@ -37,8 +37,8 @@ class Unexplained:
     def line(self) -> str:
         """What people should know."""
         return (
-            f"{self.body} in {self.test} tests: {100 * self.share:.0f} % of the motion rings near "
-            f"{self.frequency_hz:.3g} Hz, where the declared structure has no mode: a body or link is "
+            f"{self.body} in {self.test} tests: {100 * self.share:.0f} % of the power of its channel rings "
+            f"near {self.frequency_hz:.3g} Hz, where the declared structure has no mode: a body or link is "
             "missing, or it is a disturbance such as hum"
         )
 
