@@ -79,8 +79,16 @@ CRITERIA = Criteria()
 
 
 def used_in(result: Mapping[str, Any]) -> Criteria:
-    """Return the criteria of a result file, which holds those that are not the defaults."""
-    return CRITERIA.changed(**(result.get("criteria") or {}))
+    """Return the criteria of a result file, which holds those that are not the defaults.
+
+    Those of another version that are no longer there decide nothing here and are left out.
+    """
+    there = {
+        group.name: {name for name, *_ in getattr(CRITERIA, group.name).rows()} for group in fields(CRITERIA)
+    }
+    held = (result.get("criteria") or {}).items()
+    known = {g: {n: x for n, x in own.items() if n in there[g]} for g, own in held if g in there}
+    return CRITERIA.changed(**known)
 
 
 def percent(share: float) -> str:

@@ -3,7 +3,8 @@
 Rates are compared at states drawn within the measured range, x, v, F, D and T independent of each other: what
 agrees along one motion alone, as ``|D v|`` and ``v^2`` do at constant damping, is two equations. Two laws
 with as many free numbers are the same law if for several values of the numbers of one there are numbers of
-the other that give the same rate at every state, to within rounding.
+the other that give the same rate at every state, to within rounding. Where the rate is zero at almost all,
+as below a threshold, numbers agree by chance: that is no identity.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from rom.model.laws import Parameter, free_form_law
 
 Mask = npt.NDArray[np.bool_]
 
-_STATES: Numerical[int] = 64
+_STATES: Numerical[int] = 256
+_MOVING: Numerical[int] = 8  # states of a rate that is not zero, at least, for each free number
 _DECADES: Numerical[float] = 2.0  # below the largest motion and tension
 _TRIALS: Numerical[int] = 3  # values of a law's numbers
 _VARIED: Numerical[float] = 1.25  # factor, up and down
@@ -76,9 +78,14 @@ def numbers_at_rate_of(target: Candidate, law: Candidate, states: FloatArray) ->
     """
     wanted = _rate(target, states)
     moving = wanted != 0
+    if moving.sum() < _MOVING * len(law.free):
+        return None
     for start in map(_unbounded, starts_of(law)):
-        found = _solved(start, wanted, states, moving)
-        rate = _rate(found, states)
+        try:
+            found = _solved(start, wanted, states, moving)
+            rate = _rate(found, states)
+        except (ArithmeticError, ValueError, np.linalg.LinAlgError):  # as in a fit: no numbers from here
+            continue
         with np.errstate(all="ignore"):
             off = np.log(rate[moving] / wanted[moving])
         if bool((np.abs(off) < _ROUNDING).all()) and not rate[~moving].any():
@@ -95,7 +102,7 @@ def _unbounded(law: Candidate) -> Candidate:
 
 def _solved(start: Candidate, wanted: FloatArray, states: FloatArray, moving: Mask) -> Candidate:
     """The law with the numbers at which the logarithm of its rate is nearest to the one wanted."""
-    if not start.free or not moving.any():
+    if not start.free:
         return start
     here = start.parameters
     logs = [name in start.coefficient_names and here[name].value > 0 for name in start.free]

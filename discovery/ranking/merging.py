@@ -56,7 +56,7 @@ def same_equations(
         return {}
     states, firsts, found = states_of(frozen.nodes), list[Candidate](), dict[str, Candidate]()
     for law in [*reversed(given.values()), *standing]:
-        first = next((one for one in firsts if same_law(one, law, states)), None)
+        first = next((one for one in firsts if one.key == law.key or same_law(one, law, states)), None)
         if first is None:
             firsts.append(law)
         elif first.name != law.name:
@@ -103,9 +103,10 @@ def merged(
     """
     same, rules = same or {}, frozen.criteria.ranking
     noise = np.sqrt(np.diagonal(np.stack([c.covariance for c in frozen.courses]), axis1=1, axis2=2))
+    turn = {name: place for place, name in enumerate(same, 1)}  # given laws before standing ones
     kept: list[tuple[Entrant, FloatArray]] = []
     for found in sorted(
-        fits, key=lambda f: (not _listed(f), f.candidate.name in same, len(f.free), f.deviance)
+        fits, key=lambda f: (not _listed(f), turn.get(f.candidate.name, 0), len(f.free), f.deviance)
     ):
         course = predict(found.candidate, frozen) + found.offsets
         near = rules.equal_noise * noise + rules.equal_loss * np.abs(course)
@@ -114,7 +115,7 @@ def merged(
                 k
                 for k, (one, other) in enumerate(kept)
                 if (
-                    _is_first(one.fit, found, same, rules.equal_fit)
+                    _is_of_equation(one.fit, found, same, rules.equal_fit)
                     if _listed(found)
                     else bool((np.abs(course - other) <= near).all())
                     or _equals_at_bound(found, one.fit, rules.equal_fit)
@@ -123,7 +124,8 @@ def merged(
             None,
         )
         if place is None:
-            kept.append((Entrant(found, same_as=_without_fit(found, fits, same)), course))
+            first = all(_root(one.fit, same) != _root(found, same) for one, _ in kept)
+            kept.append((Entrant(found, same_as=_without_fit(found, fits, same) if first else ()), course))
         else:
             kept[place] = (kept[place][0].with_another(found), kept[place][1])
     return [one for one, _ in kept]
@@ -133,16 +135,21 @@ def _listed(found: Fit) -> bool:
     return found.candidate.source in ALWAYS_LISTED
 
 
-def _is_first(first: Fit, found: Fit, same: Mapping[str, Candidate], equal: float) -> bool:
-    """Whether a law has the equation of the first one, and this fits as well within its own ranges."""
-    own = same.get(found.candidate.name)
-    return own is not None and own.name == first.candidate.name and first.deviance <= found.deviance + equal
+def _root(found: Fit, same: Mapping[str, Candidate]) -> str:
+    """Name of the first law of its equation, which may be its own."""
+    return same.get(found.candidate.name, found.candidate).name
+
+
+def _is_of_equation(one: Fit, found: Fit, same: Mapping[str, Candidate], equal: float) -> bool:
+    """Whether a law has the equation of an earlier one, and that fits as well within its own ranges."""
+    return _root(one, same) == _root(found, same) and one.deviance <= found.deviance + equal
 
 
 def _without_fit(first: Fit, fits: Sequence[Fit], same: Mapping[str, Candidate]) -> tuple[str, ...]:
     """Names of laws of its equation that have no fit of their own: equal terms are fitted once."""
-    there = {found.candidate.name for found in fits}
-    return tuple(n for n, law in same.items() if law.name == first.candidate.name and n not in there)
+    root, there = _root(first, same), {found.candidate.name for found in fits}
+    names = [root, *(name for name, law in same.items() if law.name == root)]
+    return tuple(name for name in names if name not in there)
 
 
 def _equals_at_bound(found: Fit, simpler: Fit, equal: float) -> bool:

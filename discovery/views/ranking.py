@@ -11,7 +11,7 @@ from discovery.ranking.result import RankedLaw, Ranking
 from discovery.views.closure_section import parameter_row
 from discovery.views.course_figure import courses_height_mm, draw_courses
 from discovery.views.palette import INCH_PER_MM, WIDTH
-from discovery.views.ranking_cases import with_cases
+from discovery.views.ranking_cases import with_drawn_cases
 from discovery.views.ranking_figure import draw_front, draw_leader_board, leader_board_height_mm
 from discovery.views.ranking_section import ranking_section
 from rom import result_views
@@ -94,7 +94,7 @@ def figure(ranking: Ranking) -> Figure:
     """Draw the leader board, the error of all laws over their numbers with its Pareto front, and courses."""
     from matplotlib.figure import Figure
 
-    data = with_cases(ranking_section(ranking), ranking)
+    data = with_drawn_cases(ranking_section(ranking), ranking)
     heights = [leader_board_height_mm(data), _FRONT_MM]
     heights += [courses_height_mm(data)] if data["cases"] else []
     made = Figure(figsize=(WIDTH, sum(heights) * INCH_PER_MM), layout="constrained")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discovery.views.course_figure import drawn_laws
+from discovery.views.course_figure import drawn_laws, nearest_cases
 from rom.campaign.channels import FloatArray
 from rom.signals.tension_bins import TensionCourse
 
@@ -19,6 +20,17 @@ if TYPE_CHECKING:
 def with_cases(section: Mapping[str, Any], ranking: Ranking) -> dict[str, Any]:
     """Return what ranking.json says with the tests one by one, by the laws that figures draw."""
     return {**section, "cases": case_rows(ranking, drawn_laws(section))}
+
+
+def with_drawn_cases(section: Mapping[str, Any], ranking: Ranking) -> dict[str, Any]:
+    """Return the same with those tests alone whose courses are drawn: no others are simulated."""
+    measured, population = case_rows(ranking, ()), ranking.population
+    drawn = {id(case) for case in nearest_cases(measured)}
+    places = [place for place, case in enumerate(measured) if id(case) in drawn]
+    if population is not None:
+        population = replace(population, of_course=tuple(population.of_course[k] for k in places))
+    courses = tuple(ranking.courses[k] for k in places)
+    return with_cases(section, replace(ranking, courses=courses, population=population))
 
 
 def case_rows(ranking: Ranking, names: Sequence[str]) -> list[dict[str, Any]]:

@@ -10,7 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from discovery.criteria.criteria import percent, used_in
-from discovery.views.course_figure import courses_height_mm, draw_courses, drawn_with_colours, tension_of
+from discovery.views.course_figure import (
+    courses_height_mm,
+    draw_courses,
+    drawn_with_colours,
+    nearest_cases,
+    tension_of,
+)
 from discovery.views.palette import BACKGROUND, BLUE, SKY, VERMILLION
 from discovery.views.ranking_figure import (
     LONGEST,
@@ -38,7 +44,7 @@ def discovery_figures(data: Data) -> dict[str, Figure]:
     """Return the figures of a ranking by name; what its data do not allow is left out."""
     made: dict[str, tuple[object, Callable[[Data], Figure]]] = {
         "law-leader-board": (len(ranked(data)) > 1, leader_board),
-        "law-trajectories": (_cases(data), trajectories),
+        "law-trajectories": (nearest_cases(_cases(data)), trajectories),
         "law-errors": (_cases(data), errors_over_preload),
         "exponent-profile": (_profiles(data), profiles),
         "accuracy-complexity": (len(front_points(data)) > 1, accuracy_and_complexity),

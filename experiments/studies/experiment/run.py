@@ -183,8 +183,8 @@ def _run_missing(experiment: Experiment, folder: Path, jobs: int, progress: Prog
     if progress is not None:
         progress(total - len(due), total)
     left = Counter(cell.source.digest for cell in due)
-    finish = _apart if experiment.own_process and on_this_machine() else _finished
-    finished = finish(due, folder, jobs, experiment.own_process)
+    apart = experiment.own_process and on_this_machine()
+    finished = _apart(due, folder, jobs) if apart else _finished(due, folder, jobs, experiment.own_process)
     for number, cell in enumerate(finished, total - len(due) + 1):
         left[cell.source.digest] -= 1
         if not left[cell.source.digest] and not experiment.keeps_campaigns:
@@ -205,7 +205,7 @@ def _finished(due: Sequence[Cell], folder: Path, jobs: int, own_process: bool) -
         yield due[place]
 
 
-def _apart(due: Sequence[Cell], folder: Path, jobs: int, _: bool = True) -> Iterable[Cell]:
+def _apart(due: Sequence[Cell], folder: Path, jobs: int) -> Iterable[Cell]:
     """Yield cells as they are done, each by a process of its own, whose end fails that cell alone."""
     tasks = [partial(run_cell, cell, folder) for cell in due]
     for place, error in each_in_a_process(tasks, jobs):

@@ -7,7 +7,8 @@ import re
 import numpy as np
 import pytest
 
-from discovery.laws.candidate import rivals_always_in_the_race
+from discovery.laws import same_law as module
+from discovery.laws.candidate import Candidate, rivals_always_in_the_race
 from discovery.laws.given import given_law
 from discovery.laws.same_law import same_law, states_of
 from rom.model.laws import Parameter, free_form_law
@@ -35,3 +36,25 @@ def test_a_law_is_the_standing_one_of_its_equation(rate: str, fixed: dict[str, f
     numbers = {name: Parameter(start[name], "1") for name in re.findall(r"\b[abrn]\b", rate)}
     law = given_law(free_form_law("own", rate, "tension rate", numbers), tuple(fixed))
     assert "".join(one.name for one in rivals_always_in_the_race() if same_law(law, one, STATES)) == same
+
+
+def threshold(quantity: str, *, k: float, limit: float) -> Candidate:
+    numbers = {"k": Parameter(k, "1"), "limit": Parameter(limit, "1")}
+    rate = f"-k * max(abs({quantity}) - limit, 0) * T"
+    return given_law(free_form_law(quantity, rate, "tension rate", numbers))
+
+
+def test_laws_that_move_nothing_within_the_range_are_not_one() -> None:
+    """Below their thresholds any rates agree; at a few states above it numbers may agree by chance."""
+    for limit in (1.0, 0.055):
+        assert not same_law(threshold("x", k=1.0, limit=1.0), threshold("v", k=1.0, limit=limit), STATES)
+    assert same_law(threshold("v", k=3.0, limit=0.018), threshold("v", k=1.0, limit=0.02), STATES)
+
+
+def test_a_search_that_fails_finds_no_identity(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(module, "least_squares", fails)
+    standing = rivals_always_in_the_race()[0]
+    assert not same_law(standing, standing, STATES)

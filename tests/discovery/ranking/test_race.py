@@ -19,6 +19,7 @@ from discovery.laws.candidate import (
     Candidate,
     Term,
     baseline,
+    constant_power,
     rivals_always_in_the_race,
 )
 from discovery.laws.factors import (
@@ -31,7 +32,8 @@ from discovery.laws.factors import (
 )
 from discovery.laws.given import given_law
 from discovery.laws.names import equation_name, names_of
-from discovery.ranking.merging import at_bound, merged
+from discovery.ranking import merging
+from discovery.ranking.merging import at_bound, merged, same_equations
 from discovery.ranking.race import RankedLaw, _listed, race
 from discovery.ranking.result import Ranking
 from discovery.views.ranking_figure import ranked
@@ -151,6 +153,32 @@ def test_a_law_whose_range_keeps_it_from_fitting_as_the_standing_one_is_another_
     found = race([slow], part)
     assert {"slow", CONSTANT_QUARTIC} <= {law.name for law in found}
     assert not any(law.same_as for law in found)
+
+
+def test_laws_of_one_equation_are_one_row_beside_a_first_one_whose_range_forbids_it(
+    frozen: FrozenMotion,
+) -> None:
+    part = frozen.subset(range(6, 12))
+    slow, free = (
+        own_law(name, "-c4 * v**4 * max(T, 0)", c4=Parameter(1.0, "s3/m4", bounds=(0.0, most)))
+        for name, most in (("slow", 100.0), ("power 4", np.inf))
+    )
+    quartic = constant_power(4.0, CONSTANT_QUARTIC)
+    same = same_equations([slow, free], [quartic], part)
+    found = merged([refine(law, part) for law in (slow, free, quartic)], part, same)
+    assert [one.names for one in found] == [("slow",), ("power 4", CONSTANT_QUARTIC)]
+
+
+def test_equal_terms_are_one_law_without_a_fit(frozen: FrozenMotion, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whichever name the one fit of them has, the others are told beside it."""
+    monkeypatch.setattr(merging, "same_law", lambda *_: False)  # as where its search fails
+    one, other = (replace(baseline(), name=name, source="given") for name in ("one", "other"))
+    same = same_equations([one, other], [baseline()], frozen)
+    assert same == {"other": one, BASELINE: one}
+    part = frozen.subset(range(6, 8))
+    for law, *rest in (("one", "other", BASELINE), ("other", "one", BASELINE)):
+        (found,) = merged([refine(replace(one, name=law), part)], part, same)
+        assert found.names == (law, *rest)
 
 
 def test_law_at_its_bound_is_no_look_alike_of_one_that_fits_far_better(frozen: FrozenMotion) -> None:

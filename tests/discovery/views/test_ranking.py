@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,11 @@ import pytest
 import rom
 from discovery.laws.candidate import rivals_always_in_the_race
 from discovery.ranking.result import Ranking
+from discovery.views import ranking_cases
 from discovery.views.ranking_section import ranking_section
+from rom.campaign.channels import FloatArray
+from rom.model.model import Model
+from rom.signals.tension_bins import TensionCourse
 from tests.discovery.synthetic import measured
 from tests.experiments.studies.test_discover import ranked
 
@@ -80,3 +85,22 @@ def test_courses_are_drawn_below_with_what_was_measured(ranking: Ranking) -> Non
     assert len(drawn) == 2
     labels = [str(line.get_label()) for line in drawn[0].lines]
     assert {"Before the hit", "γ(T), the paper's law"} <= set(labels)
+
+
+@pytest.mark.parametrize(("preloads", "drawn"), [((0.5, 20.0, 300.0), {20.0, 300.0}), ((0.5,), set())])
+def test_courses_that_are_not_drawn_are_not_simulated(
+    ranking: Ranking, monkeypatch: pytest.MonkeyPatch, preloads: tuple[float, ...], drawn: set[float]
+) -> None:
+    """Those below a newton are not drawn; where there are no others, there is no part for courses."""
+    courses = measured(preloads=preloads, strengths=(1.0,), length_s=0.5)
+    simulated: list[float] = []
+
+    def recorded(model: Model, chosen: Sequence[TensionCourse]) -> list[FloatArray]:
+        simulated.extend(course.preload for course in chosen)
+        return predicted(model, chosen)
+
+    predicted = ranking_cases._predicted
+    monkeypatch.setattr(ranking_cases, "_predicted", recorded)
+    figure = replace(ranking, courses=courses).plot()
+    assert set(simulated) == drawn
+    assert len(figure.axes) == len(ranking.plot().axes) + len(drawn)

@@ -98,6 +98,14 @@ def test_trajectories_show_the_hardest_hit_nearest_to_each_printed_preload() -> 
     assert len(nearest_cases(ranking()["cases"][:2])) == 2
 
 
+def test_courses_of_tests_below_a_newton_alone_are_not_drawn() -> None:
+    data = ranking()
+    data["cases"] = [case | {"initial_tension_n": 0.5} for case in data["cases"][:2]]
+    made = discovery_figures(data)
+    assert "law-trajectories" not in made
+    assert "law-errors" in made
+
+
 def test_figures_over_cases_draw_the_first_laws_and_always_the_papers() -> None:
     assert drawn_laws(ranking()) == [WINNER, SECOND, BASELINE]
     data = ranking()
@@ -252,3 +260,8 @@ def test_the_page_answers_first_and_shows_every_table(tmp_path: Path) -> None:
     assert text.count("<math>") >= 7 + 3  # a rate a law, a symbol a parameter
     assert "peak_force_n" not in text
     assert "Ranking: " not in text
+
+
+def test_criteria_that_are_no_longer_there_are_left_out() -> None:
+    old = {"ranking": {"better": 1e-4, "gone": 2.0}, "former": {"least": 3.0}}
+    assert used_in({"criteria": old}).changes == {"ranking": {"better": 1e-4}}

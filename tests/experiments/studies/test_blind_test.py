@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import tomli_w
 
-from experiments import run_experiment
 from experiments.studies import rig
 from experiments.studies.blind.__main__ import main
 from experiments.studies.blind.measure import measured
@@ -28,11 +27,9 @@ from experiments.studies.blind.scores import (
     score,
 )
 from experiments.studies.blind.tables import tables
-from experiments.studies.blind.trials import MEASURE, experiment_of, planned
-from experiments.studies.experiment import cell as one_cell
-from experiments.studies.experiment.cells import Cell, NamedMeasure, read_experiment
+from experiments.studies.blind.trials import experiment_of, planned
+from experiments.studies.experiment.cells import NamedMeasure, read_experiment
 from rom.effects import CATALOGUE
-from tests.experiments.studies.experiment_files import HEAD
 
 Row = dict[str, Any]
 
@@ -371,36 +368,6 @@ def test_the_truth_and_what_could_be_reached_are_set_beside_a_closure(tmp_path: 
     told = measured(closure, tmp_path / "campaign")
     assert told["oracle"]["hold_out"] is None  # the closure stands without its measure
     assert told["oracle"]["fault"].startswith("KeyError")
-
-
-def test_the_truth_need_not_be_there_before_the_loop_has_ended(
-    file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It is absent while the cell closes, read by the score; what it says changes nothing of the closure."""
-    truth = rig.truth_path(file.parent / "one")
-
-    def sealed(cell: Cell, campaign: Any, folder: Path, jobs: int, then: Any) -> Path:
-        def opened(closure: Any) -> None:
-            truth.write_text(json.dumps({"undeclared": []}))
-            then(closure)
-
-        assert not truth.exists()
-        return close(cell, campaign, folder, jobs, opened)
-
-    close = one_cell.COMMANDS["close"]
-    file.write_text(f'{HEAD}command = "close"\ncampaigns = ["one"]\nmeasure = "{MEASURE}"\n')
-    with monkeypatch.context() as patched:
-        patched.setattr(one_cell, "COMMANDS", {"close": sealed})
-        (blind,) = run_experiment(file, file.parent / "blind").rows
-    assert (blind["status"], blind["truth"], blind["oracle"]["kind"]) == ("ok", [], "declared")
-    truth.write_text(json.dumps({"undeclared": [CUBIC]}))
-    (told,) = run_experiment(file, file.parent / "told").rows
-    assert told["truth"] == [CUBIC]
-    one, other = (
-        json.loads(next((file.parent / out).glob("cells/*/closure.json")).read_text())
-        for out in ("blind", "told")
-    )
-    assert {key for key in one if one[key] != other[key]} <= {"elapsed_s"}
 
 
 def test_the_stored_tables_are_those_of_the_stored_results() -> None:
