@@ -50,7 +50,7 @@ TEN = 10
 NEAR = ("velocity", "velocity-threshold", "dissipated-power")  # what could beat the paper's law by chance
 RACES = {"eq13": NEAR, **APART}
 VARIANTS = (  # simulated courses of ten seeds have them all
-    "power-3", "power-5", "constant-quartic", "velocity-and-displacement", "threshold-30",
+    "displacement-2", "power-3", "power-5", "constant-quartic", "velocity-and-displacement", "threshold-30",
 )  # fmt: skip
 
 

@@ -227,7 +227,7 @@ def test_a_form_that_is_not_the_true_one_gives_way_to_a_free_one(hidden: Undecla
     assert [(one.effect.name, one.effect.enters) for one in closure.effects] == [(named, "flexure_lo")]
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 def test_the_loop_closes_on_a_wrong_gain_and_tells_it_exactly() -> None:
     closure = closed(GAIN)
     (found,) = closure.effects
@@ -237,7 +237,7 @@ def test_the_loop_closes_on_a_wrong_gain_and_tells_it_exactly() -> None:
     assert closure.residual_after.total < 1.2 < closure.residual_before.total
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 def test_a_start_without_stiffness_is_left_for_the_uncoupled_tests() -> None:
     flexures = {f"flexure_{body}.stiffness.k": 1e-5 for body in ("lo", "so")}
     campaign, found = identified(GAIN, cases=6)
@@ -285,7 +285,7 @@ def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_
     sharp = reestimate_noise(beside)
     alone = ("uncoupled", ("so",))
     assert sharp.floors[alone].sensor.max() < 0.1 * declared.floors[alone].sensor.max()
-    assert level(sharp) < 1.2
+    assert level(sharp) < 1.3  # 34 before; 4 is left in the body struck alone, nothing elsewhere
     assert reestimate_noise(sharp) is sharp
     assert reestimate_noise(declared) is declared
 

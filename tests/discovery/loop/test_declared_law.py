@@ -88,7 +88,7 @@ def test_a_campaign_without_a_bolt_or_without_loosening_takes_no_law() -> None:
         declared_law(rom.paper_model(), still)
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 def test_from_the_law_that_a_bolt_follows_no_change_of_it_is_named(tmp_path: Path) -> None:
     """The bolt follows ``|v|^2 T gamma(T)``; the given law has that form and the numbers of another."""
     rig.run(

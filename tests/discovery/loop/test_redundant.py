@@ -98,6 +98,7 @@ def test_a_fault_is_dropped_where_a_later_effect_has_made_it_redundant(there: bo
     assert len(path.states) == len(path.selections) + 1
 
 
+@pytest.mark.variant
 def test_what_shows_before_the_hits_stays_whatever_the_motion_says() -> None:
     mine, first = refits(CUBIC, BIAS), start(CUBIC, BIAS)
     (told,) = (e for e in at_rest.explain(whitened(first), Options()) if e.effect.name == "acceleration-bias")

@@ -158,7 +158,7 @@ def test_the_loop_goes_on_until_nothing_helps(tmp_path: Path) -> None:
     assert found.verdict == "closed"
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 def test_slip_under_a_measured_normal_force_is_named(tmp_path: Path) -> None:
     found = close_loop(twins.cycled(tmp_path / "slip", friction=0.06))
     assert found.effects[0].effect.name == "jenkins-slip"
@@ -192,7 +192,7 @@ def test_friction_in_proportion_to_a_measured_normal_force_is_named(tmp_path: Pa
     assert one.effect.parameters["F_c"].value < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 def test_many_sliders_of_rising_limits_are_a_class_of_slip_and_no_other_hysteresis(tmp_path: Path) -> None:
     def slipping(force: FloatArray, x: FloatArray, normal: FloatArray) -> FloatArray:
         del normal
@@ -267,7 +267,7 @@ def test_the_tribometer_lacks_slip_under_its_normal_force(tmp_path: Path, share:
     assert not named & {"coulomb-friction", "cubic-stiffness"}
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 def test_no_friction_without_memory_explains_the_tribometer(tmp_path: Path) -> None:
     """By name, each fitted beside all numbers of the model: held-out balance of forces."""
     balances, _ = balances_of(twins.tribometer(measured("tribometer"), tmp_path / "tribometer"))

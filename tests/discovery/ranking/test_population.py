@@ -117,7 +117,7 @@ def test_three_hits_on_a_ninth_bolt_and_the_other_eight_say_more_than_three_hits
     assert np.median(borrowed) < 0.5 * np.median(alone)
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 def test_raw_records_of_three_bolts_tell_the_law_and_two_hits_a_fourth_ones_rate(tmp_path: Path) -> None:
     """Of the rig, |v|^3 T gamma(T) at rates of their own; nothing but the campaign folders is given."""
     rates = (0.5, 1.0, 2.0, 1.6)

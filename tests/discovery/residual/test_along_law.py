@@ -70,7 +70,7 @@ def test_only_what_is_needed_along_the_law_found_stays(
         assert "at a preload of" in rival.test or "none of the hits" in rival.test
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 def test_a_law_that_is_plainly_another_comes_before_effects_in_the_motion(tmp_path: Path) -> None:
     """On a bolt that loosens with |v|^2 the motion is off by several times noise, the courses by far more."""
     rig.run(

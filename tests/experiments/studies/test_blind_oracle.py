@@ -17,7 +17,7 @@ from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import ErrorsByKind
 from rom.identification.identify import Identification, identify_campaign
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.variant
 SMALL = {"cases": 6, "noise": 1.0, "seed": 1, "jobs": 1, "duration_s": 2.5, "hold_out_every": 3}
 
 
@@ -107,7 +107,6 @@ def test_an_effect_that_the_catalogue_does_not_have_there_is_refused(
         oracle_errors(campaign, twin, [truth])
 
 
-@pytest.mark.variant
 def test_faults_and_what_acts_in_the_tension_are_refitted_too_wherever_they_start(tmp_path: Path) -> None:
     hidden = (
         rig.Undeclared("acceleration-gain", "sensor:acceleration_so", {"g": 0.1}),

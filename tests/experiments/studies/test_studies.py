@@ -135,7 +135,7 @@ def test_a_hidden_law_and_softer_hits_are_told_by_the_truth_alone(tmp_path: Path
     assert [term["velocity_power"] for term in truth["plant"]["loosening"]] == [2.0]
 
 
-@pytest.mark.slow
+@pytest.mark.variant
 def test_identification_does_not_depend_on_jobs(
     results: Path, rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
 ) -> None:
