@@ -147,8 +147,9 @@ def _is_of_equation(one: Fit, found: Fit, same: Mapping[str, Candidate], equal: 
 
 def _without_fit(first: Fit, fits: Sequence[Fit], same: Mapping[str, Candidate]) -> tuple[str, ...]:
     """Names of laws of its equation that have no fit of their own: equal terms are fitted once."""
-    root, there = _root(first, same), {found.candidate.name for found in fits}
-    names = [root, *(name for name, law in same.items() if law.name == root)]
+    root, there = same.get(first.candidate.name, first.candidate), {found.candidate.name for found in fits}
+    names = [root.name] if root.key == first.candidate.key else []  # else its own fit failed
+    names += [name for name, law in same.items() if law.name == root.name]
     return tuple(name for name in names if name not in there)
 
 
