@@ -203,7 +203,7 @@ def test_a_name_that_is_taken_is_one_error_that_names_both(tmp_path: Path) -> No
     code += "MINE = replace(CATALOGUE['coulomb-friction'], source='mine')\n"
     package(tmp_path / "site", "clash", code, "[boltlaw.effects]", "mine = clash:MINE")
     main = "from experiments.cli import main; main()"
-    (tmp_path / "model.json").write_text("{}")
+    (tmp_path / "campaign.toml").write_text("")  # or else a campaign of another test beside it is the nearest
     ran = program(tmp_path / "site", "-c", main, "close", str(tmp_path))
     (line,) = ran.stderr.splitlines()
     assert ran.returncode == 2
