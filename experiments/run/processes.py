@@ -16,6 +16,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
+import cloudpickle
 from joblib import ParallelBackendBase, cpu_count
 
 _PATIENCE_S = 3.0  # with a process that is asked to end
@@ -57,7 +58,7 @@ class Worker:
             If the process ends first. Every other exception is the task's own.
         """
         self.busy = True
-        self._send(pickle.dumps(task))
+        self._send(cloudpickle.dumps(task))  # functions of a script too, by value
         try:
             reply = pickle.load(self.process.stdout)
         except (EOFError, OSError, ValueError, pickle.UnpicklingError):

@@ -118,6 +118,17 @@ def test_an_error_of_a_task_comes_with_its_traceback(
     assert "worker.py" in str(found.value.__cause__)
 
 
+def test_a_function_of_a_script_reaches_the_workers() -> None:
+    """A study's own measure: no worker can import it."""
+    script = (
+        "from joblib import Parallel, delayed\nfrom experiments.run.execution import execution\n"
+        "def own(x):\n    return x + 1\n"
+        "with execution():\n    print(Parallel(n_jobs=2)(delayed(own)(k) for k in range(3)))\n"
+    )
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert (ran.stdout, ran.stderr) == ("[1, 2, 3]\n", "")
+
+
 def test_workers_serve_every_call_of_a_block_and_end_with_it(capfd: pytest.CaptureFixture[str]) -> None:
     with execution():
         first, second = set(many(slept, 12)), set(many(slept, 12))
