@@ -285,7 +285,7 @@ def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_
     sharp = reestimate_noise(beside)
     alone = ("uncoupled", ("so",))
     assert sharp.floors[alone].sensor.max() < 0.1 * declared.floors[alone].sensor.max()
-    assert level(sharp) < 1.3  # 34 before; 4 is left in the body struck alone, nothing elsewhere
+    assert level(sharp) < 1.25  # 34 before; 4 is left in the body struck alone, nothing elsewhere
     assert reestimate_noise(sharp) is sharp
     assert reestimate_noise(declared) is declared
 
