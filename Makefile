@@ -3,7 +3,7 @@ BIN := .venv/bin
 DEMO := demo
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --durations 25
 
-.PHONY: demo test test-all style compiled clean
+.PHONY: demo test test-all docs notebooks style compiled clean
 
 demo: .venv/installed  ## a small campaign from the virtual rig, its model, its tension laws, a page of figures
 	rm -rf $(DEMO)
@@ -21,6 +21,12 @@ test: .venv/installed-test  ## every check: style, walls between packages, types
 test-all: .venv/installed-test  ## the same and every variant, every law recovered from ten campaigns of the rig
 	$(MAKE) --no-print-directory --jobs 2 --output-sync=target style compiled
 	$(PYTEST) --seeds 10 --every
+
+docs: .venv/installed-docs  ## the site: docs/_build/index.html; a broken link or reference is an error
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going docs docs/_build
+
+notebooks: .venv/installed-test  ## run docs/notebooks in a kernel; they keep what they print
+	$(BIN)/python -m tests.documents.notebooks --run
 
 style:
 	$(BIN)/ruff check .
@@ -41,5 +47,10 @@ compiled:
 	$(BIN)/pip install --quiet --editable '.[test]'
 	touch $@ .venv/installed
 
+.venv/installed-docs: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/pip install --quiet --editable '.[docs]'
+	touch $@ .venv/installed
+
 clean:
-	rm -rf .venv $(DEMO)
+	rm -rf .venv $(DEMO) docs/_build

@@ -360,9 +360,7 @@ def report(
 
 
 def main() -> None:
-    """Run the program; exit code 0: done, 3: done, but no model describes the records, 2: bad input, 1: a
-    fault of the program.
-    """
+    """Run the program; exit code 0: done, 3: done, but no model is good, 2: bad input, 1: a fault of it."""
     return_freed_arrays()
     show_warnings_plainly()
     signal.signal(signal.SIGTERM, terminated)
@@ -396,3 +394,7 @@ def _end(path: Path) -> None:
 
 def _command() -> str:
     return shlex.join(["boltlaw", *sys.argv[1:]])
+
+
+if __name__ == "__main__":
+    main()

@@ -17,8 +17,8 @@ from experiments.datasets import PUBLIC
 
 REPOSITORY = Path(__file__).parents[2]
 PAGES = (REPOSITORY / "README.md", *sorted((REPOSITORY / "docs").glob("*.md")))
-SHOWN = frozenset({"text"})
-"""Kinds of block that are there to be looked at; any other is carried out."""
+SHOWN = frozenset({"text", "{toctree}"})
+"""Kinds of block that are there to be looked at, or for the site; any other is carried out."""
 _MEASURED = "needs data that others measured; tests of its own have them"
 LEFT_OUT: Mapping[tuple[str, ...], str] = {
     ("make",): "makes an environment and runs everything",

@@ -23,7 +23,7 @@ EXAMPLES = {
 }
 ON_A_PAGE = {
     *tutorial_commands(),
-    "boltlaw compare rig-campaign laws.toml",  # own-law.md has it, of a campaign called `folder`
+    "boltlaw compare rig-campaign laws.toml",  # own-law.md has it, with --out
     "boltlaw run experiment.toml",  # experiments.md
 }
 ALONE = [

@@ -20,7 +20,7 @@ import rom.effects
 from experiments.cli import run
 from rom.model.laws import power_loosening
 from tests.documents.blocks import PAGES, REPOSITORY, SHOWN, Block, blocks, carry_out, commands, left_out
-from tests.documents.lab import write_lab
+from tests.documents.notebooks import prepare
 from tests.shared import Shared
 
 Boltlaw = Callable[..., Any]
@@ -34,6 +34,7 @@ SLOW = {
     "own-data.md": "identifies",
     "own-law.md": "identifies and fits",
     "tutorial.md": "goes all the way",
+    "what-is-missing.md": "closes",
 }
 """Pages that take more than a few seconds, and why."""
 _WITHOUT_EFFECT = ("jobs", "progress")  # on the numbers
@@ -102,11 +103,13 @@ def place(tmp_path: Path, shared: Shared, monkeypatch: pytest.MonkeyPatch) -> It
 def test_every_block_of_a_page_runs(
     page: Path, place: Path, boltlaw: Boltlaw, request: pytest.FixtureRequest
 ) -> None:
-    """Pages that take a while have a campaign called ``folder``, and a lab's files in ``lab``."""
+    """Pages that take a while have the tutorial's campaign, under its name or as ``folder``."""
     if page.name in SLOW and page != TUTORIAL:
-        measured = request.getfixturevalue("measured")
-        shutil.copytree(measured, place / "folder")
-        write_lab(rom.read_campaign(measured), place / "lab")
+        text = page.read_text(encoding="utf-8")
+        for name in ("folder", "rig-campaign"):
+            if name in text:
+                shutil.copytree(request.getfixturevalue("measured"), place / name)
+    prepare(page, place)
     names: dict[str, Any] = {"__name__": "__page__"}
     done = tutorial_commands() if page != TUTORIAL else set()
     for block in runs(page):

@@ -1,0 +1,61 @@
+"""How Sphinx makes the site: ``make docs``. Nothing that it writes is loaded from another server."""
+
+from __future__ import annotations
+
+import re
+import sys
+from importlib.metadata import version as version_of
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+DOCS = Path(__file__).parent
+sys.path.insert(0, str(DOCS.parent))
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
+
+project = "boltlaw"
+author = copyright = "boltlaw maintainers"
+version = release = version_of("boltlaw")
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+myst_enable_extensions = ["html_image"]  # pictures in HTML are copied to the site too
+myst_heading_anchors = 4  # links to headings as in a repository's pages
+exclude_patterns = ["_build", "notebooks"]
+default_role = "code"
+nitpicky = False  # types in docstrings are words as often as names
+autodoc_typehints = "none"  # numpydoc says types and units
+autodoc_member_order = "bysource"
+autodoc_default_options = {"members": True}
+autodoc_preserve_defaults = True  # by name, not by value: criteria are long
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+
+html_theme = "furo"  # light and dark, for phones too; fonts are those of the system
+html_title = f"boltlaw {version}"
+html_copy_source = html_show_sourcelink = False
+html_permalinks_icon = "#"
+
+ROOT_PAGES = {"index": "README.md", "contributing": "CONTRIBUTING.md", "changelog": "CHANGELOG.md"}
+"""Pages whose text is a file of the repository's root; what the page itself holds follows it."""
+
+
+def setup(app: Sphinx) -> None:
+    """Have Sphinx call what completes the text of pages."""
+    app.connect("source-read", complete)
+
+
+def complete(_app: Sphinx, page: str, source: list[str]) -> None:
+    """Put the root's files into their pages, and what notebooks printed below the blocks of theirs."""
+    from tests.documents.notebooks import with_outputs
+
+    text = with_outputs(DOCS / f"{page}.md", source[0]) if (DOCS / f"{page}.md").exists() else source[0]
+    if page in ROOT_PAGES:
+        text = (DOCS.parent / ROOT_PAGES[page]).read_text(encoding="utf-8") + "\n" + text.partition("\n")[2]
+    if page == "blind/tables":  # its headings are below that of the page that it belongs to
+        text = "# Tables of the blind test\n\n" + text
+    text = re.sub(r"\]\((?:\.\./)?README\.md", "](index.md", text)
+    text = text.replace("[notebooks](docs/notebooks)", "notebooks")  # each page has a link to its own
+    for name in ("CONTRIBUTING", "CHANGELOG"):
+        text = re.sub(rf"\]\((?:\.\./)?{name}\.md", f"]({name.lower()}.md", text)
+    source[0] = text.replace("](docs/", "](").replace('src="docs/', 'src="')

@@ -1,0 +1,1 @@
+"""The distribution: what wheel and sdist hold, and what describes them."""
