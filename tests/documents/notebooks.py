@@ -101,7 +101,7 @@ def executed(book: dict[str, Any], folder: Path) -> dict[str, Any]:
     import nbformat
     from nbclient import NotebookClient
 
-    node = nbformat.from_dict(book)
+    node = nbformat.reads(json.dumps(book), as_version=4)
     surroundings = {
         **os.environ,
         "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),

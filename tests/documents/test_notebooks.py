@@ -63,7 +63,7 @@ def test_a_kernel_runs_what_a_page_shows(tmp_path: Path) -> None:
     ran = executed(book, tmp_path)
     assert sources(ran) == sources(book)
     shown = ["".join("".join(one.get("text", "")) for one in found) for found in outputs(ran).values()]
-    assert [text.split()[0] for text in shown] == ["Writing", "boltlaw", "34"]
+    assert [text.split()[0] for text in shown] == ["Writing", "boltlaw", "38"]
 
 
 def test_the_site_shows_what_a_cell_printed_below_its_block(monkeypatch: pytest.MonkeyPatch) -> None:
