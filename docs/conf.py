@@ -23,6 +23,7 @@ myst_enable_extensions = ["html_image"]  # pictures in HTML are copied to the si
 myst_heading_anchors = 4  # links to headings as in a repository's pages
 exclude_patterns = ["_build", "notebooks"]
 default_role = "code"
+smartquotes = False  # x'' is a derivative
 nitpicky = False  # types in docstrings are words as often as names
 autodoc_typehints = "none"  # numpydoc says types and units
 autodoc_member_order = "bysource"

@@ -47,8 +47,7 @@ def cell_of(block: Block) -> str | None:
     lines = [] if block.kind != "sh" else commands(block)
     if not lines or any(left_out(words) for words in lines):
         return None
-    text = re.sub(r"\s+#.*$", "", block.text, flags=re.MULTILINE)
-    return re.sub(r"^(?=\S)", "!", text, flags=re.MULTILINE)
+    return f"%%sh -e\n{block.text}"  # no terminal, so no progress bars
 
 
 def cells(text: str) -> Iterator[tuple[str, str, int]]:
