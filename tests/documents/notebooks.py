@@ -130,12 +130,13 @@ def prepare(page: Path, folder: Path) -> None:
 
 
 def light(found: list[dict[str, Any]], folder: str) -> Iterator[dict[str, Any]]:
-    """Yield outputs without warnings of the shell, the scratch folder's name, and large or doubled forms."""
+    """Yield what was printed, in one piece, without the scratch folder; and figures that are not large."""
+    streams = [one for one in found if one["output_type"] == "stream" and one["name"] == "stdout"]
+    text = "".join("".join(one["text"]) for one in streams).replace(f"{folder}/", "")
+    if text.strip():
+        yield streams[0] | {"text": text.splitlines(keepends=True)}
     for one in found:
-        if one["output_type"] == "stream" and one["name"] == "stdout":
-            text = "".join(one["text"]).replace(f"{folder}/", "")
-            yield one | {"text": text.splitlines(keepends=True)}
-        elif "data" in one:
+        if "data" in one:
             kinds = {k: v for k, v in one["data"].items() if k in ("text/plain", "image/png")}
             if len(json.dumps(kinds)) > _MOST:
                 kinds.pop("image/png", None)
