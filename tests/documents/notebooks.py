@@ -33,7 +33,7 @@ NOTEBOOKS = {
 """The page of every notebook."""
 _KERNEL = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
 _LINK = re.compile(r"\]\((?!\w+://|#)([^)]+)\)")
-_MOST = 60_000  # bytes of a cell's output: a larger picture is not kept
+_MOST = 250_000  # bytes of a cell's output: a larger picture is not kept
 
 
 def cell_of(block: Block) -> str | None:
@@ -43,7 +43,7 @@ def cell_of(block: Block) -> str | None:
     if block.file is not None:
         return f"%%writefile {block.file}\n{block.text}"
     if block.kind == "python":
-        return block.text
+        return f"%matplotlib inline\n{block.text}" if ".plot(" in block.text else block.text
     lines = [] if block.kind != "sh" else commands(block)
     if not lines or any(left_out(words) for words in lines):
         return None
