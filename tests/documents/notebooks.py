@@ -106,7 +106,13 @@ def executed(book: dict[str, Any], folder: Path) -> dict[str, Any]:
         "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]),
         "PYTHONPATH": str(REPOSITORY),
     }
-    client = NotebookClient(node, timeout=3600, resources={"metadata": {"path": str(folder)}})
+    client = NotebookClient(
+        node,
+        timeout=3600,
+        iopub_timeout=600,  # on a busy machine output comes late; it is never dropped in silence
+        raise_on_iopub_timeout=True,
+        resources={"metadata": {"path": str(folder)}},
+    )
     client.execute(env=surroundings)
     ran: dict[str, Any] = json.loads(nbformat.writes(node))
     for cell in ran["cells"]:
