@@ -14,6 +14,9 @@ import numpy as np
 from rom.campaign.record import replacing
 from rom.provenance import program_version, versions
 
+FIGURE_FORMAT = "boltlaw-figure/1"
+"""Of the description that the SVG of a figure carries."""
+
 
 def write_result(
     path: Path,

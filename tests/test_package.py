@@ -11,7 +11,18 @@ from pathlib import Path
 import pytest
 
 REPOSITORY = Path(__file__).parents[1]
-HEAVY = ("numba", "matplotlib", "pandas", "h5py", "scipy", "sklearn", "pysindy", "pydantic", "joblib")
+HEAVY = (
+    "numba",
+    "matplotlib",
+    "pandas",
+    "h5py",
+    "scipy",
+    "sklearn",
+    "pysindy",
+    "pydantic",
+    "joblib",
+    "bokeh",
+)
 
 
 def imported_by(statement: str) -> set[str]:
@@ -32,7 +43,7 @@ def test_reading_a_model_needs_no_plotting_and_no_file_formats() -> None:
 
 def test_the_program_shows_its_help_without_loading_the_science() -> None:
     loaded = imported_by("import experiments.cli as cli; cli.run(['identify', '--help'])")
-    assert loaded.isdisjoint({"numba", "matplotlib", "pandas", "h5py", "scipy", "pysindy"})
+    assert loaded.isdisjoint({"numba", "matplotlib", "pandas", "h5py", "scipy", "pysindy", "bokeh"})
 
 
 @pytest.mark.parametrize(

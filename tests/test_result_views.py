@@ -70,6 +70,17 @@ def shown(folder: Path) -> dict[str, HasViews]:
     }
 
 
+def test_a_campaign_without_preloads_is_drawn_record_by_record(shown: dict[str, HasViews]) -> None:
+    campaign = shown["campaign"]
+    assert isinstance(campaign, rom.Campaign)
+    records = [record.model_copy(update={"preload_n": None}) for record in campaign.settings.record]
+    bare = replace(campaign, settings=campaign.settings.model_copy(update={"record": records}))
+    (axes,) = bare.plot().axes
+    places = [place for drawn in axes.collections for place, _ in drawn.get_offsets()]
+    assert sorted(places) == list(range(1, len(records) + 1))
+    assert axes.get_xlabel() == "record, in the order of the campaign [1]"
+
+
 @pytest.mark.parametrize("name", WITH_EXAMPLES)
 def test_examples_run_as_printed(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """But for those of minutes; what these return was made by hand."""

@@ -131,6 +131,7 @@ def _closure(refits: Refits, history: LoopHistory) -> Closure:
         screened=history.screened,
         detection_limits=_detection_limits(refits, history),
         criteria=refits.options.criteria,
+        declared=first.model,
         set_aside=refits.set_aside,
         warnings=tuple(dict.fromkeys((*last.warnings, *refits.warnings, *doubts, *history.remarks()))),
     )

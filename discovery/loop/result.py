@@ -124,6 +124,8 @@ class Closure(HasViews):
         The smallest strength of every effect that these records would have shown.
     criteria : Criteria
         The numbers that decided.
+    declared : Model or None
+        The declared model, identified, before any effect.
 
     Examples
     --------
@@ -148,6 +150,7 @@ class Closure(HasViews):
     warnings: tuple[str, ...] = field(default=())
     detection_limits: tuple[DetectionLimit, ...] = ()
     criteria: Criteria = CRITERIA
+    declared: Model | None = None
 
     @property
     def before(self) -> ErrorsByKind:

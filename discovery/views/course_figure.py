@@ -93,6 +93,21 @@ def draw_courses(figure: Figure | SubFigure, data: Data) -> Axes:
     return first
 
 
+def course_choices(data: Data) -> list[Data]:
+    """Return every case that has a course by all drawn laws, by preload."""
+    names = drawn_laws(data)
+    known = [case for case in data["cases"] if all((case.get("laws") or {}).get(name) for name in names)]
+    return sorted((case for case in known if tension_of(case) > 1.0), key=tension_of)
+
+
+def draw_case(figure: Figure | SubFigure, data: Data, case: Data) -> None:
+    """Draw the course of one case alone."""
+    ax = figure.subplots()
+    _course(ax, case, drawn_with_colours(data), _scatter(data, tension_of(case)))
+    ax.set_xlabel("Time after the hit [s]")
+    ax.set_ylabel("Non-oscillatory tension $T$ [N]")
+
+
 def _course(ax: Axes, case: Data, laws: Sequence[tuple[str, str]], scatter: float) -> None:
     from matplotlib.ticker import MaxNLocator
 

@@ -13,6 +13,11 @@ CAPTIONS: dict[str, tuple[str, str]] = {
         "Errors of the declared model, and after every effect that was added, on records that no fit has "
         "seen and on those fitted to.",
     ),
+    "closure-records": (
+        "Records by the declared and the refined model",
+        "Left, what was measured and what the models make of it, through the same filters; right, what each "
+        "leaves. The record that the declared model meets worst comes first.",
+    ),
     "closure-residual": (
         "Where the residual lived",
         "Mean square of what the model leaves, over that of noise, along several views: hollow before, "
@@ -83,6 +88,11 @@ CAPTIONS: dict[str, tuple[str, str]] = {
         "Wide: share of resamples of the preloads in which the first law of the race has a term of "
         "the form, whatever its numbers. Narrow: share of sparse fits on resampled records (FROLS) that took "
         "one among their first two. Near-equal forms share what one of them alone would have.",
+    ),
+    "records": (
+        "Records by the identified model",
+        "Left, what was measured and what the model makes of it, through the same filters; right, what is "
+        "left. The record that it meets worst comes first.",
     ),
     "final-tension-error": (
         "Error against preload",

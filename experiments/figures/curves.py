@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from discovery.views.palette import BACKGROUND, MEASURED, MODEL
+from experiments.figures.description import name_points
 from experiments.figures.style import FloatArray, panels, styled, tension_axis
 from rom.criteria.identification import RULES
 from rom.identification.curve_fits import LawFit
@@ -206,8 +207,9 @@ def _joint(joint: Sequence[JointEstimate], fit: LawFit | None, label: str, what:
     if fit is not None:
         shown = np.concatenate([shown, law_band(ax, fit, grid, "Fitted law, 95 % limits")])
     bars = [value - limits[0], limits[1] - value]
-    ax.errorbar(tension, value, bars, fmt="o", color=MEASURED, elinewidth=0.6, zorder=3,
-                label="Output error, 95 % limits")  # fmt: skip
+    points = ax.errorbar(tension, value, bars, fmt="o", color=MEASURED, elinewidth=0.6, zorder=3,
+                         label="Output error, 95 % limits")  # fmt: skip
+    name_points(points.lines[0], [j.file for j in joint])
     low, high = float(shown.min()), float(shown.max())
     margin = 0.12 * (high - low) or 0.1 * high
     low, high = max(low - margin, 0.0), high + margin

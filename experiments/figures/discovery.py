@@ -11,7 +11,9 @@ from matplotlib.figure import Figure
 
 from discovery.criteria.criteria import percent, used_in
 from discovery.views.course_figure import (
+    course_choices,
     courses_height_mm,
+    draw_case,
     draw_courses,
     drawn_with_colours,
     nearest_cases,
@@ -28,6 +30,7 @@ from discovery.views.ranking_figure import (
     plain_decades,
     ranked,
 )
+from experiments.figures.description import name_points
 from experiments.figures.style import FloatArray, blank, panels, styled, tension_axis
 from experiments.text.wording import set_words
 from rom.model.laws import Z95
@@ -79,6 +82,18 @@ def trajectories(data: Data) -> Figure:
     """Measured tension after the hit with 95 % limits and the course of each law (preloads of Fig. 15)."""
     figure = blank(courses_height_mm(data))
     _legend(figure, draw_courses(figure, data))
+    figure.choices = {_case_words(case): _one_course(data, case) for case in course_choices(data)}
+    return figure
+
+
+def _case_words(case: Data) -> str:
+    parts = [str(case.get("file", "")).rpartition("/")[2], f"{tension_of(case):.4g} N"]
+    return ", ".join([part for part in parts if part] + (["held out"] if case.get("hold_out") else []))
+
+
+def _one_course(data: Data, case: Data) -> Figure:
+    figure = blank(height_mm=60.0)
+    draw_case(figure, data, case)
     return figure
 
 
@@ -89,6 +104,7 @@ def errors_over_preload(data: Data) -> Figure:
     ax = axes[0, 0]
     cases = _cases(data)
     tension = np.array([tension_of(case) for case in cases])
+    files = np.array([str(case.get("file", "")) for case in cases])
     ax.axhline(100.0, color=BACKGROUND, lw=0.6, label="No loosening")
     lowest = highest = 100.0
     for place, (name, colour) in enumerate(drawn_with_colours(data)):
@@ -97,9 +113,10 @@ def errors_over_preload(data: Data) -> Figure:
         held = np.array([bool(case.get("hold_out")) for case in cases])
         for chosen, face, label in ((there & ~held, colour, law_name(name, LONGEST)),
                                     (there & held, "none", None)):  # fmt: skip
-            ax.plot(tension[chosen], np.clip(error[chosen], *_DRAWN_PERCENT), "oDs"[min(place, 2)],
-                    color=colour, markerfacecolor=face, markersize=3.0, markeredgewidth=0.7,
-                    label=label)  # fmt: skip
+            shown = np.clip(error[chosen], *_DRAWN_PERCENT)
+            (points,) = ax.plot(tension[chosen], shown, "oDs"[min(place, 2)], color=colour, label=label,
+                                markerfacecolor=face, markersize=3.0, markeredgewidth=0.7)  # fmt: skip
+            name_points(points, list(files[chosen]))
         lowest, highest = min([lowest, *error[there]]), max([highest, *error[there]])
     tension_axis(ax, tension, "Initial tension [N]")
     ax.set_yscale("log")

@@ -26,7 +26,11 @@ from rom.signals.calibration import Calibration
 from rom.signals.measured_records import measured_record
 from rom.signals.processing import Measurement
 
+CHOICES = {"uncoupled": 4, "coupled": 10, "loosening": 16, "free": 16, "driven": 12, "cycled": 8}
+"""Records of each kind of test, at most, from which a reader of the page chooses."""
+
 __all__ = [
+    "CHOICES",
     "calibration_curve",
     "example_records",
     "final_tension_errors",

@@ -11,6 +11,7 @@ from matplotlib.ticker import NullLocator
 
 from discovery.views.palette import BACKGROUND, BLUE, GREEN, MEASURED
 from experiments.figures.curves import law_band
+from experiments.figures.description import name_points
 from experiments.figures.style import FloatArray, panels, styled, tension_axis
 from rom.identification.curve_fits import LawFit
 from rom.identification.gamma import GammaEstimate
@@ -101,8 +102,9 @@ def gamma_law(gamma: Sequence[GammaEstimate], fit: LawFit | None = None) -> Figu
     lower, upper = value * np.exp(-Z95 * error), value * np.exp(Z95 * error)
     ax.set_yscale("log")
     law = law_band(ax, fit, grid, "$\\gamma(T)$, 95 % limits") if fit is not None else value
-    ax.errorbar(tension, value, [value - lower, upper - value], fmt="o", color=MEASURED, elinewidth=0.6,
-                label="Per case, 95 % limits", zorder=3)  # fmt: skip
+    points = ax.errorbar(tension, value, [value - lower, upper - value], fmt="o", color=MEASURED,
+                         elinewidth=0.6, label="Per case, 95 % limits", zorder=3)  # fmt: skip
+    name_points(points.lines[0], [g.file for g in used])
     ax.set_ylim(0.2 * min(value.min(), law.min()), 5 * max(value.max(), law.max()))
     ax.set_ylabel("$\\gamma$ [s$^3$/m$^4$]")
     ax.legend(loc="upper right")

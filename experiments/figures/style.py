@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from experiments.figures.description import Drawn, describe
 from rom.campaign.record import replacing
 
 FloatArray = npt.NDArray[np.float64]
@@ -44,7 +46,8 @@ _STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.0,
     "lines.markersize": 3.5,
     "errorbar.capsize": 0.0,
-    "svg.fonttype": "path",
+    "svg.fonttype": "none",  # text stays text, as in the PDF
+    "pdf.fonttype": 42,
     "svg.hashsalt": "boltlaw",
     "path.simplify": True,
 }
@@ -64,17 +67,17 @@ def styled(function: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
-def blank(height_mm: float) -> Figure:
+def blank(height_mm: float) -> Drawn:
     """Return a figure one column wide without axes."""
     size = (COLUMN_MM / _MM_PER_INCH, height_mm / _MM_PER_INCH)
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Drawn(figsize=size, layout="constrained")
     figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02)  # type: ignore[union-attr,call-arg]
     return figure
 
 
 def panels(
     rows: int = 1, columns: int = 1, height_mm: float = 58.0, **options: Any
-) -> tuple[Figure, npt.NDArray[Any]]:
+) -> tuple[Drawn, npt.NDArray[Any]]:
     """Return a figure one column wide and its axes, shape (rows, columns).
 
     Parameters
@@ -126,6 +129,8 @@ def tension_axis(axes: Axes, tension: FloatArray, label: str = "Bolt tension $T$
 def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure by its suffix (.svg, .pdf, .png); it appears whole or not at all.
 
+    An SVG carries what it shows as data (`description.describe`) in its description.
+
     Raises
     ------
     ValueError
@@ -136,6 +141,8 @@ def save(figure: Figure, path: str | Path) -> Path:
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}  # same data, same file
     if kind not in metadata:
         raise ValueError(f"{path}: a figure is written as .svg, .pdf or .png, instead got {path.suffix!r}")
+    if kind == "svg" and (shown := describe(figure)) is not None:
+        metadata[kind] |= {"Description": json.dumps(shown, separators=(",", ":"), allow_nan=False)}
     with replacing(path) as temporary:
         figure.savefig(temporary, format=kind, dpi=300, metadata=metadata[kind])
     return path

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from discovery.views.palette import BACKGROUND, BLUE, MEASURED, MODEL, SKY
+from experiments.figures.description import name_points
 from experiments.figures.style import FloatArray, panels, styled, tension_axis
 from rom.campaign.campaign import WindowSettings
 from rom.evaluation.error_measures import Comparison
@@ -132,12 +133,15 @@ def final_tension_errors(
             continue
         tension = np.array([c.initial_tension for c in used])
         tight = np.array([c.measured_final >= c.initial_tension for c in used])
+        files = np.array([c.file for c in used])
         initial += list(tension)
         for ax, name in zip(axes[:, 0], ("final_error_percent", "loss_error_percent"), strict=True):
             values = np.maximum([getattr(c, name) for c in used], 1e-6)
             for chosen, face, label in ((~tight, colour, text), (tight, "none", None)):
-                ax.plot(tension[chosen], values[chosen], marker, color=colour, markersize=sizes[marker],
-                        markerfacecolor=face, markeredgewidth=0.8, label=label)  # fmt: skip
+                (points,) = ax.plot(tension[chosen], values[chosen], marker, color=colour, label=label,
+                                    markersize=sizes[marker], markerfacecolor=face,
+                                    markeredgewidth=0.8)  # fmt: skip
+                name_points(points, list(files[chosen]))
     for ax, label in zip(axes[:, 0], ("Error of final tension [%]", "Error of loss [%]"), strict=True):
         ax.set_yscale("log")
         ax.set_ylabel(label)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import base64
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +17,14 @@ from discovery.criteria.criteria import used_in
 from discovery.views.closure_prose import place_words
 from experiments.figures.captions import caption, order
 from experiments.report.comparisons import comparison_tables, identification_of
+from experiments.report.interactive import (
+    Mark,
+    description_of,
+    legend_of,
+    scripts,
+    within_room,
+    without_description,
+)
 from experiments.report.results import Result, Results, read_results
 from experiments.text import closures, equations, rankings, suspicions, verdicts
 from experiments.text.experiments import tables_of_cells
@@ -42,12 +52,17 @@ _PLACES = (("stiffness", "k"), ("damping", "c"), ("tension_rate", "T"))
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of the page: anchor, title, caption, and the image as a data address."""
+    """A figure of the page: anchor, title, caption, and the image as a data address.
+
+    What can be zoomed and read has a ``legend``, and ``choices`` where there are several records.
+    """
 
     anchor: str
     title: str
     text: str
     source: str
+    legend: tuple[Mark, ...] = ()
+    choices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -75,6 +90,8 @@ def render(directory: Path) -> str:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
+    pictures, described = _pictures(found)
+    drawing = _drawing(environment, described)
     environment.tests["short"] = _short
     environment.filters["tied"] = _tied
     return environment.get_template("page.html.j2").render(
@@ -87,9 +104,9 @@ def render(directory: Path) -> str:
         motion=_motion(found.results),
         laws=_laws(found.results),
         parameters=_present(parameters_table(r.data) for r in found.results if r.kind == "model"),
-        pictures=[
-            _picture(path, found.results) for path in sorted(found.figures, key=lambda path: order(path.stem))
-        ],
+        pictures=pictures,
+        drawing=drawing,
+        allowed=" ".join(["'none'"] if drawing is None else map(_digest, drawing.programs)),
         notes=_notes(found),
         details=_details(found.results),
         made=_made(found.results),
@@ -155,13 +172,58 @@ def _law_equation(letter: str, law: Data, link: Data) -> Markup:
     return equations.equation(left, str(law.get("equation")))
 
 
-def _picture(path: Path, results: Sequence[Result]) -> Picture:
+def _pictures(found: Results) -> tuple[list[Picture], dict[str, Data]]:
+    """Return the figures in their order, and by anchor what those show that can be zoomed and read."""
+    paths = sorted(found.figures, key=lambda path: order(path.stem))
+    images = {path: path.read_bytes() for path in paths}
+    shown = {_anchor(path): known for path, svg in images.items() if (known := description_of(svg))}
+    described = within_room(shown)
+    pictures = [
+        _picture(path, found.results, svg, described.get(_anchor(path))) for path, svg in images.items()
+    ]
+    return pictures, described
+
+
+def _anchor(path: Path) -> str:
+    return "".join(c if c.isalnum() else "-" for c in path.stem)
+
+
+def _picture(path: Path, results: Sequence[Result], svg: bytes, shown: Data | None) -> Picture:
     kind = "closure" if path.stem.startswith("closure-") else "ranking"
     own = next((result.data for result in results if result.kind == kind), {})
     title, text = caption(path.stem, used_in(own))
-    coded = base64.b64encode(path.read_bytes()).decode("ascii")
-    anchor = "".join(c if c.isalnum() else "-" for c in path.stem)
-    return Picture(anchor, title, text, f"data:image/svg+xml;base64,{coded}")
+    coded = base64.b64encode(without_description(svg)).decode("ascii")
+    choices = tuple(shown["choices"]) if shown and len(shown["choices"]) > 1 else ()
+    legend = legend_of(shown) if shown else ()
+    return Picture(_anchor(path), title, text, f"data:image/svg+xml;base64,{coded}", legend, choices)
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What draws figures that can be zoomed: programs, and Bokeh's plots and their numbers as JSON."""
+
+    programs: tuple[Markup, ...]
+    plots: Markup
+    numbers: Markup
+
+
+def _drawing(environment: jinja2.Environment, described: Mapping[str, Data]) -> Drawing | None:
+    made = scripts(described)
+    if made is None:
+        return None
+    library, plots = made
+    own = environment.get_template("page.js.j2").render()
+    return Drawing((Markup(library), Markup(own)), _json(plots), _json(described))
+
+
+def _json(value: object) -> Markup:
+    """Return JSON that no content can end the script element of."""
+    return Markup(json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
+
+
+def _digest(program: str) -> str:
+    """Return what the page's security policy calls a program: no other may run."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(program.encode()).digest()).decode('ascii')}'"
 
 
 def _notes(found: Results) -> list[tuple[str, list[str]]]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
+from experiments.studies.identify import save_figures
 from experiments.text.suspicions import lines as suspicion_lines
 from rom.campaign.campaign import Campaign, Record, read_campaign
 from rom.signals.quality import Doubt, assess
@@ -57,7 +58,6 @@ def run(
         If the campaign is refused.
     """
     from experiments.figures.records import figures_by_test
-    from experiments.figures.style import save
 
     started = time.perf_counter()
     campaign = read_campaign(campaign_path, jobs, progress)
@@ -65,8 +65,7 @@ def run(
     rows, drawn, looked_at = _read(campaign)
     told = plain([asdict(one) for one in suspicions(looked_at, campaign.settings)])
     with results_into(folder) as new:
-        for name, figure in figures_by_test(drawn).items():
-            save(figure, new / f"{name}.svg")
+        save_figures(figures_by_test(drawn), new)
         write_result(
             new / "check.json", "check", {"command": command, "records": rows, "suspicions": told},
             campaign=campaign.settings.name, seed=seed, elapsed_s=time.perf_counter() - started,

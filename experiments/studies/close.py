@@ -14,12 +14,14 @@ from experiments.run.publication import results_into
 from experiments.studies.effect_curves import effect_curves
 from experiments.studies.identify import Progress, save_figures, suspected_lines
 from experiments.studies.suspected import suspected, write_without_records
-from rom.campaign.campaign import read_campaign
+from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
 from rom.model_file import load_model
 from rom.signals.measured_records import NothingLeftError, judged_by, screened, stored
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from discovery.loop.result import Closure
 
 _NONE = summarise([])
@@ -110,8 +112,23 @@ def run(
         header["elapsed_s"] = round(time.perf_counter() - started, 3)
         closure.model.save(new / "model.json", **header, **told, identification=model_section(content))
         write_result(new / "closure.json", "closure", content, **header)
-        save_figures(closure_figures(content), new)
+        save_figures(closure_figures(content) | _records(closure, campaign), new)
     return folder / "closure.json"
+
+
+def _records(closure: Closure, campaign: Campaign) -> dict[str, Figure]:
+    """Return records by the declared and by the refined model, to choose from on the page."""
+    from experiments.figures.courses import chosen_records, record_figures
+    from experiments.figures.identification import CHOICES, example_records
+
+    if closure.declared is None:
+        return {}
+    models = {"Declared model": closure.declared}
+    if closure.effects:
+        models |= {"Refined model": closure.model}
+    aside = [line.partition(":")[0] for line in closure.set_aside]
+    shown = example_records(campaign, CHOICES, aside)
+    return dict(chosen_records("closure-records", record_figures(shown, models)))
 
 
 def model_section(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -136,6 +136,7 @@ def _unexplained(found: Identification) -> list[str]:
 def draw(outcome: Outcome) -> dict[str, Figure]:
     """Return the figures that the identification's data allow, by name."""
     from experiments.figures import identification as figures  # matplotlib is loaded when something is drawn
+    from experiments.figures.courses import chosen_records, record_figures
 
     campaign, found = outcome.campaign, outcome.identification
     doubtful = [doubt.file for judged in outcome.judged for doubt in judged.doubts]
@@ -145,6 +146,8 @@ def draw(outcome: Outcome) -> dict[str, Figure]:
         examples=figures.example_records(campaign, leave_out=doubtful),
         split_n=convergence(found.gamma)["split_n"],
     )
+    shown = figures.example_records(campaign, figures.CHOICES, doubtful)
+    drawn |= chosen_records("records", record_figures(shown, {"Identified model": found.model}))
     compared = [judged for judged in outcome.judged if judged.comparisons]
     drawn |= figures.validation_figures(
         [j.comparisons[0] for j in compared if not j.settings.hold_out],
@@ -155,11 +158,12 @@ def draw(outcome: Outcome) -> dict[str, Figure]:
 
 
 def save_figures(drawn: Mapping[str, Figure], folder: Path) -> None:
-    """Write figures to an existing folder; nothing is written before all of them could be drawn."""
+    """Write figures to an existing folder, for the page and for print."""
     from experiments.figures.style import save
 
     for name, figure in drawn.items():
         save(figure, folder / f"{name}.svg")
+        save(figure, folder / f"{name}.pdf")
 
 
 def identification_section(outcome: Outcome) -> dict[str, Any]:

@@ -39,19 +39,27 @@ def _frame(campaign: Campaign) -> DataFrame:
 
 @result_views.figure.register(Campaign)
 def _figure(campaign: Campaign) -> Figure:
-    """Draw the nominal preload of every record over its kind of test; held-out records are hollow."""
+    """Draw the nominal preload of every record over its kind of test; held-out records are hollow.
+
+    Without any preload records are drawn in the order of the campaign.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6, 3), layout="constrained")
     axes = figure.subplots()
+    places = {r.file: r.preload_n for r in campaign.settings.record if r.preload_n is not None}
+    if places:
+        axes.set_xscale("symlog", linthresh=1.0)
+        axes.set_xlabel("nominal preload [N]")
+    else:
+        places = {r.file: float(number) for number, r in enumerate(campaign.settings.record, 1)}
+        axes.set_xlabel("record, in the order of the campaign [1]")
     for hold_out, face in ((False, "C0"), (True, "none")):
-        chosen = [r for r in campaign.select(hold_out=hold_out) if r.preload_n is not None]
+        chosen = [r for r in campaign.select(hold_out=hold_out) if r.file in places]
         label = "held out" if hold_out else "training"
         axes.scatter(
-            [r.preload_n or 0.0 for r in chosen], [r.test for r in chosen], facecolors=face, edgecolors="C0",
+            [places[r.file] for r in chosen], [r.test for r in chosen], facecolors=face, edgecolors="C0",
             label=label,
         )  # fmt: skip
-    axes.set_xscale("symlog", linthresh=1.0)
-    axes.set_xlabel("nominal preload [N]")
     axes.legend(frameon=False)
     return figure

@@ -48,6 +48,22 @@ class Page:
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
 
+    def drag(self, *points: tuple[float, float]) -> None:
+        """Press the mouse at the first point of the window [px], move to the others, release at the last."""
+        for kind, (x, y) in (("mousePressed", points[0]), *(("mouseMoved", point) for point in points[1:]),
+                             ("mouseReleased", points[-1])):  # fmt: skip
+            self._call(
+                "Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1
+            )
+
+    def point(self, x: float, y: float) -> None:
+        """Move the mouse to a point of the window [px], with no button pressed."""
+        self._call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+
+    def scripting(self, *, on: bool) -> None:
+        """Let pages run scripts, or not; what is opened next follows."""
+        self._call("Emulation.setScriptExecutionDisabled", value=not on)
+
     def picture(self) -> bytes:
         """Return the whole page as PNG."""
         found = self._call("Page.captureScreenshot", captureBeyondViewport=True)

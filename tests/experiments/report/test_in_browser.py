@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from experiments.figures.closure import closure_figures
+from experiments.figures.courses import chosen_records, record_figures
 from experiments.figures.discovery import discovery_figures
+from experiments.figures.style import save
 from experiments.studies import report
-from experiments.studies.identify import save_figures
 from rom.parameters.he_2025 import paper_model
+from rom.signals.processing import Measurement
 from tests.discovery.sound_closure import closure, friction, threshold
 from tests.experiments.browser import CHROMIUM, Page, browser
+from tests.experiments.figures.test_description import MODELS
+from tests.experiments.figures.test_figures import measurement
 from tests.experiments.report.test_closure import content, curves
 from tests.experiments.report.test_report import errors, identification, write
 from tests.experiments.sound_ranking import ranking
@@ -27,7 +32,13 @@ HEADLINES = ("motion_nrmse", "relative_motion_nrmse", "tension_loss_error_percen
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def impacts() -> tuple[Measurement, Measurement]:
+    """A large and a small one."""
+    return measurement(317.0), measurement(3000.0, "coupled", 28.0)
+
+
+@pytest.fixture(scope="module")
+def folder(impacts: tuple[Measurement, Measurement], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of every command, with a long name and a hostile one, and their figures."""
     made = tmp_path_factory.mktemp("everything")
     found = content(closure(friction(), threshold()), *curves()[:2])
@@ -36,7 +47,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write(made, "prediction", errors=errors(1.0), records=[{"file": f"{LONG}.h5", "motion_nrmse": 0.1}])
     about = identification() | {"warnings": [f"{LONG}.h5: <img src=x onerror=alert(1)>"]}
     paper_model().save(made / "model.json", campaign=LONG, seed=7, elapsed_s=12.5, identification=about)
-    save_figures(closure_figures(found) | discovery_figures(ranking()), made)
+    records = record_figures(impacts, MODELS)
+    shown = chosen_records("closure-records", records) | closure_figures(found) | discovery_figures(ranking())
+    for name, figure in shown.items():
+        save(figure, made / f"{name}.svg")
     report.run(made)
     return made
 
@@ -80,19 +94,140 @@ def test_paper_holds_all_of_it(folder: Path, page: Page) -> None:
     assert page.printed().startswith(b"%PDF")
 
 
-def test_a_click_enlarges_a_figure_and_another_one_closes_it(folder: Path, page: Page) -> None:
+@pytest.mark.parametrize("on", [True, False], ids=["scripts", "no scripts"])
+def test_a_click_enlarges_a_picture_and_another_one_closes_it(folder: Path, page: Page, on: bool) -> None:
+    page.scripting(on=on)
     page.open(folder / "report.html", DESKTOP)
+    figure = "document.querySelector('#figure-closure-screened')"
 
     def position() -> Any:
-        return page.evaluate("getComputedStyle(document.querySelector('figure')).position")
+        return page.evaluate(f"getComputedStyle({figure}).position")
 
     def width() -> Any:
-        return page.evaluate("document.querySelector('figure img').getBoundingClientRect().width")
+        return page.evaluate(f"{figure}.querySelector('img').getBoundingClientRect().width")
 
     small = width()
-    page.evaluate("document.querySelector('figure .enlarge').click()")
+    page.evaluate(f"{figure}.querySelector('.enlarge').click()")
     assert position() == "fixed"
     assert width() > small
-    page.evaluate("document.querySelector('figure .close').click()")
+    page.evaluate(f"{figure}.querySelector('.close').click()")
     assert position() == "static"
     assert page.evaluate("[...document.images].every(image => image.src.startsWith('data:image/svg'))")
+    page.scripting(on=True)
+
+
+def test_without_scripts_every_figure_is_a_picture(folder: Path, page: Page) -> None:
+    page.scripting(on=False)
+    page.open(folder / "report.html", DESKTOP)
+    assert page.evaluate(
+        "[...document.querySelectorAll('figure img')].every(image => image.offsetWidth > 300)"
+    )
+    shown = (
+        "[...document.querySelectorAll('.live-only, .plot, .legend')].filter(part => part.offsetWidth).length"
+    )
+    assert page.evaluate(shown) == 0
+    page.scripting(on=True)
+
+
+# What a test asks of a figure's plot: models by name, a button, where values are in the window, tooltips.
+_ASK = """(() => {
+  const place = document.querySelector('#figure-NAME .plot');
+  const root = [...Bokeh.index.roots].find(view => place.contains(view.el));
+  const models = [...root.model.references()];
+  const named = name => models.find(one => one.name === name && one.type !== 'GlyphRenderer');
+  const views = [...root.child_views], bar = views.find(view => view.model.type === 'Toolbar');
+  const inner = views.flatMap(view => [...(view.child_views ?? [])]);
+  const panel = inner.find(view => view.model.type === 'Figure');
+  const button = title => bar.shadow_el.querySelector(`[title='${title}']`);
+  const middle = part => {
+    const { left, top, width, height } = part.getBoundingClientRect();
+    return [left + width / 2, top + height / 2];
+  };
+  const at = (x, y) => {
+    const { left, top } = panel.el.getBoundingClientRect();
+    return [left + panel.frame.x_scale.compute(x), top + panel.frame.y_scale.compute(y)];
+  };
+  const tips = node => [...node.querySelectorAll('*')].flatMap(part => [
+    ...(part.matches('.bk-Tooltip') ? [(part.shadowRoot ?? part).textContent] : []),
+    ...(part.shadowRoot ? tips(part.shadowRoot) : [])]);
+  return VALUE;
+})()"""
+
+
+def until(found: Callable[[], Any]) -> Any:
+    """Return what a function returns as soon as it is something."""
+    end = time.monotonic() + 60.0
+    while not (value := found()):
+        assert time.monotonic() < end, "nothing came of it"
+        time.sleep(0.05)
+    return value
+
+
+def drawn(page: Page, name: str) -> None:
+    """Wait until a figure is drawn as a plot."""
+    until(lambda: page.evaluate(f"document.querySelector('#figure-{name}').classList.contains('ready')"))
+
+
+def read(page: Page, name: str, value: str) -> Any:
+    return page.evaluate(_ASK.replace("NAME", name).replace("VALUE", value))
+
+
+@pytest.fixture
+def plots(folder: Path, page: Page) -> Page:
+    pytest.importorskip("bokeh", reason="needs Bokeh")
+    page.open(folder / "report.html", DESKTOP)
+    return page
+
+
+def test_a_record_is_chosen_and_drawn(plots: Page, impacts: tuple[Measurement, Measurement]) -> None:
+    plots.evaluate("document.querySelector('#figure-closure-records').scrollIntoView()")
+    drawn(plots, "closure-records")
+    peaks = []
+    for chosen in range(2):
+        plots.evaluate(
+            "(() => { const chooser = document.querySelector('#figure-closure-records select');"
+            f"chooser.selectedIndex = {chosen}; chooser.dispatchEvent(new Event('change')); }})()"
+        )
+        title = read(plots, "closure-records", "named('title0').text")
+        peak = read(plots, "closure-records", "Math.max(...named('0.0').data.y)")
+        peaks.append((title, peak))
+    expected: dict[str, Any] = {}
+    for record, unit, scale in zip(impacts, ("mm", "µm"), (1e3, 1e6), strict=True):
+        peak = scale * record.displacement("lo").max()
+        expected[f"Displacement of lo [{unit}]"] = pytest.approx(peak, rel=1e-3)
+    assert dict(peaks) == expected
+    assert plots.faults == []
+
+
+def test_a_figure_is_zoomed_reset_and_read_under_the_cursor(plots: Page) -> None:
+    plots.evaluate("document.querySelector('#figure-law-errors .enlarge').click()")
+    drawn(plots, "law-errors")
+    ends = "[named('x0').start, named('x0').end, named('y0').start, named('y0').end]"
+    whole = read(plots, "law-errors", ends)
+    plots.drag(*(read(plots, "law-errors", f"at({x}, {y})") for x, y in ((20, 20), (100, 80), (200, 150))))
+    zoomed = read(plots, "law-errors", ends)
+    assert zoomed == pytest.approx([20, 200, 20, 150], rel=0.05)
+    plots.drag(read(plots, "law-errors", "middle(button('Reset'))"))
+    assert until(lambda: read(plots, "law-errors", ends) == pytest.approx(whole))
+    number = next(k for k in range(9) if read(plots, "law-errors", f"!!named('0.{k}')?.data.name?.length"))
+    x, y, name = read(
+        plots, "law-errors", f"(({{x, y, name}}) => [x[0], y[0], name[0]])(named('0.{number}').data)"
+    )
+    plots.point(*read(plots, "law-errors", f"at({x}, {y})"))
+    (tip, *_) = until(lambda: read(plots, "law-errors", "tips(document)"))
+    assert name in tip
+    assert f"Initial tension: {x:.4g} N" in tip
+    assert f"Error of loss: {y:.4g} %" in tip
+
+
+def test_a_trace_is_hidden_by_its_name(plots: Page) -> None:
+    plots.evaluate("document.querySelector('#figure-law-errors .enlarge').click()")
+    drawn(plots, "law-errors")
+    label = plots.evaluate("document.querySelector('#figure-law-errors .legend button').dataset.label")
+    shown = (
+        "[...root.model.references()].filter(m => m.type === 'GlyphRenderer' && m.name === "
+        f"{json.dumps(label)}).map(m => m.visible)"
+    )
+    assert set(read(plots, "law-errors", shown)) == {True}
+    plots.evaluate("document.querySelector('#figure-law-errors .legend button').click()")
+    assert set(read(plots, "law-errors", shown)) == {False}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ def made(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the command writes where the loop finds two effects."""
     from experiments.cli import run
 
-    found, calls = closure(friction(), threshold()), []
+    found, calls = replace(closure(friction(), threshold()), declared=paper_model()), []
     out = tmp_path_factory.mktemp("made") / "results"
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(vars(discovery), "close_loop", lambda *call, **_: calls.append(call) or found)
@@ -136,7 +137,11 @@ def test_the_summary_says_what_was_missing_and_with_which_numbers(made: Path) ->
 
 
 def test_every_figure_is_there_and_nothing_else(made: Path) -> None:
-    assert {path.name for path in made.iterdir()} == {"closure.json", "model.json", *FIGURES}
+    assert {path.name for path in made.iterdir()} == {
+        "closure.json", "model.json", "closure-records.svg", "closure-records.pdf", *FIGURES,
+        *(name.replace(".svg", ".pdf") for name in FIGURES),
+    }  # fmt: skip
+    assert b"Refined model" in (made / "closure-records.svg").read_bytes()
 
 
 def test_the_model_holds_the_effects_and_its_errors(made: Path) -> None:

@@ -50,7 +50,7 @@ def test_a_killed_run_goes_on_where_it_was(file: Path) -> None:
     assert cells_of(out).items() >= done.items()
     assert table_of(out) == table_of(experiments.run_experiment(file, file.parent / "whole").path.parent)
     assert sorted(path.name for path in out.iterdir()) == [
-        "cells", "experiment.csv", "experiment.json", "experiment.svg",
+        "cells", "experiment.csv", "experiment.json", "experiment.pdf", "experiment.svg",
     ]  # fmt: skip
     assert len(list((out / "cells").iterdir())) == 4
 

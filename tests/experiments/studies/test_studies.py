@@ -43,7 +43,8 @@ def test_identify_writes_a_model_and_figures_beside_the_campaign(results: Path, 
     assert data["elapsed_s"] > 0
     figures = {path.stem for path in results.glob("*.svg")}
     assert {"calibration", "joint-stiffness", "joint-damping", "gamma-law", "tension-change"} <= figures
-    assert not [path for path in results.iterdir() if path.suffix not in (".json", ".svg")]
+    assert not [path for path in results.iterdir() if path.suffix not in (".json", ".svg", ".pdf")]
+    assert {path.stem for path in results.glob("*.pdf")} == figures
 
 
 def test_identify_tells_how_it_found_the_model(results: Path) -> None:

@@ -1,0 +1,172 @@
+"""Records to choose from: measured and modelled course over time, and what each model leaves of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from discovery.views.palette import AFTER, BACKGROUND, BEFORE, MEASURED
+from experiments.figures.style import Drawn, FloatArray, panels, styled
+from experiments.figures.tensions import thinned
+from rom.evaluation.replay import Replay, displacements, driven_forces, replay, shown_tension
+from rom.model.model import Model
+from rom.signals.processing import Measurement
+
+_PIECES = 300  # of a trace, drawn as their extremes: half a page is about as many pixels wide
+_SHOWN_S = 0.6
+_LOOKS = ((BEFORE, "--"), (AFTER, "-."))
+_MICRO = 1e-4  # displacements below are told in micrometres [m]
+
+
+class Course(NamedTuple):
+    """A measured quantity of a record over time [s], and what models make of it; the first is measured."""
+
+    name: str
+    unit: str
+    time: FloatArray
+    measured: FloatArray
+    modelled: Mapping[str, FloatArray]
+    residual: Mapping[str, FloatArray]
+
+
+def record_figures(measurements: Iterable[Measurement], models: Mapping[str, Model]) -> dict[str, Drawn]:
+    """Return a figure for each record that a model can run again, all with the same panels.
+
+    Parameters
+    ----------
+    measurements : iterable of Measurement
+        Records.
+    models : mapping of str to Model
+        By the name in the legend, at most two.
+
+    Returns
+    -------
+    dict
+        By file, kind of test, tension and whether it is held out; what the first model meets worst first.
+    """
+    made = [(_title(one), list(_courses(one, models))) for one in measurements]
+    found = dict(sorted((one for one in made if one[1]), key=lambda one: -_worst(one[1])))
+    names = list(dict.fromkeys(course.name for courses in found.values() for course in courses))
+    return {title: _figure(names, courses, models) for title, courses in found.items()}
+
+
+def chosen_records(name: str, figures: Mapping[str, Drawn]) -> dict[str, Drawn]:
+    """Return the figure of records to choose from under its name, the first one drawn; none without any."""
+    if not figures:
+        return {}
+    first = next(iter(figures.values()))
+    first.choices = figures
+    return {name: first}
+
+
+def _worst(courses: Sequence[Course]) -> float:
+    """Return how far the first model is off, relative to what was measured, in the worst course."""
+    left = [(next(iter(course.residual.values())), course.measured) for course in courses if course.residual]
+    return max(
+        (float(np.std(residual) / (np.std(measured) or 1.0)) for residual, measured in left), default=0.0
+    )
+
+
+def _title(measurement: Measurement) -> str:
+    tension = measurement.tension.initial if measurement.tension is not None else measurement.preload_n
+    parts = [measurement.file.rpartition("/")[2], measurement.test]
+    parts += [f"{tension:.4g} N"] if tension is not None and measurement.test != "uncoupled" else []
+    return ", ".join([*parts, *(["held out"] if measurement.hold_out else [])])
+
+
+def _courses(measurement: Measurement, models: Mapping[str, Model]) -> Iterator[Course]:
+    if measurement.link:
+        yield from _link_forces(measurement, models)
+        return
+    runs = {}
+    for name, model in models.items():
+        try:
+            run = replay(model, measurement.with_cutoff(model.filter_cutoff_hz))
+        except ValueError:
+            continue
+        if run.response.status == "ok":
+            runs[name] = run
+    if runs:
+        yield from _motions(runs)
+        yield from _tension(runs)
+
+
+def _motions(runs: Mapping[str, Replay]) -> Iterator[Course]:
+    shown = {name: displacements([run])[0] for name, run in runs.items()}
+    measured = next(iter(runs.values())).measurement
+    start, stop = _window(measured, measured.rate_hz, _SHOWN_S)
+    time = np.arange(measured.samples)[start:stop] / measured.rate_hz - (measured.impact_s or 0.0)
+    for body in measured.motion:
+        samples = measured.displacement(body)[start:stop]
+        scale, unit = (1e6, "µm") if np.abs(samples).max() < _MICRO else (1e3, "mm")
+        modelled = {name: scale * found[body][start:stop] for name, found in shown.items()}
+        own = {name: run.measurement.displacement(body)[start:stop] for name, run in runs.items()}
+        left = {name: scale * own[name] - modelled[name] for name in runs}
+        yield Course(f"Displacement of {body}", unit, time, scale * samples, modelled, left)
+
+
+def _tension(runs: Mapping[str, Replay]) -> Iterator[Course]:
+    first = next(iter(runs.values()))
+    tension, simulated = first.measurement.tension, first.response.tension
+    if tension is None or not isinstance(simulated, np.ndarray) or not simulated.size:
+        return
+    start, stop = _window(first.measurement, tension.rate_hz, 5 * _SHOWN_S)
+    time = np.arange(len(tension.samples))[start:stop] / tension.rate_hz - (first.measurement.impact_s or 0.0)
+    measured = tension.non_oscillatory[start:stop]
+    modelled = {name: shown_tension(run, tension)[1][start:stop] for name, run in runs.items()}
+    left = {name: measured - values for name, values in modelled.items()}
+    yield Course("Non-oscillatory tension", "N", time, measured, modelled, left)
+
+
+def _link_forces(measurement: Measurement, models: Mapping[str, Model]) -> Iterator[Course]:
+    found = {name: driven_forces(model, measurement) for name, model in models.items()}
+    for link, (_, measured) in next(iter(found.values())).items():
+        time = measurement.link[f"link_force_{link}"].time
+        modelled = {name: forces[link][0] for name, forces in found.items()}
+        left = {name: measured - values for name, values in modelled.items()}
+        yield Course(f"Force of {link}", "N", time, measured, modelled, left)
+
+
+def _window(measurement: Measurement, rate_hz: float, after_s: float) -> tuple[int, int | None]:
+    """Return first and last sample drawn: round an impact, or the whole record."""
+    impact = measurement.impact_s
+    if impact is None:
+        return 0, None
+    return int(max(impact - 0.05, 0.0) * rate_hz), int((impact + after_s) * rate_hz)
+
+
+@styled
+def _figure(names: Sequence[str], courses: Sequence[Course], models: Mapping[str, Model]) -> Drawn:
+    """Draw courses on the left and what is left of them on the right, a row a quantity; rows may be empty."""
+    figure, axes = panels(len(names), 2, 16.0 + 30.0 * len(names))
+    there = {course.name: course for course in courses}
+    for row, name in zip(axes, names, strict=True):
+        _draw(row, name, there.get(name), models)
+        row[1].sharex(row[0])
+    struck = any(course.time[0] < 0 for course in courses)
+    figure.supxlabel("Time after impact [s]" if struck else "Time [s]", fontsize=7.5)
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def _draw(row: Sequence[Axes], name: str, course: Course | None, models: Mapping[str, Model]) -> None:
+    """Draw the same traces whether a record has a quantity or not: those to choose from are alike."""
+    nothing = np.array([])
+    course = course or Course(name, "", nothing, nothing, {}, {})
+    unit = f" [{course.unit}]" if course.unit else " not measured"
+    row[0].plot(*thinned(course.time, course.measured, _PIECES), color=MEASURED, lw=0.9, label="Measured")
+    row[1].axhline(0.0, color=BACKGROUND, lw=0.5)
+    for model, (colour, style) in zip(models, _LOOKS, strict=False):
+        for ax, values in ((row[0], course.modelled), (row[1], course.residual)):
+            there = values.get(model, nothing)
+            shown = thinned(course.time if len(there) else nothing, there, _PIECES)
+            ax.plot(*shown, style, color=colour, lw=0.9, label=model)
+    row[0].set_title(name + unit)
+    row[1].set_title("Measured less modelled" + (f" [{course.unit}]" if course.unit else ""))
+    for ax in row:
+        ax.ticklabel_format(axis="y", useOffset=False)
+        if len(course.time):
+            ax.set_xlim(course.time[0], course.time[-1])
