@@ -12,17 +12,8 @@ import pytest
 
 REPOSITORY = Path(__file__).parents[1]
 HEAVY = (
-    "numba",
-    "matplotlib",
-    "pandas",
-    "h5py",
-    "scipy",
-    "sklearn",
-    "pysindy",
-    "pydantic",
-    "joblib",
-    "bokeh",
-)
+    "numba", "matplotlib", "pandas", "h5py", "scipy", "sklearn", "pysindy", "pydantic", "joblib", "bokeh",
+)  # fmt: skip
 
 
 def imported_by(statement: str) -> set[str]:

@@ -127,7 +127,7 @@ def _traces(ax: Axes) -> Iterator[_Trace]:
             case PolyCollection():
                 look = _area(one.get_facecolor(), one)
                 for path in one.get_paths():
-                    fields = dict(zip("xy", path.vertices.T, strict=True))
+                    fields = dict(zip("xy", np.asarray(path.vertices, dtype=float).T, strict=True))
                     yield _Trace("patch", look, str(one.get_label()), fields)
             case Rectangle() if one is not ax.patch:
                 yield _of_rectangle(ax, one)
@@ -208,8 +208,8 @@ def _name(panels: Sequence[Sequence[Data]]) -> None:
 def _panel(ax: Axes, traces: Sequence[Data], height_mm: float) -> Data:
     spec = ax.get_subplotspec()
     row, column = (spec.rowspan.start, spec.colspan.start) if spec is not None else (0, 0)
-    ratios = spec.get_gridspec().get_height_ratios() if spec is not None else [1.0]
-    share = ratios[row] / sum(ratios)
+    ratios = np.asarray(spec.get_gridspec().get_height_ratios() if spec is not None else [1.0], dtype=float)
+    share = float(ratios[row] / ratios.sum())
     axes = {name: _axis(axis, scale) for name, axis, scale in
             (("x", ax.xaxis, ax.get_xscale()), ("y", ax.yaxis, ax.get_yscale()))}  # fmt: skip
     figure = ax.get_figure()
