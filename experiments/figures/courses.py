@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from discovery.views.palette import AFTER, BACKGROUND, BEFORE, MEASURED
-from experiments.figures.style import Drawn, FloatArray, panels, styled
+from experiments.figures.description import Drawn
+from experiments.figures.style import FloatArray, panels, styled
 from experiments.figures.tensions import thinned
 from rom.evaluation.replay import Replay, displacements, driven_forces, replay, shown_tension
 from rom.model.model import Model
@@ -47,7 +48,7 @@ def record_figures(measurements: Iterable[Measurement], models: Mapping[str, Mod
     dict
         By file, kind of test, tension and whether it is held out; what the first model meets worst first.
     """
-    made = [(_title(one), list(_courses(one, models))) for one in measurements]
+    made = [(_title(one), _courses(one, models)) for one in measurements]
     found = dict(sorted((one for one in made if one[1]), key=lambda one: -_worst(one[1])))
     names = list(dict.fromkeys(course.name for courses in found.values() for course in courses))
     return {title: _figure(names, courses, models) for title, courses in found.items()}
@@ -77,21 +78,19 @@ def _title(measurement: Measurement) -> str:
     return ", ".join([*parts, *(["held out"] if measurement.hold_out else [])])
 
 
-def _courses(measurement: Measurement, models: Mapping[str, Model]) -> Iterator[Course]:
-    if measurement.link:
-        yield from _link_forces(measurement, models)
-        return
-    runs = {}
-    for name, model in models.items():
-        try:
-            run = replay(model, measurement.with_cutoff(model.filter_cutoff_hz))
-        except ValueError:
-            continue
-        if run.response.status == "ok":
-            runs[name] = run
-    if runs:
-        yield from _motions(runs)
-        yield from _tension(runs)
+def _courses(measurement: Measurement, models: Mapping[str, Model]) -> list[Course]:
+    """Return what a record shows beside its simulations; nothing where it cannot be simulated."""
+    try:
+        if measurement.link:
+            return list(_link_forces(measurement, models))
+        tried = {
+            name: replay(model, measurement.with_cutoff(model.filter_cutoff_hz))
+            for name, model in models.items()
+        }
+        runs = {name: run for name, run in tried.items() if run.response.status == "ok"}
+        return [*_motions(runs), *_tension(runs)] if runs else []
+    except ValueError:
+        return []
 
 
 def _motions(runs: Mapping[str, Replay]) -> Iterator[Course]:

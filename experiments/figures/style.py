@@ -138,7 +138,8 @@ def save(figure: Figure, path: str | Path) -> Path:
     """
     path = Path(path)
     kind = path.suffix.lower().removeprefix(".")
-    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}  # same data, same file
+    metadata: dict[str, dict[str, str | None]]  # without dates: same data, same file
+    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
     if kind not in metadata:
         raise ValueError(f"{path}: a figure is written as .svg, .pdf or .png, instead got {path.suffix!r}")
     if kind == "svg" and (shown := describe(figure)) is not None:

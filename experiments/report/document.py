@@ -34,6 +34,8 @@ from rom.provenance import program_version
 
 Data = Mapping[str, Any]
 
+_LARGEST = 5e6  # bytes of a page
+_REST = 2e6  # of these for text, Bokeh's script and its plots without numbers
 _LONGEST_NUMBER, _LONGEST_WORD = 40, 12  # characters
 _HEADER = ("format", "campaign", "program_version", "seed", "elapsed_s", "command", "campaign_digest")
 _NOTES = ("set_aside", "warnings")
@@ -172,12 +174,13 @@ def _law_equation(letter: str, law: Data, link: Data) -> Markup:
     return equations.equation(left, str(law.get("equation")))
 
 
-def _pictures(found: Results) -> tuple[list[Picture], dict[str, Data]]:
+def _pictures(found: Results) -> tuple[list[Picture], dict[str, dict[str, Any]]]:
     """Return the figures in their order, and by anchor what those show that can be zoomed and read."""
     paths = sorted(found.figures, key=lambda path: order(path.stem))
     images = {path: path.read_bytes() for path in paths}
     shown = {_anchor(path): known for path, svg in images.items() if (known := description_of(svg))}
-    described = within_room(shown)
+    coded = sum(4 / 3 * len(without_description(svg)) for svg in images.values())
+    described = within_room(shown, _LARGEST - _REST - coded)
     pictures = [
         _picture(path, found.results, svg, described.get(_anchor(path))) for path, svg in images.items()
     ]

@@ -15,7 +15,6 @@ Data = Mapping[str, Any]
 
 _DESCRIPTION = re.compile(rb"<dc:description>(.*?)</dc:description>", re.DOTALL)
 _METADATA = re.compile(rb"<metadata>.*?</metadata>", re.DOTALL)
-_ROOM = 2_500_000  # characters that numbers of all figures may take, so that the page stays under 5 MB
 _PX_PER_MM, _LEAST_PX = 5.5, 190
 _LOG_TICKS = "%.4g"
 
@@ -66,7 +65,7 @@ def without_description(svg: bytes) -> bytes:
     return _METADATA.sub(b"", svg)
 
 
-def within_room(figures: Mapping[str, dict[str, Any]], room: int = _ROOM) -> dict[str, dict[str, Any]]:
+def within_room(figures: Mapping[str, dict[str, Any]], room: float) -> dict[str, dict[str, Any]]:
     """Return descriptions that fit on a page: while they do not, the largest loses every second choice."""
     kept = dict(figures)
     sizes = {name: len(json.dumps(figure)) for name, figure in kept.items()}

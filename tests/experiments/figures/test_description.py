@@ -12,8 +12,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from experiments.figures.courses import chosen_records, record_figures
-from experiments.figures.description import describe, name_points, plain_text
-from experiments.figures.style import Drawn, panels, save
+from experiments.figures.description import Drawn, describe, name_points, plain_text
+from experiments.figures.style import panels, save
 from experiments.report.interactive import (
     description_of,
     legend_of,
