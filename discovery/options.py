@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from discovery.criteria.criteria import CRITERIA, Criteria
+from rom.progress import Progress
 
-Progress = Callable[[int, int], None]
 Stages = Callable[[str], Progress | None]
 
 

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from discovery.detection.power import Background, Response
-from discovery.options import Progress
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Member, ModelCorrection
+from rom.progress import Progress, counted
 
 _ROUNDS: Numerical[int] = 4  # strengths of an effect whose output is not linear in them
 _SETTLED: Numerical[float] = 0.05  # in the logarithm of a strength
@@ -94,7 +94,7 @@ def limits_of(meter: Meter, progress: Progress | None = None) -> Iterator[Detect
         Called with (effects done, effects in all).
     """
     pairs = list(meter.pairs())
-    for done, (member, effect) in enumerate(pairs, 1):
+    for member, effect in counted(pairs, len(pairs), progress):
         reason = meter.unavailable(member, effect)
         for name in member.strengths:
             if not effect.parameters[name].value:
@@ -103,8 +103,6 @@ def limits_of(meter: Meter, progress: Progress | None = None) -> Iterator[Detect
                 yield _without(effect, name, reason)
             else:
                 yield _Search(meter, member, effect, name).limit()
-        if progress is not None:
-            progress(done, len(pairs))
 
 
 def _without(effect: ModelCorrection, name: str, reason: str) -> DetectionLimit:

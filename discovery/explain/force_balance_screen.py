@@ -24,6 +24,7 @@ from rom.campaign.channels import FloatArray
 from rom.effects import Effect, Member, ModelCorrection, SensorFault, candidates
 from rom.identification.force_balance import declared_model
 from rom.model.structure import GROUND
+from rom.progress import counted
 
 
 class Start(NamedTuple):
@@ -43,12 +44,10 @@ def screen(residual: ForceBalanceResidual, options: Options) -> tuple[tuple[Prob
     known, found = {effect.path for effect in residual.effects}, []
     pairs = list(candidates_in_balances(residual))
     tell = options.stage("screening effects")
-    for done, (member, effect) in enumerate(pairs, 1):
+    for member, effect in counted(pairs, len(pairs), tell):
         if effect.path not in known:
             probes = sorted(_probes(member, effect, residual, left), key=lambda one: -one.gain)
             found += [tuple(probes)] if probes else []
-        if tell is not None:
-            tell(done, len(pairs))
     return tuple(sorted(found, key=lambda probes: -probes[0].gain))
 
 

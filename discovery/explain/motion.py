@@ -19,10 +19,10 @@ from discovery.explain.effect_outputs import output_of, outputs_of, slopes_of
 from discovery.explain.probes import Probe, by_chance, cut_to_bounds, probed, promising
 from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
-from discovery.residual.trajectory import Progress
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Member, ModelCorrection, candidates
+from rom.progress import Progress, counted
 from rom.signals.per_record_parameters import per_record_names
 
 _ITERATIONS: Numerical[int] = 12
@@ -105,11 +105,8 @@ def _probed_all(
     """Probes of every effect, best first; effects by what their best one explains."""
     left = residual.beyond(residual.residual)
     tasks = (delayed(_probed)(member, probes, residual, left) for member, probes in there)
-    found: list[tuple[Probe, ...]] = []
-    for probes in Parallel(n_jobs=jobs, prefer="threads", return_as="generator")(tasks):
-        found.append(probes)
-        if progress is not None:
-            progress(len(found), len(there))
+    results = Parallel(n_jobs=jobs, prefer="threads", return_as="generator")(tasks)
+    found: list[tuple[Probe, ...]] = list(counted(results, len(there), progress))
     return tuple(sorted((probes for probes in found if probes), key=lambda probes: -probes[0].gain))
 
 
@@ -153,12 +150,8 @@ def explain_screened(
     chosen = promising(probes, float(remainder @ remainder), criteria)
     largest, tell = by_chance(probes, criteria), options.stage("fitting effects")
     tasks = (delayed(explain_effect)(ones, residual, largest) for ones in chosen)
-    explanations: list[Explanation] = []
-    for found in Parallel(n_jobs=options.jobs, prefer="threads", return_as="generator")(tasks):
-        explanations.append(found)
-        if tell is not None:
-            tell(len(explanations), len(chosen))
-    return explanations
+    results = Parallel(n_jobs=options.jobs, prefer="threads", return_as="generator")(tasks)
+    return list(counted(results, len(chosen), tell))
 
 
 def explain_effect(

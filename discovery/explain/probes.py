@@ -15,6 +15,7 @@ from discovery.residual.base import ProjectedResidual, cost
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Member, ModelCorrection, look_alikes
+from rom.progress import counted
 
 _IMITATED: Numerical[float] = 1e-12  # share of an output that is left beyond the model's numbers: rounding
 
@@ -184,11 +185,9 @@ def fit_promising(
     """
     chosen, largest = promising(probes, cost(residual), options.criteria), by_chance(probes, options.criteria)
     tell, found = options.stage("fitting effects"), []
-    for done, ones in enumerate(chosen, 1):
+    for ones in counted(chosen, len(chosen), tell):
         explained = fit(ones)
         if explained is not None:
             p = None if largest is None else p_value(ones[0].gain, largest)
             found.append(replace(explained, p_value=p))
-        if tell is not None:
-            tell(done, len(chosen))
     return found

@@ -26,6 +26,7 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, ModelCorrection, candidates_of
 from rom.model.structure import GROUND
+from rom.progress import counted
 
 _CHANGE: Numerical[float] = 1e-2  # of the motion, by which a probe moves it
 _DAMPINGS: Numerical[tuple[float, ...]] = (1.0, 0.5)  # shares of the dampings at which a fit starts
@@ -55,14 +56,12 @@ def screen(residual: SimulationResidual, options: Options) -> tuple[tuple[Probe,
     pairs = list(candidates_in_decays(residual))
     tell, found, most = options.stage("screening effects"), [], int(options.criteria.screening.rough_probes)
     rough = residual.in_parts(_ROUGH)
-    for done, (member, effect) in enumerate(pairs, 1):
+    for member, effect in counted(pairs, len(pairs), tell):
         seen: Sequence[ModelCorrection] = [p for p in member.probes(effect) if _is_seen(p, residual)]
         if len(seen) > most:
             seen = [one.effect for one in _probed_all(member, seen, rough)[:most]]
         probes = _probed_all(member, seen, residual)
         found += [probes] if probes else []
-        if tell is not None:
-            tell(done, len(pairs))
     return tuple(sorted(found, key=lambda probes: -probes[0].gain))
 
 

@@ -145,8 +145,14 @@ def compared(
 
 def _report(options: Options, whole: int) -> Callable[[], None]:
     """What is called after every effect."""
-    progress, done = options.stage("tension"), count(1)
-    return lambda: progress(next(done), whole) if progress is not None else None
+    progress, done = options.stage("tension"), count()
+
+    def report() -> None:
+        if progress is not None:
+            progress(next(done), whole)
+
+    report()
+    return report
 
 
 def _explanations(

@@ -30,6 +30,7 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import CATALOGUE, Member, ModelCorrection
 from rom.model.laws import Parameter
+from rom.progress import counted
 
 _WANDERS: Numerical[FloatArray] = np.concatenate([[0.0], np.geomspace(0.03, 30.0, 10)])
 _STARTS: Numerical[int] = 2
@@ -71,13 +72,11 @@ def screen(residual: RestResidual, options: Options) -> tuple[tuple[Probe, ...],
     held, found = {effect.path for effect in residual.effects}, []
     members = [member for member in CATALOGUE.values() if shows_at_rest(member)]
     progress = options.stage("screening effects")
-    for done, member in enumerate(members, 1):
+    for member in counted(members, len(members), progress):
         effect = at_campaign(member, residual)
         if effect.path not in held:
             probes = [_probed(member, one, residual) for one in _grid(member, effect, residual)]
             found.append(tuple(sorted(probes, key=lambda probe: -probe.gain)))
-        if progress is not None:
-            progress(done, len(members))
     return tuple(sorted(found, key=lambda probes: -probes[0].gain))
 
 
@@ -168,13 +167,11 @@ def explain_screened(
         return []
     found, progress = [], options.stage("fitting effects")
     gains, drawn = by_chance_at_rest(probes, residual, options)
-    for place, ones in enumerate(probes):
+    for place, ones in enumerate(counted(probes, len(probes), progress)):
         fits = [fitted(residual, (*residual.effects, one.start)) for one in ones[:_STARTS]]
         after = min(fits, key=lambda fit: _training_cost(fit, residual))
         explained = explanation(after.effects[-1], residual, after)
         found.append(replace(explained, p_value=p_value(gains[place], drawn), residual=after))
-        if progress is not None:
-            progress(len(found), len(probes))
     return found
 
 

@@ -121,6 +121,7 @@ class _Runner:
         chunks = [items[k::count] for k in range(count)]
         tasks = (delayed(work)(chunk, frozen, *others) for chunk in chunks)
         done: list[list[Found]] = []
+        self.report(stage, 0.0)
         for part in Parallel(n_jobs=self.jobs, return_as="generator")(tasks):
             done.append(part)
             self.report(stage, len(done) / count)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -22,6 +22,7 @@ from rom.identification.record_spectra import HIGHEST_HZ, STRIDES, spectral_reco
 from rom.identification.spectral_model import CORNER, ComplexArray, SpectralRecord
 from rom.model.laws import QUARTIC, power_loosening
 from rom.model.model import Model
+from rom.progress import Progress, counted
 from rom.signals.band import in_band
 from rom.signals.filters import ac_coupled
 from rom.signals.measured_records import measured_record
@@ -33,7 +34,6 @@ _SAMPLES: Numerical[float] = 4.0  # at a spectrum's highest line: what else fold
 _AS_MEASURED: Numerical[float] = 1e-6  # of asinh(gamma): noise tells a loss less closely
 _LINES: Numerical[int] = 9  # so many tell the power to a third
 _MOTION_TESTS = ("uncoupled", "coupled", "loosening")
-Progress = Callable[[int, int], None]
 Measurements = Sequence[tuple[RecordSettings, Measurement]]
 
 
@@ -179,14 +179,12 @@ def trace_records(
     window_s, least = campaign.settings.windows.final_s, criteria.motion.final_share
     own = _own_models(baseline.model, stored_ones, window_s, least)
     traces = []
-    for done, (settings, stored) in enumerate(measurements, 1):
+    for settings, stored in counted(measurements, len(measurements), progress):
         given = stored.as_type(np.float64)
         run = replay(own.get(settings.file, baseline.model), given)
         if run.response.status == "ok":
             kept = stored if run.measurement is given else run.measurement.as_type(np.float32)
             traces.append(_traced(campaign, baseline, settings, run, kept, criteria))
-        if progress is not None:
-            progress(done, len(measurements))
     return tuple(traces)
 
 

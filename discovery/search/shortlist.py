@@ -35,12 +35,12 @@ from discovery.search.sparse_regression import (
 )
 from discovery.search.sums import Sums
 from rom.campaign.channels import FloatArray
+from rom.progress import Progress
 
 if TYPE_CHECKING:
     from discovery.courses.fit import Fit
     from discovery.courses.frozen_motion import FrozenMotion
 
-Progress = Callable[[int, int], None]
 Law = TypeVar("Law", bound=Candidate)
 
 _SINGLE = "pysindy:grid/single term"

@@ -6,23 +6,50 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.text import Text
 
 Report = Callable[[int, int], None]
 
 
+class _Done(MofNCompleteColumn):
+    """How much of how much is done; nothing of a stage that does not say how much there is."""
+
+    def render(self, task: Task) -> Text:
+        return Text("") if task.total is None else super().render(task)
+
+
+class _Time(TimeRemainingColumn):
+    """The time left; of a stage that does not say how much there is the time that it has taken."""
+
+    def render(self, task: Task) -> Text:
+        return TimeElapsedColumn().render(task) if task.total is None else super().render(task)
+
+
 @contextmanager
-def progress_bars(quiet: bool) -> Iterator[Callable[[str], Report | None]]:
+def progress_bars(quiet: bool, console: Console | None = None) -> Iterator[Callable[[str], Report | None]]:
     """Yield what opens a bar under a name and returns its mover; silent unless on a terminal."""
-    console = Console(stderr=True)
+    console = console or Console(stderr=True)
     if quiet or not console.is_terminal:
         yield lambda _: None
         return
-    columns = (TextColumn("{task.description:>18}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console) as bars:
+    with Progress(
+        TextColumn("{task.description:>18}"), BarColumn(), _Done(), _Time(), console=console
+    ) as bars:
 
         def open_bar(name: str) -> Report:
-            task = bars.add_task(name, total=None)
-            return lambda done, total: bars.update(task, completed=done, total=total)
+            for task in bars.tasks:
+                if task.stop_time is None:
+                    bars.stop_task(task.id)  # the next stage has begun
+            new = bars.add_task(name, total=None)
+            return lambda done, total: bars.update(new, completed=done, total=total)
 
         yield open_bar

@@ -6,7 +6,7 @@ import os
 import secrets
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -16,8 +16,7 @@ from experiments.errors import existing
 from experiments.results import writable
 from rom.campaign.campaign import read_campaign, write_campaign
 from rom.campaign.channels import Channel
-
-Progress = Callable[[int, int], None]
+from rom.progress import Progress, counted
 
 
 def run(
@@ -102,10 +101,7 @@ def places(first: Path, second: Path | None, download: bool) -> tuple[Path | Non
 def _with_progress(
     collected: Collected, progress: Progress | None
 ) -> Iterator[tuple[str, Mapping[str, Channel]]]:
-    for done, record in enumerate(collected.records, start=1):
-        yield record
-        if progress is not None:
-            progress(done, len(collected.settings.record))
+    yield from counted(collected.records, len(collected.settings.record), progress)
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from experiments.rig.strength import Influence, draw, influence
 from experiments.rig.undeclared import KINDS, Undeclared, undeclared_from_text
 from rom.campaign.campaign import write_campaign
 from rom.campaign.record import Channel, replacing
+from rom.progress import counted
 
 __all__ = [
     "KINDS",
@@ -112,12 +113,12 @@ def run(
     tests = plan(cases, strengths, scatter, tighten, hold_out_every, schedule_seed)
     truths: list[Truth] = []
 
+    measured = laboratory.measure_all(tests, record_seed.spawn(len(tests)), jobs)
+
     def records() -> Iterator[tuple[str, Mapping[str, Channel]]]:
-        for case, channels, truth in laboratory.measure_all(tests, record_seed.spawn(len(tests)), jobs):
+        for case, channels, truth in counted(measured, len(tests), progress):
             truths.append(truth)
             yield case.file, channels
-            if progress is not None:
-                progress(len(truths), len(tests))
 
     declared = settings(
         "two oscillators, lap joint, virtual rig", tests, laboratory.plant, laboratory.instruments

@@ -38,6 +38,7 @@ from rom.campaign.settings import (
 )
 from rom.campaign.settings_faults import parsing_faults, record_faults, structure_faults
 from rom.criteria.criteria import RECORD_CRITERIA, RecordCriteria
+from rom.progress import counted
 from rom.result_views import HasViews
 
 __all__ = [
@@ -231,11 +232,7 @@ def read_campaign(
     toml, text, settings = _settings_of(path)
     folder = toml.parent.absolute()  # worker processes may have been started in another folder
     faults = [f"{toml.name}: {line}" for line in record_faults(settings)]
-    checks: list[Check] = []
-    for check in _checks(folder, settings, jobs):
-        checks.append(check)
-        if progress is not None:
-            progress(len(checks), len(settings.record))
+    checks = list(counted(_checks(folder, settings, jobs), len(settings.record), progress))
     uncalibrated = [check.file for check in checks if check.needs_calibration]
     if uncalibrated:
         found = f"found nothing, but {uncalibrated[0]} and {len(uncalibrated) - 1} more records hold strain"

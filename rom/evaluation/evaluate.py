@@ -9,9 +9,9 @@ from joblib import Parallel, delayed
 
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.evaluation.error_measures import Comparison, compare_all
-from rom.identification.reduce import Progress
 from rom.model.laws import no_loosening
 from rom.model.model import Model
+from rom.progress import Progress, counted
 from rom.signals.measured_records import measured_record
 from rom.signals.quality import Doubt
 
@@ -59,12 +59,8 @@ def evaluate(
     chosen = campaign.settings.record if records is None else tuple(records)
     bare = [replace(model, identification=None) for model in models]
     tasks = (delayed(_judge_record)(bare, campaign, record, bands) for record in chosen)
-    judged = []
-    for result in Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs")(tasks):
-        judged.append(result)
-        if progress is not None:
-            progress(len(judged), len(chosen))
-    return tuple(judged)
+    results = Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs")(tasks)
+    return tuple(counted(results, len(chosen), progress))
 
 
 def without_loosening(model: Model) -> Model:

@@ -7,7 +7,7 @@ negative for net tightening.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,10 +21,10 @@ from rom.effects import LawChange, in_record
 from rom.model.effect import SensorFault
 from rom.model.laws import Parameter, power_loosening
 from rom.model.model import Model
+from rom.progress import Progress
 from rom.signals.sensor_correction import true_hit
 from rom.signals.tension_bins import TensionCourse
 
-Progress = Callable[[int, int], None]
 _PROBE: Numerical[float] = 100.0  # loosens by a small share, yet far above rounding
 _PROBED: Numerical[tuple[float, float]] = (1e-11, 0.1)  # ln(T_0 / T_1) that such a share is
 _STEP_OF_UNIT: Numerical[float] = 1e6  # fewer decades than between those

@@ -4,7 +4,7 @@ never all held.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,13 +27,13 @@ from rom.identification.modal import average_period_frequency, logarithmic_decre
 from rom.identification.record_spectra import LINEAR_TESTS, spectral_records
 from rom.identification.spectral_model import SpectralRecord
 from rom.model.effect import SensorFault
+from rom.progress import Progress, counted
 from rom.signals.measured_records import MeasuredRecord, measured_record
 from rom.signals.processing import Measurement, TensionRecord, driven_displacement
 from rom.signals.quality import Doubt
 from rom.signals.sensor_correction import without_faults
 from rom.signals.tension_bins import CourseNoise, TensionBins, TensionCourse, bins_after_hit, bins_before_hit
 
-Progress = Callable[[int, int], None]
 _PERIOD_MARGIN: Numerical[float] = (
     17.0 / 15.78
 )  # the paper drops what lies above 17 Hz, its first mode being at most 15.78 Hz
@@ -128,10 +128,7 @@ def reduce_records(
     """
     tasks = (delayed(reduce_record)(campaign, record, faults) for record in records)
     results = Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs")(tasks)
-    for done, reduced in enumerate(results, start=1):
-        if progress is not None:
-            progress(done, len(records))
-        yield reduced
+    yield from counted(results, len(records), progress)
 
 
 def reduce_record(

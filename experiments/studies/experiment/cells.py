@@ -18,8 +18,8 @@ from experiments.studies import rig
 from experiments.studies.experiment.settings import ExperimentSettings, RigSettings, read_settings
 from rom.campaign.campaign import read_campaign
 from rom.plug_ins import packages
+from rom.progress import Progress, counted
 
-Progress = Callable[[int, int], None]
 Measure = Callable[[Any, Any], Mapping[str, Any]]
 """Of a ranking or closure and the campaign's folder; of several bolts, their folders."""
 _DIGITS = 16
@@ -286,15 +286,13 @@ def _sources(
     from experiments.studies.discover import digest_of
 
     sources: list[Source] = []
-    for place, name in enumerate(settings.campaigns):
+    for place, name in enumerate(counted(settings.campaigns, len(settings.campaigns), progress)):
         names = [name] if isinstance(name, str) else name
         with _naming(f"{path}: campaigns[{place}]"):
             read = [read_campaign(path.parent / one, jobs) for one in names]
             check_one_kind(read)
         folders = tuple(one.path for one in read)
         sources.append(Source(" + ".join(names), digest_of(read), folders, {}))
-        if progress is not None:
-            progress(place + 1, len(settings.campaigns))
     for place, table in enumerate(settings.rig):
         with _naming(f"{path}: rig[{place}]"):
             sources += _of_rig(table)
