@@ -62,3 +62,23 @@ class RankingRules(Group):
     least_exponent: float = number(0.5, "1", "lowest exponent of the velocity that is profiled")
     largest_exponent: float = number(8.0, "1", "highest exponent of the velocity that is profiled")
     largest_mixed: float = number(4.0, "1", "highest exponent of the displacement that is profiled beside it")
+    edge: float = number(
+        0.1, "1",
+        "share of a confidence set's width; one that ends nearer to 0 or to the end of its range leaves open "
+        "what drives the loosening",
+    )  # fmt: skip
+
+    def edge_of(self, low: float, high: float, largest: float) -> float | None:
+        """Return the number that an end of a set lies next to, 0 or the largest searched; None for neither.
+
+        Parameters
+        ----------
+        low, high : float
+            Ends of the confidence set of an exponent; one that holds 0 does not end there.
+        largest : float
+            End of the range in which the set was sought.
+        """
+        near = self.edge * (high - low)
+        if largest - high <= near:
+            return largest
+        return 0.0 if 0.0 < low <= near else None

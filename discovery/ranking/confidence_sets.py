@@ -144,15 +144,26 @@ class MotionProfile:
         return "displacement" if without_v else "both"
 
     @property
+    def at_edge(self) -> tuple[ExponentProfile, ...]:
+        """Sets that end next to 0 or to the end of their range: with one the driver is open."""
+        return tuple(
+            profile
+            for profile in (self.velocity, self.displacement)
+            if profile.fitted.criteria.ranking.edge_of(profile.low, profile.high, float(profile.values[-1]))
+            is not None
+        )
+
+    @property
     def summary(self) -> str:
         """The result in one sentence."""
+        driver = "undecided" if self.at_edge and self.driver != "neither" else self.driver
         verdict = {
             "velocity": "velocity drives the loosening; displacement is not needed",
             "displacement": "displacement drives the loosening; velocity is not needed",
             "both": "velocity and displacement both act",
-            "undecided": "velocity and displacement cannot be told apart as drivers",
+            "undecided": "whether velocity or displacement drives the loosening is open",
             "neither": "no product of powers of velocity and displacement explains the courses",
-        }[self.driver]
+        }[driver]
         return f"{verdict} ({self.velocity.summary}; {self.displacement.summary})"
 
 

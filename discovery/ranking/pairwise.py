@@ -58,7 +58,7 @@ class Pair:
             if self.separation < self.least
             else "the courses do not decide"
         )
-        return f"{self.first!r} and {self.second!r} cannot be told apart: {why} ({score})"
+        return f"{self.first!r} and {self.second!r} are not distinguished: {why} ({score})"
 
 
 def compare_laws(

@@ -225,12 +225,14 @@ def _words(
         if telling:
             test, gain, enough = max(telling, key=lambda one: (-one[0].harder, one[1] / one[2]))
             repeats = f", {times} times" if times > 1 else ""
-            return f"{test.words}{repeats}: the cost would differ by {gain:.3g}, and {enough:.3g} tells"
+            expected = f"a difference in chi-square of {gain:.3g} is expected"
+            return f"{test.words}{repeats}: {expected}, {enough:.3g} separates"
     none = f"none of {len(tests)} hits tried, up to {rules.effect_hardest:g} times as hard as those at hand"
     nearest = int(np.argmax(gains[:, 0] / needed[:, 0]))
     gain, enough = gains[nearest, 0], needed[nearest, 0]
     return (
         none
         if gain < rules.least_gain
-        else f"{none}; {tests[nearest].words} tells {gain:.3g} of {enough:.3g} in cost"
+        else f"{none}; nearest: {tests[nearest].words}, with an expected difference in chi-square of "
+        f"{gain:.3g}, where {enough:.3g} separates"
     )

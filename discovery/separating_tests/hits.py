@@ -98,7 +98,7 @@ class Proposal:
     @property
     def summary(self) -> str:
         """What to do, and what for, in one sentence."""
-        return f"{self.hit}: tells {self.laws[0]!r} from {self.laws[1]!r}; {self.outcome}"
+        return f"{self.hit}: separates {self.laws[0]!r} from {self.laws[1]!r}; {self.outcome}"
 
 
 @dataclass(frozen=True, eq=False)

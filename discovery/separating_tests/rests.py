@@ -48,7 +48,7 @@ def longer_rests(
         longer = (t for t in _LONGER if _apart(effect, rival, record, variance, t) > least)
         times = next(longer, None)
         found.append(
-            "no record at rest of 32 times the length tells them apart"
+            "no record at rest of 32 times the length separates them"
             if times is None
             else f"a record at rest of {times * record.duration_s:.3g} s"
         )

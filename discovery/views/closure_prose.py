@@ -167,7 +167,7 @@ def _on_look_alikes(effect: Data) -> Iterator[str]:
         return
     named = ", ".join(map(_with_place, alike[:_NAMED]))
     more = f" and {len(alike) - _NAMED} more" if len(alike) > _NAMED else ""
-    yield f"These records do not tell {effect['name']} for sure from {named}{more}."
+    yield f"These records do not distinguish {effect['name']} for sure from {named}{more}."
     tests = dict.fromkeys(like["test"].rstrip(".") for like in alike if like["test"])
     if tests:
         yield f"What would separate them: {'; '.join(list(tests)[:_NAMED])}."

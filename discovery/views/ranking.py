@@ -12,7 +12,12 @@ from discovery.views.closure_section import parameter_row
 from discovery.views.course_figure import courses_height_mm, draw_courses
 from discovery.views.palette import INCH_PER_MM, WIDTH
 from discovery.views.ranking_cases import with_drawn_cases
-from discovery.views.ranking_figure import draw_front, draw_leader_board, leader_board_height_mm
+from discovery.views.ranking_figure import (
+    draw_front,
+    draw_leader_board,
+    evidence_words,
+    leader_board_height_mm,
+)
 from discovery.views.ranking_section import ranking_section
 from rom import result_views
 from rom.criteria.number import Numerical
@@ -45,7 +50,7 @@ def summary(ranking: Ranking) -> str:
     drawn = "bolts" if ranking.population else "preloads"
     lines.append(f"Comes first when {drawn} are drawn again: {share}.")
     if ranking.indistinguishable:
-        lines.append(f"These records cannot tell it from: {'; '.join(ranking.indistinguishable)}.")
+        lines.append(f"These records do not distinguish it from: {'; '.join(ranking.indistinguishable)}.")
     elif ranking.laws[1:]:
         lines.append(f"Next: {'; '.join(law.name for law in ranking.laws[1:4])}.")
     return "\n".join(lines)
@@ -136,7 +141,7 @@ def _against(first: RankedLaw, law: RankedLaw) -> str:
     own, other = (x.cross_validated_loss_error_percent_median for x in (first, law))
     return (
         f"Loss of tension {left_out}: off by {own:.3g} % (median); {law.name}: {other:.3g} %; "
-        f"its BIC is {abs(law.delta_bic):.4g} {'higher' if law.delta_bic >= 0 else 'lower'}."
+        f"for the {'first' if law.delta_bic >= 0 else 'latter'}: {evidence_words(law.delta_bic)}."
     )
 
 

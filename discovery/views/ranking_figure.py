@@ -53,6 +53,18 @@ def row_name(law: Data) -> str:
     return law_name(str(law.get("name"))) + (f" (= {same})" if same else "")
 
 
+_EVIDENCE = ((2.0, "hardly any"), (6.0, "positive"), (10.0, "strong"))  # R. Kass and A. Raftery (1995)
+_MANY = 1000.0  # a larger difference of BIC says no more
+
+
+def evidence_words(delta_bic: float) -> str:
+    """Return what a difference of BIC means: "very strong evidence, a difference in BIC of 38"."""
+    size = abs(delta_bic)
+    strength = next((words for most, words in _EVIDENCE if size < most), "very strong")
+    shown = f"{size:.3g}" if size <= _MANY else f"more than {_MANY:.0f}"
+    return f"{strength} evidence, a difference in BIC of {shown}"
+
+
 def row_colour(law: Data, other: str = BLUE) -> str:
     """Return the colour of a row's law: the paper's law and no loosening have their own in every figure."""
     return next((colour for name, colour in _OWN_COLOURS.items() if is_law(law, name)), other)

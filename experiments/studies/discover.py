@@ -220,6 +220,8 @@ def summary(path: Path) -> str:
             f"{law['rank']:>4} {error:>18} {rise:>10} {law.get('probability', 0.0):>11.3f}  {row_name(law)}"
         )
         lines.append(f"{'':>47} dT/dt = {rankings.equation_text(law['equation'])}")
+    left_out = [f"{law['rank']}" for law in laws[_SHOWN:] if law not in later]
+    lines += [f"Ranks that are in {path.name} alone: {', '.join(left_out)}."] if left_out else []
     lines += [f"  note: {text}" for text in data["warnings"] + data["set_aside"]]
     return "\n".join(lines + suspected_lines(data))
 

@@ -297,7 +297,7 @@ def _look_alikes(effect: Data) -> Table:
     )
     note = "Cost on held-out records over that of the effect named: 1 is as good."
     heads = ("Look-alike", "Where", "Held-out cost", "What would separate them")
-    return Table("Not told apart from it by these records", heads, rows, note=note)
+    return Table("Not distinguished from it by these records", heads, rows, note=note)
 
 
 def details(data: Data) -> list[Table]:

@@ -9,12 +9,13 @@ from typing import Any
 from markupsafe import Markup
 
 from discovery.criteria.criteria import percent, used_in
+from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
-from discovery.views.ranking_figure import is_law, law_name, ranked, row_name
+from discovery.views.ranking_figure import evidence_words, is_law, law_name, ranked, row_name
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
 from experiments.text.tables import Table, parameter_rows
-from experiments.text.wording import NONE, mappings, number, set_words, trimmed
+from experiments.text.wording import NONE, mapping, mappings, number, set_words, trimmed
 
 Data = Mapping[str, Any]
 
@@ -45,15 +46,13 @@ def _verdict(
     best: Data, equals: Sequence[str], laws: Sequence[Data], better: float
 ) -> tuple[str, bool | None]:
     if is_law(best, NO_LOOSENING):
-        return "No law tells more of these records than a bolt that never loosens.", False
+        return "No law describes these records better than a bolt that never loosens.", False
     count = len(equals)
-    told = f"these records cannot tell it from {'another one' if count == 1 else f'{count} others'}"
+    told = f"these records do not distinguish it from {'another one' if count == 1 else f'{count} others'}"
     if not is_law(best, BASELINE):
         if any(is_law(law, BASELINE) and law.get("name") in equals for law in laws):
-            return (
-                f"“{row_name(best)}” ranks first, but these records cannot tell it from the paper's law.",
-                None,
-            )
+            first = f"“{row_name(best)}” ranks first"
+            return f"{first}, but these records do not distinguish it from the paper's law.", None
         return _against_baseline(best, equals, told, better)
     if equals:
         return f"The paper's law ranks first; {told}.", None
@@ -79,7 +78,7 @@ def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
     if equals:
         named = ", ".join(f"“{law_name(name)}”" for name in equals[:_NAMED])
         more = f" and {len(equals) - _NAMED} more" if len(equals) > _NAMED else ""
-        yield f"Not told apart from it: {named}{more}."
+        yield f"Not distinguished from it: {named}{more}."
     yield from _on_profiles(data)
     yield from _on_proposals(data.get("proposals"))
     if data.get("considered"):
@@ -93,9 +92,7 @@ def _on_wins(best: Data, laws: Sequence[Data]) -> Iterator[str]:
     text = f"It is nearer than the paper's law on {wins[0]} of {wins[1]} records"
     rise = next((law.get("delta_bic") for law in laws if is_law(law, BASELINE)), None)
     if isinstance(rise, float):
-        text += (
-            f"; its BIC is {number(abs(rise), 3)} {'lower' if rise > 0 else 'higher'} than the paper's law's"
-        )
+        text += f"; for {'it' if rise > 0 else 'that law'}: {evidence_words(rise)}"
     yield f"{text}."
 
 
@@ -107,7 +104,7 @@ def _on_number(considered: int, laws: Sequence[Data]) -> str:
             return f"Laws given: {considered}, beside {standing} standing ones."
         known = "is a standing one" if same == 1 else "are standing ones"
         return f"Laws given: {considered}, {same} of which {known}, beside {standing} other standing ones."
-    return f"{considered} candidate laws were considered; {len(laws)} laws are listed below."
+    return f"{considered} candidate laws were considered; {len(laws)} are ranked."
 
 
 def _on_population(population: object, best: Data) -> Iterator[str]:
@@ -149,7 +146,7 @@ _DRIVERS = {
     "velocity": "Velocity drives the loosening; displacement is not needed beside it.",
     "displacement": "Displacement drives the loosening; velocity is not needed beside it.",
     "both": "Velocity and displacement both act.",
-    "undecided": "Whether velocity or displacement drives the loosening, these records cannot tell.",
+    "undecided": "Whether velocity or displacement drives the loosening is open with these records.",
     "neither": "No product of powers of velocity and displacement alone explains the courses.",
 }
 
@@ -161,12 +158,27 @@ def _on_profiles(data: Data) -> Iterator[str]:
         value, words = trimmed(number(profile["best"], 3)), f"{level} set: {set_words(profile)}"
         told = f"loosening goes with exponent {value} ({words})"
         if profile.get("reach") in _UNTOLD:
-            told = f"these records do not tell the exponent of loosening ({words})"
+            told = f"these records leave the exponent of loosening open ({words})"
         if profile.get("explains_the_courses") is False:
             told += ", but none explains the courses to within noise and scatter"
         yield f"As a power of the relative velocity, {told}."
     if isinstance(motion, Mapping) and motion.get("driver") in _DRIVERS:
-        yield _DRIVERS[str(motion["driver"])]
+        edges = [] if motion["driver"] == "neither" else list(_at_edge(motion, used_in(data).ranking))
+        yield f"{_DRIVERS['undecided'][:-1]}: {'; '.join(edges)}." if edges else _DRIVERS[motion["driver"]]
+
+
+def _at_edge(motion: Data, rules: RankingRules) -> Iterator[str]:
+    """Yield the exponents' sets that end where a statement on the driver would change."""
+    for name in ("velocity", "displacement"):
+        profile = mapping(motion.get(name))
+        low, high, values = (profile.get(key) for key in ("low", "high", "values"))
+        if not values or low is None or high is None:
+            continue
+        edge = rules.edge_of(low, high, values[-1])
+        if edge is not None:
+            limit = f"{edge:g}, the end of the range searched" if edge else "0"
+            level, ends = percent(rules.confidence), (trimmed(number(end, 3)) for end in (low, high))
+            yield f"the {level} set of the exponent of the {name}, {' to '.join(ends)}, ends next to {limit}"
 
 
 def _on_proposals(proposals: object) -> Iterator[str]:
@@ -179,7 +191,7 @@ def _on_proposals(proposals: object) -> Iterator[str]:
         for test in tests
     ]
     bolt = f" on the bolt {tests[0]['bolt']}" if tests[0].get("bolt") else ""
-    yield f"Tests{bolt} that would tell the first laws apart: {'; then '.join(listed)}."
+    yield f"Tests{bolt} that would separate the first laws: {'; then '.join(listed)}."
 
 
 def _times(hits: object) -> str:

@@ -82,7 +82,7 @@ def _loss_verdict(own: Data, without: Data) -> tuple[str, bool | None]:
         return f"The tension law does no better than a bolt that never loosens: {against}.", False
     if final is not None and rest_final is not None and final >= rest_final:
         return f"The tension law is better by the loss, worse by the final tension: {against}.", None
-    return f"The tension law tells more than a bolt that never loosens: {against}.", True
+    return f"The tension law predicts more than a bolt that never loosens: {against}.", True
 
 
 def _final_tension_sentence(own: Data, rest: Data) -> str:

@@ -231,7 +231,7 @@ def test_ranking_in_words_tables_and_as_a_model(laws: tuple[RankedLaw, ...], fro
     text = ranking.summary()
     assert laws[0].name in text
     assert "321 candidate laws" in text
-    assert f"cannot tell it from: {laws[1].name}" in text
+    assert f"do not distinguish it from: {laws[1].name}" in text
     assert "others" not in text
     rare = replace(ranking, laws=tuple(replace(law, chosen=0.6 * (law.rank == 1)) for law in laws))
     assert f"drawn again: {laws[0].name} 60 %; others 40 %." in rare.summary()

@@ -95,7 +95,7 @@ def test_of_several_bolts_the_one_is_named_on_which_the_test_tells_most() -> Non
     found = propose_tests(fits, both, bolts=("quiet", "loose"))
     assert found
     assert {test.bolt for test in found} == {"loose"}
-    assert all(f"at a preload of {test.preload:.3g} N of loose: tells" in test.summary for test in found)
+    assert all(f"at a preload of {test.preload:.3g} N of loose: separates" in test.summary for test in found)
     assert propose_tests(fits, both)[0].bolt == "bolt 2"
 
 

@@ -61,7 +61,10 @@ def test_the_evidence_says_how_much_how_often_and_how_sure() -> None:
 
 def test_look_alikes_come_with_the_test_that_separates_them() -> None:
     evidence = said(closure(friction()))["evidence"]
-    assert "do not tell coulomb-friction for sure from quadratic-damping in the link flexure_lo" in evidence
+    assert (
+        "do not distinguish coulomb-friction for sure from quadratic-damping in the link flexure_lo"
+        in evidence
+    )
     assert f"What would separate them: {LADDER}." in evidence
     alone = replace(friction(), look_alikes=())
     assert "for sure" not in closure(alone).summary()

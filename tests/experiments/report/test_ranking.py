@@ -172,7 +172,7 @@ def test_an_open_set_is_called_open(reach: str, words: str) -> None:
         ({"reach": "identified"}, "loosening goes with exponent 4.02 (95 % set: 3.8 to 4.25)."),
         (
             {"reach": "not identifiable"},
-            "these records do not tell the exponent of loosening (95 % set: open",
+            "these records leave the exponent of loosening open (95 % set: open",
         ),
         ({"explains_the_courses": False}, "but none explains the courses to within noise and scatter."),
     ],
@@ -188,6 +188,36 @@ def test_an_exponent_is_said_with_what_it_is_worth(changes: dict[str, Any], word
     assert "No product of powers of velocity and displacement" in text
 
 
+@pytest.mark.parametrize(
+    ("ends", "words"),
+    [
+        ({"low": 0.5, "high": 2.9977}, "0.5 to 3, ends next to 3, the end of the range searched."),
+        ({"low": 0.002, "high": 1.5}, "0.002 to 1.5, ends next to 0."),
+        ({"low": 0.5, "high": 1.5}, "Velocity and displacement both act."),
+    ],
+)
+def test_a_set_that_ends_at_the_edge_of_a_claim_supports_none(ends: dict[str, float], words: str) -> None:
+    """Were larger exponents searched, or the limits a little wider, the same records would say otherwise."""
+    velocity = {"low": 1.0, "high": 2.0, "values": [0.0, 2.0, 4.5], "reach": "identified"}
+    displacement = {"values": [0.0, 1.0, 3.0], "reach": "identified"} | ends
+    motion = {"driver": "both", "velocity": velocity, "displacement": displacement}
+    found = rankings.answer(ranking() | {"motion_profile": motion})
+    assert found is not None
+    text = " ".join(found.sentences)
+    assert words in text
+    assert ("is open with these records" in text) is (words != "Velocity and displacement both act.")
+
+
+def test_a_difference_of_bic_is_said_as_what_it_means() -> None:
+    rows = laws()
+    for rise, words in ((72411.0, "very strong evidence, a difference in BIC of more than 1000"),
+                        (1.5, "for it: hardly any evidence, a difference in BIC of 1.5")):  # fmt: skip
+        rows[2]["delta_bic"] = rise
+        found = rankings.answer(ranking() | {"laws": rows})
+        assert found is not None
+        assert words in " ".join(found.sentences)
+
+
 def verdict(**changes: Any) -> tuple[str, bool | None]:
     found = rankings.answer(ranking() | changes)
     assert found is not None
@@ -199,10 +229,10 @@ def test_the_verdict_says_which_law_and_how_sure() -> None:
     assert text == f"“{law_name(WINNER)}” ranks first and beats the paper's law beyond chance (p = 4 × 10⁻⁴)."
     assert good is True
     text, good = verdict()
-    assert "cannot tell it from another one" in text
+    assert "do not distinguish it from another one" in text
     assert good is None
     text, good = verdict(indistinguishable=[SECOND, BASELINE])
-    assert "cannot tell it from the paper's law" in text
+    assert "do not distinguish it from the paper's law" in text
     assert good is None
 
 
@@ -221,7 +251,7 @@ def test_an_advantage_that_may_be_chance_is_called_so() -> None:
         (
             BASELINE,
             [WINNER],
-            "The paper's law ranks first; these records cannot tell it from another one",
+            "The paper's law ranks first; these records do not distinguish it from another one",
             None,
         ),
         ("no loosening", [], "a bolt that never loosens", False),

@@ -130,7 +130,7 @@ def test_headline_numbers_are_those_of_the_file(folder: Path) -> None:
     expected = [held[key] for key in HEADLINES]
     assert [float(value) for value in shown.values("data", "value")] == expected
     assert "21.4 %" in shown.words
-    assert "The tension law tells more than a bolt that never loosens" in shown.words
+    assert "The tension law predicts more than a bolt that never loosens" in shown.words
     assert "records that no fit has seen" in shown.words
 
 

@@ -327,7 +327,7 @@ def test_every_figure_is_there_and_nothing_else(folder: Path) -> None:
 def test_the_summary_says_which_law_how_sure_and_what_is_open(folder: Path) -> None:
     text = discover.summary(folder / "ranking.json")
     for part in (
-        "The paper's law ranks first; these records cannot tell it from another one.",
+        "The paper's law ranks first; these records do not distinguish it from another one.",
         "95 % set: 3.7 to 4.2",
         "2 hits of 800 N for 1 ms at a preload of 150 N",
         "2000 candidate laws were considered",
@@ -351,6 +351,8 @@ def test_law_that_is_often_first_is_in_the_summary_whatever_its_rank(folder: Pat
     listed = [line.split() for line in lines if line.endswith(tuple(f"law {k}" for k in range(1, 14)))]
     assert [words[0] for words in listed] == [*map(str, range(1, 9)), "13"]
     assert listed[-1][3] == "0.080"
+    assert "Ranks that are in ranking.json alone: 9, 10, 11, 12." in lines
+    assert not any("listed below" in line for line in lines)
 
 
 def test_few_loosening_records_are_refused_before_the_work(
