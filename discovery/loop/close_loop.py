@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
+
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.detection.limit import DetectionLimit, limits_of
 from discovery.loop.balance_refits import BalanceRefits
@@ -15,7 +18,8 @@ from discovery.loop.motion_stage import with_later_disturbances
 from discovery.loop.refits import Refits
 from discovery.loop.rest_refits import RestRefits
 from discovery.loop.rest_stage import before_hits, gauged
-from discovery.loop.result import Closure, Step
+from discovery.loop.result import Closure, FoundEffect, Step
+from discovery.loop.state import floors_of
 from discovery.loop.tension_stage import in_tension, law_first, redundant_along_law
 from discovery.options import Options, Stages, no_progress
 from rom.campaign.campaign import Campaign
@@ -117,14 +121,21 @@ def _detection_limits(refits: Refits, history: LoopHistory) -> tuple[DetectionLi
     )
 
 
+def _with_their_limits(model: Model, found: Iterable[FoundEffect]) -> Model:
+    """The model with effects whose numbers have the limits with which they were found."""
+    limited = {one.effect.path: one.effect for one in found}
+    return replace(model, effects=tuple(limited.get(effect.path, effect) for effect in model.effects))
+
+
 def _closure(refits: Refits, history: LoopHistory) -> Closure:
     first, last = history.states[0], history.last
     doubts = refits.doubts(history)
+    effects = tuple(refits.described(selection, last) for selection in history.selections)
     labels = ["", *(label_of(selection.best.effect) for selection in history.selections)]
     return Closure(
         verdict=history.verdict(doubts),
-        effects=tuple(refits.described(selection, last) for selection in history.selections),
-        model=last.model,
+        effects=effects,
+        model=_with_their_limits(last.model, effects),
         steps=tuple(Step(label, state.errors) for label, state in zip(labels, history.states, strict=True)),
         residual_before=refits.localise(first, history.tension[:1]),
         residual_after=refits.localise(last, history.tension[1:]),
@@ -133,5 +144,6 @@ def _closure(refits: Refits, history: LoopHistory) -> Closure:
         criteria=refits.options.criteria,
         declared=first.model,
         set_aside=refits.set_aside,
+        noise_floor=floors_of(last.evaluations),
         warnings=tuple(dict.fromkeys((*last.warnings, *refits.warnings, *doubts, *history.remarks()))),
     )

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from rom.evaluation.error_measures import ErrorsByKind
+from rom.evaluation.error_measures import ErrorsByKind, Kind
+from rom.evaluation.noise_floor import NoiseFloor
 from rom.result_views import HasViews
 
 if TYPE_CHECKING:
@@ -126,6 +128,8 @@ class Closure(HasViews):
         The numbers that decided.
     declared : Model or None
         The declared model, identified, before any effect.
+    noise_floor : mapping
+        Errors that noise alone would make on ``"training"`` and ``"hold_out"`` records.
 
     Examples
     --------
@@ -151,6 +155,7 @@ class Closure(HasViews):
     detection_limits: tuple[DetectionLimit, ...] = ()
     criteria: Criteria = CRITERIA
     declared: Model | None = None
+    noise_floor: Mapping[Kind, NoiseFloor] = field(default_factory=dict)
 
     @property
     def before(self) -> ErrorsByKind:

@@ -23,9 +23,9 @@ from discovery.search.shortlist import Proposals, propose
 from discovery.separating_tests.hits import propose_tests
 from rom.campaign.campaign import Campaign
 from rom.criteria.number import Numerical
-from rom.identification.reduce import Progress
 from rom.model.laws import Law
 from rom.one_thread import one_threaded
+from rom.progress import Progress
 from rom.signals.measured_records import with_stored_records
 
 Stages = Callable[[str], Progress | None]

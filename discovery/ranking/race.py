@@ -27,8 +27,8 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.evaluation.error_measures import Comparison, Errors, summarise
 from rom.evaluation.evaluate import evaluate
-from rom.identification.reduce import Progress
 from rom.model.laws import Parameter
+from rom.progress import Progress
 
 __all__ = ["RankedLaw", "Ranking", "race"]
 

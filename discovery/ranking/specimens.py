@@ -14,8 +14,9 @@ from discovery.criteria.ranking import RankingRules
 from rom.campaign.campaign import Campaign
 from rom.campaign.settings import CampaignSettings
 from rom.identification.identify import Identification, identify_campaign
-from rom.identification.reduce import Progress, reduce_records, tension_courses
+from rom.identification.reduce import reduce_records, tension_courses
 from rom.model.model import Model
+from rom.progress import Progress
 from rom.signals.measured_records import judged_by, screened, with_something_left
 from rom.signals.quality import Doubt
 from rom.signals.tension_bins import TensionCourse

@@ -31,7 +31,7 @@ from discovery.residual.base import Kind, Residual
 from discovery.residual.effect_forces import lasting_force, lines_beyond_linear
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.tension_error import beside_tension_error
-from discovery.residual.trajectory import MeasuredTrajectory, Measurements, Progress, trace_records
+from discovery.residual.trajectory import MeasuredTrajectory, Measurements, trace_records
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
 from rom.criteria.identification import RULES
@@ -50,6 +50,7 @@ from rom.identification.spectral_model import (
 )
 from rom.identification.uncoupled_priors import constants, of_stiffness
 from rom.model.model import Model
+from rom.progress import Progress
 
 _SAME: Numerical[float] = 1e-9  # of the largest singular value: directions that the slopes do not tell
 MEDIAN_SQUARE: Numerical[float] = 0.4549  # of a normal number

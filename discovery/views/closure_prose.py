@@ -57,6 +57,7 @@ _CHANCES = {
 }
 _NAMED: Numerical[int] = 3
 _SAME: Numerical[float] = 0.02
+_UNCHANGED: Numerical[float] = 0.005  # of an error: what three digits show
 
 
 def sections(data: Data) -> dict[str, str]:
@@ -195,17 +196,25 @@ def _changed(data: Data) -> Iterator[str]:
     kind = "hold_out" if unseen else "training"
     errors, whens = data["errors"][kind], ("before", "after")
     balance = [data["residual"][when].get(f"force_error_{kind}") for when in whens]
-    pairs = [("the balance of forces", balance, 100.0, "%")] + [
-        (one.words, [errors[when].get(key) for when in whens], one.factor, one.unit)
+    floors = (data.get("noise_floor") or {}).get(kind) or {}
+    rows = [("the balance of forces", balance, 100.0, "%", None)] + [
+        (one.words, [errors[when].get(key) for when in whens], one.factor, one.unit, floors.get(key))
         for key, one in MEASURES.items()
     ]
-    changes = [
-        f"{words} from {_number(factor * old, 3)} to {_number(factor * new, 3)} {unit}"
-        for words, (old, new), factor, unit in pairs
-        if _known(old) and _known(new)
-    ]
+    known = [row for row in rows if all(map(_known, row[1]))]
+    same = [row for row in known if abs(row[1][1] - row[1][0]) < _UNCHANGED * abs(row[1][0])]
+    changes = [_from_to(*row) for row in known if row not in same]
     if changes:
         yield f"on {where} the errors go: {'; '.join(changes)}."
+    if same:
+        kept = "; ".join(f"{words}, {_number(f * new, 3)} {unit}" for words, (_, new), f, unit, _ in same)
+        yield f"{'Unchanged' if changes else f'on {where} no error changes'}: {kept}."
+
+
+def _from_to(words: str, ends: Sequence[float], factor: float, unit: str, noise: float | None) -> str:
+    old, new = (_number(factor * end, 3) for end in ends)
+    alone = "" if noise is None else f" (noise alone: {_number(factor * noise, 3)} {unit})"
+    return f"{words} from {old} to {new} {unit}{alone}"
 
 
 def _remains(data: Data) -> Iterator[str]:

@@ -33,6 +33,7 @@ def closure_section(closure: Closure) -> dict[str, Any]:
             kind: {"before": dict(closure.before[kind]), "after": dict(closure.after[kind])}
             for kind in _KINDS
         },
+        "noise_floor": {kind: dict(floor) for kind, floor in closure.noise_floor.items()},
         "residual": {when: dict(one.as_dict()) for when, one in residual.items()},
         "screened": [
             {"name": s.name, "enters": s.enters, "share": s.share, "strength": s.strength}

@@ -23,11 +23,12 @@ def comparison_tables(results: Sequence[Result]) -> list[Table]:
     """Return every table that compares, in the order of the results."""
     tables: list[Table | None] = []
     for result in results:
-        errors = result.data.get("errors") or identification_of(result.data).get("errors")
+        found = result.data if result.data.get("errors") else identification_of(result.data)
         if result.kind == "reproduction":
             tables.append(_reproduction(result.data))
         if result.kind not in ("ranking", "closure"):
-            tables.append(errors_table(errors, f"Errors of the {_WORDS.get(result.kind, result.kind)}"))
+            caption = f"Errors of the {_WORDS.get(result.kind, result.kind)}"
+            tables.append(errors_table(found.get("errors"), caption, found.get("noise_floor")))
     return [table for table in tables if table is not None]
 
 

@@ -105,7 +105,11 @@ def render(directory: Path) -> str:
         errors=comparison_tables(judged),
         motion=_motion(found.results),
         laws=_laws(found.results),
-        parameters=_present(parameters_table(r.data) for r in found.results if r.kind == "model"),
+        parameters=_present(
+            parameters_table(r.data, "refined model" if r not in judged else "model")
+            for r in found.results
+            if r.kind == "model"
+        ),
         pictures=pictures,
         drawing=drawing,
         allowed=" ".join(["'none'"] if drawing is None else map(_digest, drawing.programs)),
@@ -231,7 +235,7 @@ def _digest(program: str) -> str:
 
 def _notes(found: Results) -> list[tuple[str, list[str]]]:
     """Return what a reader must know of the data: files not read, records set aside, warnings."""
-    groups = {"Files that could not be read": list(found.faults)}
+    groups = {"Files that could not be read": list(found.faults), "Two models": _of_two_models(found)}
     for result in found.results:
         for key, title in (("set_aside", "Records set aside"), ("warnings", "Warnings")):
             for data in (identification_of(result.data), result.data):
@@ -242,14 +246,28 @@ def _notes(found: Results) -> list[tuple[str, list[str]]]:
     return [(title, list(dict.fromkeys(lines))) for title, lines in groups.items() if lines]
 
 
+def _of_two_models(found: Results) -> list[str]:
+    """Say which numbers are the declared model's, where others in the folder are the refined one's."""
+    refined = any(r.kind == "closure" and r.data.get("effects") for r in found.results)
+    others = [r.file for r in found.results if r.kind in ("ranking", "experiment")]
+    drawn = any(not path.stem.startswith("closure-") for path in found.figures)
+    if not refined or not (others or drawn):
+        return []
+    shown = " and ".join([*others, *(["figures of other commands"] if drawn else [])])
+    return [
+        f"{shown}: of the model without what the closed loop added; model.json, the equations and the "
+        "parameters are those of the refined one."
+    ]
+
+
 def _details(results: Sequence[Result]) -> list[Table]:
     """Return everything else that the files hold, as tables."""
     tables: list[Table] = []
     for result in results:
-        known = {*_HEADER, *_NOTES, "errors", "suspicions", "unfit"}
+        known = {*_HEADER, *_NOTES, "errors", "noise_floor", "sets", "suspicions", "unfit"}
         if result.kind == "model":
             for key, value in identification_of(result.data).items():
-                if key not in {*_HEADER, *_NOTES, "errors", "records"}:
+                if key not in {*_HEADER, *_NOTES, "errors", "noise_floor", "records"}:
                     tables += tables_of(value, label(key))
         known |= _SHOWN.get(result.kind, set())
         tables += closures.details(result.data) if result.kind == "closure" else []

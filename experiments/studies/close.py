@@ -139,6 +139,7 @@ def model_section(content: Mapping[str, Any]) -> dict[str, Any]:
         "command": content["command"],
         "records": after["training"]["records"],
         "errors": after,
+        "noise_floor": content["noise_floor"],
         "set_aside": content["set_aside"],
         "warnings": content["warnings"],
     }

@@ -127,6 +127,8 @@ def run(
             return folder / "ranking.json"
         then(ranking)
         content = plain(ranking_content(ranking) | {"command": command, "campaign_digest": digest})
+        if len(campaigns) > 1:
+            content["campaign_digests"] = [one.digest for one in campaigns]
         told = suspected(campaigns, content["laws"][0]["errors"]["training"])
         content |= told
         header["elapsed_s"] = round(time.perf_counter() - started, 3)
@@ -241,7 +243,7 @@ def model_section(content: dict[str, Any]) -> dict[str, Any]:
     first = content["laws"][0]["errors"]
     still = next(law["errors"] for law in content["laws"] if is_law(law, NO_LOOSENING))
     return {
-        "campaign_digest": content["campaign_digest"],
+        **{key: content[key] for key in ("campaign_digest", "campaign_digests") if key in content},
         "command": content["command"],
         "records": first["training"]["records"],
         "errors": first | {"no_loosening": still},

@@ -15,9 +15,12 @@ from experiments.results import plain, results_folder
 from experiments.run.publication import results_into
 from experiments.studies.suspected import suspected, write_without_records
 from experiments.text import suspicions
+from experiments.text.floors import loss_floor
+from experiments.text.wording import mapping
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
+from rom.evaluation.noise_floor import noise_floor
 from rom.identification.gamma import GammaEstimate
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.joint import JointEstimate
@@ -175,6 +178,7 @@ def identification_section(outcome: Outcome) -> dict[str, Any]:
         "set_aside": sorted({f"{d.file}: {d.message}" for j in outcome.judged for d in j.doubts}),
         "warnings": list(found.warnings),
         "errors": errors_by_set(outcome.judged, 0) | {"no_loosening": errors_by_set(outcome.judged, 1)},
+        "noise_floor": noise_by_set(outcome.judged),
         "linear": _linear_rows(found),
         "joint": [_joint_row(estimate) for estimate in found.joint],
         "gamma": [_gamma_row(estimate) for estimate in found.gamma],
@@ -189,6 +193,15 @@ def errors_by_set(judged: Iterable[Evaluation], model: int) -> dict[str, Any]:
     every = [j for j in judged if j.comparisons]
     return {
         name: summarise(j.comparisons[model] for j in every if j.settings.hold_out is held)
+        for name, held in (("training", False), ("hold_out", True))
+    }
+
+
+def noise_by_set(judged: Iterable[Evaluation]) -> dict[str, Any]:
+    """Return the errors that noise alone would make on training and hold-out records."""
+    every = [j for j in judged if j.comparisons]
+    return {
+        name: noise_floor(j.comparisons[0] for j in every if j.settings.hold_out is held)
         for name, held in (("training", False), ("hold_out", True))
     }
 
@@ -311,13 +324,22 @@ def summary(path: Path) -> str:
             law = link[place]
             if law is not None and law["parameters"]:
                 values = ", ".join(_with_limits(name, item) for name, item in law["parameters"].items())
-                lines.append(f"  {link['name']} {place.replace('_', ' ')}: {law['equation']}   {values}")
+                head = f"  {link['name']} {place.replace('_', ' ')}: {law['equation']}"
+                lines.append(f"{head}   {values}{_records_for(link, place, section['fits'])}")
     for name in ("training", "hold_out"):
         errors, rival = section["errors"][name], section["errors"]["no_loosening"][name]
         if errors["records"]:
-            lines.append(f"  {name.replace('_', '-')}: {_percent(errors, rival)}")
+            floor = mapping(mapping(section.get("noise_floor")).get(name))
+            lines.append(f"  {name.replace('_', '-')}: {_percent(errors, rival, floor)}")
     lines += [f"  note: {text}" for text in section["warnings"] + section["set_aside"]]
     return "\n".join(lines + suspected_lines(data))
+
+
+def _records_for(link: Mapping[str, Any], place: str, fits: Mapping[str, Any]) -> str:
+    """Return how many records a law of the joint was fitted to, and for how many free numbers."""
+    fit = fits.get({"tension_rate": "gamma"}.get(place, place)) if link["law"] == "bolted" else None
+    free = sum(item["low"] is not None for item in link[place]["parameters"].values())
+    return "" if fit is None or not free else f"   ({fit['records']} records for {free} free numbers)"
 
 
 def _masses(data: Mapping[str, Any]) -> list[str]:
@@ -350,10 +372,12 @@ def _with_limits(name: str, item: dict[str, Any]) -> str:
     return f"{name} = {item['value']:.5g}{limits} {item['unit']}"
 
 
-def _percent(errors: dict[str, Any], rival: dict[str, Any]) -> str:
+def _percent(errors: dict[str, Any], rival: dict[str, Any], floor: Mapping[str, Any]) -> str:
     parts = []
     if errors["motion_nrmse"] is not None:
-        parts.append(f"motion {100 * errors['motion_nrmse']:.2f} %")
+        noise = floor.get("motion_nrmse")
+        alone = "" if noise is None else f" (noise alone: {100 * noise:.2f} %)"
+        parts.append(f"motion {100 * errors['motion_nrmse']:.2f} %{alone}")
     if errors["link_force_nrmse"] is not None:
         parts.append(f"link force {100 * errors['link_force_nrmse']:.1f} %")
     if errors["final_tension_error_percent_mean"] is not None:
@@ -365,6 +389,6 @@ def _percent(errors: dict[str, Any], rival: dict[str, Any]) -> str:
         )
         parts.append(
             f"loss median {errors['tension_loss_error_percent_median']:.1f} % "
-            f"(no loosening: {rival['tension_loss_error_percent_median']:.1f} %)"
+            f"(no loosening: {rival['tension_loss_error_percent_median']:.1f} %{loss_floor(floor)})"
         )
     return "; ".join(parts)

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from experiments.results import results_folder, write_result
-from experiments.studies.identify import suspected_lines
+from experiments.studies.identify import errors_by_set, noise_by_set, suspected_lines
 from experiments.studies.suspected import suspected
+from experiments.text.wording import mapping
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.campaign.checks import file_digest
 from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import Evaluation, evaluate
+from rom.evaluation.noise_floor import noise_floor
 from rom.model.model import Model
 from rom.model_file import load_model
 from rom.signals.measured_records import screened, stored
@@ -72,15 +74,19 @@ def run(
     with stored(campaign) as work:
         looked_at = screened(work, jobs)
         judged = evaluate([model], looked_at, jobs=jobs, progress=progress, bands=True)
-    errors = summarise(j.comparisons[0] for j in judged if j.comparisons)
+    compared = [j for j in judged if j.comparisons]
+    errors = summarise(j.comparisons[0] for j in compared)
+    fitted = _fitted_to(model_path, campaign)
     content = {
         "model": str(model_path),
         "model_digest": file_digest(model_path),
         "command": command,
         "campaign_digest": campaign.digest,
-        "fitted_to_this_campaign": _fitted_to(model_path) == campaign.digest,
+        "fitted_to_this_campaign": fitted,
         "errors": errors,
-        "records": [_row(j) for j in judged if j.comparisons],
+        "noise_floor": noise_floor(j.comparisons[0] for j in compared),
+        "sets": {"errors": errors_by_set(compared, 0), "noise_floor": noise_by_set(compared)},
+        "records": [_row(j) for j in compared],
         "set_aside": [f"{d.file}: {d.message}" for j in judged for d in j.doubts],
     }
     content |= suspected(looked_at, errors)
@@ -118,18 +124,23 @@ def _of_modes(model: Model, campaign: Campaign) -> str | None:
     return None
 
 
-def _fitted_to(model_path: Path) -> str | None:
-    """Digest of the campaign that a model was fitted to, where its file says."""
-    found = json.loads(model_path.read_text(encoding="utf-8")).get("identification")
-    return found.get("campaign_digest") if isinstance(found, dict) else None
+def _fitted_to(model_path: Path, campaign: Campaign) -> bool | None:
+    """Whether a model was fitted to a campaign, alone or with others; None where its file does not say."""
+    found = mapping(json.loads(model_path.read_text(encoding="utf-8")).get("identification"))
+    digest = found.get("campaign_digest")
+    if digest is None:
+        return None
+    return campaign.digest in (digest, *found.get("campaign_digests", ()))
 
 
 def _row(judged: Evaluation) -> dict[str, Any]:
     found = judged.comparisons[0]
     motion, (low, high) = list(found.motion_nrmse.values()), found.final_band
+    noise = [] if found.noise is None else list(found.noise.motion_nrmse.values())
     return {
         "file": found.file,
         "test": found.test,
+        "hold_out": judged.settings.hold_out,
         "finished": found.finished,
         "initial_tension_n": found.initial_tension,
         "final_tension_n": {
@@ -139,5 +150,6 @@ def _row(judged: Evaluation) -> dict[str, Any]:
             "measured": found.measured_final,
         },
         "motion_nrmse": sum(motion) / len(motion) if motion else None,
+        "motion_nrmse_of_noise": sum(noise) / len(noise) if noise else None,
         "link_force_nrmse": found.link_force_nrmse,
     }

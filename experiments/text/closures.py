@@ -14,7 +14,7 @@ from discovery.views.closure_figure import class_words, forces, sides
 from discovery.views.closure_prose import place_words, view_words
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
-from experiments.text.tables import MEASURES, Table, error_rows, parameter_rows
+from experiments.text.tables import MEASURES, Table, error_rows, parameter_rows, unit_shown
 from experiments.text.wording import NONE, label, mapping, mappings, number, trimmed
 
 Data = Mapping[str, Any]
@@ -97,10 +97,9 @@ def effects_of(data: Data) -> list[Data]:
 def _remaining(data: Data) -> str:
     """Return what a closed loop leaves, in words: noise alone, or a share of the residual's mean square."""
     before, after = (side.get("total") for side in sides(data))
-    if (
-        not (isinstance(before, float) and isinstance(after, float))
-        or after <= used_in(data).acceptance.noise_level
-    ):
+    if not (isinstance(before, float) and isinstance(after, float)):
+        return "how much is left is not known"
+    if after <= used_in(data).acceptance.noise_level:
         return "no more is left than noise explains"
     share = number(100 * after / before, 2)
     return f"{share} % of the residual's mean square is left, {number(after, 3)} times noise"
@@ -109,7 +108,9 @@ def _remaining(data: Data) -> str:
 def _verdict(verdict: str, effects: Sequence[Data], left: str) -> str:
     named = " and ".join(_placed(effect) for effect in effects)
     if verdict == "closed" and named:
-        return f"The loop closes. The model lacked {named}; with that, {left}."
+        alike = sum(len(mappings(effect.get("look_alikes"))) for effect in effects)
+        others = f", or one of {alike} look-alikes" if alike > 1 else ", or its look-alike" if alike else ""
+        return f"The loop closes. The model lacked {named}{others}; with that, {left}."
     if verdict == "unexplained" and named:
         return f"Something is still missing: {named} helped, but significant residual is left."
     known = {
@@ -176,15 +177,16 @@ def blocks(data: Data) -> list[Block]:
 
 
 def _error_tables(data: Data) -> Iterator[Table]:
+    floors = mapping(data.get("noise_floor"))
     columns = [
-        (f"{_SETS[kind]}, {when}", errors)
+        (f"{_SETS[kind]}, {when}", errors, mapping(floors.get(kind)))
         for kind in _SETS
         for when in ("before", "after")
         if (errors := _errors(data, kind, when)).get("records")
     ]
-    rows = tuple(error_rows([errors for _, errors in columns]))
+    rows = tuple(error_rows([errors for _, errors, _ in columns], [floor for *_, floor in columns]))
     if rows:
-        heads = tuple(head[:1].upper() + head[1:] for head, _ in columns)
+        heads = tuple(head[:1].upper() + head[1:] for head, *_ in columns)
         note = (
             "NRMSE: root mean square of simulated minus measured over that of the measured, both through one "
             "filter chain. No fit has seen a hold-out record."
@@ -313,7 +315,7 @@ def _limits(data: Data) -> Table:
             place_words(row.get("enters")),
             str(row.get("parameter")),
             *(_scaled(row.get(key), factor) for key, factor in _OF_LIMIT),
-            str(row.get("unit")),
+            unit_shown(str(row.get("unit"))),
             str(row.get("reason") or ""),
         )
         for row in mappings(data.get("detection_limits"))

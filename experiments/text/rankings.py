@@ -14,6 +14,7 @@ from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.views.ranking_figure import evidence_words, is_law, law_name, ranked, row_name
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
+from experiments.text.floors import loss_of_right_law
 from experiments.text.tables import Table, parameter_rows
 from experiments.text.wording import NONE, mapping, mappings, number, set_words, trimmed
 
@@ -72,7 +73,9 @@ def _against_baseline(best: Data, equals: Sequence[str], told: str, better: floa
 
 def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
     yield from _on_errors(best, laws, "bolts" if data.get("population") else "preloads")
+    yield from _on_variability(data)
     yield from _on_population(data.get("population"), best)
+    yield from _on_numbers(best, mappings(data.get("cases")))
     yield from _on_wins(best, laws)
     equals = _equals(data)
     if equals:
@@ -83,6 +86,22 @@ def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
     yield from _on_proposals(data.get("proposals"))
     if data.get("considered"):
         yield _on_number(int(data["considered"]), laws)
+
+
+def _on_variability(data: Data) -> Iterator[str]:
+    share = loss_of_right_law(data)
+    if share is not None:
+        yield (
+            f"Since tests that are alike differ, a law that is right in their mean would be off by "
+            f"{number(share, 3)} %."
+        )
+
+
+def _on_numbers(best: Data, cases: Sequence[Data]) -> Iterator[str]:
+    free, fitted = best.get("free_numbers"), sum(not case.get("hold_out") for case in cases)
+    if free and fitted:
+        each = trimmed(number(fitted / free, 2))
+        yield f"The first law's {free} free numbers were fitted to {fitted} tests, {each} for each number."
 
 
 def _on_wins(best: Data, laws: Sequence[Data]) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,13 +10,15 @@ from typing import Any
 from markupsafe import Markup
 
 from experiments.text import equations
-from experiments.text.wording import NONE, label, mappings, number, plain, with_limits
+from experiments.text.wording import NONE, label, mapping, mappings, number, plain, with_limits
 
 Data = Mapping[str, Any]
 
 _MOST_ROWS = 400
 _LONG = 12
 _DEEPEST = 4
+_SYMBOL = re.compile(r"(1|[A-Za-zµ%°]+)(?:\^?(-?\d+(?:\.\d+)?))?")
+_LAST = {"m": (1,), "s": (2,)}  # units of force, mass and energy come first
 
 MEASURES = {
     "motion_nrmse": ("Displacement, NRMSE", "%", 100.0),
@@ -29,6 +32,10 @@ MEASURES = {
     "records": ("Records compared", "", 1.0),
     "failed": ("Simulations that did not finish", "", 1.0),
 }
+_FLOORS = (
+    ("", "– noise alone would make"),
+    ("_with_variability", "– noise and the variability between tests would make"),
+)
 _IN_ROWS = {
     "motion_nrmse": "Error of the displacement",
     "tension_loss_error_percent_median": "Error of the loss",
@@ -63,24 +70,47 @@ def error_columns(data: object, path: tuple[str, ...] = ()) -> Iterator[tuple[tu
                 yield from error_columns(value, (*path, str(key)))
 
 
-def errors_table(data: object, caption: str) -> Table | None:
-    """Return a table of error measures, a column for every set of records; None where there is none."""
+def errors_table(data: object, caption: str, floors: object = None) -> Table | None:
+    """Return a table of error measures, a column for every set of records; None where there is none.
+
+    Parameters
+    ----------
+    data : object
+        Holds objects of error measures.
+    caption : str
+        Of the table.
+    floors : object
+        What noise alone would make: of the only set, or by name of the set.
+    """
     columns = [(path, errors) for path, errors in error_columns(data) if errors.get("records")]
     if not columns:
         return None
     heads = tuple(
         ", ".join(_SETS.get(key, label(key)) for key in path) or "all records" for path, _ in columns
     )
-    rows = tuple(error_rows([errors for _, errors in columns]))
+    of_sets = [mapping(mapping(floors).get(path[-1])) if path else mapping(floors) for path, _ in columns]
+    rows = tuple(error_rows([errors for _, errors in columns], of_sets))
     return Table(caption, ("", *(head[:1].upper() + head[1:] for head in heads)), rows)
 
 
-def error_rows(columns: Sequence[Data]) -> Iterator[tuple[str | Markup, ...]]:
-    """Yield a row for every error measure that one of the columns has."""
+def error_rows(columns: Sequence[Data], floors: Sequence[Data] = ()) -> Iterator[tuple[str | Markup, ...]]:
+    """Yield a row for every error measure that one of the columns has, and what noise alone would make.
+
+    Parameters
+    ----------
+    columns : sequence of mapping
+        Error measures of each set.
+    floors : sequence of mapping
+        What noise alone would make of each set.
+    """
     for key, (text, unit, factor) in MEASURES.items():
         values = [errors.get(key) for errors in columns]
         if any(value is not None for value in values) and (key != "failed" or any(values)):
             yield f"{text} [{unit}]" if unit else text, *(_scaled(value, factor) for value in values)
+            for ending, words in _FLOORS:
+                noise = [floor.get(f"{key}{ending}") for floor in floors]
+                if any(value is not None for value in noise):
+                    yield f"{words} [{unit}]", *(_scaled(value, factor) for value in noise)
 
 
 def _scaled(value: object, factor: float) -> str:
@@ -101,15 +131,27 @@ def parameter_rows(place: str, parameters: object) -> Iterator[tuple[str | Marku
 
 
 def unit_shown(unit: str) -> Markup:
-    """Return a unit with its powers raised; nothing for 1."""
-    parts = [part.partition("^") for part in unit.split(" ")] if unit != "1" else []
+    """Return a unit with its powers raised, alike for "s3/m4" and "m^-4 s^3"; nothing for 1.
+
+    What is not of the grammar of units (`rom.model.units`) is shown as it is.
+    """
+    above, *below = re.sub(r"\*\*", "^", unit).replace("·", " ").replace("*", " ").split("/")
+    found: dict[str, float] = {}
+    for part, sign in ((above, 1.0), *((one, -1.0) for one in below)):
+        for token in part.split():
+            match = _SYMBOL.fullmatch(token)
+            if match is None:
+                return Markup("{}").format(unit)
+            if match[1] != "1":
+                found[match[1]] = found.get(match[1], 0.0) + sign * float(match[2] or 1)
+    places = sorted(found, key=lambda name: (*_LAST.get(name, (0,)), name))
+    powers = [(name, f"{found[name]:g}".replace("-", "−")) for name in places if found[name]]
     return Markup(" ").join(
-        Markup("{}<sup>{}</sup>").format(base, power.replace("-", "−")) if power else base
-        for base, _, power in parts
+        Markup("{}<sup>{}</sup>").format(name, power) if power != "1" else name for name, power in powers
     )
 
 
-def parameters_table(model: Data) -> Table | None:
+def parameters_table(model: Data, name: str = "model") -> Table | None:
     """Return all parameters of a model.json with limits and units; None where it holds none."""
     rows: list[tuple[str | Markup, ...]] = []
     for body in mappings(model.get("bodies")):
@@ -124,7 +166,13 @@ def parameters_table(model: Data) -> Table | None:
     for effect in mappings(model.get("effects")):
         rows += parameter_rows(f"{effect.get('name')} at {effect.get('enters')}", effect.get("parameters"))
     heads = ("", "Where", "Value", "95 % limits", "Unit", "Source")
-    return Table("Parameters of the model", heads, tuple(rows)) if rows else None
+    refitted = any(effect.get("parameters") for effect in mappings(model.get("effects")))
+    note = (
+        "Numbers of links were fitted again beside the effects; a dash: no limits are known."
+        if refitted
+        else ""
+    )
+    return Table(f"Parameters of the {name}", heads, tuple(rows), note=note) if rows else None
 
 
 def tables_of(value: object, caption: str, depth: int = 0) -> Iterator[Table]:

@@ -7,6 +7,7 @@ from typing import Any
 
 from experiments.text import closures, experiments, rankings
 from experiments.text.answers import Answer, Headline
+from experiments.text.floors import loss_floor, motion_floor
 from experiments.text.suspicions import describes
 from experiments.text.wording import mapping, mappings, number
 
@@ -49,8 +50,11 @@ def _of_model(data: Data) -> Answer | None:
     if own.get("final_tension_error_percent_median") is not None:
         sentences.append(_final_tension_sentence(own, rest))
     if own.get("motion_nrmse") is not None:
-        sentences.append(f"Displacements are {_met(own)} {number(100 * own['motion_nrmse'], 3)} % (NRMSE).")
+        floor = mapping(mapping(found.get("noise_floor")).get(chosen))
+        off = f"{number(100 * own['motion_nrmse'], 3)} % (NRMSE){motion_floor(floor)}"
+        sentences.append(f"Displacements are {_met(own)} {off}.")
     sentences += _reservations(found)
+    sentences[1:1] = list(_of_loss(mapping(mapping(found.get("noise_floor")).get(chosen)), own))
     verdict, good = _loss_verdict(own, rest)
     return Answer(
         "Which reduced-order model do these records support, and does it tell how far a bolt loosens?",
@@ -59,6 +63,14 @@ def _of_model(data: Data) -> Answer | None:
         tuple(_headlines(own, chosen)),
         good,
     )
+
+
+def _of_loss(floor: Data, errors: Data) -> list[str]:
+    """Say what noise and the variability between tests alone make of the error of the loss."""
+    text = loss_floor(floor).removeprefix("; ")
+    if not text or errors.get("tension_loss_error_percent_median") is None:
+        return []
+    return [f"A tension law that is right would be off too: {text} (median error of the loss)."]
 
 
 def _met(errors: Data) -> str:
@@ -91,7 +103,7 @@ def _final_tension_sentence(own: Data, rest: Data) -> str:
     text = f"The final tension is off by {median} % (median; mean {mean} %, largest {most} %)"
     if rest.get("final_tension_error_percent_median") is not None:
         text += f", without loosening by {number(rest['final_tension_error_percent_median'], 3)} %"
-    return f"{text}. This measure flatters, since a loss is a small share of the tension."
+    return f"{text}. Where a loss is a small share of the tension, this measure is small for any law."
 
 
 def _headlines(errors: Data, chosen: str) -> list[Headline]:
@@ -143,26 +155,27 @@ def _of_prediction(data: Data) -> Answer | None:
     errors = mapping(data.get("errors"))
     loss = errors.get("tension_loss_error_percent_median")
     compared, failed = errors.get("records") or 0, errors.get("failed") or 0
-    fitted = "Fitted to these very records" if data.get("fitted_to_this_campaign") else "With nothing fitted"
+    floor, of_fit = mapping(data.get("noise_floor")), data.get("fitted_to_this_campaign")
+    fitted = "On the campaign of its fit" if of_fit else "With nothing fitted"
     if loss is not None:
         verdict = f"{fitted}, the model is off by {number(loss, 3)} % of a record's loss (median)."
     elif errors.get("motion_nrmse") is not None:
         motion = number(100 * errors["motion_nrmse"], 3)
-        verdict = f"{fitted}, displacements are {_met(errors)} {motion} % (NRMSE)."
+        verdict = f"{fitted}, displacements are {_met(errors)} {motion} % (NRMSE){motion_floor(floor)}."
     else:
         verdict = "The model was simulated; the records hold nothing to compare it with."
     unfinished = f"{_count(failed, 'simulation')} did not finish" if failed else "every simulation finished"
     sentences = [f"{_count(compared, 'record')} compared; {unfinished}."]
+    sentences += _of_loss(floor, errors)
+    if loss is not None and errors.get("motion_nrmse") is not None:
+        motion = number(100 * errors["motion_nrmse"], 3)
+        sentences.append(f"Displacements are {_met(errors)} {motion} % (NRMSE){motion_floor(floor)}.")
     if errors.get("final_tension_error_percent_median") is not None:
         sentences.append(_final_tension_sentence(errors, {}))
     sentences += _bands(data.get("records"))
-    question = (
-        "Does the model meet the campaign that it was fitted to?"
-        if data.get("fitted_to_this_campaign")
-        else "Does the model predict a campaign to which it was not fitted?"
-    )
+    sentences += _of_fit(of_fit, mapping(data.get("sets")))
     return Answer(
-        question,
+        _PREDICTED.get(of_fit, "Does the model predict this campaign?"),
         verdict,
         tuple(sentences),
         tuple(
@@ -170,6 +183,30 @@ def _of_prediction(data: Data) -> Answer | None:
             for h in _headlines(errors, "training")
         ),
     )
+
+
+def _of_fit(of_fit: object, sets: Data) -> list[str]:
+    """Say what of its own campaign a fit has not seen, or that its campaign is not known."""
+    if of_fit is None:
+        return ["The model's file does not say which campaign it was fitted to."]
+    if not of_fit:
+        return []
+    unseen = mapping(mapping(sets.get("errors")).get("hold_out"))
+    if not unseen.get("records"):
+        return ["This campaign is that of the fit, and none of its records was held out."]
+    shown = [
+        f"{words} {number(factor * unseen[key], 3)} %"
+        for key, words, factor in (
+            ("motion_nrmse", "displacements by", 100.0),
+            ("tension_loss_error_percent_median", "the loss of tension by", 1.0),
+        )
+        if unseen.get(key) is not None
+    ]
+    off = f", which are off: {', '.join(shown)}" if shown else ""
+    return [
+        f"This campaign is that of the fit: only its {_count(unseen['records'], 'hold-out record')} "
+        f"{'was' if unseen['records'] == 1 else 'were'} not fitted{off}."
+    ]
 
 
 def _bands(records: object) -> list[str]:
@@ -180,6 +217,12 @@ def _bands(records: object) -> list[str]:
         return []
     inside = sum(t["low"] <= t["measured"] <= t["high"] for t in known)
     return [f"{inside} of {_count(len(known), 'measured final tension')} lie within their 95 % limits."]
+
+
+_PREDICTED: Mapping[object, str] = {
+    True: "Does the model meet the campaign that it was fitted to?",
+    False: "Does the model predict a campaign to which it was not fitted?",
+}
 
 
 def _lines(value: object) -> list[str]:

@@ -17,6 +17,7 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.evaluation.at_rest import held_tension
 from rom.evaluation.bands import NO_BAND, tension_band
+from rom.evaluation.record_noise import RecordNoise, noise_of
 from rom.evaluation.replay import (
     Replay,
     displacements,
@@ -68,7 +69,8 @@ ErrorsByKind = Mapping[Kind, Errors]
 class Comparison:
     """Simulated against measured for one record; tensions in N, nan where not measured or not asked for.
 
-    `final_band` are 95 % limits of the final tension of one new test.
+    `final_band` are 95 % limits of the final tension of one new test, `noise` the errors that noise alone
+    makes.
     """
 
     file: str
@@ -82,6 +84,7 @@ class Comparison:
     simulated_final: float = np.nan
     tension_rmse: float = np.nan
     final_band: tuple[float, float] = NO_BAND
+    noise: RecordNoise | None = None
 
     @property
     def final_error_percent(self) -> float:
@@ -178,6 +181,7 @@ def _of_motion(
         elif run is not None:
             moved = _with_motion(nothing, model, run.measurement, next(motions))
             comparison = _with_tension(moved, run, windows, bands)
+            comparison = replace(comparison, noise=_noise(model, measurement, comparison.initial_tension))
         found.append(comparison)
     return found
 
@@ -290,6 +294,13 @@ def _with_tension(comparison: Comparison, run: Replay, windows: WindowSettings, 
         tension_rmse=rmse,
         final_band=tension_band(run, final, windows.final_s) if bands else NO_BAND,
     )
+
+
+def _noise(model: Model, measurement: Measurement, initial_tension: float) -> RecordNoise:
+    found, known = noise_of(measurement, _coupled_pair(model)), model.rate_uncertainty
+    if known is None or not np.isfinite(initial_tension):
+        return found
+    return replace(found, rate_deviation=known.of_a_test(initial_tension))
 
 
 def _percent(error: float, size: float) -> float:

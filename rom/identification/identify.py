@@ -26,7 +26,6 @@ from rom.identification.modal_model import IdentifiedMode, identify_modes
 from rom.identification.output_error import OutputErrorFit
 from rom.identification.record_spectra import LinearNames
 from rom.identification.reduce import (
-    Progress,
     ReducedRecord,
     UncoupledTest,
     common_cutoffs,
@@ -43,6 +42,7 @@ from rom.model.laws import Law, constant_damping, constant_stiffness, no_looseni
 from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
 from rom.one_thread import one_threaded
+from rom.progress import Progress
 from rom.result_views import HasViews
 from rom.signals.measured_records import screened, with_something_left, with_stored_records
 from rom.signals.quality import Doubt

@@ -26,9 +26,10 @@ from experiments.studies.experiment.cell import (
     remove_campaign,
     run_cell,
 )
-from experiments.studies.experiment.cells import Cell, Experiment, Measure, Progress, read_experiment
+from experiments.studies.experiment.cells import Cell, Experiment, Measure, read_experiment
 from experiments.studies.experiment.table import TABLE, ExperimentTable, as_csv, read_rows
 from experiments.studies.identify import save_figures
+from rom.progress import Progress
 from rom.provenance import program_version
 
 NAME = "experiment.json"

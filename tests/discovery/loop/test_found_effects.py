@@ -11,6 +11,7 @@ import pytest
 import rom
 from discovery.explain.motion import explanation
 from discovery.explain.motion_fit import refit, residual_without, with_effects
+from discovery.loop.close_loop import _with_their_limits
 from discovery.loop.history import Selection
 from discovery.loop.impact_refits import ImpactRefits
 from discovery.loop.state import State
@@ -21,6 +22,8 @@ from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 from rom.effects import CATALOGUE
 from rom.identification.identify import identify_campaign
+from rom.parameters.he_2025 import paper_model
+from tests.discovery.sound_closure import friction
 
 
 def half_width(parameter: rom.Parameter) -> float:
@@ -51,3 +54,11 @@ def test_limits_of_a_force_are_those_about_the_last_model(tmp_path: Path) -> Non
     assert width == half_width(explanation(own, member, beside).effect.parameters["k3"])
     assert width < 0.5 * half_width(early.effect.parameters["k3"])
     assert told.parameters["k3"].value == pytest.approx(1e9, rel=0.05)
+
+
+def test_effects_of_the_refined_model_have_the_limits_with_which_they_were_found() -> None:
+    found = friction()
+    bare = {name: replace(number, low=None, high=None) for name, number in found.effect.parameters.items()}
+    model = replace(found.effect, parameters=bare).added_to(paper_model())
+    (effect,) = _with_their_limits(model, (found,)).effects
+    assert effect.parameters == found.effect.parameters

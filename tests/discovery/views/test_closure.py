@@ -79,6 +79,18 @@ def test_errors_are_those_of_records_that_no_fit_has_seen() -> None:
     assert "none was held out" in said(closure(friction(), hold_out=0))["changed"]
 
 
+def test_an_error_that_stays_is_not_called_a_change_and_noise_stands_beside_those_that_go() -> None:
+    found = closure(friction())
+    first, last = (dict(step.errors["hold_out"]) for step in (found.steps[0], found.steps[-1]))
+    last["tension_rmse_n"] = first["tension_rmse_n"]
+    steps = (*found.steps[:-1], replace(found.steps[-1], errors={**found.steps[-1].errors, "hold_out": last}))
+    floor = {"hold_out": {"motion_nrmse": 0.0111}}
+    changed = said(replace(found, steps=steps, noise_floor=floor))["changed"]  # type: ignore[arg-type]
+    assert "% (noise alone: 1.11 %)" in changed
+    assert f"Unchanged: the tension, {first['tension_rmse_n']:.3g} N." in changed
+    assert "the tension from" not in changed
+
+
 def test_no_effect_says_so_and_names_no_effect_as_found() -> None:
     found = closure(verdict="no-effect")
     parts = said(found)

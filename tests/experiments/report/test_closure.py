@@ -208,10 +208,18 @@ def test_the_board_marks_what_was_added() -> None:
     assert [bar.get_width() for bar in axes.patches][:2] == pytest.approx([83.0, 79.0])
 
 
+def test_what_is_left_is_not_claimed_where_no_file_says_it() -> None:
+    found = closures.answer({"verdict": "closed", "effects": [{"name": "x", "enters": "joint"}]})
+    assert (
+        found.verdict
+        == "The loop closes. The model lacked x (link joint); with that, how much is left is not known."
+    )
+
+
 @pytest.mark.parametrize(
     ("found", "part", "good"),
     [
-        (closure(friction()), "The model lacked coulomb-friction (link flexure_lo)", True),
+        (closure(friction()), "lacked coulomb-friction (link flexure_lo), or one of 2 look-alikes;", True),
         (closure(skew()), "acceleration-skew (sensor acceleration_so)", True),
         (closure(verdict="no-effect"), "Nothing is missing that these records show", True),
         (closure(verdict="unexplained"), "Something is missing that no effect explains", False),
@@ -265,12 +273,15 @@ def test_the_page_shows_errors_equations_numbers_look_alikes_and_figures(tmp_pat
     data = two()
     found = closure(friction(), threshold())
     found.model.save(tmp_path / "model.json", identification=model_section(data))
+    (tmp_path / "gamma-law.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"/>', encoding="utf-8")
     words = shown(data, tmp_path)
     for part in (
         "Is anything missing from the model, and what?",
         "The model lacked coulomb-friction (link flexure_lo) and loosening-threshold (tension)",
         "What remains: the mean square of the residual was 38 and is 1.02 times that of noise",
         "Hold-out, before Hold-out, after Training, before",
+        "figures of other commands: of the model without what the closed loop added",
+        "Parameters of the refined model",
         "Displacement, NRMSE [%] 10.1 1.20 9.84",
         "Step by step, hold-out",
         "F c 0.100 0.0900 to 0.110 N",

@@ -13,6 +13,7 @@ import pytest
 from experiments.report.results import ResultError
 from experiments.studies import report
 from experiments.text.equations import expression, math
+from experiments.text.tables import errors_table, unit_shown
 from experiments.text.verdicts import answer
 from experiments.text.wording import label, number, with_limits
 from rom.parameters.he_2025 import paper_model
@@ -139,7 +140,7 @@ def test_parameters_come_with_limits_and_units(folder: Path) -> None:
     joint = next(link for link in data["links"] if link["name"] == "joint")
     joint["stiffness"]["parameters"]["k_i"] |= {"value": 976300.0, "low": 970000.0, "high": 982000.0}
     (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
-    assert re.search(r"joint: stiffness 976300 970000 to 982000 N/m", page(folder).words)
+    assert re.search(r"joint: stiffness 976300 970000 to 982000 N m −1", page(folder).words)
 
 
 def test_names_are_escaped_and_nothing_runs_or_loads(folder: Path) -> None:
@@ -238,7 +239,7 @@ def test_later_and_unknown_files_are_shown(tmp_path: Path) -> None:
     words = page(tmp_path).words
     for part in (
         "“slip work” ranks first",
-        "slip work a 0.500 0.400 to 0.600 1/m",
+        "slip work a 0.500 0.400 to 0.600 m −1",
         "The loop closes",
         "Added: coulomb-friction",
         "Hold-out, before",
@@ -276,6 +277,53 @@ def test_the_verdict_weighs_both_measures(loss: float, final: float, good: bool 
     assert found is not None
     assert found.good is good
     assert "none was held out" in found.sentences[0]
+
+
+@pytest.mark.parametrize(
+    ("units", "shown"),
+    [
+        (("s3/m4", "m^-4 s^3", "s^3 m^-4", "s**3/m**4"), "m<sup>−4</sup> s<sup>3</sup>"),
+        (("N s/m", "N s m^-1", "N m^-1 s"), "N m<sup>−1</sup> s"),
+        (("1/J", "J^-1"), "J<sup>−1</sup>"),
+        (("1", "N/N"), ""),
+        (("decades per cycle (5)",), "decades per cycle (5)"),
+    ],
+)
+def test_one_unit_is_typeset_alike_however_it_was_written(units: tuple[str, ...], shown: str) -> None:
+    assert {str(unit_shown(unit)) for unit in units} == {shown}
+
+
+@pytest.mark.parametrize(
+    ("fitted", "question", "words"),
+    [
+        (
+            True,
+            "Does the model meet the campaign that it was fitted to?",
+            "only its 2 hold-out records were",
+        ),
+        (False, "Does the model predict a campaign to which it was not fitted?", "With nothing fitted"),
+        (None, "Does the model predict this campaign?", "file does not say which campaign it was fitted to"),
+    ],
+)
+def test_a_prediction_says_whose_campaign_it_is_and_what_noise_alone_would_make(
+    fitted: bool | None, question: str, words: str
+) -> None:
+    floor = {"motion_nrmse": 0.0099, "tension_loss_error_percent_median": 1.5}
+    floor["tension_loss_error_percent_median_with_variability"] = 18.0
+    data = {
+        "errors": errors(1.0), "noise_floor": floor, "fitted_to_this_campaign": fitted,
+        "sets": {"errors": {"hold_out": errors(1.0, 2)}},
+    }  # fmt: skip
+    found = answer("prediction", data)
+    assert found is not None
+    assert found.question == question
+    text = " ".join((found.verdict, *found.sentences))
+    assert words in text
+    assert "1.23 % (NRMSE), where noise alone would make 0.990 %" in text
+    assert "noise alone: 1.50 %, with the variability between tests: 18.0 %" in text
+    table = errors_table(data["errors"], "", floor)
+    assert table is not None
+    assert ("– noise alone would make [%]", "0.990") in table.rows
 
 
 def test_numbers_and_keys_in_words() -> None:

@@ -1,0 +1,46 @@
+"""What noise alone would make, beside each error: the truth itself would score no less."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from statistics import NormalDist, median
+from typing import Any
+
+from experiments.text.wording import mapping, mappings, number
+
+Data = Mapping[str, Any]
+
+WITH_VARIABILITY = "tension_loss_error_percent_median_with_variability"
+
+
+def loss_floor(floor: Data) -> str:
+    """Return what noise, and how tests differ, would make of the error of a loss: "; noise alone: 1.2 %"."""
+    noise, both = floor.get("tension_loss_error_percent_median"), floor.get(WITH_VARIABILITY)
+    text = "" if noise is None else f"; noise alone: {number(noise, 3)} %"
+    return text if both is None else f"{text}, with the variability between tests: {number(both, 3)} %"
+
+
+def motion_floor(floor: Data) -> str:
+    """Return what noise would make of the error of the motion, as a clause; nothing where not known."""
+    noise = floor.get("motion_nrmse")
+    return "" if noise is None else f", where noise alone would make {number(100 * noise, 3)} %"
+
+
+def loss_of_right_law(data: Data) -> float | None:
+    """Return the median error of the loss [%] that noise and the variability between tests make of a law that
+    is right in the mean of all tests: of a ranking's cases, None where they or the variability are not known.
+    """
+    scatter = mapping(data.get("scatter"))
+    known = [
+        (case["loss_n"], case["loss_error_n"], case["initial_tension_n"])
+        for case in mappings(data.get("cases"))
+        if case.get("loss_n") and case.get("loss_error_n") is not None and case["initial_tension_n"] > 0
+    ]
+    if not known or scatter.get("a") is None or scatter.get("b") is None:
+        return None
+    shares = [
+        math.hypot(error / loss, math.exp(scatter["a"] + scatter["b"] * math.log(tension / 100.0)))
+        for loss, error, tension in known
+    ]
+    return 100 * NormalDist().inv_cdf(0.75) * median(shares)

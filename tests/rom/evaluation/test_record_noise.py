@@ -1,0 +1,52 @@
+"""The errors that noise alone makes, from before the hit, against what it makes of the motion after it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rom.evaluation.error_measures import compare, summarise
+from rom.evaluation.noise_floor import noise_floor
+from rom.model.rate_uncertainty import RateUncertainty
+from rom.signals.motion import Motion
+from rom.signals.processing import Measurement
+from tests.rom.evaluation.test_error_measures import SAMPLES, WINDOWS, measurement, model, seen, tension
+
+
+def noisy(kind: str, size: float, seed: int, impact_s: float = 0.3) -> Measurement:
+    """The true structure's record with white noise on every channel, as large as a share of its motion."""
+    rng = np.random.default_rng(seed)
+    motion = {
+        body: Motion(m.kind, m.samples + size * np.std(m.samples) * rng.standard_normal(SAMPLES))
+        for body, m in seen(kind).items()
+    }
+    return measurement("coupled", motion, preload_n=100.0, impact_s=impact_s)
+
+
+@pytest.mark.parametrize(("kind", "size"), [("acceleration", 0.3), ("velocity", 0.1), ("acceleration", 3.0)])
+def test_the_truth_scores_what_noise_alone_would_make(kind: str, size: float) -> None:
+    found = [compare(model(), noisy(kind, size, seed), WINDOWS) for seed in range(12)]
+    errors, floor = summarise(found), noise_floor(found)
+    assert floor["motion_nrmse"] == pytest.approx(errors["motion_nrmse"], rel=0.2)
+    assert floor["relative_motion_nrmse"] == pytest.approx(errors["relative_motion_nrmse"], rel=0.2)
+
+
+def test_a_hit_at_once_leaves_the_noise_unknown() -> None:
+    floor = noise_floor([compare(model(), noisy("acceleration", 0.3, 0, impact_s=0.1), WINDOWS)])
+    assert floor["motion_nrmse"] is None
+
+
+def test_a_loss_is_off_by_its_noise_and_by_how_tests_differ() -> None:
+    known = replace(tension(np.full(SAMPLES, 200.0)), final=150.0, initial_error=3.0, final_error=4.0)
+    record = replace(noisy("acceleration", 0.1, 0), test="loosening", tension=known)
+    law = replace(model(), rate_uncertainty=RateUncertainty.of((), np.zeros((0, 0)), (0.4, 0.0), 5))
+    floor = noise_floor([compare(law, record, WINDOWS)])
+    assert floor["tension_loss_error_percent_median"] == pytest.approx(0.6745 * 100 * 5 / 50, rel=1e-3)
+    both = floor["tension_loss_error_percent_median_with_variability"]
+    assert both == pytest.approx(0.6745 * np.hypot(10.0, 40.0), rel=1e-3)
+    assert (
+        noise_floor([compare(model(), record, WINDOWS)])["tension_loss_error_percent_median_with_variability"]
+        is None
+    )
