@@ -53,8 +53,13 @@ def row_name(law: Data) -> str:
     return law_name(str(law.get("name"))) + (f" (= {same})" if same else "")
 
 
-_EVIDENCE = ((2.0, "hardly any"), (6.0, "positive"), (10.0, "strong"))  # R. Kass and A. Raftery (1995)
-_MANY = 1000.0  # a larger difference of BIC says no more
+# differences of BIC below which the evidence is so strong (R. Kass and A. Raftery, 1995)
+_EVIDENCE: Numerical[tuple[tuple[float, str], ...]] = (
+    (2.0, "hardly any"),
+    (6.0, "positive"),
+    (10.0, "strong"),
+)
+_MANY: Numerical[float] = 1000.0  # a larger difference of BIC says no more
 
 
 def evidence_words(delta_bic: float) -> str:
