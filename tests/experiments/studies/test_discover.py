@@ -312,16 +312,12 @@ def test_the_model_is_the_identified_one_with_the_first_law(folder: Path, made: 
 
 
 def test_every_figure_is_there_and_nothing_else(folder: Path) -> None:
-    assert {path.name for path in folder.iterdir()} == {
-        "ranking.json",
-        "model.json",
-        "law-leader-board.svg",
-        "law-trajectories.svg",
-        "law-errors.svg",
-        "exponent-profile.svg",
-        "accuracy-complexity.svg",
-        "term-inclusion.svg",
-    }
+    figures = {
+        "law-leader-board", "law-trajectories", "law-errors", "exponent-profile", "accuracy-complexity",
+        "term-inclusion",
+    }  # fmt: skip
+    drawn = {f"{name}.{suffix}" for name in figures for suffix in ("svg", "pdf")}
+    assert {path.name for path in folder.iterdir()} == {"ranking.json", "model.json", *drawn}
 
 
 def test_the_summary_says_which_law_how_sure_and_what_is_open(folder: Path) -> None:
