@@ -96,7 +96,12 @@ def draw_courses(figure: Figure | SubFigure, data: Data) -> Axes:
 def course_choices(data: Data) -> list[Data]:
     """Return every case that has a course by all drawn laws, by preload."""
     names = drawn_laws(data)
-    known = [case for case in data["cases"] if all((case.get("laws") or {}).get(name) for name in names)]
+
+    def is_whole(case: Data) -> bool:
+        courses = [case.get("change_n"), *((case.get("laws") or {}).get(name) for name in names)]
+        return all(course is not None and None not in course for course in courses)
+
+    known = [case for case in data["cases"] if is_whole(case)]
     return sorted((case for case in known if tension_of(case) > 1.0), key=tension_of)
 
 
