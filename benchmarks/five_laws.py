@@ -1,8 +1,8 @@
 """How often `boltlaw compare` finds the law of a campaign among five from the literature, and its numbers.
 
 ``python -m benchmarks.five_laws --out FOLDER`` runs ``five_laws.toml``, beside this file, and prints a row
-for each law: ten campaigns of the virtual rig whose bolt follows it. A law is found if it is the first one,
-or not told apart from the first. Its numbers are compared with those that the rig had.
+for each law: twenty campaigns of the virtual rig whose bolt follows it. A law is found if it is the first
+one, or not told apart from the first. Its numbers are compared with those that the rig had.
 """
 
 from __future__ import annotations

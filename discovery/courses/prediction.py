@@ -60,8 +60,10 @@ def _along_exposures(candidate: Candidate, frozen: FrozenMotion, deviations: Flo
     weights = np.array(candidate.coefficients) * signs
     rates = frozen.factors(deviations)
     initial = frozen.initial
+    with np.errstate(over="ignore"):  # steps of a fit may go anywhere; the course is not finite there
+        coefficients = np.multiply.outer(rates, weights)
     course = follow_exposures(
-        addresses, parameters, np.multiply.outer(rates, weights), exposures, initial, HIGHEST * initial.max()
+        addresses, parameters, coefficients, exposures, initial, HIGHEST * initial.max()
     )
     return np.asarray(course @ frozen.averages.T - np.maximum(initial, 0.0)[:, None])
 

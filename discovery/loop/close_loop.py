@@ -24,7 +24,7 @@ from discovery.loop.tension_stage import in_tension, law_first, redundant_along_
 from discovery.options import Options, Stages, no_progress
 from rom.campaign.campaign import Campaign
 from rom.identification.force_balance import is_driven
-from rom.identification.free_decay import is_free
+from rom.identification.free_decay import is_followed, is_free
 from rom.model.laws import Law
 from rom.model.model import Model
 from rom.one_thread import one_threaded
@@ -110,6 +110,8 @@ def refits_of(campaign: Campaign, options: Options, law: Law | None = None) -> R
         return FreeRefits.of(campaign, options)
     if is_driven(campaign):
         return BalanceRefits.of(campaign, options)
+    if is_followed(campaign):
+        return FreeRefits.of_driven(campaign, options)
     return ImpactRefits.of(campaign, options, law=law)
 
 

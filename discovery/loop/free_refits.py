@@ -1,4 +1,4 @@
-"""Models of a campaign of ring-downs, refitted by simulation from states of the records' own."""
+"""Models of a campaign without a bolt, refitted by simulation from states of the records' own."""
 
 from __future__ import annotations
 
@@ -22,7 +22,9 @@ from rom.campaign.campaign import Campaign
 from rom.campaign.settings import RecordSettings
 from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
+from rom.identification.force_noise import with_force_noise
 from rom.identification.free_decay import fit_free_decay, free_model, ring_downs
+from rom.identification.identify import identify_campaign
 from rom.identification.modal_model import identify_modes
 from rom.identification.ring_down import RingDown, fitted_state
 from rom.model.model import Model
@@ -33,7 +35,7 @@ _VANISHED: Numerical[float] = 1e-6  # of a number: rounding beside its bound
 
 @dataclass(frozen=True, eq=False)
 class FreeRefits(FixedTensionRefits[SimulationResidual]):
-    """Fits of a campaign's models to ring-downs, or to records of modes, by simulation.
+    """Fits of a campaign's models to ring-downs, to driven records, or to records of modes, by simulation.
 
     Attributes
     ----------
@@ -85,6 +87,27 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
         options.stage("identifying")
         found = identify_modes(campaign)
         return cls(campaign, found.rings, found.model, found.free, found.lines, found.doubts, options)
+
+    @classmethod
+    def of_driven(cls, campaign: Campaign, options: Options) -> FreeRefits:
+        """Read all records of driven bodies and identify the declared model by output error.
+
+        Raises
+        ------
+        ValueError
+            If nothing can be identified from the campaign.
+        """
+        found = identify_campaign(campaign, options.jobs, options.stage("identifying"))
+        rings, doubts = ring_downs(campaign)
+        model = replace(found.model, identification=None)
+        given = {f"body.{body.name}.mass" for body in campaign.settings.body if body.mass_kg is not None}
+        free = tuple(
+            path
+            for path, number in model.parameters.items()
+            if path not in given and (number.source == "identified" or path.startswith("body."))
+        )
+        rings = tuple(with_force_noise(ring, model, campaign.settings) for ring in rings)
+        return cls(campaign, rings, model, free, found.warnings, doubts, options)
 
     @property
     def aside(self) -> tuple[Doubt, ...]:

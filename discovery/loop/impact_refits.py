@@ -157,10 +157,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
             If there is no sound impact test.
         """
         if not self.measurements:
-            raise ValueError(
-                f"{self.campaign.path}: found no sound impact test, expected one: driven records without a "
-                "bolt are compared where displacements were measured"
-            )
+            raise ValueError(f"{self.campaign.path}: found no sound impact test, expected one")
         return whitened_residual_of(
             self.campaign, parameters, self.measurements, floors,
             self.options.stage("tracing"), self.options.criteria,

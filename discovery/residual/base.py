@@ -22,10 +22,10 @@ class Residual(ABC):
         r = (measured - modelled) / sigma,   mean(r^2) = 1 where nothing is missing
 
     Impact tests (`discovery.residual.output_error`): lines of the motion. Driven bodies and cycled links
-    (`discovery.residual.force_balance`): forces left unbalanced. Ring-downs
-    (`discovery.residual.simulation`): samples of the motion. Bolts at rest (`discovery.residual.at_rest`):
-    slow lines of the tension. One closed loop runs over all of them. What a law
-    leaves over of the tension after hits is beside it (`discovery.residual.tension`).
+    (`discovery.residual.force_balance`): forces left unbalanced. Ring-downs, and driven bodies without
+    measured displacements (`discovery.residual.simulation`): samples of the motion. Bolts at rest
+    (`discovery.residual.at_rest`): slow lines of the tension. One closed loop runs over all of them. What a
+    law leaves over of the tension after hits is beside it (`discovery.residual.tension`).
     """
 
     kind: ClassVar[Kind]

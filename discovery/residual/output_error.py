@@ -38,6 +38,7 @@ from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
 from rom.identification.identify import Identification
 from rom.identification.noise_spectrum import Group, NoiseFloor, before_hit, noise_floors, quiet_seconds
+from rom.identification.record_spectra import HIGHEST_HZ
 from rom.identification.spectral_model import (
     CORNER,
     STRUCTURAL,
@@ -272,14 +273,12 @@ def noise_of(
         The numbers that decide.
     """
     seconds = quiet_seconds([trace.measurement for trace in traces])
+    highest = max([HIGHEST_HZ, *(float(part.frequency[-1]) for t in traces for part in t.parts)])
     quiet = []
     for t in traces:
+        values, like = baseline.values(t.parts[0], t.level), t.parts[0]
         force = lasting_force(t, baseline.model.effects, int(seconds * t.measurement.rate_hz))
-        quiet.append(
-            before_hit(
-                t.in_double_precision(), t.bodies, t.parts[0], baseline.values(t.parts[0], t.level), force
-            )
-        )
+        quiet.append(before_hit(t.in_double_precision(), t.bodies, like, values, force, highest))
     floors = noise_floors(quiet)
     alone = [trace for trace in traces if trace.measurement.test == "uncoupled"]
     if not alone:

@@ -1,4 +1,4 @@
-"""What a simulation leaves over of ring-downs, whitened by the sensors' noise, and fits of all its numbers.
+"""What a simulation leaves over of a motion, whitened by the noise, and fits of all its numbers.
 
     r = (y - y_model(theta, x_0, v_0)) / sigma
 

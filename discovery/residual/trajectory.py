@@ -206,7 +206,8 @@ def _traced(
     bodies = [body for body in campaign.settings.body_names if body in seen.motion]
     # motion and effects go beyond a declared band, and must not fold back into it
     highest = max(part.frequency[-1] for part in parts)
-    stride = _stride(parts, seen.rate_hz, highest if campaign.settings.band is None else HIGHEST_HZ)
+    highest = highest if campaign.settings.band is None else max(highest, HIGHEST_HZ)
+    stride = _stride(parts, seen.rate_hz, highest)
     kept = slice(parts[0].samples[0] % stride, None, stride)
     displacement, velocity, fewest = {}, {}, criteria.motion.quiet_samples
     for body in bodies:

@@ -39,14 +39,19 @@ _LEAST: Numerical[float] = 1e-9  # of a stiffness or damping's start
 _STEP: Numerical[float] = 1e-6
 
 
-def is_free(campaign: Campaign) -> bool:
-    """Whether a campaign without a bolt trains on ring-downs alone: free records, or driven without force."""
+def is_followed(campaign: Campaign) -> bool:
+    """Whether a campaign without a bolt trains on free and driven records alone: simulations can follow."""
     training = campaign.select(hold_out=False)
     bolted = any(link.law == "bolted" for link in campaign.settings.link)
-    if bolted or not training or not {record.test for record in training} <= set(TESTS):
-        return False
-    return not any(
-        np.any(f) for r in training for f in measured_record(campaign, r).measurement.force.values()
+    return bool(training) and not bolted and {record.test for record in training} <= set(TESTS)
+
+
+def is_free(campaign: Campaign) -> bool:
+    """Whether a campaign without a bolt trains on ring-downs alone: free records, or driven without force."""
+    return is_followed(campaign) and not any(
+        np.any(force)
+        for record in campaign.select(hold_out=False)
+        for force in measured_record(campaign, record).measurement.force.values()
     )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
 from rom.identification.ambient_noise import ambient_forces, root_of, sensor_noise, share_left, whitener
+from rom.identification.record_spectra import HIGHEST_HZ
 from rom.identification.spectral_model import (
     ComplexArray,
     FloatArray,
@@ -30,7 +31,6 @@ from rom.signals.processing import Measurement
 Group = tuple[str, tuple[str, ...]]
 _MARGIN_S: Numerical[float] = 0.02
 _SHORTEST_S: Numerical[float] = 0.2
-_HIGHEST_HZ: Numerical[float] = 1000.0
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def segment_before_hit(
     bodies: Sequence[str],
     like: SpectralRecord,
     force: FloatArray,
-    highest_hz: float = _HIGHEST_HZ,
+    highest_hz: float = HIGHEST_HZ,
 ) -> SpectralRecord:
     """Return the spectra of a record's first samples, as many as ``force`` (samples, bodies) [N] has.
 
@@ -151,6 +151,7 @@ def before_hit(
     like: SpectralRecord,
     values: Mapping[str, float],
     force: FloatArray,
+    highest_hz: float = HIGHEST_HZ,
 ) -> Quiet:
     """Return the motion of a record's first samples less what a force makes of it, end states projected out.
 
@@ -168,13 +169,15 @@ def before_hit(
         Values by name.
     force : ndarray, shape (samples, bodies)
         Force [N].
+    highest_hz : float
+        Highest frequency [Hz].
 
     Returns
     -------
     Quiet
         What is left over, at the lines of its spectra.
     """
-    segment = segment_before_hit(measurement, bodies, like, force)
+    segment = segment_before_hit(measurement, bodies, like, force, highest_hz)
     quiet = linearise(segment, values, _plain(segment.motion))
     return Quiet(
         (measurement.test, bodies),

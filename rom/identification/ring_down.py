@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 
@@ -43,6 +44,14 @@ _SETTLED: Numerical[float] = 1e-4  # of the cost
 Tension = Mapping[str, float] | None
 
 
+class Whitener(Protocol):
+    """What makes noise of rows white that is not."""
+
+    def whitened(self, rows: FloatArray) -> FloatArray:
+        """Rows over the sensors' noise, (..., channels, rows), over all noise that they have."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class RingDown:
     """One record, its channels as they are compared.
@@ -61,6 +70,8 @@ class RingDown:
         Rate of the rows [Hz].
     shapes : ModeShapes or None
         Of the modes whose motion the sensors show; None where each channel is a body's own.
+    beside : Whitener or None
+        Whitens rows by noise that is not white; None where all is.
     """
 
     measurement: Measurement
@@ -69,6 +80,7 @@ class RingDown:
     noise: FloatArray
     row_rate_hz: float
     shapes: ModeShapes | None = None
+    beside: Whitener | None = None
 
     @property
     def file(self) -> str:
@@ -93,7 +105,11 @@ class RingDown:
     @property
     def whitened(self) -> FloatArray:
         """What was measured over its noise, (rows of all channels,)."""
-        return np.asarray((self.measured / self.noise[:, None]).ravel())
+        return self._white(self.measured / self.noise[:, None])
+
+    def _white(self, rows: FloatArray) -> FloatArray:
+        rows = rows if self.beside is None else self.beside.whitened(rows)
+        return rows.reshape(*rows.shape[:-2], -1)
 
     def shown(self, motion: Mapping[str, Mapping[str, FloatArray]]) -> FloatArray:
         """Motion by quantity and body as the channels show it, over their noise: (rows of all channels,).
@@ -105,7 +121,7 @@ class RingDown:
             same = [c for c, own in zip(self.channels, self.kinds, strict=True) if own == kind]
             rows |= zip(same, self.compared(kind, np.stack([motion[kind][c] for c in same])), strict=True)
         pairs = zip(self.channels, self.noise.tolist(), strict=True)
-        return np.concatenate([rows[channel] / noise for channel, noise in pairs], axis=-1)
+        return self._white(np.stack([rows[channel] / noise for channel, noise in pairs], axis=-2))
 
     def compared(self, kind: str, samples: FloatArray) -> FloatArray:
         """Samples of a quantity, (..., samples), as the channels are compared, (..., rows)."""

@@ -59,10 +59,11 @@ def driven(
     given_kg: float | None = None,
     gain: float = 0.0,
     noise_m: float = 2e-6,
+    kind: str = "displacement",
 ) -> rom.Campaign:
     """A body of 2 kg, 6 N s/m and some stiffness under multisines of 1 to 40 Hz.
 
-    Sensors have noise of 0.02 N and ``noise_m``.
+    Sensors have noise of 0.02 N and ``noise_m``, or what that is at 10 Hz of another kind of motion.
     The last record is held out. Forces are ``sizes`` times the usual one, record by record; the force sensor
     shows ``gain`` too much, and the campaign tells the mass where one is given.
     """
@@ -82,23 +83,24 @@ def driven(
         return v, (force[at] + offset - 6.0 * v - stiffness * x - extra(x, v)) / 2.0
 
     x, v = np.zeros(count), np.zeros(count)
+    order = ("displacement", "velocity", "acceleration").index(kind)
     shown = np.empty((steps // SUBSTEPS, count))
     for step in range(steps):
-        if step % SUBSTEPS == 0:
-            shown[step // SUBSTEPS] = x
         a = rates(x, v, 2 * step)
+        if step % SUBSTEPS == 0:
+            shown[step // SUBSTEPS] = (x, *a)[order]
         b = rates(x + fine_s / 2 * a[0], v + fine_s / 2 * a[1], 2 * step + 1)
         c = rates(x + fine_s / 2 * b[0], v + fine_s / 2 * b[1], 2 * step + 1)
         d = rates(x + fine_s * c[0], v + fine_s * c[1], 2 * step + 2)
         x, v = (
             y + fine_s / 6 * (p + 2 * q + 2 * r + s) for y, p, q, r, s in zip((x, v), a, b, c, d, strict=True)
         )
-    shown += noise_m * rng.normal(size=shown.shape)
+    shown += noise_m * (20 * np.pi) ** order * rng.normal(size=shown.shape)
     forces = (1 + gain) * force[: 2 * steps : 2 * SUBSTEPS] + 0.02 * rng.normal(size=shown.shape)
     records = {
         f"run_{k}.h5": (
             "driven", k == count - 1,
-            {"force_mass": forces[:, k], "displacement_mass": shown[:, k]}, RATE_HZ,
+            {"force_mass": forces[:, k], f"{kind}_mass": shown[:, k]}, RATE_HZ,
         )
         for k in range(count)
     }  # fmt: skip

@@ -1,0 +1,111 @@
+"""Noise of a measured force: a simulation takes it for force, and its answer rings in all that is shown.
+
+    S(f) = I + G(f) Q G(f)^H
+
+is the power of what the true model leaves over of a driven record, in units of the sensors' white noise: G
+what the channels show of forces on the bodies, over their noise, by the linear part of a model, and Q the
+power of the forces' own white noise. Rows times S^-1/2 are white (L. Ljung, System Identification, 1999).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from rom.campaign.campaign import CampaignSettings
+from rom.campaign.channels import Channel, FloatArray
+from rom.identification.equation_error import noise_of
+from rom.identification.free_decay import matrices
+from rom.identification.ring_down import RingDown
+from rom.identification.spectral_model import ComplexArray
+from rom.model.model import Model
+
+_DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
+
+
+@dataclass(frozen=True, eq=False)
+class ForceNoise:
+    """Whitens rows of a record by what noise its forces have.
+
+    Attributes
+    ----------
+    system : tuple of ndarray
+        Mass, damping and stiffness matrices of the moving bodies.
+    orders : ndarray, shape (channels,)
+        Derivative of the displacement that each channel shows.
+    sensor : ndarray, shape (channels,)
+        Standard deviation of a row's white noise.
+    force : ndarray, shape (bodies,)
+        Standard deviation [N] of a force's noise in one row.
+    row_rate_hz : float
+        Rate of the rows [Hz].
+    """
+
+    system: tuple[FloatArray, FloatArray, FloatArray]
+    orders: FloatArray
+    sensor: FloatArray
+    force: FloatArray
+    row_rate_hz: float
+
+    @cached_property
+    def _known(self) -> dict[int, ComplexArray]:
+        return {}
+
+    def whitened(self, rows: FloatArray) -> FloatArray:
+        """Rows over the sensors' noise, (..., channels, rows), those of the forces' noise taken in.
+
+        Records begin and end anywhere: rows are taken to go on as they began, which a difference from a
+        model does within its noise.
+        """
+        count = rows.shape[-1]
+        if count not in self._known:
+            self._known[count] = self._inverse_roots(np.fft.rfftfreq(count, 1 / self.row_rate_hz))
+        lines = np.einsum("fij,...jf->...if", self._known[count], np.fft.rfft(rows, axis=-1))
+        return np.asarray(np.fft.irfft(lines, count, axis=-1))
+
+    def _inverse_roots(self, frequency: FloatArray) -> ComplexArray:
+        """S^-1/2, (lines, channels, channels)."""
+        mass, damping, stiffness = self.system
+        rate = 2j * np.pi * frequency[:, None, None]
+        gain = np.linalg.pinv(mass * rate**2 + damping * rate + stiffness)
+        gain = rate ** self.orders[:, None] * gain * self.force / self.sensor[:, None]
+        power = np.eye(len(self.sensor)) + gain @ np.conj(np.swapaxes(gain, 1, 2))
+        values, vectors = np.linalg.eigh(power)
+        return np.asarray((vectors / np.sqrt(values)[:, None, :]) @ np.conj(np.swapaxes(vectors, 1, 2)))
+
+
+def with_force_noise(ring: RingDown, model: Model, settings: CampaignSettings) -> RingDown:
+    """Return a record whose rows are whitened by the noise of its forces too; as it is where none acts.
+
+    Parameters
+    ----------
+    ring : RingDown
+        The record.
+    model : Model
+        Its linear part passes the noise on.
+    settings : CampaignSettings
+        For the links.
+    """
+    seen, bodies = ring.measurement, ring.bodies
+    noise = {
+        b: noise_of(Channel(b, f, seen.rate_hz)) for b, f in seen.force.items() if b in bodies and np.any(f)
+    }
+    if not noise:
+        return ring
+    values: Mapping[str, float] = {path: number.value for path, number in model.parameters.items()}
+    found = ForceNoise(
+        matrices(settings, bodies, {**_without_links(settings), **values, **seen.given}),
+        np.array([_DERIVATIVES[kind] for kind in ring.kinds]),
+        ring.noise,
+        np.array([noise.get(body, 0.0) for body in bodies]) * np.sqrt(ring.row_rate_hz / seen.rate_hz),
+        ring.row_rate_hz,
+    )
+    return replace(ring, beside=found)
+
+
+def _without_links(settings: CampaignSettings) -> dict[str, float]:
+    """Stiffness and damping of links that a model does not have: none."""
+    return {f"{link.name}.{name}": 0.0 for link in settings.link for name in ("stiffness.k", "damping.c")}

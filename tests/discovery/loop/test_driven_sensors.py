@@ -1,0 +1,56 @@
+"""Driven bodies without measured displacements: followed by simulation, noise of their forces allowed for."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from discovery.loop.close_loop import close_loop
+from discovery.loop.free_refits import FreeRefits
+from discovery.options import Options
+from rom.identification.force_noise import ForceNoise
+from tests.discovery import driven_twins as twins
+
+
+@pytest.mark.parametrize("kind", ["velocity", "acceleration"])
+@pytest.mark.parametrize("noise_m", [2e-6, pytest.param(2e-5, marks=pytest.mark.variant)])
+def test_a_sound_model_leaves_noise_alone(tmp_path: Path, kind: str, noise_m: float) -> None:
+    """Noise of the force rings in the simulation; an accelerometer shows the measured force at once."""
+    campaign = twins.driven(tmp_path / "clean", kind=kind, noise_m=noise_m, sizes=(1.0, 1.0))
+    state = FreeRefits.of_driven(campaign, Options()).start()
+    assert 0.5 < state.level < 1.1  # without force noise 2.8 to 215, with sharpened forces up to 39
+    assert state.model.parameter("body.mass.mass").value == pytest.approx(2.0, rel=5e-4)
+    assert state.model.parameter("guide.stiffness.k").value == pytest.approx(8000.0, rel=5e-4)
+    assert state.model.parameter("guide.damping.c").value == pytest.approx(6.0, rel=2e-3)
+
+
+@pytest.mark.slow
+def test_friction_is_named_by_an_accelerometer(tmp_path: Path) -> None:
+    def friction(_x: twins.FloatArray, v: twins.FloatArray) -> twins.FloatArray:
+        return np.asarray(0.8 * np.tanh(v / 1e-3))
+
+    found = close_loop(twins.driven(tmp_path / "rubs", kind="acceleration", extra=friction, sizes=(1.0, 1.0)))
+    assert found.verdict == "closed"
+    (first,) = found.effects
+    assert first.effect.name == "coulomb-friction"
+    assert first.effect.parameters["F_c"].value == pytest.approx(0.8, rel=0.01)
+    before, after = (step.errors["hold_out"]["motion_nrmse"] for step in found.steps)
+    assert before is not None
+    assert after is not None
+    assert after < 0.05 * before
+
+
+def test_noise_of_a_force_is_white_behind_the_whitener() -> None:
+    """White force noise through a resonator, seen by two sensors, beside their own white noise."""
+    rng, rate, count = np.random.default_rng(3), 200.0, 40000
+    mass, damping, stiffness = np.array([[1.5]]), np.array([[4.0]]), np.array([[3000.0]])
+    omega = 2j * np.pi * np.fft.rfftfreq(count, 1 / rate)
+    gain = 1 / (mass[0, 0] * omega**2 + damping[0, 0] * omega + stiffness[0, 0])
+    force = np.fft.rfft(rng.normal(0, 0.3, count))
+    shown = np.fft.irfft(force * gain * omega, count) + rng.normal(0, 1e-3, count)
+    found = ForceNoise(
+        (mass, damping, stiffness), np.array([1]), np.array([1e-3]), np.array([0.3]), rate
+    ).whitened(shown[None] / 1e-3)
+    power = np.abs(np.fft.rfft(found[0])) ** 2 / count
+    parts = np.array([part.mean() for part in np.array_split(power, 40)])
+    assert parts == pytest.approx(np.ones(40), rel=0.15)  # it was 100 at the resonance
