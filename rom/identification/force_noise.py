@@ -62,7 +62,8 @@ class ForceNoise:
         """
         count = rows.shape[-1]
         if count not in self._known:
-            self._known[count] = self._inverse_roots(np.fft.rfftfreq(count, 1 / self.row_rate_hz))
+            frequency = np.asarray(np.fft.rfftfreq(count, 1 / self.row_rate_hz), dtype=np.float64)
+            self._known[count] = self._inverse_roots(frequency)
         lines = np.einsum("fij,...jf->...if", self._known[count], np.fft.rfft(rows, axis=-1))
         return np.asarray(np.fft.irfft(lines, count, axis=-1))
 
@@ -70,8 +71,8 @@ class ForceNoise:
         """S^-1/2, (lines, channels, channels)."""
         mass, damping, stiffness = self.system
         rate = 2j * np.pi * frequency[:, None, None]
-        gain = np.linalg.pinv(mass * rate**2 + damping * rate + stiffness)
-        gain = rate ** self.orders[:, None] * gain * self.force / self.sensor[:, None]
+        compliance = np.linalg.pinv(mass * rate**2 + damping * rate + stiffness)
+        gain = rate ** self.orders[:, None] * compliance * self.force / self.sensor[:, None]
         power = np.eye(len(self.sensor)) + gain @ np.conj(np.swapaxes(gain, 1, 2))
         values, vectors = np.linalg.eigh(power)
         return np.asarray((vectors / np.sqrt(values)[:, None, :]) @ np.conj(np.swapaxes(vectors, 1, 2)))

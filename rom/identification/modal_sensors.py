@@ -40,7 +40,7 @@ def as_sensors_show(
     """
     kinds = dict.fromkeys(motion.kind for motion in measurement.motion.values())
     if model.shapes is None:
-        shown = {kind: getattr(response, kind) for kind in kinds}
+        shown: dict[str, Mapping[str, FloatArray]] = {kind: getattr(response, kind) for kind in kinds}
         if measurement.test == "driven" and "acceleration" in shown:
             shown["acceleration"] = {
                 **shown["acceleration"],
