@@ -24,6 +24,7 @@ test-all: .venv/installed-test  ## the same and every variant, every law recover
 
 docs: .venv/installed-docs  ## the site: docs/_build/index.html; a broken link or reference is an error
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going docs docs/_build
+	@echo wrote docs/_build/index.html
 
 notebooks: .venv/installed-test  ## run docs/notebooks in a kernel; they keep what they print
 	$(BIN)/python -m tests.documents.notebooks --run

@@ -106,7 +106,17 @@ def course_choices(data: Data) -> list[Data]:
 
 
 def draw_case(figure: Figure | SubFigure, data: Data, case: Data) -> None:
-    """Draw the course of one case alone."""
+    """Draw the course of one case alone.
+
+    Parameters
+    ----------
+    figure : Figure or SubFigure
+        Where to draw.
+    data : mapping
+        As ranking.json holds it.
+    case : mapping
+        One of its cases.
+    """
     ax = figure.subplots()
     _course(ax, case, drawn_with_colours(data), _scatter(data, tension_of(case)))
     ax.set_xlabel("Time after the hit [s]")
