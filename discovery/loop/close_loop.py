@@ -19,10 +19,10 @@ from discovery.loop.refits import Refits
 from discovery.loop.rest_refits import RestRefits
 from discovery.loop.rest_stage import before_hits, gauged
 from discovery.loop.result import Closure, FoundEffect, Step
-from discovery.loop.state import floors_of
 from discovery.loop.tension_stage import in_tension, law_first, redundant_along_law
 from discovery.options import Options, Stages, no_progress
 from rom.campaign.campaign import Campaign
+from rom.evaluation.noise_floor import floors_by_kind
 from rom.identification.force_balance import is_driven
 from rom.identification.free_decay import is_followed, is_free
 from rom.model.laws import Law
@@ -146,6 +146,6 @@ def _closure(refits: Refits, history: LoopHistory) -> Closure:
         criteria=refits.options.criteria,
         declared=first.model,
         set_aside=refits.set_aside,
-        noise_floor=floors_of(last.evaluations),
+        noise_floor=floors_by_kind(last.evaluations),
         warnings=tuple(dict.fromkeys((*last.warnings, *refits.warnings, *doubts, *history.remarks()))),
     )

@@ -106,8 +106,8 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
             for path, number in model.parameters.items()
             if path not in given and (number.source == "identified" or path.startswith("body."))
         )
-        rings = tuple(with_force_noise(ring, model, campaign.settings) for ring in rings)
-        return cls(campaign, rings, model, free, found.warnings, doubts, options)
+        rings, lines = with_force_noise(rings, model, campaign)
+        return cls(campaign, rings, model, free, (*found.warnings, *lines), doubts, options)
 
     @property
     def aside(self) -> tuple[Doubt, ...]:

@@ -157,7 +157,10 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
             If there is no sound impact test.
         """
         if not self.measurements:
-            raise ValueError(f"{self.campaign.path}: found no sound impact test, expected one")
+            raise ValueError(
+                f"{self.campaign.path}: found no sound impact test, expected one: beside cycled links, "
+                "driven bodies are compared where displacements were measured"
+            )
         return whitened_residual_of(
             self.campaign, parameters, self.measurements, floors,
             self.options.stage("tracing"), self.options.criteria,

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from discovery.decide.acceptance import MaterialErrors
 from discovery.residual.base import Residual, level
-from rom.evaluation.error_measures import ErrorsByKind, Kind, summarise
+from rom.evaluation.error_measures import ErrorsByKind, summarise
 from rom.evaluation.evaluate import Evaluation
-from rom.evaluation.noise_floor import NoiseFloor, noise_floor
 from rom.identification.identify import Identification
 from rom.model.model import Model
 
@@ -63,16 +62,6 @@ def errors_of(evaluations: Iterable[Evaluation]) -> ErrorsByKind:
     evaluations = tuple(evaluations)
     training, hold_out = (
         summarise(c for one in evaluations for c in one.comparisons if one.settings.hold_out is held)
-        for held in (False, True)
-    )
-    return {"training": training, "hold_out": hold_out}
-
-
-def floors_of(evaluations: Iterable[Evaluation]) -> Mapping[Kind, NoiseFloor]:
-    """Errors that noise alone would make over training and over hold-out records."""
-    evaluations = tuple(evaluations)
-    training, hold_out = (
-        noise_floor(c for one in evaluations for c in one.comparisons if one.settings.hold_out is held)
         for held in (False, True)
     )
     return {"training": training, "hold_out": hold_out}

@@ -20,7 +20,7 @@ from experiments.text.wording import mapping
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
-from rom.evaluation.noise_floor import noise_floor
+from rom.evaluation.noise_floor import floors_by_kind
 from rom.identification.gamma import GammaEstimate
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.joint import JointEstimate
@@ -178,7 +178,7 @@ def identification_section(outcome: Outcome) -> dict[str, Any]:
         "set_aside": sorted({f"{d.file}: {d.message}" for j in outcome.judged for d in j.doubts}),
         "warnings": list(found.warnings),
         "errors": errors_by_set(outcome.judged, 0) | {"no_loosening": errors_by_set(outcome.judged, 1)},
-        "noise_floor": noise_by_set(outcome.judged),
+        "noise_floor": floors_by_kind(outcome.judged),
         "linear": _linear_rows(found),
         "joint": [_joint_row(estimate) for estimate in found.joint],
         "gamma": [_gamma_row(estimate) for estimate in found.gamma],
@@ -193,15 +193,6 @@ def errors_by_set(judged: Iterable[Evaluation], model: int) -> dict[str, Any]:
     every = [j for j in judged if j.comparisons]
     return {
         name: summarise(j.comparisons[model] for j in every if j.settings.hold_out is held)
-        for name, held in (("training", False), ("hold_out", True))
-    }
-
-
-def noise_by_set(judged: Iterable[Evaluation]) -> dict[str, Any]:
-    """Return the errors that noise alone would make on training and hold-out records."""
-    every = [j for j in judged if j.comparisons]
-    return {
-        name: noise_floor(j.comparisons[0] for j in every if j.settings.hold_out is held)
         for name, held in (("training", False), ("hold_out", True))
     }
 

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from experiments.results import results_folder, write_result
-from experiments.studies.identify import errors_by_set, noise_by_set, suspected_lines
+from experiments.studies.identify import errors_by_set, suspected_lines
 from experiments.studies.suspected import suspected
 from experiments.text.wording import mapping
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.campaign.checks import file_digest
 from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import Evaluation, evaluate
-from rom.evaluation.noise_floor import noise_floor
+from rom.evaluation.noise_floor import floors_by_kind, noise_floor
 from rom.model.model import Model
 from rom.model_file import load_model
 from rom.signals.measured_records import screened, stored
@@ -85,7 +85,7 @@ def run(
         "fitted_to_this_campaign": fitted,
         "errors": errors,
         "noise_floor": noise_floor(j.comparisons[0] for j in compared),
-        "sets": {"errors": errors_by_set(compared, 0), "noise_floor": noise_by_set(compared)},
+        "sets": {"errors": errors_by_set(compared, 0), "noise_floor": floors_by_kind(compared)},
         "records": [_row(j) for j in compared],
         "set_aside": [f"{d.file}: {d.message}" for j in judged for d in j.doubts],
     }

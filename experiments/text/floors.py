@@ -1,4 +1,4 @@
-"""What noise alone would make, beside each error: the truth itself would score no less."""
+"""What noise alone would make, beside each error: about what the truth itself would score."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from statistics import NormalDist, median
 from typing import Any
 
 from experiments.text.wording import mapping, mappings, number
+from rom.evaluation.noise_floor import share_of_rate
 
 Data = Mapping[str, Any]
 
@@ -40,7 +41,11 @@ def loss_of_right_law(data: Data) -> float | None:
     if not known or scatter.get("a") is None or scatter.get("b") is None:
         return None
     shares = [
-        math.hypot(error / loss, math.exp(scatter["a"] + scatter["b"] * math.log(tension / 100.0)))
+        math.hypot(
+            error / loss,
+            share_of_rate(tension, tension - loss)
+            * math.exp(scatter["a"] + scatter["b"] * math.log(tension / 100.0)),
+        )
         for loss, error, tension in known
     ]
     return 100 * NormalDist().inv_cdf(0.75) * median(shares)

@@ -83,11 +83,15 @@ def _line(fault: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """One test: its settings, its channels by name, and the bodies that move in it."""
+    """One test: its settings, its channels by name, and the bodies that move in it.
+
+    `relative` tells channels that are seen from a ground that moves (`rom.signals.ground`).
+    """
 
     settings: RecordSettings
     channels: Mapping[str, Channel]
     bodies: tuple[str, ...]
+    relative: bool = False
 
     @property
     def file(self) -> str:

@@ -58,6 +58,10 @@ class Identifying(Group):
     noise_bias: float = number(
         1e-3, "1", "share of noise in a term behind the filter, from which its number is too small"
     )
+    broad_force: float = number(
+        0.1, "1", "white part of a force over its size, above which it drives the top of the band itself",
+        "0.001 for a multisine to 40 Hz beside 0.02 N of noise; 1 for white excitation",
+    )  # fmt: skip
     quiet_cases: int = number(6, "1", "coupled tests that tell the error of a loss")
     lost_tension: float = number(
         3.0, "1", "final tension in its errors, below which gamma is little more than a bound"

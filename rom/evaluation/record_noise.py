@@ -17,11 +17,10 @@ from scipy import signal
 
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
+from rom.identification.noise_spectrum import MARGIN_S, SHORTEST_S
 from rom.signals.filters import INTEGRATIONS, FilterChain
 from rom.signals.processing import Measurement
 
-_MARGIN_S: Numerical[float] = 0.02  # before the hit
-_SHORTEST_S: Numerical[float] = 0.2  # that tells a spectrum
 _FINER: Numerical[int] = 8  # lines of the spectrum for each that the samples resolve
 
 
@@ -36,8 +35,9 @@ class RecordNoise:
 
 
 def noise_of(measurement: Measurement, pair: tuple[str, str] | None) -> RecordNoise:
-    """Return what a record's noise makes of a simulation that is right; of the motion where a hit comes late
-    enough to show it, and no band is declared.
+    """Return what a record's noise makes of a simulation that is right.
+
+    Of the motion where a hit comes late enough to show it, and no band is declared.
 
     Parameters
     ----------
@@ -45,12 +45,17 @@ def noise_of(measurement: Measurement, pair: tuple[str, str] | None) -> RecordNo
         The record as processed.
     pair : tuple of str or None
         Bodies whose relative motion is compared.
+
+    Returns
+    -------
+    RecordNoise
+        Not a number where it is not known.
     """
     tension, impact_s, rate = measurement.tension, measurement.impact_s or 0.0, measurement.rate_hz
     loss = np.nan if tension is None else float(np.hypot(tension.initial_error, tension.final_error))
-    if impact_s < _SHORTEST_S + _MARGIN_S or measurement.chain.band_hz is not None:
+    if impact_s < SHORTEST_S + MARGIN_S or measurement.chain.band_hz is not None:
         return RecordNoise(loss_error=loss)
-    start, quiet = int(impact_s * rate), int((impact_s - _MARGIN_S) * rate)
+    start, quiet = int(impact_s * rate), int((impact_s - MARGIN_S) * rate)
     shown = {body: measurement.displacement(body)[start:] for body in measurement.motion}
     lines = {
         body: _displacement_lines(motion.samples[:quiet], INTEGRATIONS[motion.kind], rate, measurement.chain)
@@ -66,9 +71,7 @@ def noise_of(measurement: Measurement, pair: tuple[str, str] | None) -> RecordNo
 def _displacement_lines(
     samples: FloatArray, integrations: int, rate_hz: float, chain: FilterChain
 ) -> npt.NDArray[np.complex128]:
-    """Return the spectrum of the displacement that a filter chain makes of noise; its squares add up to the
-    mean square.
-    """
+    """Spectrum of the displacement that a chain makes of noise; its squares add up to the mean square."""
     window = signal.windows.hann(len(samples), sym=False)
     size = _FINER * len(samples)
     lines = np.fft.rfft(signal.detrend(samples) * window, size)[1:] * np.sqrt(2 / (size * np.sum(window**2)))

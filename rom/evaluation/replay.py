@@ -97,7 +97,7 @@ def displacements(runs: Sequence[Replay]) -> tuple[Mapping[str, FloatArray], ...
     if not runs:
         return ()
     measurement = runs[0].measurement
-    motions = [as_sensors_show(run.model, run.response, measurement) for run in runs]
+    motions = [as_sensors_show(run.model, run.response, run.measurement) for run in runs]
     found: list[dict[str, FloatArray]] = [{} for _ in runs]
     for kind in {motion.kind for motion in measurement.motion.values()}:
         bodies = [body for body, motion in measurement.motion.items() if motion.kind == kind]

@@ -191,7 +191,7 @@ def _banded(record: Record, band_hz: Band | None) -> Record:
         return record
     channels = {n: Channel(n, in_band(c.samples, c.rate_hz, band_hz), c.rate_hz)
                 for n, c in record.channels.items()}  # fmt: skip
-    return Record(record.settings, channels, record.bodies)
+    return Record(record.settings, channels, record.bodies, record.relative)
 
 
 def _filter(records: Iterable[Record], quantity: str) -> Smoothing:

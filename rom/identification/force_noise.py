@@ -9,20 +9,24 @@ power of the forces' own white noise. Rows times S^-1/2 are white (L. Ljung, Sys
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from rom.campaign.campaign import CampaignSettings
+from rom.campaign.campaign import Campaign, CampaignSettings
 from rom.campaign.channels import Channel, FloatArray
+from rom.criteria.identification import RULES
+from rom.criteria.number import Numerical
 from rom.identification.equation_error import noise_of
 from rom.identification.free_decay import matrices
 from rom.identification.ring_down import RingDown
 from rom.identification.spectral_model import ComplexArray
 from rom.model.model import Model
+from rom.signals.measured_records import measured_record
 
+_NAMED: Numerical[int] = 3  # records
 _DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 
 
@@ -55,10 +59,20 @@ class ForceNoise:
         return {}
 
     def whitened(self, rows: FloatArray) -> FloatArray:
-        """Rows over the sensors' noise, (..., channels, rows), those of the forces' noise taken in.
+        """Return rows over all noise that they have.
 
         Records begin and end anywhere: rows are taken to go on as they began, which a difference from a
         model does within its noise.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (..., channels, rows)
+            Over the sensors' noise.
+
+        Returns
+        -------
+        ndarray
+            The same shape.
         """
         count = rows.shape[-1]
         if count not in self._known:
@@ -78,33 +92,65 @@ class ForceNoise:
         return np.asarray((vectors / np.sqrt(values)[:, None, :]) @ np.conj(np.swapaxes(vectors, 1, 2)))
 
 
-def with_force_noise(ring: RingDown, model: Model, settings: CampaignSettings) -> RingDown:
-    """Return a record whose rows are whitened by the noise of its forces too; as it is where none acts.
+def with_force_noise(
+    rings: Sequence[RingDown], model: Model, campaign: Campaign
+) -> tuple[tuple[RingDown, ...], tuple[str, ...]]:
+    """Return records whose rows are whitened by the noise of their forces too, and what is to be said of it.
+
+    Records stay as they are where no force acts, where the ground moves (its noise is in force and motion
+    alike), and where a force drives the top of its band, by which noise is told.
 
     Parameters
     ----------
-    ring : RingDown
-        The record.
+    rings : sequence of RingDown
+        The records.
     model : Model
-        Its linear part passes the noise on.
-    settings : CampaignSettings
-        For the links.
+        Its linear part passes the noise on; with an effect that moves a resonance far, noise is sought beside
+        it.
+    campaign : Campaign
+        Of the records.
+
+    Returns
+    -------
+    tuple
+        Records in the same order, and lines.
     """
-    seen, bodies = ring.measurement, ring.bodies
-    noise = {
-        b: noise_of(Channel(b, f, seen.rate_hz)) for b, f in seen.force.items() if b in bodies and np.any(f)
-    }
-    if not noise:
-        return ring
-    values: Mapping[str, float] = {path: number.value for path, number in model.parameters.items()}
-    found = ForceNoise(
-        matrices(settings, bodies, {**_without_links(settings), **values, **seen.given}),
+    records = {record.file: record for record in campaign.settings.record}
+    found, broad = [], []
+    for ring in rings:
+        raw, noise = measured_record(campaign, records[ring.file]).raw, _noises(ring)
+        sizes = [noise[body] / np.sqrt(np.mean(ring.measurement.force[body] ** 2)) for body in noise]
+        if max(sizes, default=0.0) > RULES.broad_force:
+            broad.append(ring.file)
+        elif noise and not (raw is not None and raw.relative):
+            ring = replace(ring, beside=_force_noise(ring, noise, model, campaign.settings))
+        found.append(ring)
+    if not broad:
+        return tuple(found), ()
+    names = ", ".join(broad[:_NAMED]) + (", ..." if len(broad) > _NAMED else "")
+    line = "driven up to the top of the band, where noise of a force is told: none is allowed for"
+    return tuple(found), (f"{names}: {line}",)
+
+
+def _noises(ring: RingDown) -> dict[str, float]:
+    """Standard deviation [N] of the white noise of each force that acts on a body that moves."""
+    seen = ring.measurement
+    acting = {body: force for body, force in seen.force.items() if body in ring.bodies and np.any(force)}
+    return {body: noise_of(Channel(body, force, seen.rate_hz)) for body, force in acting.items()}
+
+
+def _force_noise(
+    ring: RingDown, noise: Mapping[str, float], model: Model, settings: CampaignSettings
+) -> ForceNoise:
+    seen = ring.measurement
+    values = {path: number.value for path, number in model.parameters.items()}
+    return ForceNoise(
+        matrices(settings, ring.bodies, {**_without_links(settings), **values, **seen.given}),
         np.array([_DERIVATIVES[kind] for kind in ring.kinds]),
         ring.noise,
-        np.array([noise.get(body, 0.0) for body in bodies]) * np.sqrt(ring.row_rate_hz / seen.rate_hz),
+        np.array([noise.get(body, 0.0) for body in ring.bodies]) * np.sqrt(ring.row_rate_hz / seen.rate_hz),
         ring.row_rate_hz,
     )
-    return replace(ring, beside=found)
 
 
 def _without_links(settings: CampaignSettings) -> dict[str, float]:

@@ -29,8 +29,10 @@ from rom.identification.spectral_model import (
 from rom.signals.processing import Measurement
 
 Group = tuple[str, tuple[str, ...]]
-_MARGIN_S: Numerical[float] = 0.02
-_SHORTEST_S: Numerical[float] = 0.2
+MARGIN_S: Numerical[float] = 0.02
+"""Before a hit: what is later is not quiet."""
+SHORTEST_S: Numerical[float] = 0.2
+"""That tells a spectrum."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ def segment_before_hit(
     if not len(force):
         found = "no hit" if measurement.impact_s is None else f"a hit after {measurement.impact_s:.3g} s"
         raise ValueError(
-            f"noise is told by at least {_SHORTEST_S + _MARGIN_S:g} s before the hit in every record that "
+            f"noise is told by at least {SHORTEST_S + MARGIN_S:g} s before the hit in every record that "
             f"moves, found less ({measurement.file}: {found}): record a longer pre-trigger, or leave "
             "records that are hit sooner out of the campaign"
         )
@@ -190,8 +192,8 @@ def before_hit(
 
 def quiet_seconds(measurements: Sequence[Measurement]) -> float:
     """Return how long all records of a kind are quiet before the hit [s]; zero where that is too short."""
-    longest = min((m.impact_s or 0.0 for m in measurements), default=0.0) - _MARGIN_S
-    return longest if longest >= _SHORTEST_S else 0.0
+    longest = min((m.impact_s or 0.0 for m in measurements), default=0.0) - MARGIN_S
+    return longest if longest >= SHORTEST_S else 0.0
 
 
 def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseFloor]:

@@ -37,7 +37,7 @@ def relative_to_ground(record: Record, settings: CampaignSettings) -> Record:
         acting = (0.0 if force is None else _at(force, rate)[:samples]) - mass * push
         channels[channel.name] = Channel(channel.name, moved, rate)
         channels[f"force_{body}"] = Channel(f"force_{body}", acting, rate)
-    return Record(record.settings, channels, record.bodies)
+    return Record(record.settings, channels, record.bodies, relative=True)
 
 
 def _at(channel: Channel, rate_hz: float) -> FloatArray:

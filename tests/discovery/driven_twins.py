@@ -60,10 +60,11 @@ def driven(
     gain: float = 0.0,
     noise_m: float = 2e-6,
     kind: str = "displacement",
+    force_noise_n: float = 0.02,
 ) -> rom.Campaign:
     """A body of 2 kg, 6 N s/m and some stiffness under multisines of 1 to 40 Hz.
 
-    Sensors have noise of 0.02 N and ``noise_m``, or what that is at 10 Hz of another kind of motion.
+    Sensors have noise of ``force_noise_n`` and ``noise_m``, of other motions what that is at 10 Hz.
     The last record is held out. Forces are ``sizes`` times the usual one, record by record; the force sensor
     shows ``gain`` too much, and the campaign tells the mass where one is given.
     """
@@ -96,7 +97,7 @@ def driven(
             y + fine_s / 6 * (p + 2 * q + 2 * r + s) for y, p, q, r, s in zip((x, v), a, b, c, d, strict=True)
         )
     shown += noise_m * (20 * np.pi) ** order * rng.normal(size=shown.shape)
-    forces = (1 + gain) * force[: 2 * steps : 2 * SUBSTEPS] + 0.02 * rng.normal(size=shown.shape)
+    forces = (1 + gain) * force[: 2 * steps : 2 * SUBSTEPS] + force_noise_n * rng.normal(size=shown.shape)
     records = {
         f"run_{k}.h5": (
             "driven", k == count - 1,

@@ -38,6 +38,12 @@ def test_a_hit_at_once_leaves_the_noise_unknown() -> None:
     assert floor["motion_nrmse"] is None
 
 
+def test_a_floor_stands_for_all_records_or_for_none() -> None:
+    late, early = (noisy("acceleration", 0.3, 0, impact_s=at) for at in (0.3, 0.1))
+    floor = noise_floor([compare(model(), one, WINDOWS) for one in (late, early)])
+    assert floor["motion_nrmse"] is None
+
+
 def test_a_loss_is_off_by_its_noise_and_by_how_tests_differ() -> None:
     known = replace(tension(np.full(SAMPLES, 200.0)), final=150.0, initial_error=3.0, final_error=4.0)
     record = replace(noisy("acceleration", 0.1, 0), test="loosening", tension=known)
@@ -45,7 +51,8 @@ def test_a_loss_is_off_by_its_noise_and_by_how_tests_differ() -> None:
     floor = noise_floor([compare(law, record, WINDOWS)])
     assert floor["tension_loss_error_percent_median"] == pytest.approx(0.6745 * 100 * 5 / 50, rel=1e-3)
     both = floor["tension_loss_error_percent_median_with_variability"]
-    assert both == pytest.approx(0.6745 * np.hypot(10.0, 40.0), rel=1e-3)
+    followed = np.log(200 / 150) * 150 / 50  # of a rate in proportion to the tension
+    assert both == pytest.approx(0.6745 * np.hypot(10.0, 40.0 * followed), rel=1e-3)
     assert (
         noise_floor([compare(model(), record, WINDOWS)])["tension_loss_error_percent_median_with_variability"]
         is None
