@@ -33,7 +33,7 @@ NOTEBOOKS = {
 """The page of every notebook."""
 _KERNEL = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
 _LINK = re.compile(r"\]\((?!\w+://|#)([^)]+)\)")
-_MOST = 250_000  # bytes of a cell's output: a larger picture is not kept
+_MOST = 600_000  # bytes of a cell's output: a larger picture is not kept
 
 
 def cell_of(block: Block) -> str | None:
