@@ -202,19 +202,25 @@ def _changed(data: Data) -> Iterator[str]:
         for key, one in MEASURES.items()
     ]
     known = [row for row in rows if all(map(_known, row[1]))]
-    same = [row for row in known if abs(row[1][1] - row[1][0]) < _UNCHANGED * abs(row[1][0])]
+    same = [row for row in known if abs(row[1][1] - row[1][0]) <= _UNCHANGED * abs(row[1][0])]
     changes = [_from_to(*row) for row in known if row not in same]
     if changes:
         yield f"on {where} the errors go: {'; '.join(changes)}."
     if same:
-        kept = "; ".join(f"{words}, {_number(f * new, 3)} {unit}" for words, (_, new), f, unit, _ in same)
+        kept = "; ".join(
+            f"{words}, {_number(factor * new, 3)} {unit}{_alone(factor, unit, noise)}"
+            for words, (_, new), factor, unit, noise in same
+        )
         yield f"{'Unchanged' if changes else f'on {where} no error changes'}: {kept}."
 
 
 def _from_to(words: str, ends: Sequence[float], factor: float, unit: str, noise: float | None) -> str:
     old, new = (_number(factor * end, 3) for end in ends)
-    alone = "" if noise is None else f" (noise alone: {_number(factor * noise, 3)} {unit})"
-    return f"{words} from {old} to {new} {unit}{alone}"
+    return f"{words} from {old} to {new} {unit}{_alone(factor, unit, noise)}"
+
+
+def _alone(factor: float, unit: str, noise: float | None) -> str:
+    return "" if noise is None else f" (noise alone: {_number(factor * noise, 3)} {unit})"
 
 
 def _remains(data: Data) -> Iterator[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,14 +12,21 @@ from discovery.views.palette import AFTER, BACKGROUND, BEFORE, MEASURED
 from experiments.figures.description import Drawn
 from experiments.figures.style import FloatArray, panels, styled
 from experiments.figures.tensions import thinned
-from rom.evaluation.replay import Replay, displacements, driven_forces, replay, shown_tension
+from rom.evaluation.replay import (
+    Replay,
+    displacements,
+    driven_forces,
+    replay,
+    shown_tension,
+    tension_known,
+)
 from rom.model.model import Model
 from rom.signals.processing import Measurement
 
 _PIECES = 300  # of a trace, drawn as their extremes: half a page is about as many pixels wide
 _SHOWN_S = 0.6
 _LOOKS = ((BEFORE, "--"), (AFTER, "-."))
-_MICRO = 1e-4  # displacements below are told in micrometres [m]
+_MICRO = 1e-4  # where all displacements are below they are told in micrometres [m]
 
 
 class Course(NamedTuple):
@@ -33,25 +40,40 @@ class Course(NamedTuple):
     residual: Mapping[str, FloatArray]
 
 
-def record_figures(measurements: Iterable[Measurement], models: Mapping[str, Model]) -> dict[str, Drawn]:
+def record_figures(
+    measurements: Sequence[Measurement],
+    models: Mapping[str, Model],
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Drawn]:
     """Return a figure for each record that a model can run again, all with the same panels.
 
     Parameters
     ----------
-    measurements : iterable of Measurement
+    measurements : sequence of Measurement
         Records.
     models : mapping of str to Model
         By the name in the legend, at most two.
+    progress : callable, optional
+        Takes records run again and records in all.
 
     Returns
     -------
     dict
-        By file, kind of test, tension and whether it is held out; what the first model meets worst first.
+        By file, kind of test, tension, whether it is held out and which models do not finish; what the first
+        model meets worst first.
     """
-    made = [(_title(one), _courses(one, models)) for one in measurements]
-    found = dict(sorted((one for one in made if one[1]), key=lambda one: -_worst(one[1])))
+    made: dict[str, list[Course]] = {}
+    for done, measurement in enumerate(measurements, 1):
+        courses = _courses(measurement, models)
+        if courses:
+            made[_title(measurement, _unfinished(courses, models))] = courses
+        if progress is not None:
+            progress(done, len(measurements))
+    first = next(iter(models))
+    found = _in_one_unit(dict(sorted(made.items(), key=lambda one: -_worst(one[1], first))))
     names = list(dict.fromkeys(course.name for courses in found.values() for course in courses))
-    return {title: _figure(names, courses, models) for title, courses in found.items()}
+    time = _time_words(found)
+    return {title: _figure(names, courses, models, time) for title, courses in found.items()}
 
 
 def chosen_records(name: str, figures: Mapping[str, Drawn]) -> dict[str, Drawn]:
@@ -63,57 +85,85 @@ def chosen_records(name: str, figures: Mapping[str, Drawn]) -> dict[str, Drawn]:
     return {name: first}
 
 
-def _worst(courses: Sequence[Course]) -> float:
-    """Return how far the first model is off, relative to what was measured, in the worst course."""
-    left = [(next(iter(course.residual.values())), course.measured) for course in courses if course.residual]
-    return max(
-        (float(np.std(residual) / (np.std(measured) or 1.0)) for residual, measured in left), default=0.0
-    )
+def _worst(courses: Sequence[Course], model: str) -> float:
+    """Return how far a model is off, relative to what was measured, in the worst course."""
+    if any(model not in course.residual for course in courses):
+        return np.inf
+    return max(float(np.std(course.residual[model]) / (np.std(course.measured) or 1.0)) for course in courses)
 
 
-def _title(measurement: Measurement) -> str:
+def _unfinished(courses: Sequence[Course], models: Mapping[str, Model]) -> list[str]:
+    return [name for name in models if any(name not in course.modelled for course in courses)]
+
+
+def _in_one_unit(found: Mapping[str, Sequence[Course]]) -> dict[str, list[Course]]:
+    """Return courses whose displacements have one unit for all records, so that they can be compared."""
+    largest: dict[str, float] = {}
+    for course in (course for courses in found.values() for course in courses):
+        largest[course.name] = max(largest.get(course.name, 0.0), float(np.abs(course.measured).max()))
+
+    def told(course: Course) -> Course:
+        if course.unit != "m":
+            return course
+        scale, unit = (1e6, "µm") if largest[course.name] < _MICRO else (1e3, "mm")
+        modelled, left = (
+            {name: scale * values for name, values in of_models.items()}
+            for of_models in (course.modelled, course.residual)
+        )
+        return Course(course.name, unit, course.time, scale * course.measured, modelled, left)
+
+    return {title: [told(course) for course in courses] for title, courses in found.items()}
+
+
+def _time_words(found: Mapping[str, Sequence[Course]]) -> str:
+    """Return what the axis of time is called: one name for all records."""
+    struck = {any(course.time[0] < 0 for course in courses) for courses in found.values()}
+    if struck == {True, False}:
+        return "Time, after the impact where there is one [s]"
+    return "Time after impact [s]" if struck == {True} else "Time [s]"
+
+
+def _title(measurement: Measurement, unfinished: Sequence[str]) -> str:
     tension = measurement.tension.initial if measurement.tension is not None else measurement.preload_n
-    parts = [measurement.file.rpartition("/")[2], measurement.test]
+    parts = [measurement.file, measurement.test]
     parts += [f"{tension:.4g} N"] if tension is not None and measurement.test != "uncoupled" else []
-    return ", ".join([*parts, *(["held out"] if measurement.hold_out else [])])
+    parts += ["held out"] if measurement.hold_out else []
+    return ", ".join([*parts, *(f"{name} does not finish" for name in unfinished)])
 
 
 def _courses(measurement: Measurement, models: Mapping[str, Model]) -> list[Course]:
-    """Return what a record shows beside its simulations; nothing where it cannot be simulated."""
-    try:
-        if measurement.link:
-            return list(_link_forces(measurement, models))
-        tried = {
-            name: replay(model, measurement.with_cutoff(model.filter_cutoff_hz))
-            for name, model in models.items()
-        }
-        runs = {name: run for name, run in tried.items() if run.response.status == "ok"}
-        return [*_motions(runs), *_tension(runs)] if runs else []
-    except ValueError:
+    """Return what a record shows beside its simulations; nothing where it tells no tension to start from."""
+    if measurement.link:
+        return list(_link_forces(measurement, models))
+    if not all(tension_known(model, measurement) for model in models.values()):
         return []
+    tried = {
+        name: replay(model, measurement.with_cutoff(model.filter_cutoff_hz)) for name, model in models.items()
+    }
+    runs = {name: run for name, run in tried.items() if run.response.status == "ok"}
+    measured = next(iter((runs or tried).values())).measurement
+    return [*_motions(measured, runs), *_tension(measured, runs)]
 
 
-def _motions(runs: Mapping[str, Replay]) -> Iterator[Course]:
+def _motions(measured: Measurement, runs: Mapping[str, Replay]) -> Iterator[Course]:
     shown = {name: displacements([run])[0] for name, run in runs.items()}
-    measured = next(iter(runs.values())).measurement
     start, stop = _window(measured, measured.rate_hz, _SHOWN_S)
     time = np.arange(measured.samples)[start:stop] / measured.rate_hz - (measured.impact_s or 0.0)
     for body in measured.motion:
         samples = measured.displacement(body)[start:stop]
-        scale, unit = (1e6, "µm") if np.abs(samples).max() < _MICRO else (1e3, "mm")
-        modelled = {name: scale * found[body][start:stop] for name, found in shown.items()}
+        modelled = {name: found[body][start:stop] for name, found in shown.items()}
         own = {name: run.measurement.displacement(body)[start:stop] for name, run in runs.items()}
-        left = {name: scale * own[name] - modelled[name] for name in runs}
-        yield Course(f"Displacement of {body}", unit, time, scale * samples, modelled, left)
+        left = {name: own[name] - modelled[name] for name in runs}
+        yield Course(f"Displacement of {body}", "m", time, samples, modelled, left)
 
 
-def _tension(runs: Mapping[str, Replay]) -> Iterator[Course]:
-    first = next(iter(runs.values()))
-    tension, simulated = first.measurement.tension, first.response.tension
-    if tension is None or not isinstance(simulated, np.ndarray) or not simulated.size:
+def _tension(record: Measurement, runs: Mapping[str, Replay]) -> Iterator[Course]:
+    tension = record.tension
+    simulated = [run.response.tension for run in runs.values()][:1]
+    if tension is None or any(not isinstance(one, np.ndarray) or not one.size for one in simulated):
         return
-    start, stop = _window(first.measurement, tension.rate_hz, 5 * _SHOWN_S)
-    time = np.arange(len(tension.samples))[start:stop] / tension.rate_hz - (first.measurement.impact_s or 0.0)
+    start, stop = _window(record, tension.rate_hz, 5 * _SHOWN_S)
+    time = np.arange(len(tension.samples))[start:stop] / tension.rate_hz - (record.impact_s or 0.0)
     measured = tension.non_oscillatory[start:stop]
     modelled = {name: shown_tension(run, tension)[1][start:stop] for name, run in runs.items()}
     left = {name: measured - values for name, values in modelled.items()}
@@ -138,15 +188,14 @@ def _window(measurement: Measurement, rate_hz: float, after_s: float) -> tuple[i
 
 
 @styled
-def _figure(names: Sequence[str], courses: Sequence[Course], models: Mapping[str, Model]) -> Drawn:
+def _figure(names: Sequence[str], courses: Sequence[Course], models: Mapping[str, Model], time: str) -> Drawn:
     """Draw courses on the left and what is left of them on the right, a row a quantity; rows may be empty."""
     figure, axes = panels(len(names), 2, 16.0 + 30.0 * len(names))
     there = {course.name: course for course in courses}
     for row, name in zip(axes, names, strict=True):
         _draw(row, name, there.get(name), models)
         row[1].sharex(row[0])
-    struck = any(course.time[0] < 0 for course in courses)
-    figure.supxlabel("Time after impact [s]" if struck else "Time [s]", fontsize=7.5)
+    figure.supxlabel(time, fontsize=7.5)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 

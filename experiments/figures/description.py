@@ -2,8 +2,8 @@
 
 A figure is drawn once, by matplotlib. The page draws the same traces again so that they can be zoomed and
 read (`experiments.report.interactive`); what it needs travels in the figure's own SVG file. A figure that is
-no set of traces over two axes has no description: names of a table written into a panel, maps, other scales
-than linear and logarithmic ones.
+no set of traces over two axes has no description: words written into a panel, maps, other scales than linear
+and logarithmic ones, whatever `_traces` has no case for.
 """
 
 from __future__ import annotations
@@ -19,12 +19,14 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.collections import LineCollection, PathCollection, PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from matplotlib.text import Annotation
+from matplotlib.spines import Spine
+from matplotlib.text import Text
 from matplotlib.ticker import FixedFormatter
 
 from experiments.results import FIGURE_FORMAT
@@ -84,9 +86,10 @@ def describe(figure: Figure) -> Data | None:
     looks = [[_look(trace) for trace in panel] for panel in next(iter(found.values()))]
     _name(looks)
     height = first.get_figheight() * 25.4
-    panels = [_panel(ax, traces, height) for ax, traces in zip(first.axes, looks, strict=True)]
     if any([[_look(t)["glyph"] for t in panel] for panel in one] != _glyphs(looks) for one in found.values()):
         raise ValueError("figures to choose from must have the same traces in the same panels")
+    alike = zip(*(one.axes for one in chosen.values()), strict=True)
+    panels = [_panel(axes, traces, height) for axes, traces in zip(alike, looks, strict=True)]
     return {
         "format": FIGURE_FORMAT,
         "panels": panels,
@@ -102,14 +105,35 @@ def _glyphs(looks: Sequence[Sequence[Data]]) -> list[list[str]]:
 
 
 def _is_plain(figure: Figure) -> bool:
-    known = (LineCollection, PathCollection, PolyCollection)
-    return bool(figure.axes) and all(
-        ax.get_xscale() in _SCALES
-        and ax.get_yscale() in _SCALES
-        and all(isinstance(one, known) for one in ax.collections)
-        and not any(isinstance(text, Annotation) for text in ax.texts)
-        for ax in figure.axes
+    specs = [ax.get_subplotspec() for ax in figure.axes]
+    places = {(spec.rowspan.start, spec.colspan.start) for spec in specs if spec is not None}
+    return (
+        0 < len(figure.axes) == len(places)  # no two in one place
+        and not figure.subfigs
+        and all(
+            ax.get_xscale() in _SCALES
+            and ax.get_yscale() in _SCALES
+            and not ax.child_axes
+            and not any(text.get_text() for text in ax.texts)
+            and all(_has_case(ax, one) for one in ax.get_children())
+            for ax in figure.axes
+        )
     )
+
+
+def _has_case(ax: Axes, one: Artist) -> bool:
+    """Return whether `_traces` keeps what an artist shows; frames, axes, titles and legends are no traces."""
+    if isinstance(one, Spine | Axis | Text | Legend):
+        return True
+    over = one.get_transform().contains_branch_seperately(ax.transData)
+    if type(one) is Line2D:
+        marked = str(one.get_marker()) in (*_MARKERS, "None", "", " ")
+        return marked and any(over) and one.get_drawstyle() in ("default", "steps-post")
+    if type(one) is LineCollection:
+        return all(len(line) == 2 for line in one.get_segments())
+    if type(one) is Rectangle:
+        return one is ax.patch or (any(over) and not one.get_angle())
+    return isinstance(one, PolyCollection) and all(over) and not np.any(one.get_offsets())
 
 
 def _traces(ax: Axes) -> Iterator[_Trace]:
@@ -169,10 +193,13 @@ def _of_rectangle(ax: Axes, patch: Rectangle) -> _Trace:
     x0, x1 = sorted((patch.get_x(), patch.get_x() + patch.get_width()))
     y0, y1 = sorted((patch.get_y(), patch.get_y() + patch.get_height()))
     look = _area([patch.get_facecolor()], patch)
-    if patch.get_transform().contains_branch_seperately(ax.transData)[1]:
-        fields = {"left": [x0], "right": [x1], "bottom": [y0], "top": [y1]}
-        return _Trace("quad", look, str(patch.get_label()), fields)
-    return _Trace("vstrip", look, str(patch.get_label()), {"x0": [x0], "x1": [x1]})
+    over_x, over_y = patch.get_transform().contains_branch_seperately(ax.transData)
+    glyph, fields = "quad", {"left": [x0], "right": [x1], "bottom": [y0], "top": [y1]}
+    if not over_y:  # from edge to edge
+        glyph, fields = "vstrip", {"x0": [x0], "x1": [x1]}
+    elif not over_x:
+        glyph, fields = "hstrip", {"y0": [y0], "y1": [y1]}
+    return _Trace(glyph, look, str(patch.get_label()), fields)
 
 
 def _area(colours: Any, artist: Artist) -> Data:
@@ -205,7 +232,9 @@ def _name(panels: Sequence[Sequence[Data]]) -> None:
             look["label"] = known.get(key, "")
 
 
-def _panel(ax: Axes, traces: Sequence[Data], height_mm: float) -> Data:
+def _panel(alike: Sequence[Axes], traces: Sequence[Data], height_mm: float) -> Data:
+    """Return a panel of the first figure to choose; a title's unit is that of the first that has one."""
+    ax = alike[0]
     spec = ax.get_subplotspec()
     row, column = (spec.rowspan.start, spec.colspan.start) if spec is not None else (0, 0)
     ratios = np.asarray(spec.get_gridspec().get_height_ratios() if spec is not None else [1.0], dtype=float)
@@ -217,7 +246,8 @@ def _panel(ax: Axes, traces: Sequence[Data], height_mm: float) -> Data:
         if not own["label"] and isinstance(figure, Figure):
             own |= _quantity(getattr(figure, f"get_sup{name}label")())
     if not axes["y"]["label"]:  # told in the title
-        axes["y"] |= _quantity(ax.get_title(loc="left")) | {"label": ""}
+        told = [_quantity(one.get_title(loc="left")) for one in alike]
+        axes["y"] |= next((one for one in told if one["unit"]), told[0]) | {"label": ""}
     shared = [other for other in ax.figure.axes if ax.get_shared_x_axes().joined(ax, other)]
     place = ax.figure.axes.index(shared[0]) if shared else ax.figure.axes.index(ax)
     return {"row": row, "column": column, "height_mm": height_mm * share, "shares_x_with": place, **axes,

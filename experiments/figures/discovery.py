@@ -82,12 +82,16 @@ def trajectories(data: Data) -> Figure:
     """Measured tension after the hit with 95 % limits and the course of each law (preloads of Fig. 15)."""
     figure = blank(courses_height_mm(data))
     _legend(figure, draw_courses(figure, data))
-    figure.choices = {_case_words(case): _one_course(data, case) for case in course_choices(data)}
+    cases = course_choices(data)
+    several = len({case.get("campaign") for case in cases}) > 1
+    figure.choices = {_case_words(case, several): _one_course(data, case) for case in cases}
     return figure
 
 
-def _case_words(case: Data) -> str:
-    parts = [str(case.get("file", "")).rpartition("/")[2], f"{tension_of(case):.4g} N"]
+def _case_words(case: Data, several: bool) -> str:
+    """Return the name of a case among the others; that of several bolts says which."""
+    parts = [str(case.get("campaign") or "")] if several else []
+    parts += [str(case.get("file", "")), f"{tension_of(case):.4g} N"]
     return ", ".join([part for part in parts if part] + (["held out"] if case.get("hold_out") else []))
 
 

@@ -21,7 +21,8 @@ from experiments.report.interactive import (
     Mark,
     description_of,
     legend_of,
-    scripts,
+    library,
+    plots_of,
     within_room,
     without_description,
 )
@@ -92,8 +93,8 @@ def render(directory: Path) -> str:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    pictures, described = _pictures(found)
-    drawing = _drawing(environment, described)
+    pictures, described, plots = _pictures(found)
+    drawing = _drawing(environment, described, plots)
     environment.tests["short"] = _short
     environment.filters["tied"] = _tied
     return environment.get_template("page.html.j2").render(
@@ -178,17 +179,18 @@ def _law_equation(letter: str, law: Data, link: Data) -> Markup:
     return equations.equation(left, str(law.get("equation")))
 
 
-def _pictures(found: Results) -> tuple[list[Picture], dict[str, dict[str, Any]]]:
-    """Return the figures in their order, and by anchor what those show that can be zoomed and read."""
+def _pictures(found: Results) -> tuple[list[Picture], dict[str, dict[str, Any]], dict[str, dict[str, Any]]]:
+    """Return the figures in order, and by anchor what those show that can be zoomed, and their plots."""
     paths = sorted(found.figures, key=lambda path: order(path.stem))
     images = {path: path.read_bytes() for path in paths}
     shown = {_anchor(path): known for path, svg in images.items() if (known := description_of(svg))}
     coded = sum(4 / 3 * len(without_description(svg)) for svg in images.values())
-    described = within_room(shown, _LARGEST - _REST - coded)
+    plots = plots_of(shown)
+    described = within_room({name: shown[name] for name in plots}, _LARGEST - _REST - coded)
     pictures = [
         _picture(path, found.results, svg, described.get(_anchor(path))) for path, svg in images.items()
     ]
-    return pictures, described
+    return pictures, described, {name: plots[name] for name in described}
 
 
 def _anchor(path: Path) -> str:
@@ -214,13 +216,13 @@ class Drawing:
     numbers: Markup
 
 
-def _drawing(environment: jinja2.Environment, described: Mapping[str, Data]) -> Drawing | None:
-    made = scripts(described)
-    if made is None:
+def _drawing(
+    environment: jinja2.Environment, described: Mapping[str, Data], plots: Mapping[str, Data]
+) -> Drawing | None:
+    if not described:
         return None
-    library, plots = made
     own = environment.get_template("page.js.j2").render()
-    return Drawing((Markup(library), Markup(own)), _json(plots), _json(described))
+    return Drawing((Markup(library()), Markup(own)), _json(plots), _json(described))
 
 
 def _json(value: object) -> Markup:

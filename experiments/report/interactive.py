@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 from collections.abc import Mapping, Sequence
@@ -17,8 +16,7 @@ _DESCRIPTION = re.compile(rb"<dc:description>(.*?)</dc:description>", re.DOTALL)
 _METADATA = re.compile(rb"<metadata>.*?</metadata>", re.DOTALL)
 _PX_PER_MM, _LEAST_PX = 5.5, 190
 _LOG_TICKS = "%.4g"
-
-
+_GLYPHS = ("line", "scatter", "segment", "patch", "quad", "hspan", "vspan", "hstrip", "vstrip")
 _DASHES = {"dashed": "5 3", "dotted": "1.5 2.5", "dashdot": "6 2 1.5 2"}
 
 
@@ -69,7 +67,7 @@ def within_room(figures: Mapping[str, dict[str, Any]], room: float) -> dict[str,
     """Return descriptions that fit on a page: while they do not, the largest loses every second choice."""
     kept = dict(figures)
     sizes = {name: len(json.dumps(figure)) for name, figure in kept.items()}
-    while sum(sizes.values()) > room:
+    while sizes and sum(sizes.values()) > room:
         largest = max(sizes, key=lambda name: sizes[name])
         choices = list(kept[largest]["choices"].items())
         if len(choices) > 1:
@@ -80,15 +78,26 @@ def within_room(figures: Mapping[str, dict[str, Any]], room: float) -> dict[str,
     return kept
 
 
-def scripts(figures: Mapping[str, Data]) -> tuple[str, dict[str, Any]] | None:
-    """Return Bokeh's script and, by name, plots without numbers; None where there is nothing to draw."""
-    if not figures or importlib.util.find_spec("bokeh") is None:
-        return None  # the page is then as it is without JavaScript
+def library() -> str:
+    """Return Bokeh's script."""
     from bokeh.resources import Resources  # takes a second, and only a page needs it
 
-    return "\n".join(Resources(mode="inline", components=["bokeh"]).js_raw), {
-        name: _plot(figure) for name, figure in figures.items()
-    }
+    return "\n".join(Resources(mode="inline", components=["bokeh"]).js_raw)
+
+
+def plots_of(figures: Mapping[str, Data]) -> dict[str, dict[str, Any]]:
+    """Return plots without numbers by name; what cannot be drawn from its description stays a picture."""
+    made = {}
+    for name, figure in figures.items():
+        try:  # descriptions come from files, which may be of another version or changed by hand
+            json.dumps(figure, allow_nan=False)
+            legend_of(figure)
+            if not all(isinstance(choice, list) for choice in figure["choices"].values()):
+                raise TypeError("choices must be lists of panels")
+            made[name] = _plot(figure)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError):
+            continue
+    return made
 
 
 def _plot(figure: Data) -> dict[str, Any]:
@@ -139,6 +148,8 @@ def _trace(plot: Any, source: str, trace: Data) -> Any:
     from bokeh.models import ColumnDataSource
 
     fields = trace["fields"]
+    if trace["glyph"] not in _GLYPHS:
+        raise ValueError(f"found the glyph {trace['glyph']!r}, expected one of {', '.join(_GLYPHS)}")
     return getattr(plot, trace["glyph"])(
         source=ColumnDataSource({field: [] for field in fields}, name=source), name=trace["label"],
         **{field: field for field in fields if field != "name"}, **trace["look"],

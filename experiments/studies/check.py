@@ -13,7 +13,7 @@ import numpy as np
 
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
-from experiments.studies.identify import save_figures
+from experiments.studies.figure_files import save_figures
 from experiments.text.suspicions import lines as suspicion_lines
 from rom.campaign.campaign import Campaign, Record, read_campaign
 from rom.signals.quality import Doubt, assess

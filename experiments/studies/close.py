@@ -12,7 +12,8 @@ from discovery.criteria.criteria import CRITERIA, Criteria
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
 from experiments.studies.effect_curves import effect_curves
-from experiments.studies.identify import Progress, save_figures, suspected_lines
+from experiments.studies.figure_files import figures_into
+from experiments.studies.identify import Progress, suspected_lines
 from experiments.studies.suspected import suspected, write_without_records
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
@@ -109,14 +110,18 @@ def run(
             row["curve"] = plain(curve)
         told = suspected(campaign, content["errors"]["training"]["after"])
         content |= told
+        content["warnings"] += figures_into(
+            new,
+            lambda: closure_figures(content),
+            lambda: _records(closure, campaign, report("drawing records")),
+        )
         header["elapsed_s"] = round(time.perf_counter() - started, 3)
         closure.model.save(new / "model.json", **header, **told, identification=model_section(content))
         write_result(new / "closure.json", "closure", content, **header)
-        save_figures(closure_figures(content) | _records(closure, campaign), new)
     return folder / "closure.json"
 
 
-def _records(closure: Closure, campaign: Campaign) -> dict[str, Figure]:
+def _records(closure: Closure, campaign: Campaign, progress: Progress | None) -> dict[str, Figure]:
     """Return records by the declared and by the refined model, to choose from on the page."""
     from experiments.figures.courses import chosen_records, record_figures
     from experiments.figures.identification import CHOICES, example_records
@@ -128,7 +133,7 @@ def _records(closure: Closure, campaign: Campaign) -> dict[str, Figure]:
         models |= {"Refined model": closure.model}
     aside = [line.partition(":")[0] for line in closure.set_aside]
     shown = example_records(campaign, CHOICES, aside)
-    return dict(chosen_records("closure-records", record_figures(shown, models)))
+    return dict(chosen_records("closure-records", record_figures(shown, models, progress)))
 
 
 def model_section(content: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,8 @@ from discovery.criteria.criteria import CRITERIA, Criteria, used_in
 from discovery.laws.candidate import ALWAYS_LISTED, NO_LOOSENING, Candidate
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
-from experiments.studies.identify import Progress, save_figures, suspected_lines
+from experiments.studies.figure_files import figures_into
+from experiments.studies.identify import Progress, suspected_lines
 from experiments.studies.suspected import screening_of, suspected, write_without_records
 from rom.campaign.campaign import Campaign, read_campaign, read_settings
 from rom.signals.measured_records import NothingLeftError, judged_by, screened, stored
@@ -131,10 +132,10 @@ def run(
             content["campaign_digests"] = [one.digest for one in campaigns]
         told = suspected(campaigns, content["laws"][0]["errors"]["training"])
         content |= told
+        content["warnings"] += figures_into(new, lambda: discovery_figures(content))
         header["elapsed_s"] = round(time.perf_counter() - started, 3)
         ranking.model.save(new / "model.json", **header, **told, identification=model_section(content))
         write_result(new / "ranking.json", "ranking", content, **header)
-        save_figures(discovery_figures(content), new)
     return folder / "ranking.json"
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from experiments.results import plain, results_folder
 from experiments.run.publication import results_into
+from experiments.studies.figure_files import figures_into
 from experiments.studies.suspected import suspected, write_without_records
 from experiments.text import suspicions
 from experiments.text.floors import loss_floor
@@ -31,6 +32,8 @@ from rom.signals.measured_records import NothingLeftError, screened, stored
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from experiments.figures.description import Drawn
 
 Progress = Callable[[int, int], None]
 NO_MODEL: Mapping[str, Any] = {"bodies": [], "links": [], "effects": []}
@@ -93,13 +96,14 @@ def run(
             header["campaign_digest"] = campaign.digest
             write_without_records(new / "model.json", "model", nothing, NO_MODEL, header)
         else:
-            drawn = draw(outcome)
             section = identification_section(outcome) | {"command": command}
+            section["warnings"] += figures_into(
+                new, lambda: draw(outcome), lambda: draw_records(outcome, report("drawing records"))
+            )
             errors = section["errors"]["training"]
             header |= suspected(outcome.campaign, errors, _unexplained(outcome.identification))
             header["elapsed_s"] = round(time.perf_counter() - started, 3)
             outcome.identification.model.save(new / "model.json", **header, identification=plain(section))
-            save_figures(drawn, new)
     return folder / "model.json"
 
 
@@ -139,18 +143,14 @@ def _unexplained(found: Identification) -> list[str]:
 def draw(outcome: Outcome) -> dict[str, Figure]:
     """Return the figures that the identification's data allow, by name."""
     from experiments.figures import identification as figures  # matplotlib is loaded when something is drawn
-    from experiments.figures.courses import chosen_records, record_figures
 
     campaign, found = outcome.campaign, outcome.identification
-    doubtful = [doubt.file for judged in outcome.judged for doubt in judged.doubts]
     drawn = figures.identification_figures(
         found,
         windows=campaign.settings.windows,
-        examples=figures.example_records(campaign, leave_out=doubtful),
+        examples=figures.example_records(campaign, leave_out=_doubtful(outcome)),
         split_n=convergence(found.gamma)["split_n"],
     )
-    shown = figures.example_records(campaign, figures.CHOICES, doubtful)
-    drawn |= chosen_records("records", record_figures(shown, {"Identified model": found.model}))
     compared = [judged for judged in outcome.judged if judged.comparisons]
     drawn |= figures.validation_figures(
         [j.comparisons[0] for j in compared if not j.settings.hold_out],
@@ -160,13 +160,18 @@ def draw(outcome: Outcome) -> dict[str, Figure]:
     return drawn
 
 
-def save_figures(drawn: Mapping[str, Figure], folder: Path) -> None:
-    """Write figures to an existing folder, for the page and for print."""
-    from experiments.figures.style import save
+def draw_records(outcome: Outcome, progress: Progress | None = None) -> dict[str, Drawn]:
+    """Return records by the identified model, to choose from on the page."""
+    from experiments.figures.courses import chosen_records, record_figures
+    from experiments.figures.identification import CHOICES, example_records
 
-    for name, figure in drawn.items():
-        save(figure, folder / f"{name}.svg")
-        save(figure, folder / f"{name}.pdf")
+    shown = example_records(outcome.campaign, CHOICES, _doubtful(outcome))
+    models = {"Identified model": outcome.identification.model}
+    return chosen_records("records", record_figures(shown, models, progress))
+
+
+def _doubtful(outcome: Outcome) -> list[str]:
+    return [doubt.file for judged in outcome.judged for doubt in judged.doubts]
 
 
 def identification_section(outcome: Outcome) -> dict[str, Any]:

@@ -17,7 +17,8 @@ import numpy as np
 from experiments.results import write_result
 from experiments.run.publication import results_into
 from experiments.studies import rig
-from experiments.studies.identify import Outcome, Progress, draw, errors_by_set, examine, save_figures
+from experiments.studies.figure_files import save_figures
+from experiments.studies.identify import Outcome, Progress, draw, draw_records, errors_by_set, examine
 from experiments.studies.suspected import suspected
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import Comparison, summarise
@@ -98,7 +99,7 @@ def run(
         ):
             outcome = examine(campaign, jobs, report)
             judged = _of_the_paper(campaign, jobs, report)
-            drawn = draw(outcome)
+            drawn = draw(outcome) | draw_records(outcome, report("drawing records"))
         rows = [
             *_model_rows(), *_coupled_rows(judged), *_identified_rows(outcome), *_error_rows(outcome.judged)
         ]  # fmt: skip

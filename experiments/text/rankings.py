@@ -101,7 +101,10 @@ def _on_numbers(best: Data, cases: Sequence[Data]) -> Iterator[str]:
     free, fitted = best.get("free_numbers"), sum(not case.get("hold_out") for case in cases)
     if free and fitted:
         each = trimmed(number(fitted / free, 2))
-        yield f"The first law's {free} free numbers were fitted to {fitted} tests, {each} for each number."
+        numbers = "one free number was" if free == 1 else f"{free} free numbers were"
+        tests = "one test" if fitted == 1 else f"{fitted} tests"
+        share = "" if free == 1 else f", {each} for each number"
+        yield f"The first law's {numbers} fitted to {tests}{share}."
 
 
 def _on_wins(best: Data, laws: Sequence[Data]) -> Iterator[str]:

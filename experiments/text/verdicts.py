@@ -173,7 +173,7 @@ def _of_prediction(data: Data) -> Answer | None:
     if errors.get("final_tension_error_percent_median") is not None:
         sentences.append(_final_tension_sentence(errors, {}))
     sentences += _bands(data.get("records"))
-    sentences += _of_fit(of_fit, mapping(data.get("sets")))
+    sentences += _of_fit(of_fit, data.get("sets"))
     return Answer(
         _PREDICTED.get(of_fit, "Does the model predict this campaign?"),
         verdict,
@@ -185,12 +185,14 @@ def _of_prediction(data: Data) -> Answer | None:
     )
 
 
-def _of_fit(of_fit: object, sets: Data) -> list[str]:
+def _of_fit(of_fit: object, sets: object) -> list[str]:
     """Say what of its own campaign a fit has not seen, or that its campaign is not known."""
     if of_fit is None:
         return ["The model's file does not say which campaign it was fitted to."]
     if not of_fit:
         return []
+    if not isinstance(sets, Mapping):  # a file of before they were told apart
+        return ["This campaign is that of the fit."]
     unseen = mapping(mapping(sets.get("errors")).get("hold_out"))
     if not unseen.get("records"):
         return ["This campaign is that of the fit, and none of its records was held out."]

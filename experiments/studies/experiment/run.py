@@ -28,7 +28,7 @@ from experiments.studies.experiment.cell import (
 )
 from experiments.studies.experiment.cells import Cell, Experiment, Measure, read_experiment
 from experiments.studies.experiment.table import TABLE, ExperimentTable, as_csv, read_rows
-from experiments.studies.identify import save_figures
+from experiments.studies.figure_files import save_figures
 from rom.progress import Progress
 from rom.provenance import program_version
 

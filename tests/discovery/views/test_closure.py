@@ -84,11 +84,19 @@ def test_an_error_that_stays_is_not_called_a_change_and_noise_stands_beside_thos
     first, last = (dict(step.errors["hold_out"]) for step in (found.steps[0], found.steps[-1]))
     last["tension_rmse_n"] = first["tension_rmse_n"]
     steps = (*found.steps[:-1], replace(found.steps[-1], errors={**found.steps[-1].errors, "hold_out": last}))
-    floor = {"hold_out": {"motion_nrmse": 0.0111}}
+    floor = {"hold_out": {"motion_nrmse": 0.0111, "tension_rmse_n": 0.2}}
     changed = said(replace(found, steps=steps, noise_floor=floor))["changed"]  # type: ignore[arg-type]
     assert "% (noise alone: 1.11 %)" in changed
-    assert f"Unchanged: the tension, {first['tension_rmse_n']:.3g} N." in changed
+    assert f"Unchanged: the tension, {first['tension_rmse_n']:.3g} N (noise alone: 0.2 N)." in changed
     assert "the tension from" not in changed
+
+
+def test_an_error_that_is_zero_before_and_after_is_unchanged() -> None:
+    found = closure(friction())
+    ends = [dict(step.errors["hold_out"]) | {"tension_rmse_n": 0.0} for step in found.steps]
+    steps = tuple(replace(step, errors={**step.errors, "hold_out": end})
+                  for step, end in zip(found.steps, ends, strict=True))  # fmt: skip
+    assert "Unchanged: the tension, 0 N." in said(replace(found, steps=steps))["changed"]  # type: ignore[arg-type]
 
 
 def test_no_effect_says_so_and_names_no_effect_as_found() -> None:

@@ -4,25 +4,33 @@ from __future__ import annotations
 
 import base64
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
+from experiments.figures import courses
 from experiments.figures.courses import chosen_records, record_figures
 from experiments.figures.description import Drawn, describe, name_points, plain_text
 from experiments.figures.style import panels, save
 from experiments.report.interactive import (
     description_of,
     legend_of,
+    plots_of,
     within_room,
     without_description,
 )
+from rom.evaluation.replay import Replay, replay
+from rom.model.model import Model
 from rom.parameters.he_2025 import paper_model
+from rom.signals.processing import Measurement
 from tests.experiments.figures.test_figures import measurement
 
+TESTS = (("loosening", 317), ("coupled", 3000))
 MODELS = {"Declared model": paper_model(), "Refined model": paper_model()}
 
 
@@ -47,6 +55,7 @@ def drawn() -> Drawn:
     name_points(points.lines[0], ["a.h5", "b.h5"])
     ax.axhline(100.0, color="#8c8c8c", label="Level")
     ax.axvspan(4.0, 5.0, color="#009E73", alpha=0.3)
+    ax.axhspan(2.0, 3.0, color="#009E73", alpha=0.3)
     ax.set_xlabel("Bolt tension $T$ [N]")
     ax.set_ylabel("$\\gamma$ [s$^3$/m$^4$]")
     return figure
@@ -59,12 +68,13 @@ def test_a_figure_is_described_with_names_units_and_looks() -> None:
     assert (panel["x"]["quantity"], panel["x"]["unit"]) == ("Bolt tension T", "N")
     assert (panel["y"]["label"], panel["y"]["scale"]) == ("γ [s³/m⁴]", "log")
     glyphs = {trace["glyph"]: trace for trace in panel["traces"]}
-    assert set(glyphs) == {"patch", "line", "scatter", "segment", "hspan", "vstrip"}
+    assert set(glyphs) == {"patch", "line", "scatter", "segment", "hspan", "vstrip", "hstrip"}
     assert glyphs["line"]["look"]["line_dash"] == "dashed"
     assert {mark.label for mark in legend_of(shown)} == {"Law", "Records", "Level"}
     own = dict(zip((t["glyph"] for t in panel["traces"]), shown["choices"][""][0]["traces"], strict=True))
     assert own["scatter"] == {"x": [2.0, 3.0], "y": [7.0, 20.0], "name": ["a.h5", "b.h5"]}
     assert own["vstrip"] == {"x0": [4.0], "x1": [5.0]}
+    assert own["hstrip"] == {"y0": [2.0], "y1": [3.0]}
     assert own["segment"]["y0"] == [6.0, 18.0]
     x = np.array(numbers(own["line"]["x"]))
     assert numbers(own["line"]["y"]) == pytest.approx(np.exp(x), rel=1e-3)
@@ -75,6 +85,12 @@ def test_maps_names_in_a_panel_and_other_scales_are_not_described() -> None:
         lambda ax: ax.pcolormesh(np.ones((2, 2))),
         lambda ax: ax.annotate("a name", (0.0, 1.0)),
         lambda ax: ax.set_yscale("symlog"),
+        lambda ax: ax.text(1.0, 3.0, "Regime I"),
+        lambda ax: ax.scatter([1.0], [3.0]),
+        lambda ax: ax.add_patch(Circle((1.0, 3.0), 0.1)),
+        lambda ax: ax.imshow(np.ones((2, 2))),
+        lambda ax: ax.plot([1.0], [3.0], "*"),
+        lambda ax: ax.twinx(),
     ):
         figure, axes = panels()
         axes[0, 0].plot([1.0, 2.0], [3.0, 4.0])
@@ -98,15 +114,46 @@ def records() -> dict[str, Drawn]:
 def test_records_are_chosen_from_with_both_models_and_what_they_leave(records: dict[str, Drawn]) -> None:
     shown = describe(records["records"])
     assert shown is not None
-    assert set(shown["choices"]) == {"loosening_317.h5, loosening, 317 N", "coupled_3000.h5, coupled, 3000 N"}
+    titles = {f"records/{test}_{tension}.h5, {test}, {tension} N" for test, tension in TESTS}
+    assert set(shown["choices"]) == titles
     assert [mark.label for mark in legend_of(shown)] == ["Measured", *MODELS]
     dashes = [trace["look"]["line_dash"] for trace in shown["panels"][0]["traces"]]
     assert dashes == ["solid", "dashed", "dashdot"]
-    panel, left = shown["choices"]["loosening_317.h5, loosening, 317 N"][:2]
-    assert panel["title"] == "Displacement of lo [mm]"
+    panel, left = shown["choices"]["records/loosening_317.h5, loosening, 317 N"][:2]
+    assert {one[0]["title"] for one in shown["choices"].values()} == {"Displacement of lo [mm]"}  # one unit
+    assert shown["panels"][0]["y"]["unit"] == "mm"
     peak = 1e3 * np.abs(measurement(317.0).displacement("lo")).max()
     assert np.abs(numbers(panel["traces"][0]["y"])).max() == pytest.approx(peak, rel=1e-3)
     assert np.abs(numbers(left["traces"][1]["y"])).max() < 1e-3 * peak  # the model that measured it
+
+
+def test_records_of_one_name_are_all_there_and_a_model_that_diverges_is_told_first(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    one = measurement(317.0)
+    worse, other = (replace(one, file=f"{folder}/run_1.h5", hold_out=held) for folder, held in
+                    (("a", True), ("b", False)))  # fmt: skip
+    declared = MODELS["Declared model"]
+
+    def diverging(model: Model, record: Measurement) -> Replay:
+        run = replay(model, record)
+        ill = model is declared and record.hold_out
+        return replace(run, response=replace(run.response, status="diverged")) if ill else run
+
+    monkeypatch.setattr(courses, "replay", diverging)
+    assert list(record_figures((other, worse), MODELS)) == [
+        "a/run_1.h5, loosening, 317 N, held out, Declared model does not finish",
+        "b/run_1.h5, loosening, 317 N",
+    ]
+
+
+def test_a_fault_of_a_replay_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise ValueError("a fault")
+
+    monkeypatch.setattr(courses, "replay", fail)
+    with pytest.raises(ValueError, match="a fault"):
+        record_figures([measurement(317.0)], MODELS)
 
 
 def test_figures_to_choose_from_must_be_alike() -> None:
@@ -133,3 +180,18 @@ def test_what_does_not_fit_on_the_page_loses_choices_first() -> None:
     kept = within_room(figures, 2000)
     assert list(kept["large"]["choices"]) == ["0", "2", "4", "6"]
     assert list(within_room(figures, 100)) == ["small"]
+    assert within_room(figures, -1.0) == {}
+
+
+def test_what_cannot_be_drawn_from_its_description_stays_a_picture() -> None:
+    def with_trace(**changes: Any) -> dict[str, Any]:
+        found: dict[str, Any] = json.loads(json.dumps(describe(drawn())))
+        found["panels"][0]["traces"][0] |= changes
+        return found
+
+    found = {
+        "sound": with_trace(), "other": with_trace(glyph="add_tools"), "number": with_trace(label=1.0),
+        "look": with_trace(look={"unknown": 1}), "infinite": with_trace(look={"line_width": np.inf}),
+        "empty": {},
+    }  # fmt: skip
+    assert list(plots_of(found)) == ["sound"]

@@ -218,6 +218,33 @@ def test_a_difference_of_bic_is_said_as_what_it_means() -> None:
         assert words in " ".join(found.sentences)
 
 
+@pytest.mark.parametrize(
+    ("free", "tests", "words"),
+    [
+        (1, 1, "law's one free number was fitted to one test."),
+        (2, 3, "law's 2 free numbers were fitted to 3 tests, 1.5 for each number."),
+    ],
+)
+def test_free_numbers_and_tests_are_counted(free: int, tests: int, words: str) -> None:
+    rows = laws()
+    rows[0]["free_numbers"] = free
+    cases = [ranking()["cases"][0] | {"hold_out": False}] * tests
+    found = rankings.answer(ranking() | {"laws": rows, "cases": cases})
+    assert found is not None
+    assert words in " ".join(found.sentences)
+
+
+def test_records_of_one_name_are_all_to_choose_from() -> None:
+    data = ranking()
+    case = data["cases"][0] | {"initial_tension_n": 100.0}
+    files = [case | {"file": f"{folder}/run_1.h5"} for folder in "ab"]
+    bolts = [case | {"file": "run_1.h5", "campaign": bolt} for bolt in ("first", "second")]
+    for cases in (files, bolts):
+        figure = discovery_figures(data | {"cases": cases})["law-trajectories"]
+        assert len(figure.choices) == 2  # type: ignore[attr-defined]
+    assert list(figure.choices)[1].startswith("second, run_1.h5, 100 N")  # type: ignore[attr-defined]
+
+
 def verdict(**changes: Any) -> tuple[str, bool | None]:
     found = rankings.answer(ranking() | changes)
     assert found is not None

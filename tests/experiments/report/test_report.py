@@ -326,6 +326,15 @@ def test_a_prediction_says_whose_campaign_it_is_and_what_noise_alone_would_make(
     assert ("– noise alone would make [%]", "0.990") in table.rows
 
 
+def test_a_prediction_of_before_says_nothing_of_records_held_out() -> None:
+    data = {"errors": errors(1.0), "fitted_to_this_campaign": True}
+    found, told = answer("prediction", data), answer("prediction", data | {"sets": {}})
+    assert found is not None
+    assert told is not None
+    assert found.sentences[-1] == "This campaign is that of the fit."
+    assert told.sentences[-1].endswith("none of its records was held out.")
+
+
 def test_numbers_and_keys_in_words() -> None:
     assert number(4.74e-7) == "4.740 × 10⁻⁷"
     assert number(-0.00922, 3) == "−0.00922"

@@ -1,0 +1,30 @@
+"""Figures of a study as files; one that fails is told, and costs no result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def figures_into(folder: Path, *draw: Callable[[], Mapping[str, Figure]]) -> list[str]:
+    """Draw figures into an existing folder; return a line for each fault: results are worth more than it."""
+    faults = []
+    for one in draw:
+        try:
+            save_figures(one(), folder)
+        except Exception as fault:  # whatever it is, the results of hours are not lost for a picture
+            faults.append(f"figures were not drawn: {type(fault).__name__}: {fault}")
+    return faults
+
+
+def save_figures(drawn: Mapping[str, Figure], folder: Path) -> None:
+    """Write figures to an existing folder, for the page and for print."""
+    from experiments.figures.style import save
+
+    for name, figure in drawn.items():
+        save(figure, folder / f"{name}.svg")
+        save(figure, folder / f"{name}.pdf")
