@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,8 +13,10 @@ import pytest
 
 from experiments.figures.closure import closure_figures
 from experiments.figures.courses import chosen_records, record_figures
+from experiments.figures.description import describe
 from experiments.figures.discovery import discovery_figures
 from experiments.figures.style import panels, save
+from experiments.report.interactive import _DESCRIPTION
 from experiments.studies import report
 from rom.parameters.he_2025 import paper_model
 from rom.signals.processing import Measurement
@@ -53,13 +54,12 @@ def folder(impacts: tuple[Measurement, Measurement], tmp_path_factory: pytest.Te
     shown = chosen_records("closure-records", records) | closure_figures(found) | discovery_figures(ranking())
     for name, figure in shown.items():
         save(figure, made / f"{name}.svg")
-    for name in ("gap", "torn"):
-        figure, axes = panels()
-        axes[0, 0].plot([1.0, 2.0, 3.0], [5.0, np.nan, 6.0], label="Line")
-        save(figure, made / f"{name}.svg")
-    torn = made / "torn.svg"  # a description without its numbers
-    torn.write_text(
-        re.sub(r"(choices&quot;:|choices\":){.*?}(?=}</dc)", r'choices":{"":[{}]}', torn.read_text())
+    figure, axes = panels()
+    axes[0, 0].plot([1.0, 2.0, 3.0], [5.0, np.nan, 6.0], label="Line")
+    svg = save(figure, made / "gap.svg").read_bytes()
+    torn = json.dumps(describe(figure) | {"choices": {"": [{}]}}).replace('"', "&quot;")  # type: ignore[operator]
+    (made / "torn.svg").write_bytes(
+        _DESCRIPTION.sub(f"<dc:description>{torn}</dc:description>".encode(), svg)
     )
     report.run(made)
     return made
@@ -197,13 +197,14 @@ def test_a_gap_stays_a_gap(plots: Page) -> None:
 
 def test_a_plot_that_fails_leaves_the_picture(plots: Page) -> None:
     plots.evaluate("document.querySelector('#figure-torn .enlarge').click()")
-    until(lambda: plots.faults)
+    until(lambda: plots.evaluate("true") and plots.faults)
     assert plots.evaluate("document.querySelector('#figure-torn img').offsetWidth") > 300
     assert plots.evaluate("document.querySelector('#figure-torn .plot').offsetWidth") == 0
+    plots.faults.clear()
 
 
 def test_an_address_that_cannot_be_decoded_is_no_fault(folder: Path, page: Page) -> None:
-    page.open(Path(f"{folder / 'report.html'}"), DESKTOP)
+    page.open(folder / "report.html", DESKTOP)
     page.evaluate("location.hash = '#%'")
     page.evaluate("new Promise(done => setTimeout(done, 100))")
     assert page.faults == []
