@@ -360,7 +360,7 @@ def report(
 
 
 def main() -> None:
-    """Run; exit code 0: done, 3: done, no model is good, 2: bad input, 1: a fault of the program."""
+    """Exit with code 0: done, 3: done, but no model is good, 2: bad input, 1: a fault of the program."""
     return_freed_arrays()
     show_warnings_plainly()
     signal.signal(signal.SIGTERM, terminated)

@@ -133,16 +133,24 @@ def _title(measurement: Measurement, unfinished: Sequence[str]) -> str:
 
 def _courses(measurement: Measurement, models: Mapping[str, Model]) -> list[Course]:
     """Return what a record shows beside its simulations; nothing where it tells no tension to start from."""
+    if not all(_tells_start(measurement, model) for model in models.values()):
+        return []
     if measurement.link:
         return list(_link_forces(measurement, models))
-    if not all(tension_known(model, measurement) for model in models.values()):
-        return []
     tried = {
         name: replay(model, measurement.with_cutoff(model.filter_cutoff_hz)) for name, model in models.items()
     }
     runs = {name: run for name, run in tried.items() if run.response.status == "ok"}
     measured = next(iter((runs or tried).values())).measurement
     return [*_motions(measured, runs), *_tension(measured, runs)]
+
+
+def _tells_start(measurement: Measurement, model: Model) -> bool:
+    """Return whether a record tells the tension to start from; of a cycled link its normal force does."""
+    told = {name.removeprefix("normal_force_") for name in measurement.link}
+    if measurement.link and told.issuperset(model.structure.bolted_links):
+        return True
+    return tension_known(model, measurement)
 
 
 def _motions(measured: Measurement, runs: Mapping[str, Replay]) -> Iterator[Course]:

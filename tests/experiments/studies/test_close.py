@@ -256,7 +256,7 @@ def test_a_figure_that_cannot_be_drawn_is_told_and_costs_no_result(
     def fail(_: object) -> None:
         raise RuntimeError("no ink")
 
-    finding(closure(friction()))
+    finding(replace(closure(friction()), declared=paper_model()))
     monkeypatch.setattr("experiments.figures.closure.closure_figures", fail)
     ran = boltlaw("close", campaign, "--out", tmp_path / "results", "--jobs", 1)
     assert ran.code == 0
