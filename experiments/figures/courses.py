@@ -147,8 +147,9 @@ def _courses(measurement: Measurement, models: Mapping[str, Model]) -> list[Cour
 
 def _tells_start(measurement: Measurement, model: Model) -> bool:
     """Return whether a record tells the tension to start from; of a cycled link its normal force does."""
-    told = {name.removeprefix("normal_force_") for name in measurement.link}
-    if measurement.link and told.issuperset(model.structure.bolted_links):
+    link = measurement.link
+    driven = [name for name in model.structure.bolted_links if f"link_force_{name}" in link]
+    if link and all(f"normal_force_{name}" in link for name in driven):
         return True
     return tension_known(model, measurement)
 
