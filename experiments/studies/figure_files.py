@@ -16,6 +16,8 @@ def figures_into(folder: Path, *draw: Callable[[], Mapping[str, Figure]]) -> lis
     for one in draw:
         try:
             save_figures(one(), folder)
+        except OSError:
+            raise  # a full disk has no room for results either
         except Exception as fault:  # whatever it is, the results of hours are not lost for a picture
             faults.append(f"figures were not drawn: {type(fault).__name__}: {fault}")
     return faults
