@@ -65,7 +65,7 @@ def out(tmp_path: Path) -> Path:
 
 
 def held(folder: Path) -> dict[str, str]:
-    return {path.name: path.read_text() for path in folder.iterdir()}
+    return {path.name: path.read_text(errors="replace") for path in folder.iterdir()}
 
 
 def started(campaign: Path, out: Path, figures: int, **options: Any) -> subprocess.Popen[str]:
@@ -91,7 +91,7 @@ def under_way(campaign: Path, out: Path) -> Iterator[subprocess.Popen[str]]:
 def whole(out: Path) -> bool:
     """Whether the folder holds all of one new run, and nothing but that and what was somebody's own."""
     names = set(held(out))
-    figures = {name for name in names if name.endswith(".svg")}
+    figures = {name for name in names if name.endswith((".svg", ".pdf"))}
     data = json.loads((out / "closure.json").read_text())
     model = json.loads((out / "model.json").read_text())
     assert data["campaign_digest"] == model["identification"]["campaign_digest"]

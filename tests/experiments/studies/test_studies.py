@@ -188,7 +188,9 @@ def test_few_cases_have_no_regimes() -> None:
 def test_summary_names_laws_limits_and_errors(results: Path) -> None:
     text = identify.summary(results / "model.json")
     assert re.search(r"joint stiffness: k_i / .* k_i = [\d.e+]+ \[[\d.e+]+, [\d.e+]+\] N/m", text)
-    assert re.search(r"hold-out: motion [\d.]+ %; final tension mean [\d.]+ %", text)
+    assert re.search(
+        r"hold-out: motion [\d.]+ % \(noise alone: [\d.]+ %\); final tension mean [\d.]+ %", text
+    )
     assert "no loosening" in text
     assert re.search(r"lo mass: [\d.]+ kg( given| \[[\d.]+, [\d.]+\])$", text, re.MULTILINE)
 
