@@ -153,9 +153,9 @@ def _evidence(data: Data) -> Iterator[str]:
     for effect in data["effects"]:
         won, records = effect["wins"]
         what = effect["name"] if several else "it"
-        text = f"{what} takes away {_percent(effect['share'])} of {effect['share_of']} on training records"
+        text = f"{what} explains {_percent(effect['share'])} of {effect['share_of']} on training records"
         if records:
-            text += f", and {won} of {records} held-out records are met better with it"
+            text += f", and improves {won} of {records} hold-out records"
         if _known(effect["p_value"]):
             text += f"; {_CHANCES[effect['p_value_from']]}: p {_chance(effect['p_value'])}"
         yield " ".join([f"{text}.", *_on_look_alikes(effect)])
@@ -168,7 +168,7 @@ def _on_look_alikes(effect: Data) -> Iterator[str]:
         return
     named = ", ".join(map(_with_place, alike[:_NAMED]))
     more = f" and {len(alike) - _NAMED} more" if len(alike) > _NAMED else ""
-    yield f"These records do not distinguish {effect['name']} for sure from {named}{more}."
+    yield f"These records do not distinguish {effect['name']} from {named}{more}."
     tests = dict.fromkeys(like["test"].rstrip(".") for like in alike if like["test"])
     if tests:
         yield f"What would separate them: {'; '.join(list(tests)[:_NAMED])}."

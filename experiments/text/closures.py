@@ -273,9 +273,9 @@ def _evidence(effect: Data) -> Iterator[str]:
     if effect.get("source") == "free-form":
         yield "Found without the catalogue, by sparse regression."
     if isinstance(share, float):
-        yield f"Share of {effect.get('share_of') or 'the residual'} that it takes away: {_share(share)}."
+        yield f"Share of {effect.get('share_of') or 'the residual'} that it explains: {_share(share)}."
     if isinstance(wins, Sequence) and len(wins) == 2 and wins[1]:
-        yield f"Held-out records that it meets better: {wins[0]} of {wins[1]}."
+        yield f"Hold-out records that it improves: {wins[0]} of {wins[1]}."
     if isinstance(p, float):
         chance = f"= {trimmed(number(p, 2))}" if p >= 1e-4 else "below 10⁻⁴"
         how = "" if effect.get("p_value_from") in (None, "drawn") else " (rows independent)"
@@ -297,8 +297,8 @@ def _look_alikes(effect: Data) -> Table:
         )
         for like in mappings(effect.get("look_alikes"))
     )
-    note = "Cost on held-out records over that of the effect named: 1 is as good."
-    heads = ("Look-alike", "Where", "Held-out cost", "What would separate them")
+    note = "Cost on hold-out records over that of the effect named: 1 is as good."
+    heads = ("Look-alike", "Where", "Hold-out cost", "What would separate them")
     return Table("Not distinguished from it by these records", heads, rows, note=note)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from discovery.views.closure_prose import place_words
+from discovery.views.closure_prose import place_words, sections
 from experiments.text import closures
 from experiments.text.closures import effects_of
 from experiments.text.tables import MEASURES, Table, error_rows
@@ -91,7 +91,7 @@ def page(references: Mapping[str, Data]) -> str:
         "`python -m experiments.studies.measured`.",
         "`closed` says that less than 3 % of what was beyond noise in the residual's mean square is left, "
         "**not** that the residual is at noise: these sensors are far quieter than a simple model is right. "
-        "`unexplained` says that more is left, even where a named effect takes away most of it.",
+        "`unexplained` says that more is left, even where a named effect explains most of it.",
         overview(references),
         *(section(name, references[name]) for name in SETS if name in references),
     ]
@@ -105,7 +105,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def overview(references: Mapping[str, Data]) -> str:
-    """Return a row per set: verdict, effects, and the errors on held-out records before and after."""
+    """Return a row per set: verdict, effects, and the errors on hold-out records before and after."""
     rows = []
     for name in SETS:
         closure = (references.get(name) or {}).get("closure")
@@ -117,7 +117,7 @@ def overview(references: Mapping[str, Data]) -> str:
         errors = closure["errors"]["hold_out"]
         before, after = (_percent(errors[when].get(key), key) for when in ("before", "after"))
         rows.append([name, str(closure["verdict"]), found or NONE, before, after])
-    return table(("set", "verdict", "effects found", "error before, held out", "after"), rows)
+    return table(("set", "verdict", "effects found", "hold-out error before", "after"), rows)
 
 
 def _main_measure(closure: Data) -> str:
@@ -136,6 +136,7 @@ def _percent(value: object, key: str) -> str:
 def section(name: str, reference: Data) -> str:
     """Return what there is to tell of one set."""
     about, closure = SETS[name], reference["closure"]
+    closure = {**closure, "summary": sections(closure)}  # sentences of today, numbers as they were
     told, force = closures.answer(closure), closures.force_table(closure)
     parts = [
         f"## {about.title}",
@@ -264,12 +265,12 @@ def alone_table(screened: Sequence[Data]) -> str:
 def _look_alikes(closure: Data) -> Iterator[str]:
     for effect in effects_of(closure):
         alike = [
-            f"{one['name']} ({place_words(one.get('enters'))}; "
-            f"held-out cost {number(one['hold_out_cost'], 3)} times as high)"
+            f"{one['name']} ({place_words(one.get('enters'))}; {number(one['hold_out_cost'], 3)})"
             for one in effect.get("look_alikes", ())
         ]
         if alike:
-            yield f"Not told apart from {effect['name']}: {', '.join(alike)}."
+            what = "place; hold-out cost over its own"
+            yield f"Not distinguished from {effect['name']} ({what}): {', '.join(alike)}."
 
 
 def commands(name: str, closure: Data) -> str:

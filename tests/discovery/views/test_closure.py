@@ -52,8 +52,8 @@ def test_limits_of_a_number_of_each_record_s_own_are_those_of_records() -> None:
 def test_the_evidence_says_how_much_how_often_and_how_sure() -> None:
     lines = said(closure(friction(), threshold()))["evidence"].splitlines()
     first, second, rest = lines
-    assert "takes away 84 % of the residual" in first
-    assert "9 of 10 held-out records" in first
+    assert "explains 84 % of the residual" in first
+    assert "improves 9 of 10 hold-out records" in first
     assert "p = 0.002" in first
     assert "p below 0.0001" in second  # a p of 0 is not claimed
     assert "acceleration-gain in the sensor acceleration_lo alone could explain most, 2 %" in rest
@@ -62,12 +62,12 @@ def test_the_evidence_says_how_much_how_often_and_how_sure() -> None:
 def test_look_alikes_come_with_the_test_that_separates_them() -> None:
     evidence = said(closure(friction()))["evidence"]
     assert (
-        "do not distinguish coulomb-friction for sure from quadratic-damping in the link flexure_lo"
+        "do not distinguish coulomb-friction from quadratic-damping in the link flexure_lo"
         in evidence
     )
     assert f"What would separate them: {LADDER}." in evidence
     alone = replace(friction(), look_alikes=())
-    assert "for sure" not in closure(alone).summary()
+    assert "do not distinguish" not in closure(alone).summary()
 
 
 def test_errors_are_those_of_records_that_no_fit_has_seen() -> None:
@@ -144,7 +144,7 @@ def test_what_is_not_known_is_not_said() -> None:
     text = found.summary()
     assert "nan" not in text
     assert "None" not in text
-    assert "held-out records" not in text
+    assert "hold-out records" not in text
     assert "less than 0.1 %" in text
     assert "a_2 = -40 N s m^-1." in text  # without limits
 

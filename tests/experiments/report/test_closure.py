@@ -286,7 +286,7 @@ def test_the_page_shows_errors_equations_numbers_look_alikes_and_figures(tmp_pat
         "Step by step, hold-out",
         "F c 0.100 0.0900 to 0.110 N",
         f"quadratic-damping link flexure_lo 1.07 {LADDER}",
-        "Held-out records that it meets better: 9 of 10",
+        "Hold-out records that it improves: 9 of 10",
         "p below 10⁻⁴",
         "F: force that pulls the first body back.",
         "Ṫ₀: rate of the law of loosening before this change",
