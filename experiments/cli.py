@@ -146,7 +146,7 @@ def import_(
     maps = None if channel_map is None else existing(channel_map)
     with progress_bars(quiet) as report:
         notes = study.run(name, places[0], folder, maps, jobs, report("importing"))
-    _say("\n".join([*(f"note: {note}" for note in notes), f"wrote {folder}"]), quiet)
+    _say("\n".join([*(f"note: {note}" for note in notes), study.summary(folder)]), quiet)
 
 
 @app.command(epilog="Example: boltlaw init rig-campaign/records --out drafted")

@@ -34,6 +34,7 @@ FORMATS: dict[str, tuple[str, tuple[str, ...], Read]] = {
     "json": ("JSON file", json_signals.ENDINGS, json_signals.read),
 }
 _AGREE = 0.01  # relative: a time that is in s, by the rate of the map
+_PRINTED = 5e-6  # relative: what a step loses that is printed with six digits, as in universal files
 _SAME = 1e-3  # relative: a rate that is that of [sampling]
 _ONE_RATE = 0.004  # decades: rates that are one but for the unit of time, within 1 %
 _FAR = 2.5  # decades: no rate is so far from [sampling] without a word in the map
@@ -220,7 +221,7 @@ def _channels(
     ):
         raise SourceError(f"{file}: {faulty.name}: {faulty.fault}")
     if not channels:
-        held = _some([signal.described() for signal in signals])
+        held = _held(signals)
         raise SourceError(f"{file}: found no signal of [channels], expected one; the file holds {held}")
     _require_one_start(file, channels, starts, told)
     return channels
@@ -260,7 +261,8 @@ def _rate_and_start(
         unit = f", {nearest:g} Hz in another unit" if nearest != clock.rate_hz else ""
         found = f"found {clock.rate_hz:g} Hz from {clock.told_by}{unit}"
         raise SourceError(f"{file}: {signal.name}: {found}, {remedy}")
-    return clock.rate_hz, clock.start_s
+    rate_hz = usual_hz if abs(clock.rate_hz / usual_hz - 1) <= _PRINTED else clock.rate_hz
+    return rate_hz, clock.start_s
 
 
 def _start_beside(signal: Signal, rate_hz: float, clocks: Clocks) -> float | None:
@@ -324,11 +326,15 @@ def _cut(file: str, channels: dict[str, Channel], told: _Told) -> dict[str, Chan
 
 
 def _without_map(path: Path, file: Path, form: str) -> str:
-    held = _some([signal.described() for signal in signals_of(file, form, [])])
+    held = _held(signals_of(file, form, []))
     return (
         f"{path}: found no map of channels, expected one there or with --map (docs/import.md shows one); "
         f"{file.name} holds {held}"
     )
+
+
+def _held(signals: list[Signal]) -> str:
+    return _some([signal.described() for signal in signals if not signal.derived])
 
 
 def _some(names: list[str]) -> str:

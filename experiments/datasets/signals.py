@@ -32,7 +32,8 @@ class Signal:
 
     `readings` holds rates [Hz] that the file's statement might mean as well: a step without a unit. Without a
     `rate_hz` they are the rates of which one must be that of [sampling].
-    `fault` says why there are no samples that can be used.
+    `fault` says why there are no samples that can be used. One that is `derived` is a part of
+    another, made for signals of fewer samples: people need not know it.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Signal:
     start_s: float | None = None
     readings: tuple[float, ...] = ()
     fault: str = ""
+    derived: bool = False
 
     def described(self) -> str:
         """Return name, unit and rate for a message."""

@@ -341,7 +341,7 @@ def _with_shorter_times(signals: Sequence[Signal]) -> list[Signal]:
     times = [signal for signal in signals if is_time(signal)]
     lengths = {len(signal.samples) for signal in signals} - {len(time.samples) for time in times}
     shorter = [
-        replace(time, name=f"{time.name} (first {length})", samples=time.samples[:length])
+        replace(time, name=f"{time.name} (first {length})", samples=time.samples[:length], derived=True)
         for length in sorted(lengths)
         for time in times
         if length < len(time.samples)
@@ -367,6 +367,7 @@ def _slower(signals: Sequence[Signal]) -> Iterator[Signal]:
             if (stride, length) not in strides:
                 strides.add((stride, length))
                 for time in times:
-                    yield replace(time, name=f"{time.name} (every {stride})", samples=time.samples[filled])
+                    name = f"{time.name} (every {stride})"
+                    yield replace(time, name=name, samples=time.samples[filled], derived=True)
         else:
             yield signal  # what is missing is told by the check of the campaign

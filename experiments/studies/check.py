@@ -14,7 +14,7 @@ import numpy as np
 from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
 from experiments.studies.figure_files import save_figures
-from experiments.text.suspicions import lines as suspicion_lines
+from experiments.text.records import checked
 from rom.campaign.campaign import Campaign, Record, read_campaign
 from rom.signals.quality import Doubt, assess
 from rom.signals.suspicions import Evidence, evidence, suspicions
@@ -112,14 +112,5 @@ def _row(record: Record, doubts: tuple[Doubt, ...]) -> dict[str, Any]:
 
 
 def summary(path: Path) -> str:
-    """Return a line for each record, with its channels and doubts."""
-    found = json.loads(path.read_text(encoding="utf-8"))
-    lines = []
-    for row in found["records"]:
-        channels = ", ".join(
-            f"{name} {channel['minimum']:.3g} to {channel['maximum']:.3g} at {channel['rate_hz']:g} Hz"
-            for name, channel in row["channels"].items()
-        )
-        lines.append(f"{row['file']} ({row['test']}, {row['duration_s']:.4g} s): {channels}")
-        lines += [f"  doubtful: {doubt}" for doubt in row["doubts"]]
-    return "\n".join([*lines, *(f"suspicion: {text}" for text in suspicion_lines(found))])
+    """Return how many records there are, and a line for each with its channels and doubts."""
+    return "\n".join(checked(json.loads(path.read_text(encoding="utf-8"))))

@@ -14,7 +14,8 @@ from experiments.datasets import Collected, SourceError, collect
 from experiments.datasets.download import fetch
 from experiments.errors import existing
 from experiments.results import writable
-from rom.campaign.campaign import read_campaign, write_campaign
+from experiments.text.records import counted as counted_records
+from rom.campaign.campaign import read_campaign, read_settings, write_campaign
 from rom.campaign.channels import Channel
 from rom.progress import Progress, counted
 
@@ -63,6 +64,13 @@ def run(
             write_campaign(folder, collected.settings, _with_progress(collected, progress))
             read_campaign(folder, jobs)
     return collected.notes()
+
+
+def summary(new_dir: Path) -> str:
+    """Return what was written, and what looks at it."""
+    records = read_settings(new_dir).record
+    found = counted_records((record.test, record.hold_out) for record in records)
+    return f"wrote {new_dir}: {found}; next: boltlaw check {new_dir}"
 
 
 def places(first: Path, second: Path | None, download: bool) -> tuple[Path | None, Path]:

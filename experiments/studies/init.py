@@ -89,7 +89,7 @@ def _files(folder: Path) -> list[_File]:
     if not paths:
         raise InitError(
             f"{folder}: found no records, expected files ending in {', '.join(RECORD_ENDINGS)}; "
-            "`boltlaw import` reads other formats"
+            "`boltlaw import` (docs/import.md) reads other formats"
         )
     known = re.compile(rf"({'|'.join((*BODY_QUANTITIES, *LINK_QUANTITIES))})_.+|{'|'.join(BOLT_CHANNELS)}")
     found, other = [], set[str]()
@@ -101,7 +101,10 @@ def _files(folder: Path) -> list[_File]:
             channels = {name: channel for name, channel in inspected.channels.items() if name in names}
             found.append(_File(path.relative_to(folder).as_posix(), channels))
         elif not inspected.names and inspected.faults:
-            raise InitError(f"{path.name}: {inspected.faults[0]}")
+            raise InitError(
+                f"{path.name}: {inspected.faults[0]}; `boltlaw import` (docs/import.md) reads "
+                "other tables and formats"
+            )
     if not found:
         held = ", ".join(f'"{name}"' for name in sorted(other)[:MOST_CHOICES])
         raise InitError(

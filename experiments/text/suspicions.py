@@ -41,10 +41,15 @@ def misfit(errors: Data, lost: Sequence[str], causes: Sequence[str]) -> str | No
         why.append(f"{errors['failed']} of {errors.get('records')} simulations did not finish")
     motion = errors.get("motion_nrmse")
     if isinstance(motion, float) and motion > LARGEST_ERROR:
-        why.append(f"displacements are off by {number(100 * motion, 3)} %")
+        why.append(f"displacements are off by {number(100 * motion, 3)} % on training records")
     if not why:
         return None
-    cause = f"likeliest cause: {causes[0]}" if causes else "no record says why"
+    cause = (
+        f"likeliest cause: {causes[0]}"
+        if causes
+        else "the records show no cause: check masses and links of campaign.toml; `boltlaw close` looks for "
+        "a missing effect"
+    )
     return f"the model does not describe the records: {'; '.join(why)}; {cause}"
 
 

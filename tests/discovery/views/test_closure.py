@@ -61,10 +61,7 @@ def test_the_evidence_says_how_much_how_often_and_how_sure() -> None:
 
 def test_look_alikes_come_with_the_test_that_separates_them() -> None:
     evidence = said(closure(friction()))["evidence"]
-    assert (
-        "do not distinguish coulomb-friction from quadratic-damping in the link flexure_lo"
-        in evidence
-    )
+    assert "do not distinguish coulomb-friction from quadratic-damping in the link flexure_lo" in evidence
     assert f"What would separate them: {LADDER}." in evidence
     alone = replace(friction(), look_alikes=())
     assert "do not distinguish" not in closure(alone).summary()

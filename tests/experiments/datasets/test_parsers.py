@@ -197,6 +197,15 @@ def test_an_even_function_as_pairs_of_x_and_y(start: float, lab: Path, put: Put)
     sound(put("uff"), rtol=1e-11)
 
 
+def test_a_step_printed_with_six_digits_is_the_rate_of_the_map(
+    lab: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write_functions(lab / "a.uff", x=clock(rate_hz=5120))  # in the file 1.95313e-04: 5119.987 Hz
+    found = imported(capfd, lab, "uff", CHANNELS, motion_hz=5120)
+    assert found.rates == {"force_m": 5120.0, "acceleration_m": 5120.0}
+    assert "1 record (1 driven), none held out; next: boltlaw check" in found.out
+
+
 def test_an_uneven_function_is_refused(lab: Path, put: Put) -> None:
     uneven = clock() + 0.01 * (clock() > 0.05)
     write_functions(lab / "a.uff", abscissa_spacing=0, x=uneven, abscissa_inc=0.0)

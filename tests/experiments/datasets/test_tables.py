@@ -360,3 +360,10 @@ def test_json_with_units(put: Put) -> None:
 )
 def test_json_without_signals_is_refused(content: str, put: Put) -> None:
     refused(put(content, name="a.json", form="json"), "a.json", "expected")
+
+
+def test_signals_are_listed_as_the_file_has_them(put: Put) -> None:
+    """The times of a column with a cell in every fifth row are not among them."""
+    lines = [f"{t:g};{f};{a if row % 5 == 0 else ''}" for row, (t, f, a) in enumerate(ROWS)]
+    found = put("\n".join(["Zeit;Kraft;Schraube", "s;N;kN", *lines]) + "\n", {"Hammer": '"force_m"'})
+    refused(found, 'holds "Zeit" [s], "Kraft" [N], "Schraube" [kN]\n')

@@ -14,6 +14,7 @@ import pytest
 from scipy.io import savemat
 
 import rom
+from experiments.text.records import checked
 from rom.campaign.record import Channel, write_channels
 from tests.experiments.test_cli import listing, one_line
 from tests.rom.sound_campaign import write_sound_campaign
@@ -63,7 +64,11 @@ def test_a_draft_is_a_campaign(boltlaw: Boltlaw, tmp_path: Path) -> None:
     assert force["maximum"] == pytest.approx(noise("force_lo").samples.max())
     figures = {path.name for path in (tmp_path / "out").glob("*.svg")}
     assert figures == {"check-loosening.svg", "check-coupled.svg", "check-uncoupled.svg"}
-    assert "coupled_20N.csv (coupled, 3 s)" in ran.out
+    assert "4 records (1 coupled, 1 uncoupled, 2 loosening), 1 held out" in ran.out
+    low, high = (f"{end(noise('tension', 100.0, 300).samples):.3g}" for end in (np.min, np.max))
+    (line,) = (line for line in ran.out.splitlines() if line.startswith("coupled_20N.csv"))
+    assert line.startswith("coupled_20N.csv (coupled, 3 s, 20 N): ")
+    assert f"tension {low} to {high} N at 100 Hz" in line
 
 
 @pytest.mark.parametrize(
@@ -119,6 +124,7 @@ def with_a_campaign(folder: Path) -> None:
         (lambda f: write(f / "a.h5", "Force hammer", "Bolt"), ("Bolt", "Force hammer", "boltlaw import")),
         (lambda f: (f / "a.tdms").write_bytes(b""), ("no records", ".h5", "boltlaw import")),
         (lambda f: (f / "a.csv").write_bytes(b"no such thing"), ("a.csv", "time_s")),
+        (lambda f: (f / "a.csv").write_bytes("Prüfstand;3".encode("cp1252")), ("a.csv", "boltlaw import")),
         (with_a_campaign, ("campaign.toml", "existing")),
     ],
 )
@@ -161,3 +167,25 @@ def test_check_tells_what_does_not_fit(rig_campaign: Path, boltlaw: Boltlaw, tmp
     found = json.loads((tmp_path / "campaign-results" / "check.json").read_text())
     assert {one["likely"] for one in found["suspicions"]} == {"acceleration in g"}
     assert "acceleration in g" in ran.out
+
+
+def test_a_range_shows_what_moves_and_the_end_says_that_all_is_well() -> None:
+    of_tension = {"minimum": 2199.78, "maximum": 2200.1, "rate_hz": 1000.0}
+    row = {
+        "file": "a.h5",
+        "test": "hold",
+        "duration_s": 2.0,
+        "preload_n": None,
+        "hold_out": False,
+        "doubts": [],
+    }
+    found = {"campaign": "bolt", "suspicions": []}
+    lines = list(checked({**found, "records": [{**row, "channels": {"tension": of_tension}}]}))
+    assert lines[1] == "a.h5 (hold, 2 s): tension 2199.78 to 2200.1 N at 1000 Hz"
+    assert lines[-1] == "no record is doubtful, and none contradicts campaign.toml"
+    of_tension["minimum"] = 2077.6
+    doubted = {**row, "doubts": ["clipped"], "channels": {"tension": of_tension}}
+    assert list(checked({**found, "records": [doubted]}))[1:] == [
+        "a.h5 (hold, 2 s): tension 2078 to 2200 N at 1000 Hz",
+        "  doubtful: clipped",
+    ]

@@ -72,7 +72,7 @@ def test_the_page_is_written_again_from_the_references_alone(tmp_path: Path) -> 
     assert "curve" not in re.findall(r'"(\w+)":', stored.read_text())
     assert run(tmp_path / "docs", {}).read_text() == first
     data = json.loads(stored.read_text())
-    data["closure"]["summary"] = {"missing": "Words of an older program."}  # the page says it in those of today
+    data["closure"]["summary"] = {"missing": "Words of an older program."}  # not shown
     data["model"]["bodies"][0]["mass"]["value"] = 77.125
     stored.write_text(json.dumps(data))
     assert "77.125" in run(tmp_path / "docs", {}).read_text()
