@@ -166,9 +166,9 @@ def _on_look_alikes(effect: Data) -> Iterator[str]:
     alike = effect["look_alikes"]
     if not alike:
         return
-    named = ", ".join(map(_with_place, alike[:_NAMED]))
+    named = ", ".join(f"{_with_place(one)} ({_number(one['hold_out_cost'], 3)})" for one in alike[:_NAMED])
     more = f" and {len(alike) - _NAMED} more" if len(alike) > _NAMED else ""
-    yield f"These records do not distinguish {effect['name']} from {named}{more}."
+    yield f"Look-alikes, with their hold-out cost over that of {effect['name']}: {named}{more}."
     tests = dict.fromkeys(like["test"].rstrip(".") for like in alike if like["test"])
     if tests:
         yield f"What would separate them: {'; '.join(list(tests)[:_NAMED])}."

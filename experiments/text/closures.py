@@ -297,9 +297,12 @@ def _look_alikes(effect: Data) -> Table:
         )
         for like in mappings(effect.get("look_alikes"))
     )
-    note = "Cost on hold-out records over that of the effect named: 1 is as good."
+    note = (
+        "Effects within chance of the one named, or that explain nearly all that it does. Hold-out cost: "
+        "sum of squared whitened residuals on hold-out records, over its own; 1 is as good."
+    )
     heads = ("Look-alike", "Where", "Hold-out cost", "What would separate them")
-    return Table("Not distinguished from it by these records", heads, rows, note=note)
+    return Table("Look-alikes", heads, rows, note=note)
 
 
 def details(data: Data) -> list[Table]:

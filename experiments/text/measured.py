@@ -270,7 +270,7 @@ def _look_alikes(closure: Data) -> Iterator[str]:
         ]
         if alike:
             what = "place; hold-out cost over its own"
-            yield f"Not distinguished from {effect['name']} ({what}): {', '.join(alike)}."
+            yield f"Look-alikes of {effect['name']} ({what}): {', '.join(alike)}."
 
 
 def commands(name: str, closure: Data) -> str:

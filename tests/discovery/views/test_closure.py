@@ -61,10 +61,13 @@ def test_the_evidence_says_how_much_how_often_and_how_sure() -> None:
 
 def test_look_alikes_come_with_the_test_that_separates_them() -> None:
     evidence = said(closure(friction()))["evidence"]
-    assert "do not distinguish coulomb-friction from quadratic-damping in the link flexure_lo" in evidence
+    words = (
+        "Look-alikes, with their hold-out cost over that of coulomb-friction: quadratic-damping in the link"
+    )
+    assert f"{words} flexure_lo (1.07)" in evidence
     assert f"What would separate them: {LADDER}." in evidence
     alone = replace(friction(), look_alikes=())
-    assert "do not distinguish" not in closure(alone).summary()
+    assert "Look-alikes" not in closure(alone).summary()
 
 
 def test_errors_are_those_of_records_that_no_fit_has_seen() -> None:
