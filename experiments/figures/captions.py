@@ -16,7 +16,7 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     "closure-records": (
         "Records by the declared and the refined model",
         "Left, what was measured and what the models make of it, through the same filters; right, what each "
-        "leaves. The record that the declared model meets worst comes first.",
+        "leaves. The record of the declared model's largest relative error comes first.",
     ),
     "closure-residual": (
         "Where the residual lived",
@@ -92,7 +92,7 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     "records": (
         "Records by the identified model",
         "Left, what was measured and what the model makes of it, through the same filters; right, what is "
-        "left. The record that it meets worst comes first.",
+        "left. The record of the largest relative error comes first.",
     ),
     "final-tension-error": (
         "Error against preload",
@@ -134,13 +134,13 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     ),
     "joint-stiffness": (
         "Stiffness of the joint",
-        "One estimate per record with 95 % limits, and the fitted law with its band. Grey: the paper's modal "
-        "estimates; crosses where damping is too heavy for them.",
+        "One estimate per record with 95 % limits, and the fitted law with its band. Of two bodies with a "
+        "flexure each, in grey: the paper's modal estimates, crosses where damping is too heavy for them.",
     ),
     "joint-damping": (
         "Damping of the joint",
-        "One estimate per record with 95 % limits, and the fitted law with its band. Grey: the paper's modal "
-        "estimates; crosses where damping is too heavy for them.",
+        "One estimate per record with 95 % limits, and the fitted law with its band. Of two bodies with a "
+        "flexure each, in grey: the paper's modal estimates, crosses where damping is too heavy for them.",
     ),
     "first-mode-frequency": (
         "First mode",

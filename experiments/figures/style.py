@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from experiments.figures.description import Drawn, describe
 from rom.campaign.record import replacing
@@ -21,6 +22,7 @@ FloatArray = npt.NDArray[np.float64]
 
 COLUMN_MM = 85.0
 _MM_PER_INCH = 25.4
+_FEW_DECADES = 50.0  # of tension: below, powers of ten alone are too few labels
 
 _STYLE: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -120,6 +122,10 @@ def tension_axis(axes: Axes, tension: FloatArray, label: str = "Bolt tension $T$
     axes.set_xlabel(label)
     if low > 0 and high >= 10 * low:
         axes.set_xscale("log")
+        if high < _FEW_DECADES * low:  # each digit of every decade would be labelled, one over the other
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
         return np.geomspace(low / 1.2, high * 1.2, 300)
     margin = 0.05 * (high - low) or 0.05 * high or 1.0
     return np.linspace(max(low - margin, 0.0), high + margin, 300)

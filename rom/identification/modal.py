@@ -40,6 +40,7 @@ def average_period_frequency(
     duration_s: float = 3.0,
     max_hz: float = 17.0,
     start_s: float = 0.0,
+    min_hz: float = 0.0,
 ) -> Estimate:
     """f = 1 / mean(time between consecutive peaks of one sign), over ``duration_s`` after ``start_s`` [Hz].
 
@@ -61,6 +62,8 @@ def average_period_frequency(
         Highest frequency that a period may have [Hz].
     start_s : float
         Where to start [s].
+    min_hz : float
+        Lowest frequency that a period may have [Hz]: peaks after a longer one are those of noise.
 
     Returns
     -------
@@ -76,7 +79,7 @@ def average_period_frequency(
     -----
     He et al. (2025), Section 3.2.
     """
-    tops = _peaks(displacement, rate_hz, start_s, duration_s, max_hz)
+    tops = _peaks(displacement, rate_hz, start_s, duration_s, (min_hz, max_hz))
     periods = np.concatenate([np.diff(times) for times, _ in tops])
     kept = periods[periods >= 1 / max_hz]
     if kept.size < 3:
@@ -104,6 +107,7 @@ def logarithmic_decrement(
     max_hz: float = 17.0,
     start_s: float = 0.0,
     first_peak: int = 2,
+    min_hz: float = 0.0,
 ) -> Estimate:
     """zeta = delta / sqrt(4 pi^2 + delta^2), delta = mean over n of ln(x_p / x_(p+n)) / n.
 
@@ -127,6 +131,8 @@ def logarithmic_decrement(
         Where to start [s].
     first_peak : int
         Which peak of a sign is x_p.
+    min_hz : float
+        Lowest frequency that a period may have [Hz]: peaks after a longer one are those of noise.
 
     Returns
     -------
@@ -142,7 +148,7 @@ def logarithmic_decrement(
     -----
     He et al. (2025), Section 3.2.
     """
-    tops = _peaks(displacement, rate_hz, start_s, duration_s, max_hz)
+    tops = _peaks(displacement, rate_hz, start_s, duration_s, (min_hz, max_hz))
     decrements = [_decrement(heights[first_peak - 1 :]) for _, heights in tops]
     delta = float(np.mean([value for value, _ in decrements]))
     error = float(np.linalg.norm([error for _, error in decrements])) / len(decrements)
@@ -151,14 +157,22 @@ def logarithmic_decrement(
 
 
 def _peaks(
-    displacement: FloatArray, rate_hz: float, start_s: float, duration_s: float, max_hz: float
+    displacement: FloatArray, rate_hz: float, start_s: float, duration_s: float, band_hz: Pair
 ) -> tuple[tuple[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
     """Times [s] and heights of the positive and of the negative peaks."""
     first = round(start_s * rate_hz)
     part = np.asarray(displacement, dtype=np.float64)[first : first + round(duration_s * rate_hz)]
     if part.size < 3:
         raise ValueError(f"No samples of the displacement lie within {duration_s} s after {start_s} s.")
-    return _signed_peaks(part, rate_hz, max_hz), _signed_peaks(-part, rate_hz, max_hz)
+    return _unbroken(part, rate_hz, band_hz), _unbroken(-part, rate_hz, band_hz)
+
+
+def _unbroken(samples: FloatArray, rate_hz: float, band_hz: Pair) -> tuple[FloatArray, FloatArray]:
+    """Times [s] and heights of the peaks up to the first gap: what has rung down leaves peaks of noise."""
+    times, heights = _signed_peaks(samples, rate_hz, band_hz[1])
+    gaps = np.flatnonzero(np.diff(times) * band_hz[0] > 1)
+    end = int(gaps[0]) + 1 if len(gaps) else len(times)
+    return times[:end], heights[:end]
 
 
 def _signed_peaks(samples: FloatArray, rate_hz: float, max_hz: float) -> tuple[FloatArray, FloatArray]:

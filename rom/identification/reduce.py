@@ -37,6 +37,7 @@ from rom.signals.tension_bins import CourseNoise, TensionBins, TensionCourse, bi
 _PERIOD_MARGIN: Numerical[float] = (
     17.0 / 15.78
 )  # the paper drops what lies above 17 Hz, its first mode being at most 15.78 Hz
+_LONGEST_PERIOD: Numerical[float] = 1.5  # of that of the strongest line: half-way to a peak that is missing
 _FILTER_REACH_S: Numerical[float] = 0.2
 _SIMULATED_S: Numerical[float] = 30.0
 _SMOOTH_S: Numerical[float] = 0.01
@@ -332,17 +333,20 @@ def _first_mode(measurement: Measurement) -> FirstMode | None:
     if body not in measurement.motion:
         return None
     displacement = measurement.displacement(body)
-    highest = _PERIOD_MARGIN * strongest
+    highest, lowest = _PERIOD_MARGIN * strongest, strongest / _LONGEST_PERIOD
     start = measurement.impact_s
     try:
         return FirstMode(
-            average_period_frequency(displacement, measurement.rate_hz, max_hz=highest, start_s=start),
+            average_period_frequency(
+                displacement, measurement.rate_hz, max_hz=highest, start_s=start, min_hz=lowest
+            ),
             logarithmic_decrement(
                 displacement,
                 measurement.rate_hz,
                 max_hz=highest,
                 start_s=start + _FILTER_REACH_S,
                 first_peak=1,
+                min_hz=lowest,
             ),
         )
     except ValueError:

@@ -2,16 +2,18 @@
 
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from experiments.figures import identification as figures
 from experiments.figures.curves import damped_frequencies
-from experiments.figures.style import COLUMN_MM
+from experiments.figures.style import COLUMN_MM, panels, tension_axis
 from experiments.figures.tensions import thinned
 from rom.campaign.campaign import WindowSettings
 from rom.evaluation.error_measures import Comparison, simulate_measurement
@@ -276,6 +278,20 @@ def test_a_thinned_trace_keeps_the_extremes_in_order() -> None:
     assert len(thin) == 400
     assert np.all(np.diff(thin_time) >= 0)
     assert (thin.min(), thin.max()) == (samples.min(), samples.max())
+
+
+@pytest.mark.parametrize("tension", [(220.0, 2200.0), (60.0, 700.0), (6.0, 3000.0)])
+def test_labels_of_a_logarithmic_tension_lie_side_by_side(tension: tuple[float, float]) -> None:
+    figure, axes = panels()
+    grid = tension_axis(axes[0, 0], np.array(tension))
+    axes[0, 0].plot(grid, grid)
+    FigureCanvasAgg(figure).draw()
+    low, high = axes[0, 0].get_xlim()
+    labels = [t for minor in (False, True) for t in axes[0, 0].xaxis.get_ticklabels(minor=minor)]
+    seen = [t for t in labels if t.get_text() and low <= t.get_position()[0] <= high]
+    extents = sorted((box.x0, box.x1) for box in (label.get_window_extent() for label in seen))
+    assert len(extents) >= 3
+    assert all(right < left for (_, right), (left, _) in pairwise(extents))
 
 
 def test_nothing_global_is_changed(identification: Identification) -> None:

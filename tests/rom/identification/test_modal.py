@@ -267,6 +267,17 @@ class TestPeaks:
         with pytest.raises(ValueError, match="at least 3 periods"):
             modal.average_period_frequency(np.sin(2 * np.pi * 18 * time), self.RATE)
 
+    def test_what_has_rung_down_into_noise_is_left_out(self) -> None:
+        time = np.arange(round(3 * self.RATE)) / self.RATE
+        drift = 1e-3 * np.sin(2 * np.pi * 9 * time)
+        x = np.imag(np.exp(pole(74.0, 0.023) * time)) + drift
+        band = {"max_hz": 80.0, "min_hz": 50.0}
+        assert modal.average_period_frequency(x, self.RATE, **band).value == pytest.approx(74.0, rel=5e-3)
+        assert modal.logarithmic_decrement(x, self.RATE, **band).value == pytest.approx(0.023, rel=0.05)
+        assert (
+            modal.average_period_frequency(x, self.RATE, max_hz=80.0).value < 50
+        )  # periods of the drift too
+
     @pytest.mark.parametrize("tension", [60.0, 3000.0])
     def test_the_filter_bends_the_first_peaks_of_a_decrement_not_the_frequency(self, tension: float) -> None:
         k_c, c_c = (float(np.interp(tension, TENSIONS, values)) for values in (K_C, C_C))
