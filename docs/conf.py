@@ -34,6 +34,7 @@ napoleon_use_rtype = False
 
 html_theme = "furo"  # light and dark, for phones too; fonts are those of the system
 html_title = f"boltlaw {version}"
+html_static_path, html_css_files = ["_static"], ["scroll.css"]
 html_copy_source = html_show_sourcelink = False
 html_permalinks_icon = "#"
 

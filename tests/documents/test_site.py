@@ -93,6 +93,20 @@ def test_public_names_are_explained_and_pictures_shown(site: Path) -> None:
     assert [one.name for one in (DOCS / "images").iterdir() if f"_images/{one.name}" not in gallery] == []
 
 
+def test_wide_tables_and_blocks_scroll_and_show_it(site: Path) -> None:
+    """A phone has no scroll bars: what is cut without a shadow looks as if it ended there."""
+    for page in ("index.html", "blind/tables.html"):
+        styles = Loads((site / page).read_text(encoding="utf-8")).loaded
+        (style,) = (one.partition("?")[0] for one in styles if "scroll.css" in one)
+        (rule,) = re.findall(
+            r"\.table-wrapper\.container,\s*\.highlight pre \{(.*?)\}",
+            (site / page).parent.joinpath(style).read_text(),
+            re.DOTALL,
+        )
+        assert "overflow-x: auto" in rule
+        assert rule.count("no-repeat scroll") == 2
+
+
 def test_notebooks_can_be_taken_from_their_pages(site: Path) -> None:
     for name, page in NOTEBOOKS.items():
         text = (site / page.replace(".md", ".html")).read_text(encoding="utf-8")
