@@ -25,8 +25,9 @@ from discovery.ranking.result import RankedLaw, Ranking, with_law
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.evaluation.error_measures import Comparison, Errors, summarise
+from rom.evaluation.error_measures import Comparison, summarise
 from rom.evaluation.evaluate import evaluate
+from rom.evaluation.noise_floor import noise_floor
 from rom.model.laws import Parameter
 from rom.progress import Progress
 
@@ -336,19 +337,14 @@ def _judged(
 
         of_bolt = evaluate(models, campaign, records, jobs, told)
         judged += [(j.settings.file in unseen, j.comparisons) for j in of_bolt if j.comparisons]
-    errors: list[dict[str, Errors]] = []
-    for place in range(len(listed)):
-        of = [(held, comparisons[place]) for held, comparisons in judged]
-        errors.append(
-            {
-                "training": summarise(c for held, c in of if not held),
-                "hold_out": summarise(c for held, c in of if held),
-            }
-        )
-    return tuple(
-        replace(law, rank=rank, errors=found)
-        for rank, (law, found) in enumerate(zip(listed, errors, strict=True), 1)
-    )
+    kinds = (("training", False), ("hold_out", True))
+    found = []
+    for place, law in enumerate(listed):
+        of = {kind: [c[place] for held, c in judged if held is hidden] for kind, hidden in kinds}
+        errors = {kind: summarise(comparisons) for kind, comparisons in of.items()}
+        floors = {kind: noise_floor(comparisons) for kind, comparisons in of.items()}
+        found.append(replace(law, rank=place + 1, errors=errors, noise_floor=floors))
+    return tuple(found)
 
 
 def _files(frozen: FrozenMotion | None, bolt: int) -> set[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy.typing as npt
@@ -25,6 +25,7 @@ from discovery.ranking.population import Bolt, Population, new_bolt
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
 from rom.evaluation.error_measures import Errors
+from rom.evaluation.noise_floor import NoiseFloor
 from rom.model.latex import latex_of
 from rom.model.laws import Law, Parameter, free_form_law
 from rom.model.model import Model
@@ -42,6 +43,8 @@ class RankedLaw:
         Every number of the equation, with 95 % limits where it was fitted.
     errors : mapping
         Errors by full re-simulation on ``"training"`` and ``"hold_out"`` records.
+    noise_floor : mapping
+        Errors that noise alone would make on these records.
     cross_validated_loss_error_percent_median : float
         Median over records of ``100 |predicted - measured loss| / |measured loss|``, their preload left out;
         of several bolts their bolt.
@@ -104,6 +107,7 @@ class RankedLaw:
     indistinguishable: tuple[str, ...] = ()
     identified: Model | None = None
     same_as: tuple[str, ...] = ()
+    noise_floor: Mapping[str, NoiseFloor] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return f"RankedLaw({self.rank}, {self.name!r}, {self.equation!r}, source={self.source!r})"

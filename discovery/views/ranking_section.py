@@ -46,6 +46,7 @@ def _law_row(law: RankedLaw) -> dict[str, Any]:
         "equation": law.equation,
         "parameters": {name: parameter_row(parameter) for name, parameter in law.parameters.items()},
         "errors": {kind: dict(law.errors.get(kind) or {}) for kind in ("training", "hold_out")},
+        "noise_floor": {kind: dict(floor) for kind, floor in law.noise_floor.items()},
         "cross_validated_loss_error_percent_median": law.cross_validated_loss_error_percent_median,
         "cross_validated_score": law.cross_validated_score,
         **(

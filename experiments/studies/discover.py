@@ -241,13 +241,14 @@ def model_section(content: dict[str, Any]) -> dict[str, Any]:
     """Return what model.json says of how the first law was found: its errors, and those without loosening."""
     from discovery.views.ranking_figure import is_law
 
-    first = content["laws"][0]["errors"]
+    first, floors = content["laws"][0]["errors"], content["laws"][0]["noise_floor"]
     still = next(law["errors"] for law in content["laws"] if is_law(law, NO_LOOSENING))
     return {
         **{key: content[key] for key in ("campaign_digest", "campaign_digests") if key in content},
         "command": content["command"],
         "records": first["training"]["records"],
         "errors": first | {"no_loosening": still},
+        "noise_floor": floors,
         "set_aside": content["set_aside"],
         "warnings": content["warnings"],
     }

@@ -287,8 +287,11 @@ def test_listed_laws_are_judged_on_training_and_held_out_records(
     assert base.errors["training"]["records"] == len(frozen)
     assert base.errors["hold_out"]["records"] == len(unseen)
     loss = base.errors["training"]["tension_loss_error_percent_median"]
+    floor = base.noise_floor["training"]["tension_loss_error_percent_median"]
     assert loss is not None
+    assert floor is not None
     assert loss < 20
+    assert floor == pytest.approx(1, abs=0.5)  # on this campaign noise is a per cent of a loss
     assert named(laws, NO_LOOSENING).errors["training"]["tension_loss_error_percent_median"] == (
         pytest.approx(100.0)
     )

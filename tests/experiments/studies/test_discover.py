@@ -21,8 +21,11 @@ from discovery.ranking.result import RankedLaw, Ranking
 from discovery.ranking.specimens import check_one_kind
 from discovery.separating_tests.hits import Proposal
 from discovery.views.closure_section import parameter_row
+from experiments.report.comparisons import comparison_tables
+from experiments.report.results import read_results
 from experiments.studies import discover
 from rom.campaign.campaign import read_settings
+from rom.evaluation.noise_floor import noise_floor
 from rom.model.laws import Parameter
 from rom.model_file import load_model
 from rom.parameters.he_2025 import nominal_impact, paper_model
@@ -84,7 +87,7 @@ def ranked(rank: int, candidate: Candidate, values: dict[str, float]) -> RankedL
         {kind: errors(10.0, 3) for kind in ("training", "hold_out")},
         10.0 * rank, -5.0 * rank, 3.0 * (rank - 1), (0 if base else 3, 5), None if base else float("nan"),
         candidate.source, len(fitted.free), (), fit, fitted, np.zeros(5), 1.0 if rank == 1 else 0.0,
-        identified=paper_model(),
+        identified=paper_model(), noise_floor={"hold_out": noise_floor([]) | {"motion_nrmse": 0.0111}},
     )  # fmt: skip
 
 
@@ -309,6 +312,14 @@ def test_the_model_is_the_identified_one_with_the_first_law(folder: Path, made: 
     section = json.loads((folder / "model.json").read_text(encoding="utf-8"))["identification"]
     assert section["errors"]["hold_out"]["tension_loss_error_percent_median"] == 10.0
     assert section["errors"]["no_loosening"]["training"]["records"] == 3
+
+
+def test_the_page_has_noise_beside_the_errors_of_the_model_with_the_first_law(folder: Path) -> None:
+    (table,) = comparison_tables(read_results(folder).results)
+    assert table.columns[:3] == ("", "Training", "Hold-out")
+    rows = {row[0]: row[1:3] for row in table.rows}
+    assert rows["Displacement, NRMSE [%]"] == ("1.20", "1.20")
+    assert rows["– noise alone would make [%]"] == ("–", "1.11")
 
 
 def test_every_figure_is_there_and_nothing_else(folder: Path) -> None:
