@@ -60,7 +60,7 @@ class FreeParameters:
             elif term.matrix == "mass":
                 found[key(record, term)] = self._masses[term.name.split(".")[1]]
             else:
-                found[key(record, term)] = float(self._law(term.name)(tension))
+                found[key(record, term)] = float(self.law(term.name)(tension))
         return found
 
     def slopes(self, name: str, tension: float) -> Slopes:
@@ -68,7 +68,7 @@ class FreeParameters:
         if "@" not in name:
             return {name: 1.0}
         term = name.partition("@")[0]
-        law = self._law(term)
+        law = self.law(term)
         here, found = float(law(tension)), {}
         if here == 0.0:  # a share of nothing is nothing
             return {}
@@ -99,7 +99,7 @@ class FreeParameters:
         """
         if "@" not in name:
             return 0.0
-        law = self._law(name.partition("@")[0])
+        law = self.law(name.partition("@")[0])
         ends = max(tension - error, 0.0), tension + error
         here, low, high = (float(law(at)) for at in (tension, *ends))
         return (high - low) / here * error / (ends[1] - ends[0]) if here and error > 0 else 0.0
@@ -127,7 +127,8 @@ class FreeParameters:
     def _masses(self) -> dict[str, float]:
         return {body.name: body.mass for body in self.model.structure.bodies}
 
-    def _law(self, term: str) -> Law:
+    def law(self, term: str) -> Law:
+        """The law of a link behind a term: its stiffness, with the bolt in or without, or its damping."""
         link, place, *rest = term.split(".")
         laws = self.model.link_laws[link]
         if rest == [UNCOUPLED]:
@@ -169,7 +170,12 @@ def _with_step(model: Model, name: str, step: float) -> Model:
         for constant, value in law.parameters.items():
             law = _within(law, constant, value.value * factor)
     changed: Mapping[str, LinkLaws] = {**every, link: replace(laws, **{place: law})}
-    return replace(model, uncoupled_laws=changed) if apart else replace(model, link_laws=changed)
+    if apart:
+        return replace(model, uncoupled_laws=changed)
+    alone = model.uncoupled_laws
+    if place == "damping" and link in alone:  # one number, with the bolt in or without
+        alone = {**alone, link: replace(alone[link], damping=law)}
+    return replace(model, link_laws=changed, uncoupled_laws=alone)
 
 
 def _with_effect_step(model: Model, name: str, step: float) -> Model:

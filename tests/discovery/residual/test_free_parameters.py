@@ -22,6 +22,7 @@ from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.output_error import WhitenedResidual
 from rom.effects import CATALOGUE
 from rom.identification.priors import PriorConstraint
+from rom.model.laws import constant_stiffness
 
 ROWS = 4000
 NAMES = ("flexure_lo.stiffness", "flexure_so.stiffness")
@@ -58,6 +59,18 @@ def test_an_error_of_the_tension_changes_the_joint_alone_and_as_its_laws_do() ->
     share = numbers.change_with_tension("joint.stiffness@a", 20.0, 0.5)
     assert share == pytest.approx(float(law(20.5)) / float(law(20.0)) - 1, rel=0.05)
     assert numbers.change_with_tension("flexure_lo.stiffness", 20.0, 0.5) == 0.0
+
+
+def test_a_damping_is_one_number_with_the_bolt_in_or_without() -> None:
+    model = rom.paper_model()
+    alone = {"flexure_lo": replace(model.link_laws["flexure_lo"], stiffness=constant_stiffness(8148.7))}
+    first = FreeParameters(replace(model, uncoupled_laws=alone), {})
+    moved = first.stepped({"flexure_lo.damping": -0.5, "flexure_lo.stiffness.uncoupled": 0.1}).model
+    link, without = moved.link_laws["flexure_lo"], moved.uncoupled_laws["flexure_lo"]
+    c = model.link_laws["flexure_lo"].damping.values[0]
+    assert link.damping.values[0] == without.damping.values[0] == pytest.approx(0.5 * c)
+    assert link.stiffness == model.link_laws["flexure_lo"].stiffness
+    assert without.stiffness.values[0] == pytest.approx(1.1 * 8148.7)
 
 
 def test_ties_say_nothing_where_noise_alone_is_left() -> None:
