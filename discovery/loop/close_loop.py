@@ -16,6 +16,7 @@ from discovery.loop.history import LoopHistory
 from discovery.loop.impact_refits import ImpactRefits
 from discovery.loop.motion_stage import with_later_disturbances
 from discovery.loop.refits import Refits
+from discovery.loop.refitted_numbers import refitted_numbers, with_limits
 from discovery.loop.rest_refits import RestRefits
 from discovery.loop.rest_stage import before_hits, gauged
 from discovery.loop.result import Closure, FoundEffect, Step
@@ -133,11 +134,13 @@ def _closure(refits: Refits, history: LoopHistory) -> Closure:
     first, last = history.states[0], history.last
     doubts = refits.doubts(history)
     effects = tuple(refits.described(selection, last) for selection in history.selections)
+    refitted = refitted_numbers(last.residual)
     labels = ["", *(label_of(selection.best.effect) for selection in history.selections)]
     return Closure(
         verdict=history.verdict(doubts),
         effects=effects,
-        model=_with_their_limits(last.model, effects),
+        model=with_limits(_with_their_limits(last.model, effects), refitted),
+        refitted=refitted,
         steps=tuple(Step(label, state.errors) for label, state in zip(labels, history.states, strict=True)),
         residual_before=refits.localise(first, history.tension[:1]),
         residual_after=refits.localise(last, history.tension[1:]),

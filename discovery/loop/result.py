@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from discovery.detection.limit import DetectionLimit
     from discovery.localisation.localise import Localisation
     from rom.effects import ModelCorrection
-    from rom.model.model import Model
+    from rom.model.laws import Parameter
+from rom.model.model import Model
 
 Verdict = Literal["closed", "no-effect", "unexplained"]
 
@@ -130,6 +131,8 @@ class Closure(HasViews):
         The declared model, identified, before any effect.
     noise_floor : mapping
         Errors that noise alone would make on ``"training"`` and ``"hold_out"`` records.
+    refitted : mapping of str to Parameter
+        Of impact tests the numbers of links and bodies that were fitted, with 95 % limits, by path.
 
     Examples
     --------
@@ -156,6 +159,7 @@ class Closure(HasViews):
     criteria: Criteria = CRITERIA
     declared: Model | None = None
     noise_floor: Mapping[Kind, NoiseFloor] = field(default_factory=dict)
+    refitted: Mapping[str, Parameter] = field(default_factory=dict)
 
     @property
     def before(self) -> ErrorsByKind:

@@ -61,14 +61,15 @@ _UNCHANGED: Numerical[float] = 0.005  # of an error: what three digits show
 
 
 def sections(data: Data) -> dict[str, str]:
-    """Return what was ``missing``, its ``numbers``, the ``evidence``, what ``changed``, what ``remains`` and
-    what is ``excluded``.
+    """Return what was ``missing``, its ``numbers``, those of the ``links`` beside it, the ``evidence``, what
+    ``changed``, what ``remains`` and what is ``excluded``.
 
     Of several effects each has a line in its section; one about which there is nothing to say is left out.
     """
     parts: dict[str, tuple[str, Callable[[Data], Iterator[str]]]] = {
         "missing": (_head(data), _missing),
         "numbers": ("", _numbers),
+        "links": ("Refitted: ", _links),
         "evidence": ("How one knows: ", _evidence),
         "changed": ("What changed: ", _changed),
         "remains": ("What remains: ", _remains),
@@ -130,6 +131,12 @@ def _numbers(data: Data) -> Iterator[str]:
         yield f"{effect['name']}: {effect['equation']}{', with ' if numbers else ''}{', '.join(numbers)}."
 
 
+def _links(data: Data) -> Iterator[str]:
+    rows = [_with_limits(row["name"], row) for row in data.get("refitted") or ()]
+    if rows:
+        yield f"{'; '.join(rows)}."
+
+
 def _named(effect: Data) -> str:
     outside = {"name": "a term outside the catalogue"} if effect["source"] == "free-form" else {}
     return _with_place({**effect, **outside})
@@ -137,15 +144,24 @@ def _named(effect: Data) -> str:
 
 def _with_limits(name: str, parameter: Data) -> str:
     unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
-    shown = f"{name} = {_number(parameter['value'])}{unit}"
     low, high = parameter["low"], parameter["high"]
+    digits = _digits(low, high)
+    shown = f"{name} = {_number(parameter['value'], digits)}{unit}"
     if low is None and high is None:
         return shown
     if low is None or high is None:
         side = f"at most {_number(high)}" if low is None else f"at least {_number(low)}"
         return f"{shown} (at the end of its range; 95 %: {side})"
     of = "95 % of records" if parameter.get("of_records") else "95 %"
-    return f"{shown} ({of}: {_number(parameter['low'])} to {_number(parameter['high'])})"
+    return f"{shown} ({of}: {_number(low, digits)} to {_number(high, digits)})"
+
+
+def _digits(low: float | None, high: float | None) -> int:
+    """Return how many digits tell limits apart: four at least."""
+    if low is None or high is None or low == high:
+        return 4
+    size = max(abs(low), abs(high)) / abs(high - low)
+    return min(max(math.ceil(math.log10(size)) + 2, 4), 9)
 
 
 def _evidence(data: Data) -> Iterator[str]:

@@ -25,6 +25,7 @@ def closure_section(closure: Closure) -> dict[str, Any]:
         "verdict": closure.verdict,
         "summary": {},
         "effects": [_effect_row(found) for found in closure.effects],
+        "refitted": [{"name": path} | parameter_row(p) for path, p in closure.refitted.items()],
         "steps": [
             {"added": step.added, "errors": {kind: dict(step.errors[kind]) for kind in _KINDS}}
             for step in closure.steps

@@ -30,6 +30,7 @@ NO_CLOSURE: Mapping[str, Any] = {
     "verdict": "unexplained",
     "summary": {},
     "effects": [],
+    "refitted": [],
     "steps": [],
     "errors": {kind: {"before": _NONE, "after": _NONE} for kind in ("training", "hold_out")},
     "residual": {"before": {}, "after": {}},

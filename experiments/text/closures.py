@@ -15,7 +15,7 @@ from discovery.views.closure_prose import place_words, view_words
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
 from experiments.text.tables import MEASURES, Table, error_rows, parameter_rows, unit_shown
-from experiments.text.wording import NONE, label, mapping, mappings, number, trimmed
+from experiments.text.wording import NONE, label, mapping, mappings, number, trimmed, with_limits
 
 Data = Mapping[str, Any]
 
@@ -24,7 +24,7 @@ _GOOD = {"closed": True, "no-effect": True, "unexplained": False}
 _SETS = {"hold_out": "hold-out", "training": "training"}
 _HEADLINES = ("motion_nrmse", "relative_motion_nrmse", "tension_loss_error_percent_median")
 _HYPHEN = "\u2011"  # at which no line breaks
-_SHOWN_BELOW = ("numbers",)
+_SHOWN_BELOW = ("numbers", "links")
 _LEGEND = {
     "z1": "z: internal states, zero at the start",
     "rate": "Ṫ₀: rate of the law of loosening before this change",
@@ -307,7 +307,21 @@ def _look_alikes(effect: Data) -> Table:
 
 def details(data: Data) -> list[Table]:
     """Return where the residual lives, and what was screened: tables for those who look closer."""
-    return [table for table in (_residual(data), _screened(data), _limits(data)) if table.rows]
+    found = (_refitted(data), _residual(data), _screened(data), _limits(data))
+    return [table for table in found if table.rows]
+
+
+def _refitted(data: Data) -> Table:
+    """Return the numbers of links and bodies as the loop fitted them."""
+    rows = tuple(
+        (
+            str(row.get("name")),
+            *with_limits(row.get("value"), row.get("low"), row.get("high")),
+            unit_shown(str(row.get("unit"))),
+        )
+        for row in mappings(data.get("refitted"))
+    )
+    return Table("Numbers of links and masses, fitted again", ("", "Value", "95 % limits", "Unit"), rows)
 
 
 def _limits(data: Data) -> Table:

@@ -329,27 +329,6 @@ def test_an_interrupt_is_no_fault(
     assert "interrupted" in one_line(ran.err)
 
 
-def test_a_terminated_command_leaves_no_scratch_folder(tmp_path: Path) -> None:
-    code = (
-        "import time, tempfile, experiments.cli as cli\n"
-        "def wait(_):\n"
-        "    with tempfile.TemporaryDirectory():\n"
-        "        print('there', flush=True)\n"
-        "        time.sleep(60)\n"
-        "cli.run = wait\n"
-        "cli.main()\n"
-    )
-    environment = {**os.environ, "TMPDIR": str(tmp_path)}
-    command = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=environment)
-    with command:
-        assert command.stdout is not None
-        assert command.stdout.readline() == b"there\n"
-        assert len(list(tmp_path.iterdir())) == 1
-        command.terminate()
-    assert command.returncode == 143
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_typer_knows_every_command() -> None:
     assert set(COMMANDS) >= {"rig", "identify", "reproduce", "predict", "report"}
     assert set(typer.main.get_command(app).commands) == set(COMMANDS)  # type: ignore[attr-defined]

@@ -30,7 +30,7 @@ OLD = {"closure.json": "old", "model.json": "old", "mine.txt": "mine"}
 RUN = """
 import signal, sys, time
 import discovery, experiments.studies.identify as identify
-from experiments.cli import run
+from experiments.cli import main
 from experiments.figures import style
 from tests.discovery.sound_closure import closure
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for what runs behind it
@@ -44,7 +44,8 @@ def waiting(figure, path):
         time.sleep(300)
     return save(figure, path)
 style.save = waiting
-sys.exit(run(["close", sys.argv[1], "--out", sys.argv[2], "--jobs", "1", "--quiet"]))
+sys.argv[1:] = ["close", sys.argv[1], "--out", sys.argv[2], "--jobs", "1", "--quiet"]
+main()
 """
 
 
@@ -76,9 +77,17 @@ def started(campaign: Path, out: Path, figures: int, **options: Any) -> subproce
 
 
 @pytest.fixture
-def under_way(campaign: Path, out: Path) -> Iterator[subprocess.Popen[str]]:
+def scratch(tmp_path: Path) -> Path:
+    """Where a run has its temporary files."""
+    folder = tmp_path / "scratch"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def under_way(campaign: Path, out: Path, scratch: Path) -> Iterator[subprocess.Popen[str]]:
     """A run that has written one figure and waits."""
-    run = started(campaign, out, 2)
+    run = started(campaign, out, 2, env={**os.environ, "TMPDIR": str(scratch)})
     assert run.stdout is not None
     try:
         assert run.stdout.readline() == "under way\n"
@@ -99,14 +108,19 @@ def whole(out: Path) -> bool:
     return names == {"closure.json", "model.json", "mine.txt", *figures} and held(out)["mine.txt"] == "mine"
 
 
-def test_an_interrupt_leaves_earlier_results_and_nothing_else(
-    under_way: subprocess.Popen[str], out: Path
+@pytest.mark.parametrize(
+    ("by", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_run_that_is_ended_leaves_earlier_results_and_nothing_else(
+    under_way: subprocess.Popen[str], out: Path, scratch: Path, by: signal.Signals, code: int, word: str
 ) -> None:
-    under_way.send_signal(signal.SIGINT)
+    assert list(scratch.iterdir())
+    under_way.send_signal(by)
     _, err = under_way.communicate(timeout=PATIENCE_S)
-    assert under_way.returncode == 130
-    assert err.splitlines() == ["interrupted: no result is half-written, earlier ones are as they were"]
+    assert under_way.returncode == code
+    assert err.splitlines() == [f"{word}: no result is half-written, earlier ones are as they were"]
     assert held(out) == OLD
+    assert list(scratch.iterdir()) == []
 
 
 def test_a_killed_run_leaves_earlier_results_and_the_next_one_starts_again(
