@@ -29,8 +29,10 @@ class AveragedPrediction:
     Attributes
     ----------
     final_tension, low, high : ndarray, shape (cases,)
-        Mean and 95 % limits for one new test [N]: law, its numbers, and the deviation of the test. A law of
-        small probability whose tension is far off can draw the mean beyond the limits.
+        Mean and 95 % limits for one new test [N]: law, its numbers, and the deviation of the test. The mean
+        counts a law of 1 % whose tension is far off, the limits leave it out, so it may lie beyond them.
+    median : ndarray, shape (cases,)
+        Which no such law moves, and which never lies beyond the limits [N].
     by_law : mapping of str to ndarray, shape (cases,)
         Mean under each law that has a part in it [N].
     """
@@ -39,6 +41,7 @@ class AveragedPrediction:
     low: FloatArray
     high: FloatArray
     by_law: Mapping[str, FloatArray]
+    median: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +116,7 @@ def predicted(
     flat, share = samples.reshape(-1, len(tests.initial)), weights.reshape(-1, len(tests.initial))
     low, high = (_quantile(flat, share, tail) for tail in tails(laws[0].fit.criteria.ranking))
     by_law = {law.name: mean for law, mean in zip(there, means, strict=True)}
-    return AveragedPrediction((flat * share).sum(axis=0), low, high, by_law)
+    return AveragedPrediction((flat * share).sum(axis=0), low, high, by_law, _quantile(flat, share, 0.5))
 
 
 def _drawn(found: Fit, model: Model, tests: NewTests, draws: int, rng: np.random.Generator) -> FloatArray:

@@ -303,7 +303,7 @@ class Ranking(HasViews):
         Returns
         -------
         AveragedPrediction
-            Means and 95 % limits [N].
+            Means, medians and 95 % limits [N].
 
         Examples
         --------

@@ -120,6 +120,12 @@ def test_new_tests_are_predicted_with_the_scatter_and_the_laws_in_their_limits(f
     assert both.by_law["none"][0] == pytest.approx(150.0)
     assert both.low[0] < 150 - 0.9 * loss
     assert both.high[0] == pytest.approx(150.0)
+    fast = {"gamma": 1e4 * sure.candidate.parameters["gamma"].value}
+    slack = replace(sure, candidate=sure.candidate.with_values(fast))
+    rare = predicted([Weighted("a", sure, 0.99), Weighted("b", slack, 0.01)], paper_model(), hits, 60, 0)
+    assert rare.final_tension[0] < rare.low[0]  # the one in a hundred that loses all
+    assert rare.low[0] <= rare.median[0] <= rare.high[0]
+    assert rare.median == pytest.approx(one.median, abs=0.02)
 
 
 def fit_of_none(like: Fit) -> Fit:
