@@ -182,10 +182,10 @@ def read(page: Page, name: str, value: str) -> Any:
     return page.evaluate(_ASK.replace("NAME", name).replace("VALUE", value))
 
 
-@pytest.fixture
-def plots(folder: Path, page: Page) -> Page:
+@pytest.fixture(params=[PHONE, DESKTOP], ids=["phone", "desktop"])
+def plots(folder: Path, page: Page, request: pytest.FixtureRequest) -> Page:
     pytest.importorskip("bokeh", reason="needs Bokeh")
-    page.open(folder / "report.html", DESKTOP)
+    page.open(folder / "report.html", request.param)
     return page
 
 
