@@ -15,6 +15,7 @@ from discovery.loop.result import Screened
 from discovery.views.closure_prose import lives_in, place_words, sections
 from discovery.views.closure_section import closure_section
 from rom.effects import CATALOGUE
+from rom.model.laws import Parameter
 from tests.discovery.sound_closure import (
     LADDER,
     closure,
@@ -40,6 +41,24 @@ def test_effects_are_named_with_place_equation_numbers_and_limits() -> None:
         "v_th = 0.025 m/s (95 %: 0.0225 to 0.0275)",
     ):
         assert part in text, part
+
+
+def test_refitted_numbers_have_their_limits_in_digits_that_tell_them_apart() -> None:
+    numbers = {
+        "flexure_so.stiffness.k": Parameter(76499.97, "N/m", 76499.72, 76500.21),
+        "joint.stiffness.beta": Parameter(0.0, "N", 0.0, 0.3, (0.0, 10.0)),
+        "body.lo.mass": Parameter(8.6, "kg"),
+    }
+    found = replace(closure(friction()), refitted=numbers)
+    assert said(found)["links"] == (
+        "Refitted: flexure_so.stiffness.k = 76499.97 N/m (95 %: 76499.72 to 76500.21); "
+        "joint.stiffness.beta = 0 N (at the end of its range; 95 %: at most 0.3); body.lo.mass = 8.6 kg."
+    )
+    rows = closure_section(found)["refitted"]
+    assert rows[1] == {
+        "name": "joint.stiffness.beta", "value": 0.0, "low": None, "high": 0.3, "unit": "N", "at_bound": True
+    }  # fmt: skip
+    assert "links" not in said(closure(friction()))
 
 
 def test_limits_of_a_number_of_each_record_s_own_are_those_of_records() -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from discovery.loop.refitted_numbers import with_limits
 from discovery.loop.result import Closure
 from discovery.views.closure_section import closure_section
 from experiments.figures.closure import closure_figures
@@ -23,6 +24,7 @@ from experiments.studies.close import model_section
 from experiments.text import closures
 from experiments.text.equations import effect_equations
 from rom.effects import CATALOGUE
+from rom.model.laws import Parameter
 from tests.discovery.sound_closure import (
     LADDER,
     closure,
@@ -301,6 +303,20 @@ def test_the_page_shows_errors_equations_numbers_look_alikes_and_figures(tmp_pat
     assert "Which reduced-order model" not in words  # the closure has judged that model already
     assert "Errors of the identified model" not in words
     assert "Closure: " not in words
+
+
+def test_the_page_shows_numbers_of_links_and_masses_with_their_limits(tmp_path: Path) -> None:
+    numbers = {
+        "body.lo.mass": Parameter(8.6, "kg", 8.5, 8.7),
+        "flexure_lo.damping.c": Parameter(8.2, "N s/m", 8.1, 8.3),
+    }
+    found = replace(closure(friction()), refitted=numbers)
+    found = replace(found, model=with_limits(found.model, numbers))
+    found.model.save(tmp_path / "model.json")
+    words = shown(content(found, *curves()[:1]), tmp_path)
+    assert "c flexure_lo: damping 8.20 8.10 to 8.30 N m −1 s" in words
+    assert "Numbers of links and masses, fitted again" in words
+    assert "body.lo.mass 8.60 8.50 to 8.70 kg" in words
 
 
 def test_a_model_that_was_made_otherwise_is_judged_beside_the_closure(tmp_path: Path) -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import matplotlib.image as images
 import numpy as np
 import pytest
 
@@ -82,6 +84,26 @@ def test_no_fault_and_the_headlines_are_those_of_the_file(folder: Path, page: Pa
     shown = page.evaluate("[...document.querySelector('.answer').querySelectorAll('data')].map(d => d.value)")
     after = json.loads((folder / "closure.json").read_text())["errors"]["hold_out"]["after"]
     assert [float(value) for value in shown] == [after[key] for key in HEADLINES]
+    assert (folder / "report.html").stat().st_size < 5e6
+
+
+def test_the_dot_of_a_derivative_is_seen(folder: Path, page: Page) -> None:
+    """As a font has it, it is a pixel of grey; the page's own style makes it twice as dark at least."""
+    page.open(folder / "report.html", PHONE)
+    dot = "document.querySelector('mover > mo:last-child')"
+
+    def ink() -> float:
+        left, top, right, bottom = page.evaluate(
+            f"(({{left, top, right, bottom}}) => [left, top, right, bottom])({dot}.getBoundingClientRect())"
+        )
+        shown = images.imread(io.BytesIO(page.picture()))[..., :3].mean(axis=2)
+        shown = shown[int(top) : int(bottom), int(left) : int(right) + 1]
+        return float((1 - shown / shown.max()).sum())
+
+    styled = ink()
+    page.evaluate(f"{dot}.style.webkitTextStroke = '0'")
+    page.evaluate(f"{dot}.style.fontSize = 'revert'")
+    assert styled > 2 * ink() > 0
 
 
 @pytest.mark.parametrize("width", [PHONE, DESKTOP])
