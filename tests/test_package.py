@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -35,6 +36,20 @@ def test_reading_a_model_needs_no_plotting_and_no_file_formats() -> None:
 def test_the_program_shows_its_help_without_loading_the_science() -> None:
     loaded = imported_by("import experiments.cli as cli; cli.run(['identify', '--help'])")
     assert loaded.isdisjoint({"numba", "matplotlib", "pandas", "h5py", "scipy", "pysindy", "bokeh"})
+
+
+def test_functions_say_where_a_command_takes_other_processes_by_default() -> None:
+    import discovery
+    import rom
+    from experiments import cli
+
+    for function in (rom.identify, discovery.discover, discovery.close_loop):
+        command = {"close_loop": "close"}.get(function.__name__, function.__name__)
+        here, there = (
+            inspect.signature(one).parameters["jobs"].default for one in (function, getattr(cli, command))
+        )
+        assert (here, there) == (1, os.cpu_count())
+        assert "(the command takes all cores by default)" in " ".join((function.__doc__ or "").split())
 
 
 @pytest.mark.parametrize(
