@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from experiments.studies.predict import run, summary
+from experiments.studies.predict import _fitted_to, run, summary
 from rom import Model
 from rom.campaign.campaign import read_campaign, write_campaign
 from rom.effects import CATALOGUE, free_form
@@ -92,6 +94,23 @@ def test_the_summary_says_numbers_and_whose_records_they_are(predicted: Path) ->
     assert data["fitted_to_this_campaign"]
     predicted.write_text(json.dumps(data | {"fitted_to_this_campaign": False}))
     assert "With nothing fitted" in summary(predicted)
+
+
+@pytest.mark.parametrize(
+    ("section", "own"),
+    [
+        ({"campaign_digest": "a"}, True),
+        ({"campaign_digest": "b"}, False),
+        ({"campaign_digest": "of both", "campaign_digests": ["b", "a"]}, True),
+        ({}, None),
+    ],
+)
+def test_the_digest_of_a_campaign_tells_whether_the_model_was_fitted_to_it(
+    section: dict[str, object], own: bool | None, tmp_path: Path
+) -> None:
+    campaign: Any = SimpleNamespace(digest="a")
+    paper_model().save(tmp_path / "model.json", identification=section)
+    assert _fitted_to(tmp_path / "model.json", campaign) is own
 
 
 def test_files_may_be_read_by_whom_the_system_lets(results: Path, tmp_path: Path) -> None:
