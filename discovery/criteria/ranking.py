@@ -66,6 +66,8 @@ class RankingRules(Group):
         0.1, "1",
         "share of a confidence set's width; one that ends nearer to 0 or to the end of its range leaves open "
         "what drives the loosening",
+        "simulated courses of 11 laws, noise 0.5 to 4, damping 1 % off: that both act is said wrongly of 3 "
+        "in 86 with 0, of 2 with 0.05, of none from 0.1 on; rightly of 60 in 70 with 0, of 58 with 0.1",
     )  # fmt: skip
 
     def edge_of(self, low: float, high: float, largest: float) -> float | None:
