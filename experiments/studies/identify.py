@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -322,6 +323,7 @@ def summary(path: Path) -> str:
                 values = ", ".join(_with_limits(name, item) for name, item in law["parameters"].items())
                 head = f"  {link['name']} {place.replace('_', ' ')}: {law['equation']}"
                 lines.append(f"{head}   {values}{_records_for(link, place, section['fits'])}")
+        lines += _bolt_out(link, data.get("uncoupled_links", ()))
     for name in ("training", "hold_out"):
         errors, rival = section["errors"][name], section["errors"]["no_loosening"][name]
         if errors["records"]:
@@ -329,6 +331,14 @@ def summary(path: Path) -> str:
             lines.append(f"  {name.replace('_', '-')}: {_percent(errors, rival, floor)}")
     lines += [f"  note: {text}" for text in section["warnings"] + section["set_aside"]]
     return "\n".join(lines + suspected_lines(data))
+
+
+def _bolt_out(link: Mapping[str, Any], uncoupled: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield the stiffness that a link has without the bolt, where that is identified by itself."""
+    for other in uncoupled:
+        if other["name"] == link["name"] and other["stiffness"] != link["stiffness"]:
+            values = ", ".join(_with_limits(*item) for item in other["stiffness"]["parameters"].items())
+            yield f"  {link['name']} stiffness, bolt out: {values}"
 
 
 def _records_for(link: Mapping[str, Any], place: str, fits: Mapping[str, Any]) -> str:
@@ -364,8 +374,18 @@ def suspected_lines(data: Mapping[str, Any]) -> list[str]:
 
 def _with_limits(name: str, item: dict[str, Any]) -> str:
     known = item["low"] is not None and item["high"] is not None
-    limits = f" [{item['low']:.4g}, {item['high']:.4g}]" if known else ""
-    return f"{name} = {item['value']:.5g}{limits} {item['unit']}"
+    digits, limits = 5, ""
+    if known:
+        digits = _digits(item["low"], item["high"])
+        limits = f" [{item['low']:.{digits}g}, {item['high']:.{digits}g}]"
+    unit = "" if item["unit"] == "1" else f" {item['unit']}"
+    return f"{name} = {item['value']:.{max(digits, 5)}g}{limits}{unit}"
+
+
+def _digits(low: float, high: float) -> int:
+    """Return how many digits of two limits show two of what lies between them: 4 at least, 9 at most."""
+    size, width = max(abs(low), abs(high)), (high - low) / 2
+    return min(max(math.floor(math.log10(size / width)) + 2, 4), 9) if width > 0 else 4
 
 
 def _percent(errors: dict[str, Any], rival: dict[str, Any], floor: Mapping[str, Any]) -> str:

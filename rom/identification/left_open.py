@@ -43,13 +43,22 @@ def undetermined(linear: OutputErrorFit | None, settings: CampaignSettings) -> t
         return ()
     shared = [name for name in linear.names if "@" not in name and not name.startswith(CORNER)]
     lines = [
-        f"{name}: the records do not tell it from what lies beside it; its value has no limits"
+        f"{name}: these records do not separate it from the links beside it, so its value has no limits"
+        f"{_without_bolt(name, linear)}"
         for name in shared
         if linear.relative_error(name) > RULES.undetermined
     ]
     if not linear.converged:
         lines.append("the fit of the linear links had not settled when it ended")
     return (*lines, *far_starts(settings, linear), *(one.line for one in linear.unexplained))
+
+
+def _without_bolt(name: str, linear: OutputErrorFit) -> str:
+    """Say what the uncoupled tests know of a stiffness that is open with the bolt in."""
+    alone = f"{name}.{UNCOUPLED}"
+    if alone not in linear.names or linear.relative_error(alone) > RULES.undetermined:
+        return ""
+    return f"; without the bolt it is {linear.value(alone):.6g} N/m"
 
 
 def without_conditional_limits(

@@ -192,6 +192,12 @@ def test_summary_names_laws_limits_and_errors(results: Path) -> None:
         r"hold-out: motion [\d.]+ % \(noise alone: [\d.]+ %\); final tension mean [\d.]+ %", text
     )
     assert "no loosening" in text
+    assert re.search(
+        r"flexure_lo stiffness, bolt out: k = [\d.e+]+ \[[\d.e+]+, [\d.e+]+\] N/m$", text, re.MULTILINE
+    )
+    assert not re.search(r" 1(,|$)", text, re.MULTILINE)  # a number without unit has none
+    for low, high in re.findall(r"\[([-\d.e+]+), ([-\d.e+]+)\]", text):
+        assert low != high
     assert re.search(r"lo mass: [\d.]+ kg( given| \[[\d.]+, [\d.]+\])$", text, re.MULTILINE)
 
 

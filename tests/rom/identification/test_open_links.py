@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from rom.identification.left_open import without_conditional_limits
+from rom.identification.left_open import undetermined, without_conditional_limits
 from rom.identification.output_error import OutputErrorFit
 from rom.identification.priors import PriorConstraint
 from rom.model.laws import Law
@@ -69,3 +71,13 @@ def test_what_a_fit_leaves_open_takes_the_limits_of_all(
     ]
     assert {number.high is not None for number in numbers} == {limits}
     assert bool(lines) is not limits
+
+
+def test_a_spring_beside_the_joint_is_known_without_the_bolt() -> None:
+    """Of a block on a spring and a bolt to the ground the two springs act as one with the bolt in."""
+    names = ("flexure.stiffness", "flexure.stiffness.uncoupled", "joint.stiffness@a")
+    found = OutputErrorFit(names, np.log([61e3, 6e4, 4e5]), np.diag([400.0, 1e-12, 10.0]), 1.0, True, (), ())
+    settings: Any = SimpleNamespace(link=(), body=())
+    (line,) = undetermined(found, settings)
+    assert line.startswith("flexure.stiffness: these records do not separate it from the links beside it")
+    assert line.endswith("; without the bolt it is 60000 N/m")
