@@ -10,9 +10,14 @@ import numpy as np
 from discovery.courses.fit import Fit, predict
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.laws.candidate import ALWAYS_LISTED, Candidate
+from discovery.laws.names import equation_name
 from discovery.laws.same_law import numbers_at_rate_of, same_law, states_of
 from discovery.ranking.cross_validation import CrossValidation
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
+
+_ROUNDED: Numerical[float] = 1e-12  # of an inner number in its unit: what a step to a bound may miss it by
+_VANISHED: Numerical[float] = 1e-6  # of the noise of a course: what a term moves that is no longer there
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +94,9 @@ def merged(
 ) -> list[Entrant]:
     """Laws of equal predictions as one: that of the fewest numbers, the others as its look-alikes.
 
-    Also those with a number at its bound, a threshold of zero say, that fit as well as a simpler law. A law
-    that is always listed stays, unless an earlier one of its equation (`same_equations`) fits as well.
+    Also those with a number at its bound, a threshold of zero say, or with a term that vanished, that fit as
+    well as a simpler law. A law that is always listed stays, unless an earlier one of its equation
+    (`same_equations`) fits as well.
 
     Parameters
     ----------
@@ -109,6 +115,7 @@ def merged(
         fits, key=lambda f: (not _listed(f), turn.get(f.candidate.name, 0), len(f.free), f.deviance)
     ):
         course = predict(found.candidate, frozen) + found.offsets
+        reduced = without_vanished(found, frozen)
         near = rules.equal_noise * noise + rules.equal_loss * np.abs(course)
         place = next(
             (
@@ -119,6 +126,7 @@ def merged(
                     if _listed(found)
                     else bool((np.abs(course - other) <= near).all())
                     or _equals_at_bound(found, one.fit, rules.equal_fit)
+                    or _is_without_vanished(one.fit, reduced, found.deviance + rules.equal_fit)
                 )
             ),
             None,
@@ -161,7 +169,41 @@ def _equals_at_bound(found: Fit, simpler: Fit, equal: float) -> bool:
     )
 
 
+def _is_without_vanished(one: Fit, reduced: Candidate | None, highest: float) -> bool:
+    """Whether a law is what is left of another, fitted again: a needless term may have stopped that fit."""
+    return reduced is not None and one.candidate.key == reduced.key and one.deviance <= highest
+
+
 def at_bound(found: Fit) -> bool:
     """Whether an inner number ended at a bound of its range."""
     values = [found.candidate.parameters[name] for name in found.free]
-    return any(p.value in p.bounds for p in values)
+    return any(abs(p.value - bound) <= _ROUNDED for p in values for bound in p.bounds)
+
+
+def without_vanished(found: Fit, frozen: FrozenMotion) -> Candidate | None:
+    """A searched law without the terms that its fit drove to nothing, as it reads then; None if all matter.
+
+    The logarithm of a coefficient has no bound: that of a needless term falls until the term moves nothing.
+
+    Parameters
+    ----------
+    found : Fit
+        Of the law.
+    frozen : FrozenMotion
+        What it was fitted to.
+    """
+    law = found.candidate
+    if len(law.terms) < 2 or _listed(found):
+        return None
+    noise = np.sqrt(np.diagonal(np.stack([c.covariance for c in frozen.courses]), axis1=1, axis2=2))
+    whole = predict(law, frozen)
+    kept = [
+        place
+        for place, name in enumerate(law.coefficient_names)
+        if (np.abs(predict(law.with_values({name: 0.0}), frozen) - whole) > _VANISHED * noise).any()
+    ]
+    if len(kept) in (0, len(law.terms)):
+        return None
+    terms, coefficients = (law.terms[place] for place in kept), (law.coefficients[place] for place in kept)
+    reduced = replace(law, terms=tuple(terms), coefficients=tuple(coefficients))
+    return replace(reduced, name=equation_name(reduced))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -17,7 +18,7 @@ from discovery.laws.names import names_of
 from discovery.ranking import cross_validation as validation
 from discovery.ranking import ordering
 from discovery.ranking.cross_validation import CrossValidation, Fold
-from discovery.ranking.merging import Entrant, merged, same_equations, started_alike
+from discovery.ranking.merging import Entrant, merged, same_equations, started_alike, without_vanished
 from discovery.ranking.model_limits import widened
 from discovery.ranking.ordering import Index
 from discovery.ranking.probabilities import probabilities
@@ -85,6 +86,7 @@ def race(
     starts += [*candidates, *started_alike(starts, same, frozen)]
     first = _lowest(run(0, _fit_some, starts, frozen))
     refined = run(1, _refine_some, _best(first, frozen, refining), frozen)
+    refined = _with_reduced(refined, frozen)
     entrants = merged(_best(refined, frozen, refining), frozen, same)
     kept = _best([entrant.fit for entrant in entrants], frozen, validating)
     entrants = [entrant for entrant in entrants if any(entrant.fit is found for found in kept)]
@@ -179,15 +181,39 @@ def _refine_some(fits: Sequence[Fit], frozen: FrozenMotion) -> list[Fit | None]:
     return [_safely(_corrected, found, frozen) for found in fits]
 
 
+def _with_reduced(fits: Sequence[Fit | None], frozen: FrozenMotion) -> list[Fit | None]:
+    """The fits, and those of laws whose needless terms are dropped."""
+    there = [(found, without_vanished(found, frozen)) for found in fits if found is not None]
+    reduced = [(found, law) for found, law in there if law is not None]
+    more = [_safely(partial(_refitted, law=law), found, frozen) for found, law in reduced]
+    return list(_lowest([*fits, *more])) if more else list(fits)
+
+
+def _refitted(found: Fit, frozen: FrozenMotion, law: Candidate) -> Fit:
+    return _corrected(fit(law, frozen, found.offsets, found), frozen)
+
+
 def _corrected(found: Fit, frozen: FrozenMotion) -> Fit:
     """Correct by full re-simulation and fit on from the fit at hand.
 
     Where a law is far from the truth, as the baseline may be, it may be so steep in the tension that the
     corrected fit is lost: then the frozen one stands.
     """
-    if not found.candidate.holds and validation.dispersion(found, frozen) > frozen.criteria.ranking.misfit:
-        return _of_losses(found.candidate, frozen)
-    for _ in range(0 if found.candidate.holds else ROUNDS):
+    if found.candidate.holds:
+        return found
+    if _misses(found, frozen):
+        nearer = _safely(_resimulated, found, frozen)  # of quiet records the frozen motion is what is missed
+        return nearer if nearer and not _misses(nearer, frozen) else _of_losses(found.candidate, frozen)
+    return _resimulated(found, frozen)
+
+
+def _misses(found: Fit, frozen: FrozenMotion) -> bool:
+    """Whether the courses of a law are not those measured."""
+    return validation.dispersion(found, frozen) > frozen.criteria.ranking.misfit
+
+
+def _resimulated(found: Fit, frozen: FrozenMotion) -> Fit:
+    for _ in range(ROUNDS):
         offsets = _finite(correction(found, frozen))
         if unchanged(offsets, found, frozen):
             break

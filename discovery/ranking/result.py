@@ -113,6 +113,11 @@ class RankedLaw:
         return f"RankedLaw({self.rank}, {self.name!r}, {self.equation!r}, source={self.source!r})"
 
     @property
+    def fitted_to(self) -> str:
+        """``"tension histories"``, or ``"losses"`` where the law cannot follow the histories."""
+        return "losses" if self.fit.of_losses else "tension histories"
+
+    @property
     def law(self) -> Law:
         """The law for a bolted link of any model."""
         return free_form_law(self.name, self.equation, "tension rate", self.parameters)

@@ -77,12 +77,14 @@ def frame(ranking: Ranking) -> DataFrame:
             "chosen": law.chosen,
             "probability": law.probability,
             "free_numbers": law.free_numbers,
+            "fitted_to": law.fitted_to,
             "source": law.source,
             "equation": law.equation,
             "parameters": {name: parameter_row(p) for name, p in law.parameters.items()},
             "indistinguishable": list(law.indistinguishable),
             "look_alikes": list(law.look_alikes),
             "same_as": list(law.same_as),
+            "noise_floor": {kind: dict(floor) for kind, floor in law.noise_floor.items()},
             **{
                 f"{records}_{key}": value
                 for records in ("training", "hold_out")

@@ -61,6 +61,7 @@ def _law_row(law: RankedLaw) -> dict[str, Any]:
         "probability": law.probability,
         "indistinguishable": list(law.indistinguishable),
         "free_numbers": law.free_numbers,
+        "fitted_to": law.fitted_to,
         "look_alikes": list(law.look_alikes),
         "same_as": list(law.same_as),
         "source": law.source,

@@ -225,6 +225,7 @@ def summary(path: Path) -> str:
         lines.append(f"{'':>47} dT/dt = {rankings.equation_text(law['equation'])}")
     left_out = [f"{law['rank']}" for law in laws[_SHOWN:] if law not in later]
     lines += [f"Ranks that are in {path.name} alone: {', '.join(left_out)}."] if left_out else []
+    lines += rankings.of_losses(data)
     lines += [f"  note: {text}" for text in data["warnings"] + data["set_aside"]]
     return "\n".join(lines + suspected_lines(data))
 

@@ -235,6 +235,15 @@ def tables(data: Data) -> list[Table]:
     return [table for table in found if table.rows]
 
 
+def of_losses(data: Data) -> Iterator[str]:
+    """Say which laws were fitted to losses alone: of these no number is that of a history."""
+    ranks = [f"{law['rank']}" for law in ranked(data) if law.get("fitted_to") == "losses"]
+    if ranks:
+        them = "rank" if len(ranks) == 1 else "ranks"
+        why = "since their tension histories are not those measured"
+        yield f"Fitted to the losses alone, {why}: {them} {', '.join(ranks)}."
+
+
 def _leader_board(data: Data) -> Table:
     rows = tuple(_row(law) for law in ranked(data))
     heads = ("Rank", "Law", "Error of loss, cross-validated [%]", "Error of loss, hold-out [%]",
@@ -250,6 +259,7 @@ def _leader_board(data: Data) -> Table:
         "over resamples of the preloads. p: chance that "
         "the best of so many laws would look as much better than the paper's if none were better."
     )
+    note = " ".join([note, *of_losses(data)])
     kept = [place for place in range(len(heads)) if any(str(row[place]) != NONE for row in rows)]
     cells = tuple(tuple(row[place] for place in kept) for row in rows)
     return Table(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from discovery.courses.fit import refine
+from discovery.courses.fit import fit, refine
 from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import (
@@ -33,8 +33,9 @@ from discovery.laws.factors import (
 from discovery.laws.given import given_law
 from discovery.laws.names import equation_name, names_of
 from discovery.ranking import merging
-from discovery.ranking.merging import at_bound, merged, same_equations
-from discovery.ranking.race import RankedLaw, _listed, race
+from discovery.ranking.cross_validation import dispersion
+from discovery.ranking.merging import at_bound, merged, same_equations, without_vanished
+from discovery.ranking.race import RankedLaw, _corrected, _listed, _with_reduced, race
 from discovery.ranking.result import Ranking
 from discovery.views.ranking_figure import ranked
 from discovery.views.ranking_section import ranking_section
@@ -192,6 +193,41 @@ def test_law_at_its_bound_is_no_look_alike_of_one_that_fits_far_better(frozen: F
         found = merged([better, rival], frozen)
         assert found[0].look_alikes == ((THRESHOLD.equation,) if look_alike else ())
         assert len(found) == (1 if look_alike else 2)
+
+
+def test_a_term_that_a_fit_drove_to_nothing_is_dropped(frozen: FrozenMotion) -> None:
+    """Such a sum was listed with both terms and with the price of all its numbers."""
+    part = frozen.subset(range(4, 12))
+    alone = refine(FREE, part)
+    extra = Term(displacement_power().held(q=6.0), tension_power())
+    gamma = alone.candidate.coefficients[0]
+    numbers = {name: p.value for name, p in alone.candidate.parameters.items() if name != "gamma"}
+    values = {f"{name}_1": value for name, value in numbers.items()}
+    two = Candidate("two", (FREE.terms[0], extra), (gamma, 1e-290), "hand").with_values(values)
+    found = replace(alone, candidate=two, free=two.free)
+    reduced = without_vanished(found, part)
+    assert reduced is not None
+    assert (reduced.key, reduced.coefficients) == (FREE.key, (gamma,))
+    assert without_vanished(replace(found, candidate=replace(two, coefficients=(gamma, 1e25))), part) is None
+    one, other = _with_reduced([found], part)
+    assert one is found
+    assert other is not None
+    (entrant,) = merged([replace(found, deviance=other.deviance + 100), other], part)
+    assert entrant.fit is other
+    assert entrant.look_alikes == (two.equation,)
+    rounded = THRESHOLD.with_values({"v_th": 4.4e-16})
+    assert at_bound(replace(found, candidate=rounded, free=rounded.free))
+
+
+def test_a_quiet_gauge_does_not_send_the_true_law_to_the_losses() -> None:
+    """The frozen motion is off by more than such noise: only behind the correction a law is judged."""
+    quiet = freeze(paper_model(), measured(with_power(3.0), scatter=0.1, noise=0.01, seed=5))
+    uncorrected = fit(FREE, quiet)
+    assert dispersion(uncorrected, quiet) > quiet.criteria.ranking.misfit
+    found = _corrected(uncorrected, quiet)
+    assert not found.of_losses
+    assert dispersion(found, quiet) < 1.5
+    assert found.candidate.parameters["n"].value == pytest.approx(3.0, abs=0.01)
 
 
 def test_law_that_comes_first_in_one_resample_of_twenty_is_listed_whatever_its_rank(

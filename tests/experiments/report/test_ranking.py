@@ -322,3 +322,12 @@ def test_the_page_answers_first_and_shows_every_table(tmp_path: Path) -> None:
 def test_criteria_that_are_no_longer_there_are_left_out() -> None:
     old = {"ranking": {"better": 1e-4, "gone": 2.0}, "former": {"least": 3.0}}
     assert used_in({"criteria": old}).changes == {"ranking": {"better": 1e-4}}
+
+
+def test_laws_fitted_to_losses_alone_are_named() -> None:
+    rows = laws()
+    rows[1]["fitted_to"] = "losses"
+    (table, *_) = rankings.tables(ranking() | {"laws": rows})
+    sentence = "Fitted to the losses alone, since their tension histories are not those measured: rank 2."
+    assert sentence in str(table.note)
+    assert list(rankings.of_losses(ranking())) == []
