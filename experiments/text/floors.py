@@ -1,4 +1,4 @@
-"""What noise alone would make, beside each error: about what the truth itself would score."""
+"""What noise alone would give, beside each error: about what the truth itself would score."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def loss_floor(floor: Data) -> str:
 def motion_floor(floor: Data) -> str:
     """Return what noise would make of the error of the motion, as a clause; nothing where not known."""
     noise = floor.get("motion_nrmse")
-    return "" if noise is None else f", where noise alone would make {number(100 * noise, 3)} %"
+    return "" if noise is None else f", where noise alone would give {number(100 * noise, 3)} %"
 
 
 def loss_of_right_law(data: Data) -> float | None:

@@ -41,7 +41,7 @@ def misfit(errors: Data, lost: Sequence[str], causes: Sequence[str]) -> str | No
         why.append(f"{errors['failed']} of {errors.get('records')} simulations did not finish")
     motion = errors.get("motion_nrmse")
     if isinstance(motion, float) and motion > LARGEST_ERROR:
-        why.append(f"displacements are off by {number(100 * motion, 3)} % on training records")
+        why.append(f"displacements are off by {number(100 * motion, 3)} %")
     if not why:
         return None
     cause = (

@@ -33,8 +33,8 @@ MEASURES = {
     "failed": ("Simulations that did not finish", "", 1.0),
 }
 _FLOORS = (
-    ("", "– noise alone would make"),
-    ("_with_variability", "– noise and the variability between tests would make"),
+    ("", "– noise alone would give"),
+    ("_with_variability", "– noise and the variability between tests would give"),
 )
 _IN_ROWS = {
     "motion_nrmse": "Error of the displacement",
@@ -80,7 +80,7 @@ def errors_table(data: object, caption: str, floors: object = None) -> Table | N
     caption : str
         Of the table.
     floors : object
-        What noise alone would make: of the only set, or by name of the set.
+        What noise alone would give: of the only set, or by name of the set.
     """
     columns = [(path, errors) for path, errors in error_columns(data) if errors.get("records")]
     if not columns:
@@ -94,14 +94,14 @@ def errors_table(data: object, caption: str, floors: object = None) -> Table | N
 
 
 def error_rows(columns: Sequence[Data], floors: Sequence[Data] = ()) -> Iterator[tuple[str | Markup, ...]]:
-    """Yield a row for every error measure that one of the columns has, and what noise alone would make.
+    """Yield a row for every error measure that one of the columns has, and what noise alone would give.
 
     Parameters
     ----------
     columns : sequence of mapping
         Error measures of each set.
     floors : sequence of mapping
-        What noise alone would make of each set.
+        What noise alone would give of each set.
     """
     for key, (text, unit, factor) in MEASURES.items():
         values = [errors.get(key) for errors in columns]

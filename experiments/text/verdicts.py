@@ -51,13 +51,12 @@ def _of_model(data: Data) -> Answer | None:
         sentences.append(_final_tension_sentence(own, rest))
     if own.get("motion_nrmse") is not None:
         floor = mapping(mapping(found.get("noise_floor")).get(chosen))
-        off = f"{number(100 * own['motion_nrmse'], 3)} % (NRMSE){motion_floor(floor)}"
-        sentences.append(f"Displacements are {_met(own)} {off}.")
+        sentences.append(f"The {_motion(own, floor)}.")
     sentences += _reservations(found)
     sentences[1:1] = list(_of_loss(mapping(mapping(found.get("noise_floor")).get(chosen)), own))
     verdict, good = _loss_verdict(own, rest)
     return Answer(
-        "Which reduced-order model do these records support, and does it tell how far a bolt loosens?",
+        "Which reduced-order model do these records support, and does it predict how far a bolt loosens?",
         verdict,
         tuple(sentences),
         tuple(_headlines(own, chosen)),
@@ -70,11 +69,13 @@ def _of_loss(floor: Data, errors: Data) -> list[str]:
     text = loss_floor(floor).removeprefix("; ")
     if not text or errors.get("tension_loss_error_percent_median") is None:
         return []
-    return [f"A tension law that is right would be off too: {text} (median error of the loss)."]
+    return [f"Even the true tension law is not exact on such tests (median error of the loss; {text})."]
 
 
-def _met(errors: Data) -> str:
-    return "met within" if describes(errors) else "missed by"
+def _motion(errors: Data, floor: Data) -> str:
+    beyond = "" if describes(errors) else ": the model does not describe the motion"
+    motion = f"{number(100 * errors['motion_nrmse'], 3)} % (NRMSE)"
+    return f"error of the displacements is {motion}{motion_floor(floor)}{beyond}"
 
 
 def _loss_verdict(own: Data, without: Data) -> tuple[str, bool | None]:
@@ -84,7 +85,7 @@ def _loss_verdict(own: Data, without: Data) -> tuple[str, bool | None]:
         without.get("tension_loss_error_percent_median"),
     )
     if loss is None:
-        return "The structure is identified; no loosening record tells of the bolt's tension.", None
+        return "The structure is identified; no loosening record measures the bolt's tension.", None
     if rest is None:
         return f"The tension law is off by {number(loss, 3)} % of a record's loss of tension (median).", None
     final, rest_final = (errors.get("final_tension_error_percent_median") for errors in (own, without))
@@ -100,7 +101,8 @@ def _loss_verdict(own: Data, without: Data) -> tuple[str, bool | None]:
 def _final_tension_sentence(own: Data, rest: Data) -> str:
     names = ("median", "mean", "max")
     median, mean, most = (number(own.get(f"final_tension_error_percent_{name}"), 3) for name in names)
-    text = f"The final tension is off by {median} % (median; mean {mean} %, largest {most} %)"
+    every = f" (median; mean {mean} %, largest {most} %)" if (mean, most) != (median, median) else ""
+    text = f"The final tension is off by {median} %{every}"
     if rest.get("final_tension_error_percent_median") is not None:
         text += f", without loosening by {number(rest['final_tension_error_percent_median'], 3)} %"
     return f"{text}. Where a loss is a small share of the tension, this measure is small for any law."
@@ -160,16 +162,14 @@ def _of_prediction(data: Data) -> Answer | None:
     if loss is not None:
         verdict = f"{fitted}, the model is off by {number(loss, 3)} % of a record's loss (median)."
     elif errors.get("motion_nrmse") is not None:
-        motion = number(100 * errors["motion_nrmse"], 3)
-        verdict = f"{fitted}, displacements are {_met(errors)} {motion} % (NRMSE){motion_floor(floor)}."
+        verdict = f"{fitted}, the {_motion(errors, floor)}."
     else:
         verdict = "The model was simulated; the records hold nothing to compare it with."
     unfinished = f"{_count(failed, 'simulation')} did not finish" if failed else "every simulation finished"
     sentences = [f"{_count(compared, 'record')} compared; {unfinished}."]
     sentences += _of_loss(floor, errors)
     if loss is not None and errors.get("motion_nrmse") is not None:
-        motion = number(100 * errors["motion_nrmse"], 3)
-        sentences.append(f"Displacements are {_met(errors)} {motion} % (NRMSE){motion_floor(floor)}.")
+        sentences.append(f"The {_motion(errors, floor)}.")
     if errors.get("final_tension_error_percent_median") is not None:
         sentences.append(_final_tension_sentence(errors, {}))
     sentences += _bands(data.get("records"))

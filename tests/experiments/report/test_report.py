@@ -319,11 +319,11 @@ def test_a_prediction_says_whose_campaign_it_is_and_what_noise_alone_would_make(
     assert found.question == question
     text = " ".join((found.verdict, *found.sentences))
     assert words in text
-    assert "1.23 % (NRMSE), where noise alone would make 0.990 %" in text
+    assert "1.23 % (NRMSE), where noise alone would give 0.990 %" in text
     assert "noise alone: 1.50 %, with the variability between tests: 18.0 %" in text
     table = errors_table(data["errors"], "", floor)
     assert table is not None
-    assert ("– noise alone would make [%]", "0.990") in table.rows
+    assert ("– noise alone would give [%]", "0.990") in table.rows
 
 
 def test_a_prediction_of_before_says_nothing_of_records_held_out() -> None:

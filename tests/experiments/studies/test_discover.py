@@ -319,7 +319,7 @@ def test_the_page_has_noise_beside_the_errors_of_the_model_with_the_first_law(fo
     assert table.columns[:3] == ("", "Training", "Hold-out")
     rows = {row[0]: row[1:3] for row in table.rows}
     assert rows["Displacement, NRMSE [%]"] == ("1.20", "1.20")
-    assert rows["– noise alone would make [%]"] == ("–", "1.11")
+    assert rows["– noise alone would give [%]"] == ("–", "1.11")
 
 
 def test_every_figure_is_there_and_nothing_else(folder: Path) -> None:

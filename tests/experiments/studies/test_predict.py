@@ -88,7 +88,7 @@ def test_a_final_tension_has_the_limits_of_one_new_test(predicted: Path) -> None
 def test_the_summary_says_numbers_and_whose_records_they_are(predicted: Path) -> None:
     lines = summary(predicted)
     assert "On the campaign of its fit, the model is off by" in lines
-    assert "noise alone would make" in lines
+    assert "noise alone would give" in lines
     assert "measured final tensions lie within their 95 % limits." in lines
     data = json.loads(predicted.read_text())
     assert data["fitted_to_this_campaign"]

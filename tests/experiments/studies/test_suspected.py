@@ -130,7 +130,7 @@ def test_a_prediction_that_is_far_off_ends_with_3_and_says_so_in_red(
     told = answer("prediction", data)
     assert told is not None
     assert told.good is False
-    assert "met within" not in f"{told.verdict} {told.sentences}"
+    assert "the model does not describe the motion" in f"{told.verdict} {told.sentences}"
 
 
 def test_a_sound_prediction_ends_with_0(
