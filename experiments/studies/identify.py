@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from experiments.studies.figure_files import figures_into
 from experiments.studies.suspected import suspected, write_without_records
 from experiments.text import suspicions
 from experiments.text.floors import loss_floor
+from experiments.text.limits import with_limits
 from experiments.text.wording import mapping
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
@@ -320,7 +320,7 @@ def summary(path: Path) -> str:
         for place in ("stiffness", "damping", "tension_rate"):
             law = link[place]
             if law is not None and law["parameters"]:
-                values = ", ".join(_with_limits(name, item) for name, item in law["parameters"].items())
+                values = ", ".join(with_limits(name, item) for name, item in law["parameters"].items())
                 head = f"  {link['name']} {place.replace('_', ' ')}: {law['equation']}"
                 lines.append(f"{head}   {values}{_records_for(link, place, section['fits'])}")
         lines += _bolt_out(link, data.get("uncoupled_links", ()))
@@ -337,7 +337,7 @@ def _bolt_out(link: Mapping[str, Any], uncoupled: Iterable[Mapping[str, Any]]) -
     """Yield the stiffness that a link has without the bolt, where that is identified by itself."""
     for other in uncoupled:
         if other["name"] == link["name"] and other["stiffness"] != link["stiffness"]:
-            values = ", ".join(_with_limits(*item) for item in other["stiffness"]["parameters"].items())
+            values = ", ".join(with_limits(*item) for item in other["stiffness"]["parameters"].items())
             yield f"  {link['name']} stiffness, bolt out: {values}"
 
 
@@ -362,30 +362,14 @@ def _masses(data: Mapping[str, Any]) -> list[str]:
 
 def _of_mode(mode: Mapping[str, Any]) -> Iterator[str]:
     """Yield what modal analysis reports of a mode, and its shape."""
-    numbers = (_with_limits("f", mode["frequency_hz"]), _with_limits("zeta", mode["damping_ratio"]))
+    numbers = (with_limits("f", mode["frequency_hz"]), with_limits("zeta", mode["damping_ratio"]))
     yield f"  {mode['name']}: {', '.join(numbers)}"
-    yield "    shape: " + ", ".join(_with_limits(sensor, item) for sensor, item in mode["shape"].items())
+    yield "    shape: " + ", ".join(with_limits(sensor, item) for sensor, item in mode["shape"].items())
 
 
 def suspected_lines(data: Mapping[str, Any]) -> list[str]:
     """Return a line for people for each kind of suspicion."""
     return [f"  suspicion: {text}" for text in suspicions.lines(data)]
-
-
-def _with_limits(name: str, item: dict[str, Any]) -> str:
-    known = item["low"] is not None and item["high"] is not None
-    digits, limits = 5, ""
-    if known:
-        digits = _digits(item["low"], item["high"])
-        limits = f" [{item['low']:.{digits}g}, {item['high']:.{digits}g}]"
-    unit = "" if item["unit"] == "1" else f" {item['unit']}"
-    return f"{name} = {item['value']:.{max(digits, 5)}g}{limits}{unit}"
-
-
-def _digits(low: float, high: float) -> int:
-    """Return how many digits of two limits show two of what lies between them: 4 at least, 9 at most."""
-    size, width = max(abs(low), abs(high)), (high - low) / 2
-    return min(max(math.floor(math.log10(size / width)) + 2, 4), 9) if width > 0 else 4
 
 
 def _percent(errors: dict[str, Any], rival: dict[str, Any], floor: Mapping[str, Any]) -> str:

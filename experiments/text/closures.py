@@ -14,6 +14,7 @@ from discovery.views.closure_figure import class_words, forces, sides
 from discovery.views.closure_prose import place_words, view_words
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
+from experiments.text.closure_labels import CORRELATED, LEGEND, SINGLE
 from experiments.text.tables import MEASURES, Table, error_rows, parameter_rows, unit_shown
 from experiments.text.wording import NONE, label, mapping, mappings, number, trimmed, with_limits
 
@@ -25,33 +26,6 @@ _SETS = {"hold_out": "hold-out", "training": "training"}
 _HEADLINES = ("motion_nrmse", "relative_motion_nrmse", "tension_loss_error_percent_median")
 _HYPHEN = "\u2011"  # at which no line breaks
 _SHOWN_BELOW = ("numbers", "links")
-_LEGEND = {
-    "z1": "z: internal states, zero at the start",
-    "rate": "Ṫ₀: rate of the law of loosening before this change",
-    "follow": "follow: dependence of that law on tension, 1 at 100 N",
-    "y_true": "y: what the sensor shows",
-}
-_TESTS = ("uncoupled", "coupled", "loosening")
-_SINGLE = {
-    "whiteness_p": "Chance of so much dependence if only noise were left [1]",
-    "total": "All",
-    "repeatability": "Correlation of residuals of tests that repeat each other [1]",
-    "repeatability_chance": "What noise exceeds there in one case of {rare} [1]",
-    "repeatability_noise": "Noise as such tests tell it, over that before the hits [1]",
-    "repeatability_pairs": "Pairs of such tests",
-    **{
-        f"line_correlation_{test}{end}": f"{words}, {test} tests [1]"
-        for test in _TESTS
-        for end, words in (
-            ("", "Correlation of lines side by side"),
-            ("_chance", "What white noise exceeds there in one case of {white}"),
-        )
-    },
-}
-_CORRELATED = {
-    **{f"line_correlation_{test}": f"Lines side by side, {test}" for test in _TESTS},
-    "repeatability": "Tests that repeat each other",
-}
 _OF_LIMIT = (("value", 1.0), ("worst_value", 1.0), ("share_of_default", 100.0), ("felt_percent", 1.0))
 _OF_FORCE = (
     ("level", "Mean square over that of noise [1]", 1.0),
@@ -132,7 +106,7 @@ def correlations(data: Data) -> list[tuple[str, float, float, float]]:
     """Return what correlates in the residual: label, before, after, and the limit of noise."""
     before, after = sides(data)
     found = []
-    for key, words in _CORRELATED.items():
+    for key, words in CORRELATED.items():
         old, new, chance = before.get(key), after.get(key), after.get(f"{key}_chance")
         if isinstance(old, float) and isinstance(new, float) and isinstance(chance, float):
             found.append((words, old, new, chance))
@@ -254,7 +228,7 @@ def _effect_block(effect: Data) -> Block:
         " ".join(_evidence(effect)),
         tuple(equations.effect_equations(equation, enters)) if equation else (),
         "; ".join(
-            [*_of_force(equation, enters), *(text for known, text in _LEGEND.items() if known in names)]
+            [*_of_force(equation, enters), *(text for known, text in LEGEND.items() if known in names)]
         ),
         tuple(tables),
     )
@@ -379,7 +353,7 @@ def _single_words(view: str, rare: Mapping[str, str]) -> str:
     head, of_sensor, body = view.partition("repeatability_noise_")
     if of_sensor and not head:
         return f"The same, sensor of {body} [1]"
-    return _SINGLE.get(view, label(view)).format(**rare)
+    return SINGLE.get(view, label(view)).format(**rare)
 
 
 def _screened(data: Data) -> Table:
