@@ -12,6 +12,7 @@ import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
@@ -52,6 +53,8 @@ _STYLE: dict[Any, Any] = {
     "pdf.fonttype": 42,
     "svg.hashsalt": "boltlaw",
     "path.simplify": True,
+    "figure.autolayout": False,
+    "figure.constrained_layout.use": False,
 }
 
 P = ParamSpec("P")
@@ -150,6 +153,16 @@ def save(figure: Figure, path: str | Path) -> Path:
         raise ValueError(f"{path}: a figure is written as .svg, .pdf or .png, instead got {path.suffix!r}")
     if kind == "svg" and (shown := describe(figure)) is not None:
         metadata[kind] |= {"Description": json.dumps(shown, separators=(",", ":"), allow_nan=False)}
+    _lay_out(figure)
     with replacing(path) as temporary:
         figure.savefig(temporary, format=kind, dpi=300, metadata=metadata[kind])
     return path
+
+
+def _lay_out(figure: Figure) -> None:
+    """Place the panels for good: with an engine every file would be laid out anew and drawn twice."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        FigureCanvasSVG(figure)  # whose measures of text the engine takes
+        engine.execute(figure)
+        figure.set_layout_engine(None)

@@ -6,8 +6,9 @@ the same tension windows, and only then is a difference taken.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Literal, TypedDict
 
 import numpy as np
@@ -153,9 +154,10 @@ def compare_all(
         return tuple(_of_cycled(nothing, model, measurement) for model in models)
     if measurement.test == "hold":
         return tuple(_of_rest(nothing, model, measurement, windows) for model in models)
+    noise = cache(lambda pair: noise_of(measurement, pair))  # the record's, whatever model it is
     groups = [models[first : first + _SIDE_BY_SIDE] for first in range(0, len(models), _SIDE_BY_SIDE)]
     return tuple(
-        found for group in groups for found in _of_motion(nothing, group, measurement, windows, bands)
+        found for group in groups for found in _of_motion(nothing, group, measurement, windows, bands, noise)
     )
 
 
@@ -165,6 +167,7 @@ def _of_motion(
     measurement: Measurement,
     windows: WindowSettings,
     bands: bool,
+    noise: Callable[[tuple[str, str] | None], RecordNoise],
 ) -> list[Comparison]:
     replays = {
         place: replay(model, measurement)
@@ -181,7 +184,8 @@ def _of_motion(
         elif run is not None:
             moved = _with_motion(nothing, model, run.measurement, next(motions))
             comparison = _with_tension(moved, run, windows, bands)
-            comparison = replace(comparison, noise=_noise(model, measurement, comparison.initial_tension))
+            own = noise(_coupled_pair(model))
+            comparison = replace(comparison, noise=_with_rate(own, model, comparison.initial_tension))
         found.append(comparison)
     return found
 
@@ -296,11 +300,11 @@ def _with_tension(comparison: Comparison, run: Replay, windows: WindowSettings, 
     )
 
 
-def _noise(model: Model, measurement: Measurement, initial_tension: float) -> RecordNoise:
-    found, known = noise_of(measurement, _coupled_pair(model)), model.rate_uncertainty
+def _with_rate(noise: RecordNoise, model: Model, initial_tension: float) -> RecordNoise:
+    known = model.rate_uncertainty
     if known is None or not np.isfinite(initial_tension):
-        return found
-    return replace(found, rate_deviation=known.of_a_test(initial_tension))
+        return noise
+    return replace(noise, rate_deviation=known.of_a_test(initial_tension))
 
 
 def _percent(error: float, size: float) -> float:
