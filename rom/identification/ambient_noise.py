@@ -12,18 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from rom.criteria.number import Numerical
-from rom.identification.small_matrices import inverse_root, product
+from rom.identification.small_matrices import inverse, inverse_root, positive_part, product
 from rom.identification.spectral_model import ComplexArray, FloatArray, Linearised
 
 _SMOOTHING_HZ: Numerical[float] = 2.0
 _REWEIGHTED: Numerical[int] = 5
 _LEAST_LEFT: Numerical[float] = 0.05  # of the noise: less tells none
-
-
-def root_of(ambient: ComplexArray) -> ComplexArray:
-    """Return a root of the cross-spectrum Q at every line."""
-    level, direction = np.linalg.eigh(ambient)
-    return np.asarray(direction * np.sqrt(np.maximum(level, 0.0))[:, None, :])
 
 
 def whitener(gain: ComplexArray, root: ComplexArray, sensor: FloatArray) -> ComplexArray:
@@ -36,7 +30,7 @@ def whitener(gain: ComplexArray, root: ComplexArray, sensor: FloatArray) -> Comp
     gain : ndarray, shape (lines, channels, forces)
         Transfer from ambient forces to channels.
     root : ndarray, shape (lines, forces, forces)
-        Of the cross-spectrum of the ambient forces, from `root_of`.
+        Of the cross-spectrum of the ambient forces, from `rom.identification.small_matrices.root_of`.
     sensor : ndarray, shape (channels,)
         Power of each sensor's noise.
 
@@ -100,9 +94,9 @@ def ambient_forces(
     ndarray
         Shape (lines, forces, forces).
     """
-    inverses = [np.linalg.inv(part.gain) for part in parts]
-    noises = [(inverse * sensor) @ inverse.conj().swapaxes(1, 2) for inverse in inverses]
-    forces = [(i @ part.unweighted[:, :, None])[:, :, 0] for i, part in zip(inverses, parts, strict=True)]
+    inverses = [inverse(part.gain) for part in parts]
+    noises = [product(back * sensor, back.conj().swapaxes(1, 2)) for back in inverses]
+    forces = [product(b, p.unweighted[:, :, None])[:, :, 0] for b, p in zip(inverses, parts, strict=True)]
     half = max(2, round(_SMOOTHING_HZ / (frequency[1] - frequency[0])))
     squares = [force[:, :, None] * force.conj()[:, None, :] for force in forces]
     count = _running_sum(np.full(len(frequency), float(len(parts))), half).reshape(-1, 1, 1)
@@ -115,8 +109,7 @@ def ambient_forces(
             weights += weight * share
         near = _running_sum(weights, half).reshape(-1, 1, 1)
         mean = np.divide(_running_sum(total, half), near, out=np.zeros_like(total), where=near > 0)
-        level, direction = np.linalg.eigh((mean + mean.conj().swapaxes(1, 2)) / 2)
-        ambient = (direction * np.maximum(level, 0.0)[:, None, :]) @ direction.conj().swapaxes(1, 2)
+        ambient = positive_part(mean)
     return np.asarray(ambient)
 
 

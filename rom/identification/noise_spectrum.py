@@ -15,8 +15,9 @@ import numpy as np
 
 from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
-from rom.identification.ambient_noise import ambient_forces, root_of, sensor_noise, share_left, whitener
+from rom.identification.ambient_noise import ambient_forces, sensor_noise, share_left, whitener
 from rom.identification.record_spectra import HIGHEST_HZ
+from rom.identification.small_matrices import root_of
 from rom.identification.spectral_model import (
     ComplexArray,
     FloatArray,

@@ -18,9 +18,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from rom.criteria.number import Numerical
-from rom.identification.ambient_noise import ambient_forces, root_of, sensor_noise, share_left, whitener
+from rom.identification.ambient_noise import ambient_forces, sensor_noise, share_left, whitener
 from rom.identification.priors import Misfit, PriorConstraint, misfits, pull
+from rom.identification.secant_steps import Normal, Secant, box, decrease, step_within
+from rom.identification.small_matrices import root_of
 from rom.identification.spectral_model import (
+    CORNER,
     ComplexArray,
     FloatArray,
     Linearised,
@@ -31,11 +34,14 @@ from rom.identification.spectral_model import (
 )
 from rom.identification.unexplained import Unexplained, unexplained_resonances
 
-_STEP: Numerical[tuple[float, float]] = (-0.6, 1.0)  # shares of a value that it may lose or gain at once
 _OUTER_ITERATIONS: Numerical[int] = 12
 # weights taken from a half-done fit would make its misfit look like noise
 _FIRST_ITERATIONS: Numerical[int] = 60
-_INNER_ITERATIONS: Numerical[int] = 12
+_BETWEEN_WEIGHTS: Numerical[int] = 3  # their minimum is left at the next ones anyway
+_LAST_ITERATIONS: Numerical[int] = 12
+_DAMPING: Numerical[float] = 1e-3  # share of the diagonal that is added to it, at first
+_REJECTED: Numerical[float] = 1e-4  # at least, after a step that has raised the cost
+_POOR: Numerical[float] = 0.25  # of the fall that was expected
 _TOLERANCE: Numerical[float] = 1e-4  # of a step
 _NEGLIGIBLE: Numerical[float] = 1e-7  # share of the cost that a step may still promise
 _UNTOLD: Numerical[float] = 1e-12
@@ -99,13 +105,19 @@ def _whiteners(records: Sequence[SpectralRecord], state: _State, names: Sequence
 
 @dataclass
 class _State:
-    """Where the search stands: coefficients, linearisation and normal equations."""
+    """Where the search stands: coefficients, linearisation and normal equations, and J^T r without ties."""
 
     values: dict[str, float]
     parts: list[Linearised]
     hessian: FloatArray
     gradient: FloatArray
     cost: float
+    untied: FloatArray
+
+    def normal(self, names: Sequence[str]) -> Normal:
+        """Return the normal equations, each coefficient counted in its `step_unit`."""
+        units = np.array([step_unit(name, self.values[name]) for name in names])
+        return Normal(self.hessian, self.gradient, self.cost, units)
 
 
 def _evaluate(
@@ -123,7 +135,7 @@ def _evaluate(
         hessian[np.ix_(index, index)] += part.jacobian.T @ part.jacobian
         gradient[index] += part.jacobian.T @ part.residual
         cost += float(part.residual @ part.residual)
-    return _tied(_State(values, parts, hessian, gradient, cost), names, tied)
+    return _tied(_State(values, parts, hessian, gradient, cost, gradient), names, tied)
 
 
 def _tied(state: _State, names: Sequence[str], tied: Sequence[tuple[PriorConstraint, float]]) -> _State:
@@ -152,38 +164,53 @@ def _weighed(
     return (_tied(state, names, tied) if tied else state), tied
 
 
-def _levenberg_marquardt(
+def _minimise(
     records: Sequence[SpectralRecord],
     state: _State,
     whiteners: Sequence[ComplexArray],
     names: Sequence[str],
     tied: Sequence[tuple[PriorConstraint, float]],
+    *,
+    starts: FloatArray,
     iterations: int,
 ) -> tuple[_State, bool]:
     """Return the minimum for fixed weights, and whether the last step was within the tolerance."""
-    damping = 1e-3
+    damping, secant = _DAMPING, Secant(np.zeros((len(names), len(names))))
+    positive = np.array([not name.startswith(CORNER) for name in names])
     for _ in range(iterations):
-        step = np.linalg.lstsq(
-            state.hessian + damping * np.diag(np.diag(state.hessian)), state.gradient, rcond=None
-        )[0]
-        settled = float(np.abs(step).max(initial=0.0)) < _TOLERANCE or float(
-            state.gradient @ step
-        ) < _NEGLIGIBLE * max(state.cost, 1.0)
-        step = np.clip(step, *_STEP)  # one coefficient that nothing tells slows no other
-        values = state.values | {
-            n: state.values[n] + float(d) * step_unit(n, state.values[n])
-            for n, d in zip(names, step, strict=True)
-        }
-        trial = _evaluate(records, values, whiteners, names, tied)
+        values, normal = np.array([state.values[name] for name in names]), state.normal(names)
+        hessian = secant.of(normal)
+        step = step_within(
+            hessian + damping * np.diag(np.diag(state.hessian)),
+            state.gradient,
+            *box(values, starts, normal.units, positive),
+        )
+        expected = decrease(hessian, state.gradient, step)
+        settled = float(np.abs(step).max(initial=0.0)) < _TOLERANCE or expected < _NEGLIGIBLE * max(
+            state.cost, 1.0
+        )
+        stepped = dict(zip(names, values + step * normal.units, strict=True))
+        trial = _evaluate(records, state.values | stepped, whiteners, names, tied)
+        misfit = (state.untied, trial.untied, _across(state, trial, names))
+        secant = secant.after(step, normal, trial.normal(names), misfit)
         if trial.cost <= state.cost * (1 + 1e-12):
-            state, damping = trial, max(damping / 10, 1e-9)
+            poor = state.cost - trial.cost < _POOR * expected
+            state, damping = trial, damping * 2 if poor else max(damping / 10, 1e-9)
             if settled:
                 return state, True
         elif settled:
             return state, True
         else:
-            damping = min(damping * 10, 1e8)
+            damping = min(max(damping * 10, _REJECTED), 1e8)
     return state, False
+
+
+def _across(before: _State, after: _State, names: Sequence[str]) -> FloatArray:
+    """Return J before a step, transposed, times r after it."""
+    out, position = np.zeros(len(names)), {name: i for i, name in enumerate(names)}
+    for old, new in zip(before.parts, after.parts, strict=True):
+        out[[position[name] for name in old.columns]] += old.jacobian.T @ new.residual
+    return out
 
 
 def fit_output_error(
@@ -191,12 +218,13 @@ def fit_output_error(
     *,
     ties: Sequence[PriorConstraint] = (),
 ) -> OutputErrorFit:
-    """Fit all free terms of `records` together by Levenberg-Marquardt on the weighted spectra.
+    """Fit all free terms of `records` together by least squares on the weighted spectra.
 
-    Steps are shares of the coefficients, none below -60 %: all but a sensor's corner stay positive, and
-    stiffnesses of which only the sum is well told can trade along a straight line. The weights start equal
-    over the lines and are re-estimated from the residual after every minimisation until both settle. `ties`
-    count as much as the misfit asks for (`rom.identification.priors`).
+    Steps are shares of the coefficients, none below -60 % (`rom.identification.secant_steps`): all but a
+    sensor's corner stay positive, and stiffnesses of which only the sum is well told can trade along a
+    straight line. The weights start equal over the lines and are re-estimated from the residual, after a
+    minimum with equal weights and then every few steps, until both settle. `ties` count as much as the misfit
+    asks for (`rom.identification.priors`).
 
     Parameters
     ----------
@@ -221,11 +249,11 @@ def fit_output_error(
     whiteners = [_equal_weights(record) for record in records]
     values = {key(r, t): t.value for r in records for t in r.terms}
     state, tied = _weighed(records, values, whiteners, names, ties)
-    converged = False
-    for iteration in range(_OUTER_ITERATIONS):
+    starts, converged = np.array([values[name] for name in names]), False
+    between = (_OUTER_ITERATIONS - 2) * [_BETWEEN_WEIGHTS]
+    for iteration, steps in enumerate([_FIRST_ITERATIONS, *between, _LAST_ITERATIONS]):
         before = np.array([state.values[name] for name in names])
-        steps = _INNER_ITERATIONS if iteration else _FIRST_ITERATIONS
-        state, inner = _levenberg_marquardt(records, state, whiteners, names, tied, steps)
+        state, inner = _minimise(records, state, whiteners, names, tied, starts=starts, iterations=steps)
         change = np.array([state.values[name] for name in names]) - before
         change /= [step_unit(name, value) for name, value in zip(names, before, strict=True)]
         settled = (

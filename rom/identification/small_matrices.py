@@ -76,3 +76,32 @@ def inverse_root(power: npt.NDArray[Any]) -> ComplexArray:
     out[:, 0, 0], out[:, 1, 1] = 1 / first, 1 / second
     out[:, 1, 0] = -across / (first * second)
     return out
+
+
+def positive_part(power: npt.NDArray[Any]) -> ComplexArray:
+    """Nearest Hermitian matrices without negative power: negative eigenvalues become zero, (lines, n, n)."""
+    power = (power + power.conj().swapaxes(1, 2)) / 2
+    if power.shape[1] != 2:
+        level, direction = np.linalg.eigh(power)
+        return np.asarray((direction * np.maximum(level, 0.0)[:, None, :]) @ direction.conj().swapaxes(1, 2))
+    first, second = power[:, 0, 0].real, power[:, 1, 1].real
+    across = power[:, 1, 0]
+    mean, half = (first + second) / 2, np.hypot((first - second) / 2, np.abs(across))
+    # of one eigenvalue below zero and one above: the projector on the latter times it
+    share = np.divide(mean + half, 2 * half, out=np.zeros_like(half), where=half > 0)
+    out = share[:, None, None] * power
+    lower = share * (half - mean)
+    out[:, 0, 0] += lower
+    out[:, 1, 1] += lower
+    out[mean >= half] = power[mean >= half]
+    out[mean <= -half] = 0.0
+    return np.asarray(out)
+
+
+def root_of(power: npt.NDArray[Any]) -> ComplexArray:
+    """Roots R of Hermitian matrices without negative power, ``R R^H``, (lines, n, n).
+
+    From eigenvectors: a determinant would lose a small power beside a large one.
+    """
+    level, direction = np.linalg.eigh(power)
+    return np.asarray(direction * np.sqrt(np.maximum(level, 0.0))[:, None, :])

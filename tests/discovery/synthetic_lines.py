@@ -11,7 +11,8 @@ import numpy as np
 
 from discovery.localisation.lines import Lines, Place
 from rom.campaign.channels import FloatArray
-from rom.identification.ambient_noise import root_of, whitener
+from rom.identification.ambient_noise import whitener
+from rom.identification.small_matrices import root_of
 from rom.identification.spectral_model import (
     ComplexArray,
     SpectralRecord,

@@ -13,14 +13,14 @@ from tests.rom.lumped_hidden import DAMPING, HIDDEN, MASS, STIFFNESS, with_hidde
 
 
 def identified(folder: Path, test: str, kind: str, band: bool) -> tuple[dict[str, float], float]:
-    """Numbers relative to the truth less one, and the held-out error."""
+    """Numbers relative to the truth less one, and the held-out error: none where no simulation ends."""
     found = with_hidden_mode(folder, test, kind, band, known=test == "free")
     model = rom.identify(found)
     judged = evaluate([model], found, found.select(hold_out=True))
     error = summarise(one.comparisons[0] for one in judged)["motion_nrmse"]
-    assert error is not None
     truth = {"body.m.mass": MASS + HIDDEN, "s.stiffness.k": STIFFNESS, "s.damping.c": DAMPING}
-    return {path: model.parameter(path).value / value - 1 for path, value in truth.items()}, error
+    off = {path: model.parameter(path).value / value - 1 for path, value in truth.items()}
+    return off, float("inf") if error is None else error
 
 
 @pytest.mark.parametrize(

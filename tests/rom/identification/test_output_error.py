@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rom.identification.ambient_noise import root_of, whitener
+from rom.identification.ambient_noise import whitener
 from rom.identification.output_error import OutputErrorFit, fit_output_error
+from rom.identification.small_matrices import root_of
 from rom.identification.spectral_model import (
     CORNER,
     DERIVATIVE_ORDER,
