@@ -1,6 +1,4 @@
-"""What an identification keeps of a raw record: spectra, modal estimates, tensions. Records are streamed,
-never all held.
-"""
+"""What an identification keeps of a raw record: spectra, modal estimates, tensions; one at a time."""
 
 from __future__ import annotations
 
