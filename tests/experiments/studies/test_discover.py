@@ -276,6 +276,127 @@ def test_the_ranking_has_the_keys_that_others_read(folder: Path) -> None:
     assert data["seed"] == 4
     assert {"campaign", "program_version", "elapsed_s"} <= set(data)
     names = [law["name"] for law in data["laws"]]
+    assert {"gamma(T) baseline", "no loosening", "constant gamma, quadratic"} <= set(names)
+    for rank, law in enumerate(data["laws"], 1):
+        assert set(law) >= CONTRACT_LAW
+        assert law["rank"] == rank
+        assert set(law["errors"]) == {"training", "hold_out"}
+        assert set(law["errors"]["hold_out"]) == set(errors(1.0, 1))
+        for parameter in law["parameters"].values():
+            assert set(parameter) == {"value", "low", "high", "unit"}
+    assert data["exponent_profile"]["values"] == [3.0, 4.0, 5.0]
+    assert data["exponent_profile"]["delta_bic"] == [29.5, 0.0, None]
+    assert data["laws"][0]["wins_against_baseline"] == [0, 5]
+    assert data["laws"][1]["p_value_against_baseline"] is None  # was not a number
+
+
+def test_cases_hold_the_courses_of_the_laws_by_full_simulation(folder: Path) -> None:
+    """The records were made with the paper's law: it repeats them, no loosening is off by 100 %."""
+    cases = load(folder)["cases"]
+    assert [case["hold_out"] for case in cases] == [False, False, True, False]
+    for case in cases:
+        assert case["laws"][BASELINE] == pytest.approx(case["change_n"], rel=1e-3, abs=1e-3)
+        assert case["loss_error_percent"][BASELINE] < 0.1
+        assert case["time_s"][0] == pytest.approx(0.0015)
+        assert case["change_error_n"] == [pytest.approx(0.01)] * 5
+
+
+def test_the_model_is_the_identified_one_with_the_first_law(folder: Path, made: Ranking) -> None:
+    model = load_model(folder / "model.json")
+    rate = model.link_laws["joint"].tension_rate
+    assert rate is not None
+    assert rate.equation == made.laws[0].equation
+    force = nominal_impact(1600.0, RATE_HZ, 2.0)
+    losses = [m.simulate({"lo": force}, RATE_HZ, 150.0).tension for m in (model, paper_model())]
+    assert losses[0] == pytest.approx(losses[1], rel=1e-6)
+    section = json.loads((folder / "model.json").read_text(encoding="utf-8"))["identification"]
+    assert section["errors"]["hold_out"]["tension_loss_error_percent_median"] == 10.0
+    assert section["errors"]["no_loosening"]["training"]["records"] == 3
+
+
+def test_the_page_has_noise_beside_the_errors_of_the_model_with_the_first_law(folder: Path) -> None:
+    (table,) = comparison_tables(read_results(folder).results)
+    assert table.columns[:3] == ("", "Training", "Hold-out")
+    rows = {row[0]: row[1:3] for row in table.rows}
+    assert rows["Displacement, NRMSE [%]"] == ("1.20", "1.20")
+    assert rows["– noise alone would give [%]"] == ("–", "1.11")
+
+
+def test_every_figure_is_there_and_nothing_else(folder: Path) -> None:
+    figures = {
+        "law-leader-board", "law-trajectories", "law-errors", "exponent-profile", "accuracy-complexity",
+        "term-inclusion",
+    }  # fmt: skip
+    drawn = {f"{name}.{suffix}" for name in figures for suffix in ("svg", "pdf")}
+    assert {path.name for path in folder.iterdir()} == {"ranking.json", "model.json", *drawn}
+
+
+def test_the_summary_says_which_law_how_sure_and_what_is_open(folder: Path) -> None:
+    text = discover.summary(folder / "ranking.json")
+    for part in (
+        "The paper's law ranks first; these records do not distinguish it from another one.",
+        "95 % set: 3.7 to 4.2",
+        "2 hits of 800 N for 1 ms at a preload of 150 N",
+        "2000 candidate laws were considered",
+        "dT/dt = -gamma |v|^n T",
+        "note: records/a.h5: clipped",
+    ):
+        assert part in text, part
+
+
+def test_law_that_is_often_first_is_in_the_summary_whatever_its_rank(folder: Path, tmp_path: Path) -> None:
+    data = load(folder)
+    first = data["laws"][0]
+    shares = {1: 0.9, 12: 0.02, 13: 0.08}
+    data["laws"] = [
+        first | {"rank": rank, "name": f"law {rank}", "source": "hand", "chosen": share, "probability": share}
+        for rank, share in ((rank, shares.get(rank, 0.0)) for rank in range(1, 14))
+    ]
+    path = tmp_path / "ranking.json"
+    path.write_text(json.dumps(data), encoding="utf-8")
+    lines = discover.summary(path).splitlines()
+    listed = [line.split() for line in lines if line.endswith(tuple(f"law {k}" for k in range(1, 14)))]
+    assert [words[0] for words in listed] == [*map(str, range(1, 9)), "13"]
+    assert listed[-1][3] == "0.080"
+    assert "Ranks that are in ranking.json alone: 9, 10, 11, 12." in lines
+    assert not any("listed below" in line for line in lines)
+
+
+def test_few_loosening_records_are_refused_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, boltlaw: Boltlaw
+) -> None:
+    def never(*_: object) -> None:
+        raise AssertionError("work began")
+
+    monkeypatch.setattr("discovery.discover", never)
+    assert (
+        boltlaw(
+            "rig", tmp_path / "few", "--cases", 3, "--duration-s", 2.5, "--hold-out-every", 3, "--quiet"
+        ).code
+        == 0
+    )
+    before = sorted(tmp_path.rglob("*"))
+    ran = boltlaw("discover", tmp_path / "few", "--jobs", 1)
+    assert (ran.code, ran.out) == (2, "")
+    (line,) = ran.err.splitlines()
+    assert re.search(r"few: found [23] loosening records.*expected 4 or more", line)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_parameter_without_limits_has_none() -> None:
+    row = parameter_row(Parameter(4.0, "1"))
+    assert row == {"value": 4.0, "low": None, "high": None, "unit": "1"}
+
+
+@pytest.mark.slow
+def test_a_small_campaign_is_ranked_from_end_to_end(
+    discovered: tuple[Path, Ran], rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    folder, ran = discovered
+    assert ran.code == 0, ran.err
+    assert "rank" in ran.out
+    data = load(folder)
+    assert data["considered"] >= 2000
     names = {law["name"] for law in data["laws"]}
     assert {"gamma(T) baseline", "no loosening", "constant gamma, quadratic"} <= names
     assert boltlaw("predict", folder / "model.json", rig_campaign, "--out", tmp_path, "--quiet").code == 0
