@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from discovery.localisation.localise import Localisation
     from rom.effects import ModelCorrection
     from rom.model.laws import Parameter
-from rom.model.model import Model
+    from rom.model.model import Model
 
 Verdict = Literal["closed", "no-effect", "unexplained"]
 

@@ -10,6 +10,7 @@ from discovery.criteria.criteria import used_in
 from discovery.criteria.localisation import Localising
 from discovery.detection.limit import NEVER, UNSEEN
 from discovery.localisation.localise import COURSES
+from discovery.views.digits import digits_apart
 from discovery.views.force import explained_level
 from rom.criteria.number import Numerical
 
@@ -145,7 +146,7 @@ def _named(effect: Data) -> str:
 def _with_limits(name: str, parameter: Data) -> str:
     unit = "" if parameter["unit"] == "1" else f" {parameter['unit']}"
     low, high = parameter["low"], parameter["high"]
-    digits = _digits(low, high)
+    digits = digits_apart(low, high)
     shown = f"{name} = {_number(parameter['value'], digits)}{unit}"
     if low is None and high is None:
         return shown
@@ -154,14 +155,6 @@ def _with_limits(name: str, parameter: Data) -> str:
         return f"{shown} (at the end of its range; 95 %: {side})"
     of = "95 % of records" if parameter.get("of_records") else "95 %"
     return f"{shown} ({of}: {_number(low, digits)} to {_number(high, digits)})"
-
-
-def _digits(low: float | None, high: float | None) -> int:
-    """Return how many digits tell limits apart: four at least."""
-    if low is None or high is None or low == high:
-        return 4
-    size = max(abs(low), abs(high)) / abs(high - low)
-    return min(max(math.ceil(math.log10(size)) + 2, 4), 9)
 
 
 def _evidence(data: Data) -> Iterator[str]:

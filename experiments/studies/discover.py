@@ -92,17 +92,13 @@ def run(
     """
     import discovery
     from discovery.laws.law_file import read_laws
-    from discovery.ranking.specimens import check_one_bolt, check_one_kind, names_of_bolts
-    from experiments.figures.discovery import discovery_figures
+    from discovery.ranking.specimens import names_of_bolts
 
     started = time.perf_counter()
     given = read_laws(laws) if isinstance(laws, Path) else laws or ()
     report = progress or (lambda _: None)
     paths = [campaign_path] if isinstance(campaign_path, Path) else list(campaign_path)
-    for path in paths:
-        check_one_bolt(read_settings(path), path)
-    read = [read_campaign(path, jobs, report("checking records")) for path in paths]
-    check_one_kind(read, tightening)
+    read = _read(paths, lambda path: read_campaign(path, jobs, report("checking records")), tightening)
     enough(read, paths[0], criteria.ranking.least_cases)
     folder = place_of_results(paths, out)
     digest = digest_of(read)
@@ -127,16 +123,37 @@ def run(
             write_without_records(new / "ranking.json", "ranking", nothing, NO_RANKING, header)
             return folder / "ranking.json"
         then(ranking)
-        content = plain(ranking_content(ranking) | {"command": command, "campaign_digest": digest})
-        if len(campaigns) > 1:
-            content["campaign_digests"] = [one.digest for one in campaigns]
-        told = suspected(campaigns, content["laws"][0]["errors"]["training"])
-        content |= told
-        content["warnings"] += figures_into(new, lambda: discovery_figures(content))
+        content, told = _content(ranking, campaigns, {"command": command, "campaign_digest": digest}, new)
         header["elapsed_s"] = round(time.perf_counter() - started, 3)
         ranking.model.save(new / "model.json", **header, **told, identification=model_section(content))
         write_result(new / "ranking.json", "ranking", content, **header)
     return folder / "ranking.json"
+
+
+def _read(paths: Sequence[Path], read: Callable[[Path], Campaign], tightening: bool) -> list[Campaign]:
+    """Return campaigns of bolts of one kind; what one line of settings rules out is not read."""
+    from discovery.ranking.specimens import check_one_bolt, check_one_kind
+
+    for path in paths:
+        check_one_bolt(read_settings(path), path)
+    campaigns = [read(path) for path in paths]
+    check_one_kind(campaigns, tightening)
+    return campaigns
+
+
+def _content(
+    ranking: Ranking, campaigns: Sequence[Campaign], asked: dict[str, Any], folder: Path
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what ``ranking.json`` holds, and what of it is suspected; write its figures."""
+    from experiments.figures.discovery import discovery_figures
+
+    content = plain(ranking_content(ranking) | asked)
+    if len(campaigns) > 1:
+        content["campaign_digests"] = [one.digest for one in campaigns]
+    told = suspected(campaigns, content["laws"][0]["errors"]["training"])
+    content |= told
+    content["warnings"] += figures_into(folder, lambda: discovery_figures(content))
+    return content, told
 
 
 def place_of_results(paths: Sequence[Path], out: Path | None) -> Path:

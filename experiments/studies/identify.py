@@ -17,7 +17,7 @@ from experiments.studies.figure_files import figures_into
 from experiments.studies.suspected import suspected, write_without_records
 from experiments.text import suspicions
 from experiments.text.floors import loss_floor
-from experiments.text.limits import with_limits
+from experiments.text.limits import parameter_line
 from experiments.text.wording import mapping
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
@@ -320,7 +320,7 @@ def summary(path: Path) -> str:
         for place in ("stiffness", "damping", "tension_rate"):
             law = link[place]
             if law is not None and law["parameters"]:
-                values = ", ".join(with_limits(name, item) for name, item in law["parameters"].items())
+                values = ", ".join(parameter_line(name, item) for name, item in law["parameters"].items())
                 head = f"  {link['name']} {place.replace('_', ' ')}: {law['equation']}"
                 lines.append(f"{head}   {values}{_records_for(link, place, section['fits'])}")
         lines += _bolt_out(link, data.get("uncoupled_links", ()))
@@ -337,7 +337,7 @@ def _bolt_out(link: Mapping[str, Any], uncoupled: Iterable[Mapping[str, Any]]) -
     """Yield the stiffness that a link has without the bolt, where that is identified by itself."""
     for other in uncoupled:
         if other["name"] == link["name"] and other["stiffness"] != link["stiffness"]:
-            values = ", ".join(with_limits(*item) for item in other["stiffness"]["parameters"].items())
+            values = ", ".join(parameter_line(*item) for item in other["stiffness"]["parameters"].items())
             yield f"  {link['name']} stiffness, bolt out: {values}"
 
 
@@ -362,9 +362,9 @@ def _masses(data: Mapping[str, Any]) -> list[str]:
 
 def _of_mode(mode: Mapping[str, Any]) -> Iterator[str]:
     """Yield what modal analysis reports of a mode, and its shape."""
-    numbers = (with_limits("f", mode["frequency_hz"]), with_limits("zeta", mode["damping_ratio"]))
+    numbers = (parameter_line("f", mode["frequency_hz"]), parameter_line("zeta", mode["damping_ratio"]))
     yield f"  {mode['name']}: {', '.join(numbers)}"
-    yield "    shape: " + ", ".join(with_limits(sensor, item) for sensor, item in mode["shape"].items())
+    yield "    shape: " + ", ".join(parameter_line(sensor, item) for sensor, item in mode["shape"].items())
 
 
 def suspected_lines(data: Mapping[str, Any]) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rom.identification.small_matrices import by_one, inverse, inverse_root, product
+from rom.identification.small_matrices import by_one, inverse, inverse_root, positive_part, product, root_of
 
 _LINES = 7
 
@@ -41,3 +41,16 @@ def test_what_has_no_inverse_or_root_is_refused(bodies: int) -> None:
     with pytest.raises(np.linalg.LinAlgError):
         inverse_root(-flat)
     assert np.isnan(inverse_root(np.nan * flat)).any()  # a fit that went astray is no fault
+
+
+@pytest.mark.parametrize("bodies", [1, 2, 3])
+def test_a_positive_part_is_that_of_the_eigenvalues_and_its_root_gives_it_again(bodies: int) -> None:
+    a = _drawn(bodies, bodies)
+    a[0], a[1], a[2] = 0, -np.eye(bodies), np.diag([1.0, -2.0, 3.0][:bodies])
+    a[3] = a[3] @ a[3].conj().T
+    level, direction = np.linalg.eigh((a + a.conj().swapaxes(1, 2)) / 2)
+    expected = (direction * np.maximum(level, 0.0)[:, None]) @ direction.conj().swapaxes(1, 2)
+    found = positive_part(a)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    root = root_of(found)
+    np.testing.assert_allclose(root @ root.conj().swapaxes(1, 2), expected, atol=1e-12)

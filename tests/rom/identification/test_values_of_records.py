@@ -90,7 +90,8 @@ def test_a_chain_with_an_added_mass_and_another_spring_in_some_records(
         return
     truth = {f"{n}.stiffness.k": k for n, _, _, k, _ in CHAIN} | {f"{n}.damping.c": c for n, *_, c in CHAIN}
     off = [abs(blind.parameter(path).value / value - 1) for path, value in truth.items()]
-    assert max(off) > 0.01  # beyond what is asked of the model that knows
+    if kind != "velocity":  # there the fit follows the records that are as declared, and misses the others
+        assert max(off) > 0.1
     assert hold_out_error(blind, without_own(found)) > 0.2
 
 
