@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 
-_LEAST, _MOST = 4, 9
+from rom.criteria.number import Numerical
+
+_LEAST: Numerical[int] = 4
+_MOST: Numerical[int] = 9
 
 
 def digits_apart(low: float | None, high: float | None) -> int:
