@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_wanted = ContextVar("figures are wanted", default=True)
+
+
+@contextmanager
+def without_figures() -> Iterator[None]:
+    """Draw no figures of studies within the block: of many small ones they are most of the work."""
+    before = _wanted.set(False)
+    try:
+        yield
+    finally:
+        _wanted.reset(before)
+
 
 def figures_into(folder: Path, *draw: Callable[[], Mapping[str, Figure]]) -> list[str]:
     """Draw figures into an existing folder; return a line for each fault: results are worth more than it."""
-    faults = []
-    for one in draw:
+    faults: list[str] = []
+    for one in draw if _wanted.get() else ():
         try:
             save_figures(one(), folder)
         except OSError:

@@ -18,6 +18,7 @@ from experiments.run.execution import execution
 from experiments.run.memory import peak_memory_mb
 from experiments.studies import close, discover, drawn, rig
 from experiments.studies.experiment.cells import Cell, Source
+from experiments.studies.figure_files import without_figures
 
 CELLS, CAMPAIGNS, CAMPAIGN, MAKING = "cells", "campaigns", "campaign", ".making-"
 RESULT = "cell.json"
@@ -107,7 +108,8 @@ def _examined(
         if cell.measure is not None:
             measured.update(plain(cell.measure(result, campaign)))
 
-    path = COMMANDS[cell.command](cell, campaign, folder, jobs, measure)
+    with nullcontext() if cell.figures else without_figures():
+        path = COMMANDS[cell.command](cell, campaign, folder, jobs, measure)
     found = json.loads(path.read_text(encoding="utf-8"))
     if cell.source.folders and found["campaign_digest"] != cell.source.digest:
         raise ValueError("found another content of the campaign than when the experiment began")

@@ -119,6 +119,8 @@ class Cell:
         Takes the ranking or closure and the campaign's folder, and returns further numbers.
     plug_ins : mapping
         Versions of the packages that add effects or laws.
+    figures : bool
+        Whether they are drawn; with or without, it is the same cell.
     """
 
     command: str
@@ -128,6 +130,7 @@ class Cell:
     options: Mapping[str, Any]
     measure: Measure | None = None
     plug_ins: Mapping[str, str] = field(default_factory=dict)
+    figures: bool = True
 
     @cached_property
     def digest(self) -> str:
@@ -333,7 +336,7 @@ def _cells(
         laws = law_sets if command != "close" else [()]
         seeds = settings.seeds or [source.options.get("seed", 0)]
         for own, search, changes, seed in product(laws, searches, criteria, seeds):
-            yield Cell(command, source, seed, own, {**search, **changes}, measure, plug_ins)
+            yield Cell(command, source, seed, own, {**search, **changes}, measure, plug_ins, settings.figures)
 
 
 def _digest(value: Any) -> str:

@@ -105,6 +105,7 @@ class ExperimentSettings(_Table):
     rig: _Each[RigSettings] = _key("one [[rig]] or more", [])
     keep_campaigns: bool = _key("true or false", False)
     own_process: bool = _key("true or false", False)
+    figures: bool = _key("true or false", True)
     measure: _Text | None = _key('"MODULE:FUNCTION"', None)
     laws: _Lists[_Text] = _key("a list of files of laws, or a list of such lists", [])
     law: list[dict[str, Any]] = _key("one [[law]] or more, as in laws.toml", [])

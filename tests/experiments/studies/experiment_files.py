@@ -6,6 +6,7 @@ from pathlib import Path
 
 HEAD = 'format = "boltlaw-experiment/1"\nname = "slip"\n'
 SMALL = HEAD + 'command = "close"\ncampaigns = ["one", "two"]\nseeds = [0, 1]\n'
+WITHOUT_FIGURES = "figures = false\n"
 
 
 def table_of(folder: Path) -> bytes:

@@ -18,7 +18,7 @@ from experiments.studies.experiment import cell as one_cell
 from experiments.studies.experiment import run as study
 from experiments.studies.experiment.cells import Cell, read_experiment
 from tests.discovery import driven_twins as twins
-from tests.experiments.studies.experiment_files import HEAD, SMALL, table_of
+from tests.experiments.studies.experiment_files import HEAD, SMALL, WITHOUT_FIGURES, table_of
 
 Boltlaw = Callable[..., Any]
 LAW = '[[law]]\nname = "own"\nrate = "-a * abs(v) * T"\nparameters = { a = { value = 1.0, unit = "1/m" } }\n'
@@ -316,7 +316,7 @@ def test_each_cell_in_a_process_of_its_own_measured_by_a_module_beside_the_file(
         "import os\n\ndef pid(_, campaign):\n"
         "    return {'pid': os.getpid()} if campaign.name == 'one' else os.kill(os.getpid(), 9)\n"
     )
-    text = SMALL.replace("seeds", 'own_process = true\nmeasure = "own_columns:pid"\nseeds')
+    text = WITHOUT_FIGURES + SMALL.replace("seeds", 'own_process = true\nmeasure = "own_columns:pid"\nseeds')
     file.write_text(text.replace("[0, 1]", "0"))
     table = experiments.run_experiment(file)
     assert [row["status"] for row in table.rows] == ["ok", "failed"]

@@ -13,7 +13,7 @@ import pytest
 
 import experiments
 from tests.experiments.conftest import Cluster
-from tests.experiments.studies.experiment_files import SMALL, cells_of, table_of
+from tests.experiments.studies.experiment_files import SMALL, WITHOUT_FIGURES, cells_of, table_of
 
 
 @pytest.mark.variant  # of the test of 24 cells
@@ -38,7 +38,9 @@ def started(file: Path, out: Path, *arguments: str) -> subprocess.Popen[bytes]:
 
 
 def test_a_killed_run_goes_on_where_it_was(file: Path) -> None:
+    """Without figures of cells, whose numbers are those with figures."""
     out = file.parent / "killed"
+    file.write_text(WITHOUT_FIGURES + SMALL)
     running = started(file, out, "--jobs", "1")
     running.send_signal(signal.SIGKILL)
     running.wait()
@@ -48,7 +50,10 @@ def test_a_killed_run_goes_on_where_it_was(file: Path) -> None:
     table = experiments.run_experiment(file, out)
     assert not table.failed
     assert cells_of(out).items() >= done.items()
-    assert table_of(out) == table_of(experiments.run_experiment(file, file.parent / "whole").path.parent)
+    file.write_text(SMALL)
+    whole = experiments.run_experiment(file, file.parent / "whole").path.parent
+    assert table_of(out) == table_of(whole)
+    assert [len(list(folder.glob("cells/*/*.svg"))) > 0 for folder in (out, whole)] == [False, True]
     assert sorted(path.name for path in out.iterdir()) == [
         "cells", "experiment.csv", "experiment.json", "experiment.pdf", "experiment.svg",
     ]  # fmt: skip
@@ -62,7 +67,7 @@ def spread_with_a_measure_beside_the_file(file: Path, address: str) -> None:
         "    if campaign.name == 'two':\n        os.kill(os.getpid(), 9)\n"
         "    return {'dask': 'distributed.worker' in sys.modules}\n"
     )
-    text = SMALL.replace("seeds", 'own_process = true\nmeasure = "beside:seen"\nseeds')
+    text = WITHOUT_FIGURES + SMALL.replace("seeds", 'own_process = true\nmeasure = "beside:seen"\nseeds')
     file.write_text(text.replace("[0, 1]", "0"))
     table = experiments.run_experiment(file, file.parent / "apart", jobs=2, cluster=address)
     assert [row["status"] for row in table.rows] == ["ok", "failed"]
@@ -78,7 +83,7 @@ def test_24_cells_are_the_same_on_a_cluster_that_loses_a_worker(file: Path, clus
     """Killed once on two processes; then on a cluster of two workers of which one is killed."""
     address, workers = cluster
     spread_with_a_measure_beside_the_file(file, address)
-    file.write_text(SMALL.replace("[0, 1]", str(list(range(12)))))
+    file.write_text(WITHOUT_FIGURES + SMALL.replace("[0, 1]", str(list(range(12)))))
     whole = experiments.run_experiment(file, file.parent / "whole", jobs=1)
     assert (len(whole.rows), whole.failed) == (24, ())
     killed = file.parent / "killed"
