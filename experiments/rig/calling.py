@@ -43,5 +43,16 @@ def _call(_typing: Any, address: Any, arguments: Any) -> Any:
     return types.float64(address, arguments), generate
 
 
+def _pointer(_typing: Any, array: Any, offset: Any) -> Any:
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, value=values[0]).data
+        return builder.gep(data, [values[1]])
+
+    return ARRAY(array, offset), generate
+
+
+pointer: Any = intrinsic(_pointer)
+"""``pointer(array, offset)`` in compiled code: to an element of a contiguous array, counted flat."""
+
 call: Any = intrinsic(_call)
 """``call(address, arguments)`` in compiled code; an array passes as the pointer to its data."""

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from experiments.rig.calling import call
+from experiments.rig.calling import call, pointer
 from experiments.rig.excitation import FLOOR_RATE_HZ, FloatArray
 
 LN10 = log(10.0)
@@ -125,7 +125,8 @@ def added_forces(time: float, state: Any, inner: Any, slopes: Any, k: Any, groun
         x, v = motion_at(place, state, ground[0], ground[1])
         stiffness = k[place] if place < BODY_LO else 0.0
         motion = (time, x, v, state[4], stiffness)
-        force = call(address, (*motion, inner[first:], table.forces[row, 3:], slopes[first:]))
+        numbers = pointer(table.forces, row * table.forces.shape[1] + 3)
+        force = call(address, (*motion, pointer(inner, first), numbers, pointer(slopes, first)))
         if place == JOINT:
             joint += force
         elif place in (FLEXURE_LO, BODY_LO):
@@ -149,7 +150,8 @@ def changed_rate(rate: float, tension: float, motion: Any, terms: Any, table: Ta
     if table.rates.shape[0] > 0:
         follow = relative_rate(tension, terms) / table.reference if table.reference > 0.0 else 0.0
         for row in range(table.rates.shape[0]):
-            rate = call(int(table.rates[row, 0]), (rate, tension, *motion, follow, table.rates[row, 1:]))
+            numbers = pointer(table.rates, row * table.rates.shape[1] + 1)
+            rate = call(int(table.rates[row, 0]), (rate, tension, *motion, follow, numbers))
     return rate
 
 
@@ -232,17 +234,14 @@ def runge_kutta(time: float, state: Any, inner: Any, k1: Any, s: Any, h: float, 
     return advance(state, h / 6.0, total)
 
 
-@njit(nogil=True, cache=True, forceinline=True)
-def scratch(inner: Any) -> Any:
-    """Five arrays like `inner`, or as many times None."""
-    if inner is None:
-        return None, None, None, None, None
-    n = inner.size
-    return np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+def scratch(inner: FloatArray | None) -> tuple[FloatArray | None, ...]:
+    """Five arrays like `inner`, or as many times None, for `integrate` to work in."""
+    return tuple(None if inner is None else np.empty_like(inner) for _ in range(5))
 
 
-@njit(nogil=True, cache=True)
-def integrate(start: float, rate: float, state: Any, inner: Any, system: Any, out: FloatArray) -> Any:
+# given all arrays, it need not count at every step who holds them: with effects most of its time
+@njit(nogil=True, cache=True, _nrt=False)  # type: ignore[call-overload,untyped-decorator]
+def integrate(start: float, rate: float, state: Any, inner: Any, s: Any, system: Any, out: FloatArray) -> Any:
     """Fill `out`, shape (7, steps), with state and both accelerations; return the state at the end.
 
     `inner`, the effects' own states, is advanced in place; None where nothing is undeclared: then what is not
@@ -258,6 +257,8 @@ def integrate(start: float, rate: float, state: Any, inner: Any, system: Any, ou
         x_LO, v_LO, x_SO, v_SO [m], [m/s] and T [N] at the start.
     inner : ndarray, shape (states,), or None
         The effects' own states at the start.
+    s : tuple
+        Of `scratch`.
     system : tuple
         As for `derivative`.
     out : ndarray, shape (7, steps)
@@ -269,7 +270,6 @@ def integrate(start: float, rate: float, state: Any, inner: Any, system: Any, ou
         The state at the end.
     """
     pulse = system[3]
-    s = scratch(inner)
     for step in range(out.shape[1]):
         now, end, first = start + step / rate, start + (step + 1) / rate, True
         for place in range(5):

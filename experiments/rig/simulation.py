@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from experiments.rig.calling import FORCE, RATE, address_of
-from experiments.rig.equations import Floor, Pulse, Table, derivative, integrate, relative_rate
+from experiments.rig.equations import Floor, Pulse, Table, derivative, integrate, relative_rate, scratch
 from experiments.rig.excitation import STEP_RATE_HZ, FloatArray, Hit, floor_motion
 from experiments.rig.plant import LooseningTerm, Plant
 from experiments.rig.undeclared import Undeclared
@@ -165,10 +165,12 @@ def run(
         floor = Floor(early, *floor_motion(floor_rms, early, start + duration, rng))
     if floor_rms > 0.0 or any(state[:4]):
         before = np.empty((7, round(settling * rate)))
-        settled = integrate(early, rate, state, inner, (constants, terms, floor, pulse, still), before)
+        settled = integrate(
+            early, rate, state, inner, scratch(inner), (constants, terms, floor, pulse, still), before
+        )
         state = (*settled[:4], float(tension))
     out = np.empty((7, round(duration * step_rate_hz) + 1))
-    integrate(start, step_rate_hz, state, inner, (constants, terms, floor, pulse, added), out)
+    integrate(start, step_rate_hz, state, inner, scratch(inner), (constants, terms, floor, pulse, added), out)
     if not np.all(np.isfinite(out)):
         names = ", ".join(effect.name for effect in plant.effects) or "none"
         raise ValueError(f"undeclared: the rig's motion diverges with {names}; expected weaker ones")
