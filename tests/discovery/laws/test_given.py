@@ -161,7 +161,7 @@ def test_the_true_law_is_first_or_not_told_apart(hidden: str) -> None:
     laws, right, held = literature(), 0, []
     for seed in range(10):
         courses = measured(
-            laws[hidden], preloads=np.geomspace(10.0, 2000.0, 6), scatter=0.25, seed=seed, length_s=0.5
+            laws[hidden], preloads=np.geomspace(10.0, 2000.0, 6), scatter=0.25, seed=seed, length_s=0.25
         )
         frozen = freeze(paper_model(), courses)
         ranked = race([start for law in laws.values() for start in starts_of(law)], frozen, seed=seed)
