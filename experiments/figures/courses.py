@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from discovery.views.palette import AFTER, BACKGROUND, BEFORE, MEASURED
 from experiments.figures.description import Drawn
@@ -25,7 +28,10 @@ from rom.signals.processing import Measurement
 
 _PIECES = 300  # of a trace, drawn as their extremes: half a page is about as many pixels wide
 _SHOWN_S = 0.6
-_LOOKS = ((BEFORE, "--"), (AFTER, "-."))
+_LOOKS: tuple[dict[str, Any], ...] = (
+    {"color": BEFORE, "linestyle": "--", "lw": 0.9},
+    {"color": AFTER, "linestyle": "-.", "lw": 0.9},
+)
 _MICRO = 1e-4  # where all displacements are below they are told in micrometres [m]
 
 
@@ -44,8 +50,8 @@ def record_figures(
     measurements: Sequence[Measurement],
     models: Mapping[str, Model],
     progress: Callable[[int, int], None] | None = None,
-) -> dict[str, Drawn]:
-    """Return a figure for each record that a model can run again, all with the same panels.
+) -> dict[str, Callable[[], Drawn]]:
+    """Return what draws each record that a model can run again, one after the other into the same panels.
 
     Parameters
     ----------
@@ -72,17 +78,19 @@ def record_figures(
     first = next(iter(models))
     found = _in_one_unit(dict(sorted(made.items(), key=lambda one: -_worst(one[1], first))))
     names = list(dict.fromkeys(course.name for courses in found.values() for course in courses))
-    time = _time_words(found)
-    return {title: _figure(names, courses, models, time) for title, courses in found.items()}
-
-
-def chosen_records(name: str, figures: Mapping[str, Drawn]) -> dict[str, Drawn]:
-    """Return the figure of records to choose from under its name, the first one drawn; none without any."""
-    if not figures:
+    if not found:
         return {}
-    first = next(iter(figures.values()))
-    first.choices = figures
-    return {name: first}
+    figure, axes = _panels(names, models, _time_words(found))
+    return {title: partial(_show, figure, axes, names, courses, models) for title, courses in found.items()}
+
+
+def chosen_records(name: str, draw: Mapping[str, Callable[[], Drawn]]) -> dict[str, Drawn]:
+    """Return the figure of records to choose from under its name, the first one drawn; none without any."""
+    if not draw:
+        return {}
+    figure = next(iter(draw.values()))()
+    figure.choices = draw
+    return {name: figure}
 
 
 def _worst(courses: Sequence[Course], model: str) -> float:
@@ -197,15 +205,35 @@ def _window(measurement: Measurement, rate_hz: float, after_s: float) -> tuple[i
 
 
 @styled
-def _figure(names: Sequence[str], courses: Sequence[Course], models: Mapping[str, Model], time: str) -> Drawn:
-    """Draw courses on the left and what is left of them on the right, a row a quantity; rows may be empty."""
+def _panels(names: Sequence[str], models: Mapping[str, Model], time: str) -> tuple[Drawn, NDArray[Any]]:
+    """Return a figure and its axes: courses on the left and what is left of them on the right, a row each."""
     figure, axes = panels(len(names), 2, 16.0 + 30.0 * len(names))
+    for course, left in axes:
+        left.sharex(course)
+    figure.supxlabel(time, fontsize=7.5)
+    lines = [Line2D([], [], color=MEASURED, lw=0.9, label="Measured")]
+    lines += [Line2D([], [], **look, label=model) for model, look in zip(models, _LOOKS, strict=False)]
+    figure.legend(handles=lines, loc="outside upper center", ncols=3)
+    return figure, axes
+
+
+@styled
+def _show(
+    figure: Drawn,
+    axes: NDArray[Any],
+    names: Sequence[str],
+    courses: Sequence[Course],
+    models: Mapping[str, Model],
+) -> Drawn:
+    """Draw the courses of a record in the place of those drawn before; rows may be empty."""
     there = {course.name: course for course in courses}
+    for ax in axes.flat:
+        for line in [*ax.lines]:
+            line.remove()
+        ax.relim()
+        ax.autoscale()
     for row, name in zip(axes, names, strict=True):
         _draw(row, name, there.get(name), models)
-        row[1].sharex(row[0])
-    figure.supxlabel(time, fontsize=7.5)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 
@@ -216,14 +244,16 @@ def _draw(row: Sequence[Axes], name: str, course: Course | None, models: Mapping
     unit = f" [{course.unit}]" if course.unit else " not measured"
     row[0].plot(*thinned(course.time, course.measured, _PIECES), color=MEASURED, lw=0.9, label="Measured")
     row[1].axhline(0.0, color=BACKGROUND, lw=0.5)
-    for model, (colour, style) in zip(models, _LOOKS, strict=False):
+    for model, look in zip(models, _LOOKS, strict=False):
         for ax, values in ((row[0], course.modelled), (row[1], course.residual)):
             there = values.get(model, nothing)
             shown = thinned(course.time if len(there) else nothing, there, _PIECES)
-            ax.plot(*shown, style, color=colour, lw=0.9, label=model)
+            ax.plot(*shown, **look, label=model)
     row[0].set_title(name + unit)
     row[1].set_title("Measured less modelled" + (f" [{course.unit}]" if course.unit else ""))
     for ax in row:
         ax.ticklabel_format(axis="y", useOffset=False)
         if len(course.time):
             ax.set_xlim(course.time[0], course.time[-1])
+        else:
+            ax.set(xlim=(0.0, 1.0), ylim=(-1.0, 1.0))

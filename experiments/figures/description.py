@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -50,9 +50,12 @@ Data = dict[str, Any]
 
 
 class Drawn(Figure):
-    """A figure; ``choices`` are others of the same panels, by name: a reader of the page chooses one."""
+    """A figure; a reader of the page chooses one of ``choices``: what draws each by name, in like panels.
 
-    choices: Mapping[str, Figure] = MappingProxyType({})
+    All may be drawn into one figure, in the place of what it showed before.
+    """
+
+    choices: Mapping[str, Callable[[], Figure]] = MappingProxyType({})
 
 
 class _Trace(NamedTuple):
@@ -78,26 +81,22 @@ def describe(figure: Figure) -> Data | None:
         ``panels``: place, height, axes and looks of traces; ``choices``: the numbers, by the name of what a
         reader chooses from (one without a name where there is no choice).
     """
-    chosen = dict(figure.choices) if isinstance(figure, Drawn) and figure.choices else {"": figure}
-    if not all(_is_plain(one) for one in chosen.values()):
-        return None
-    first = next(iter(chosen.values()))
-    found = {name: [list(_traces(ax)) for ax in one.axes] for name, one in chosen.items()}
-    looks = [[_look(trace) for trace in panel] for panel in next(iter(found.values()))]
-    _name(looks)
-    height = first.get_figheight() * 25.4
-    if any([[_look(t)["glyph"] for t in panel] for panel in one] != _glyphs(looks) for one in found.values()):
+    draw = dict(figure.choices) if isinstance(figure, Drawn) and figure.choices else {"": lambda: figure}
+    looks, titles, choices = [], [], {}
+    for name, show in draw.items():
+        one = show()
+        if not _is_plain(one):
+            return None
+        traces = [list(_traces(ax)) for ax in one.axes]
+        looks.append([[_look(trace) for trace in panel] for panel in traces])
+        titles.append([ax.get_title(loc="left") for ax in one.axes])
+        choices[name] = [_numbers(ax, panel) for ax, panel in zip(one.axes, traces, strict=True)]
+    _name(looks[0])
+    if any(_glyphs(other) != _glyphs(looks[0]) for other in looks):
         raise ValueError("figures to choose from must have the same traces in the same panels")
-    alike = zip(*(one.axes for one in chosen.values()), strict=True)
-    panels = [_panel(axes, traces, height) for axes, traces in zip(alike, looks, strict=True)]
-    return {
-        "format": FIGURE_FORMAT,
-        "panels": panels,
-        "choices": {
-            name: [_numbers(ax, panel) for ax, panel in zip(one.axes, found[name], strict=True)]
-            for name, one in chosen.items()
-        },
-    }
+    first = next(iter(draw.values()))()
+    panels = map(_panel, first.axes, zip(*titles, strict=True), looks[0])
+    return {"format": FIGURE_FORMAT, "panels": list(panels), "choices": choices}
 
 
 def _glyphs(looks: Sequence[Sequence[Data]]) -> list[list[str]]:
@@ -232,25 +231,26 @@ def _name(panels: Sequence[Sequence[Data]]) -> None:
             look["label"] = known.get(key, "")
 
 
-def _panel(alike: Sequence[Axes], traces: Sequence[Data], height_mm: float) -> Data:
+def _panel(ax: Axes, titles: Sequence[str], traces: Sequence[Data]) -> Data:
     """Return a panel of the first figure to choose; a title's unit is that of the first that has one."""
-    ax = alike[0]
     spec = ax.get_subplotspec()
     row, column = (spec.rowspan.start, spec.colspan.start) if spec is not None else (0, 0)
     ratios = np.asarray(spec.get_gridspec().get_height_ratios() if spec is not None else [1.0], dtype=float)
     share = float(ratios[row] / ratios.sum())
     axes = {name: _axis(axis, scale) for name, axis, scale in
             (("x", ax.xaxis, ax.get_xscale()), ("y", ax.yaxis, ax.get_yscale()))}  # fmt: skip
-    figure = ax.get_figure()
+    figure = ax.get_figure(root=True)
+    assert figure is not None, "panels are of a figure"
     for name, own in axes.items():  # a label that the figure has for all panels
-        if not own["label"] and isinstance(figure, Figure):
+        if not own["label"]:
             own |= _quantity(getattr(figure, f"get_sup{name}label")())
     if not axes["y"]["label"]:  # told in the title
-        told = [_quantity(one.get_title(loc="left")) for one in alike]
+        told = [_quantity(title) for title in titles]
         axes["y"] |= next((one for one in told if one["unit"]), told[0]) | {"label": ""}
-    shared = [other for other in ax.figure.axes if ax.get_shared_x_axes().joined(ax, other)]
-    place = ax.figure.axes.index(shared[0]) if shared else ax.figure.axes.index(ax)
-    return {"row": row, "column": column, "height_mm": height_mm * share, "shares_x_with": place, **axes,
+    shared = [other for other in figure.axes if ax.get_shared_x_axes().joined(ax, other)]
+    place = figure.axes.index(shared[0]) if shared else figure.axes.index(ax)
+    height = figure.get_figheight() * 25.4 * share
+    return {"row": row, "column": column, "height_mm": height, "shares_x_with": place, **axes,
             "traces": list(traces)}  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -84,7 +85,7 @@ def trajectories(data: Data) -> Figure:
     _legend(figure, draw_courses(figure, data))
     cases = course_choices(data)
     several = len({case.get("campaign") for case in cases}) > 1
-    figure.choices = {_case_words(case, several): _one_course(data, case) for case in cases}
+    figure.choices = {_case_words(case, several): partial(_one_course, data, case) for case in cases}
     return figure
 
 
@@ -95,6 +96,7 @@ def _case_words(case: Data, several: bool) -> str:
     return ", ".join([part for part in parts if part] + (["held out"] if case.get("hold_out") else []))
 
 
+@styled
 def _one_course(data: Data, case: Data) -> Figure:
     figure = blank(height_mm=60.0)
     draw_case(figure, data, case)

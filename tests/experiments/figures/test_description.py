@@ -159,7 +159,7 @@ def test_a_fault_of_a_replay_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_figures_to_choose_from_must_be_alike() -> None:
     one, two = drawn(), drawn()
     two.axes[0].plot([1.0, 2.0], [1.0, 2.0])
-    one.choices = {"one": one, "two": two}
+    one.choices = {"one": lambda: one, "two": lambda: two}
     with pytest.raises(ValueError, match="the same traces"):
         describe(one)
 
