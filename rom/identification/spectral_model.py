@@ -312,13 +312,15 @@ def _derivatives(
     free = [term for term in record.terms if term.free]
     if not free:
         return
+    lines, n = record.force.shape
     derivatives(
         system.s, system.mass, system.damping, system.corner, np.array(record.orders, dtype=np.int64),
         system.receptance, gain, record.force, record.motion - residual, states,
         np.array([t.direction for t in free]),
         np.array([t.power for t in free]),
         np.array([step_unit(t.name, values[key(record, t)]) for t in free]),
-        whitener, np.empty((*record.force.shape, len(free)), dtype=np.complex128), jacobian,
+        whitener, np.empty((2, n), dtype=np.complex128), np.empty((lines, n, len(free)), dtype=np.complex128),
+        jacobian,
     )  # fmt: skip
 
 

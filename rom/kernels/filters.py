@@ -7,14 +7,17 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from rom.kernels.calling import ALLOCATES_NOTHING, INNER
+
 LANES = 16  # signals that go side by side at most
 _CHUNK = 256  # samples that stay near while they pass all sections
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _pass(section: Any, z0: Any, z1: Any, y: Any, first: int, count: int, step: int) -> None:
-    """One second-order section over ``count`` samples of y (samples, lanes) in place."""
+@njit(**INNER)  # type: ignore[untyped-decorator]
+def _pass(section: Any, z: Any, y: Any, first: int, count: int, step: int) -> None:
+    """One second-order section with its state z (2, lanes) over samples of y (samples, lanes) in place."""
     b0, b1, b2, a1, a2 = section[0], section[1], section[2], section[4], section[5]
+    z0, z1 = z[0], z[1]
     i = first
     for _ in range(count):
         row = y[np.uint64(i)]
@@ -27,49 +30,47 @@ def _pass(section: Any, z0: Any, z1: Any, y: Any, first: int, count: int, step: 
         i += step
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _run(sections: Any, start: Any, y: Any, step: int) -> None:
-    """All sections over y (samples, lanes) in place, from its end where ``step`` is -1.
+@njit(**INNER)  # type: ignore[untyped-decorator]
+def _integrate(y: Any, z: Any, padding: int, step_s: float) -> None:
+    """Cumulative trapezoid between the two ends, from zero, in place; z (2, lanes): last value and total."""
+    for lane in range(y.shape[1]):
+        z[0, lane], z[1, lane], y[padding, lane] = y[padding, lane], 0.0, 0.0
+    for i in range(padding + 1, y.shape[0] - padding):
+        row = y[i]
+        for lane in range(row.size):
+            now = row[lane]
+            z[1, lane] += step_s * (now + z[0, lane]) / 2.0
+            row[lane], z[0, lane] = z[1, lane], now
 
-    Begins in the steady state of the first sample, ``start`` (sections, 2) times that sample.
+
+@njit(nogil=True, **ALLOCATES_NOTHING)  # type: ignore[untyped-decorator]
+def _filter(  # noqa: C901 - loops over arrays, in one place
+    sections: Any, start: Any, padding: int, step_s: float, times: int, z: Any, y: Any
+) -> None:
+    """As `filter_and_integrate` for y (samples, lanes) with room at both ends, in place.
+
+    A pass begins in the steady state of its first sample; z (sections, 2, lanes) is space.
     """
     samples, lanes = y.shape
-    first = 0 if step > 0 else samples - 1
-    z = np.empty((sections.shape[0], 2, lanes))
-    for section in range(sections.shape[0]):
-        for lane in range(lanes):
-            z[section, 0, lane] = start[section, 0] * y[first, lane]
-            z[section, 1, lane] = start[section, 1] * y[first, lane]
-    for done in range(0, samples, _CHUNK):
-        count = min(_CHUNK, samples - done)
-        for section in range(sections.shape[0]):
-            _pass(sections[section], z[section, 0], z[section, 1], y, first + step * done, count, step)
+    for turn in range(times + 1):
+        if turn > 0:
+            _integrate(y, z[0], padding, step_s)
+        for i in range(padding):
+            for lane in range(lanes):
+                y[i, lane] = y[2 * padding - i, lane]
+                y[samples - 1 - i, lane] = y[samples - 1 - 2 * padding + i, lane]
+        for step in (1, -1):
+            first = 0 if step > 0 else samples - 1
+            for section in range(sections.shape[0]):
+                for order in range(2):
+                    for lane in range(lanes):
+                        z[section, order, lane] = start[section, order] * y[first, lane]
+            for done in range(0, samples, _CHUNK):
+                count = min(_CHUNK, samples - done)
+                for section in range(sections.shape[0]):
+                    _pass(sections[section], z[section], y, first + step * done, count, step)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _extend(y: Any, padding: int) -> None:
-    """Fill both ends by even reflection about the first and the last sample between them."""
-    last = y.shape[0] - 1
-    for i in range(padding):
-        for lane in range(y.shape[1]):
-            y[i, lane] = y[2 * padding - i, lane]
-            y[last - i, lane] = y[last - 2 * padding + i, lane]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _integrate(y: Any, padding: int, step_s: float) -> None:
-    """Cumulative trapezoid between the two ends, from zero, in place."""
-    before = y[padding].copy()
-    total = np.zeros(y.shape[1])
-    y[padding] = 0.0
-    for i in range(padding + 1, y.shape[0] - padding):
-        for lane in range(y.shape[1]):
-            now = y[i, lane]
-            total[lane] += step_s * (now + before[lane]) / 2.0
-            y[i, lane], before[lane] = total[lane], now
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def filter_and_integrate(
     signals: Any, sections: Any, start: Any, padding: int, step_s: float, times: int
 ) -> Any:
@@ -97,21 +98,12 @@ def filter_and_integrate(
     ndarray, shape (rows, samples)
         New arrays; the signals stay.
     """
-    rows, samples = signals.shape
-    out = np.empty((rows, samples))
-    for block in range(0, rows, LANES):
-        count = min(LANES, rows - block)
-        y = np.empty((samples + 2 * padding, count))
-        for i in range(samples):
-            for lane in range(count):
-                y[padding + i, lane] = signals[block + lane, i]
-        for turn in range(times + 1):
-            if turn > 0:
-                _integrate(y, padding, step_s)
-            _extend(y, padding)
-            for step in (1, -1):  # a number written in the call would be a type of its own
-                _run(sections, start, y, step)
-        for i in range(samples):
-            for lane in range(count):
-                out[block + lane, i] = y[padding + i, lane]
+    out, samples = np.empty(signals.shape), signals.shape[1]
+    for block in range(0, len(signals), LANES):
+        lanes = signals[block : block + LANES]
+        y = np.empty((samples + 2 * padding, len(lanes)))
+        y[padding : padding + samples] = lanes.T
+        z = np.empty((*start.shape, len(lanes)))
+        _filter(sections, start, padding, step_s, times, z, y)
+        out[block : block + LANES] = y[padding : padding + samples].T
     return out

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numba import njit
 
+from rom.kernels.calling import ALLOCATES_NOTHING, INNER
 
-@njit(cache=True, nogil=True, error_model="numpy")
+
+@njit(**INNER)  # type: ignore[untyped-decorator]
 def _whiten(whitener: Any, line: int, value: Any, column: int, out: Any) -> None:
     """Real parts of S^-1/2 times one column of values (lines, bodies, columns), imaginary ones below."""
     lines, n = whitener.shape[0], whitener.shape[1]
@@ -24,7 +25,7 @@ def _whiten(whitener: Any, line: int, value: Any, column: int, out: Any) -> None
         out[(lines + line) * n + i, column] = total.imag
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, **ALLOCATES_NOTHING)  # type: ignore[untyped-decorator]
 def outputs(  # noqa: C901, PLR0912 - one flat pass over the lines
     s: Any, mass: Any, damping: Any, sampled: Any, corner: float, orders: Any, receptance: Any, force: Any,
     force_errors: Any, sampling_errors: Any, whitener: Any, gain: Any, forced: Any, ends: Any, columns: Any,
@@ -111,11 +112,11 @@ def outputs(  # noqa: C901, PLR0912 - one flat pass over the lines
             _whiten(whitener, line, ends, k, columns)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(nogil=True, **ALLOCATES_NOTHING)  # type: ignore[untyped-decorator]
 def derivatives(  # noqa: C901, PLR0912 - one flat pass over the lines
     s: Any, mass: Any, damping: Any, corner: float, orders: Any, receptance: Any, gain: Any, force: Any,
-    modelled: Any, states: Any, directions: Any, powers: Any, weights: Any, whitener: Any, changes: Any,
-    jacobian: Any,
+    modelled: Any, states: Any, directions: Any, powers: Any, weights: Any, whitener: Any, space: Any,
+    changes: Any, jacobian: Any,
 ) -> None:  # fmt: skip
     """Fill the derivatives of the output by terms, end states held, and the same whitened.
 
@@ -143,13 +144,15 @@ def derivatives(  # noqa: C901, PLR0912 - one flat pass over the lines
         Step in which each is counted.
     whitener : ndarray of complex, shape (lines, bodies, bodies)
         S^-1/2.
+    space : ndarray of complex, shape (2, bodies)
+        Overwritten.
     changes : ndarray of complex, shape (lines, bodies, terms)
         Filled.
     jacobian : ndarray, shape (2 lines bodies or more, terms)
         Its first rows are filled.
     """
     n = orders.size
-    total, motion = np.zeros(n, np.complex128), np.zeros(n, np.complex128)
+    total, motion = space[0], space[1]
     for line in range(s.size):
         at = s[line]
         for j in range(n):
