@@ -16,7 +16,7 @@ from experiments.options import CORES as _CORES
 from experiments.options import CampaignPath, Campaigns, Cluster, Jobs, OneProcess, Out, Quiet, Seed, Unseeded
 from experiments.results import results_folder, writable
 from experiments.run.execution import execution
-from experiments.run.memory import return_freed_arrays
+from experiments.run.memory import collect_cycles_seldom, return_freed_arrays
 from experiments.run.progress import progress_bars
 from experiments.studies.experiment import command as experiment_command
 from rom.provenance import program_version
@@ -362,6 +362,7 @@ def report(
 def main() -> None:
     """Exit with code 0: done, 3: done, but no model is good, 2: bad input, 1: a fault of the program."""
     return_freed_arrays()
+    collect_cycles_seldom()
     show_warnings_plainly()
     signal.signal(signal.SIGTERM, terminated)
     sys.exit(run(sys.argv[1:]))

@@ -1,13 +1,15 @@
-"""How the C library gives back the memory of arrays that are done with."""
+"""How memory is given back: by the C library for arrays, by Python for objects that refer to each other."""
 
 from __future__ import annotations
 
 import ctypes
+import gc
 import platform
 import sys
 
 _MMAP_THRESHOLD = -3  # M_MMAP_THRESHOLD of glibc's malloc.h
 _ARRAY_BYTES = 400_000
+_SELDOM = (50_000, 20, 20)  # objects made since the last search for cycles, and searches of young ones
 
 
 def return_freed_arrays() -> None:
@@ -18,6 +20,15 @@ def return_freed_arrays() -> None:
     """
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _ARRAY_BYTES)
+
+
+def collect_cycles_seldom() -> None:
+    """Look less often for objects that only each other refers to.
+
+    Each full search walks through all that the libraries hold. A first `identify` spent 4 of 51 s of CPU on
+    20 of them, and held 40 MB less for it.
+    """
+    gc.set_threshold(*_SELDOM)
 
 
 def peak_memory_mb() -> float:
