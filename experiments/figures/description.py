@@ -42,7 +42,7 @@ _PX_PER_PT = 1.4  # of lines: a plot on the screen is larger than a column of pr
 _PACKED = 100  # numbers from which an array is coded
 _STEPS = 65535  # of a coded array between its ends: less than a pixel of any screen, zoomed a hundredfold
 _WIDE = 100.0  # largest over smallest number beyond which their logarithms are coded
-_GREEK = {"gamma": "γ", "varepsilon": "ε", "zeta": "ζ", "Delta": "Δ", "ln": "ln", ",": " "}
+_GREEK = {"gamma": "γ", "varepsilon": "ε", "zeta": "ζ", "Delta": "Δ", "ln": "ln", ",": " ", "times": "×"}
 _POWERS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _NAMES: WeakKeyDictionary[Artist, Sequence[str]] = WeakKeyDictionary()
 
@@ -271,9 +271,9 @@ def _quantity(label: str) -> Data:
 
 def plain_text(text: str) -> str:
     """Return text whose formulas are written in letters, such as γ [s³/m⁴]."""
-    text = re.sub(r"\\math\w+\{([^}]*)\}", lambda one: one[1].replace("\\_", "_"), text)
     text = re.sub(r"\^\{?([\d-]+)\}?", lambda one: one[1].translate(_POWERS), text)
-    text = re.sub(r"\\(\w+|,)", lambda one: _GREEK.get(one[1], one[1]), text)
+    text = re.sub(r"\\math\w+\{([^}]*)\}", lambda one: one[1].replace("\\_", "_"), text)
+    text = re.sub(r"\\([A-Za-z]+|,)", lambda one: _GREEK.get(one[1], one[1]), text)
     return text.replace("$", "")
 
 

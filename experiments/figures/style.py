@@ -16,9 +16,9 @@ from fontTools.subset import Options
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import Formatter, LogFormatter, LogLocator, NullFormatter, StrMethodFormatter
 
-from experiments.figures.description import Drawn, describe
+from experiments.figures.description import Drawn, describe, plain_text
 from rom.campaign.record import replacing
 
 FloatArray = npt.NDArray[np.float64]
@@ -161,10 +161,30 @@ def save(figure: Figure, path: str | Path) -> Path:
     return path
 
 
+class _Letters(Formatter):
+    """Labels of another formatter in letters, 10³: formulas take a tenth of the time of a figure."""
+
+    def __init__(self, inner: LogFormatter) -> None:
+        self.inner = inner
+
+    def set_axis(self, axis: Any) -> None:
+        self.inner.set_axis(axis)
+
+    def set_locs(self, locs: Any) -> None:
+        self.inner.set_locs(locs)
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return plain_text(self.inner(x, pos))
+
+
 def _lay_out(figure: Figure) -> None:
     """Place the panels for good: with an engine every file would be laid out anew and drawn twice."""
     engine = figure.get_layout_engine()
     if engine is not None:
+        for axis in (axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)):
+            for ticker in (axis.major, axis.minor):
+                if isinstance(ticker.formatter, LogFormatter):
+                    ticker.formatter = _Letters(ticker.formatter)
         FigureCanvasSVG(figure)  # whose measures of text the engine takes
         engine.execute(figure)
         figure.set_layout_engine(None)
