@@ -11,6 +11,7 @@ from rom.campaign.campaign import Campaign, RecordSettings
 from rom.evaluation.error_measures import Comparison, compare_all
 from rom.model.laws import no_loosening
 from rom.model.model import Model
+from rom.one_thread import one_threaded
 from rom.progress import Progress, counted
 from rom.signals.measured_records import measured_record
 from rom.signals.quality import Doubt
@@ -25,6 +26,7 @@ class Evaluation:
     doubts: tuple[Doubt, ...] = ()
 
 
+@one_threaded
 def evaluate(
     models: Sequence[Model],
     campaign: Campaign,

@@ -21,6 +21,7 @@ from joblib import Parallel, delayed
 from rom.campaign.campaign import Campaign, Record, RecordSettings
 from rom.campaign.record import replacing
 from rom.criteria.criteria import RecordCriteria
+from rom.one_thread import one_threaded
 from rom.signals.ground import relative_to_ground
 from rom.signals.processing import Measurement, process
 from rom.signals.quality import Doubt, assess
@@ -159,6 +160,7 @@ def judged_by(campaign: Campaign, criteria: RecordCriteria) -> Campaign:
     return replace(campaign, criteria=criteria)
 
 
+@one_threaded
 def screened(campaign: Campaign, jobs: int = 1) -> Campaign:
     """Return a stored campaign with the suspicions that all its records raise together, looked for once.
 
