@@ -13,7 +13,19 @@ import typer
 
 from experiments.errors import INTERRUPTED, UNFIT, a_model, existing, show_warnings_plainly, tell, terminated
 from experiments.options import CORES as _CORES
-from experiments.options import CampaignPath, Campaigns, Cluster, Jobs, OneProcess, Out, Quiet, Seed, Unseeded
+from experiments.options import (
+    CampaignPath,
+    Campaigns,
+    Cluster,
+    Jobs,
+    OneProcess,
+    Out,
+    Quiet,
+    RecordJobs,
+    Seed,
+    Unseeded,
+    jobs_for_records,
+)
 from experiments.results import results_folder, writable
 from experiments.run.execution import execution
 from experiments.run.memory import collect_cycles_seldom, return_freed_arrays
@@ -171,12 +183,13 @@ def check(
     campaign: CampaignPath,
     out: Out = None,
     seed: Unseeded = 0,
-    jobs: Jobs = _CORES,
+    jobs: RecordJobs = None,
     quiet: Quiet = False,
 ) -> None:
     """Show what was read of a campaign: channels, rates, ranges, doubtful records, figures."""
     from experiments.studies import check as study
 
+    jobs = jobs or jobs_for_records(campaign)
     with progress_bars(quiet) as report, execution(None):
         path = study.run(campaign, results_folder(campaign, out), seed, jobs, report("checking"), _command())
     _say(study.summary(path), quiet)
@@ -188,13 +201,14 @@ def identify(
     campaign: CampaignPath,
     out: Out = None,
     seed: Unseeded = 0,
-    jobs: Jobs = _CORES,
+    jobs: RecordJobs = None,
     cluster: Cluster = None,
     quiet: Quiet = False,
 ) -> None:
     """Identify the model of a campaign: links, k_C(T), c_C(T), gamma per case and gamma(T)."""
     from experiments.studies import identify as study
 
+    jobs = jobs or (_CORES if cluster else jobs_for_records(campaign))
     with progress_bars(quiet) as report, execution(cluster):
         path = study.run(campaign, results_folder(campaign, out), seed, jobs, report, _command())
     _say(study.summary(path), quiet)
@@ -327,13 +341,14 @@ def predict(
     campaign: CampaignPath,
     out: Out = None,
     seed: Unseeded = 0,
-    jobs: Jobs = _CORES,
+    jobs: RecordJobs = None,
     cluster: Cluster = None,
     quiet: Quiet = False,
 ) -> None:
     """Simulate every record of a campaign with a model; nothing is fitted."""
     from experiments.studies import predict as study
 
+    jobs = jobs or (_CORES if cluster else jobs_for_records(campaign))
     with progress_bars(quiet) as report, execution(cluster):
         path = study.run(
             model, campaign, results_folder(campaign, out), seed, jobs, report("simulating"), _command()

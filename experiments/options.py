@@ -9,6 +9,8 @@ from typing import Annotated
 import typer
 
 from experiments.errors import a_campaign, campaigns
+from rom.campaign.campaign import CampaignError, read_settings
+from rom.criteria.number import Numerical
 
 CORES = os.cpu_count() or 1
 CampaignPath = Annotated[
@@ -30,6 +32,14 @@ Unseeded = Annotated[int, typer.Option(min=0, help="Accepted by every command; n
 Jobs = Annotated[
     int, typer.Option(min=1, help="Processes; results do not depend on it.", show_default="all cores")
 ]
+RecordJobs = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        help="Processes; results do not depend on it.",
+        show_default="all cores, one for records of less than 50 MB",
+    ),
+]
 OneProcess = Annotated[
     int,
     typer.Option(
@@ -38,3 +48,15 @@ OneProcess = Annotated[
 ]
 Cluster = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, tcp://host:port.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no summary.")]
+_FEW_BYTES: Numerical[int] = 50_000_000  # of records: read and judged before more processes have started
+
+
+def jobs_for_records(campaign: Path) -> int:
+    """Return how many processes pay where each record of a campaign is looked at a few times."""
+    try:
+        files = [record.file for record in read_settings(campaign).record]
+    except CampaignError:  # told with all other faults when the records are read
+        return CORES
+    folder = campaign if campaign.is_dir() else campaign.parent
+    there = [path for file in files if (path := folder / file).is_file()]
+    return 1 if sum(path.stat().st_size for path in there) < _FEW_BYTES else CORES
