@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
     Task,
     TextColumn,
     TimeElapsedColumn,
@@ -34,6 +36,31 @@ class _Time(TimeRemainingColumn):
         return TimeElapsedColumn().render(task) if task.total is None else super().render(task)
 
 
+class _Compiling(ProgressColumn):
+    """Says of the stage that runs that kernels are compiled: the first command of all takes longer for it."""
+
+    under_way = 0
+
+    def render(self, task: Task) -> Text:
+        return Text("compiling once" if self.under_way and task.stop_time is None else "")
+
+
+@contextmanager
+def _told_of_compiling(column: _Compiling) -> Iterator[None]:
+    """Let the column know of each kernel that is compiled, not of those that are found on disk."""
+    from numba.core.event import Listener, install_listener
+
+    class Told(Listener):
+        def on_start(self, _event: Any) -> None:
+            column.under_way += 1
+
+        def on_end(self, _event: Any) -> None:
+            column.under_way -= 1
+
+    with install_listener("numba:compile", Told()):
+        yield
+
+
 @contextmanager
 def progress_bars(quiet: bool, console: Console | None = None) -> Iterator[Callable[[str], Report | None]]:
     """Yield what opens a bar under a name and returns its mover; silent unless on a terminal."""
@@ -41,9 +68,9 @@ def progress_bars(quiet: bool, console: Console | None = None) -> Iterator[Calla
     if quiet or not console.is_terminal:
         yield lambda _: None
         return
-    with Progress(
-        TextColumn("{task.description:>18}"), BarColumn(), _Done(), _Time(), console=console
-    ) as bars:
+    compiling = _Compiling()
+    columns = (TextColumn("{task.description:>18}"), BarColumn(), _Done(), _Time(), compiling)
+    with Progress(*columns, console=console) as bars, _told_of_compiling(compiling):
 
         def open_bar(name: str) -> Report:
             for task in bars.tasks:

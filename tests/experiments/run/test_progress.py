@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from time import sleep
 
+from numba import njit, types
+from numba.extending import overload
 from rich.console import Console
 
 from experiments.run.progress import progress_bars
@@ -35,3 +38,26 @@ def test_a_stage_that_knows_no_total_shows_its_time_and_no_question_mark() -> No
     assert "0:00:00" in shown
     assert "1/40" in shown
     assert "?" not in shown.replace("[?25", "")
+
+
+def _wait() -> None:
+    sleep(0.3)  # the bars are drawn ten times a second
+
+
+@overload(_wait)
+def _compiled_wait() -> object:
+    _wait()
+    return lambda: None
+
+
+def test_a_stage_says_that_it_compiles_while_it_does() -> None:
+    console = Console(file=io.StringIO(), force_terminal=True, width=100)
+    with progress_bars(False, console) as report:
+        report("identifying")
+        sleep(0.3)
+        before = console.file.getvalue()  # type: ignore[attr-defined]
+        njit(types.void())(lambda: _wait())
+        during = console.file.getvalue().removeprefix(before)  # type: ignore[attr-defined]
+        sleep(0.3)
+    after = console.file.getvalue().removeprefix(before + during)  # type: ignore[attr-defined]
+    assert ["compiling once" in shown for shown in (before, during, after[-200:])] == [False, True, False]
