@@ -35,7 +35,8 @@ style:
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-compiled:
+compiled:  # bytecode too, which PYTHONDONTWRITEBYTECODE keeps from staying: tests start many processes
+	$(BIN)/python -m compileall -q rom discovery experiments
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.compile
 
 .venv/installed: pyproject.toml
