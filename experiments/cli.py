@@ -24,7 +24,6 @@ from experiments.options import (
     RecordJobs,
     Seed,
     Unseeded,
-    jobs_for_records,
 )
 from experiments.results import results_folder, writable
 from experiments.run.execution import execution
@@ -183,17 +182,15 @@ def check(
     campaign: CampaignPath,
     out: Out = None,
     seed: Unseeded = 0,
-    jobs: RecordJobs = None,
+    jobs: RecordJobs = _CORES,
     quiet: Quiet = False,
 ) -> None:
     """Show what was read of a campaign: channels, rates, ranges, doubtful records, figures."""
     from experiments.studies import check as study
 
-    jobs = jobs or jobs_for_records(campaign)
     with progress_bars(quiet) as report, execution(None):
         path = study.run(campaign, results_folder(campaign, out), seed, jobs, report("checking"), _command())
-    _say(study.summary(path), quiet)
-    _say(f"wrote {path} and figures beside it", quiet)
+    _finish(path, study.summary(path), " and figures beside it", quiet)
 
 
 @app.command(epilog="Example: boltlaw identify rig-campaign")
@@ -201,19 +198,16 @@ def identify(
     campaign: CampaignPath,
     out: Out = None,
     seed: Unseeded = 0,
-    jobs: RecordJobs = None,
+    jobs: RecordJobs = _CORES,
     cluster: Cluster = None,
     quiet: Quiet = False,
 ) -> None:
     """Identify the model of a campaign: links, k_C(T), c_C(T), gamma per case and gamma(T)."""
     from experiments.studies import identify as study
 
-    jobs = jobs or (_CORES if cluster else jobs_for_records(campaign))
     with progress_bars(quiet) as report, execution(cluster):
         path = study.run(campaign, results_folder(campaign, out), seed, jobs, report, _command())
-    _say(study.summary(path), quiet)
-    _say(f"wrote {path} and figures beside it", quiet)
-    _end(path)
+    _finish(path, study.summary(path), " and figures beside it", quiet)
 
 
 @app.command(epilog="Example: boltlaw reproduce --cases 8 --out reproduction")
@@ -232,8 +226,7 @@ def reproduce(
 
     with progress_bars(quiet) as report, execution(cluster):
         path = study.run(writable(out), cases, seed, jobs, report, _command())
-    _say(study.summary(path), quiet)
-    _say(f"wrote {path} and figures beside it", quiet)
+    _finish(path, study.summary(path), " and figures beside it", quiet)
 
 
 @app.command(epilog="Example: boltlaw discover rig-campaign")
@@ -277,9 +270,7 @@ def discover(
             campaign, out, seed, jobs, report, _command(), tightening=tightening, laws=laws,
             libraries=library, optimizers=optimizer, max_terms=max_terms,
         )  # fmt: skip
-    _say(study.summary(path), quiet)
-    _say(f"wrote {path}, the first law's model.json and figures beside it", quiet)
-    _end(path)
+    _finish(path, study.summary(path), ", the first law's model.json and figures beside it", quiet)
 
 
 @app.command(epilog="Example: boltlaw compare rig-campaign laws.toml")
@@ -302,9 +293,7 @@ def compare(
         path = study.run(
             campaign, out, seed, jobs, report, _command(), tightening=tightening, laws=laws, given_only=True
         )
-    _say(study.summary(path), quiet)
-    _say(f"wrote {path}, the first law's model.json and figures beside it", quiet)
-    _end(path)
+    _finish(path, study.summary(path), ", the first law's model.json and figures beside it", quiet)
 
 
 @app.command(epilog="Example: boltlaw close rig-campaign")
@@ -327,9 +316,7 @@ def close(
 
     with progress_bars(quiet) as report, execution(cluster):
         path = study.run(campaign, results_folder(campaign, out), seed, jobs, report, _command(), model=model)
-    _say(study.summary(path), quiet)
-    _say(f"wrote {path}, the refined model.json and figures beside it", quiet)
-    _end(path)
+    _finish(path, study.summary(path), ", the refined model.json and figures beside it", quiet)
 
 
 experiment_command.add_to(app)
@@ -341,21 +328,18 @@ def predict(
     campaign: CampaignPath,
     out: Out = None,
     seed: Unseeded = 0,
-    jobs: RecordJobs = None,
+    jobs: RecordJobs = _CORES,
     cluster: Cluster = None,
     quiet: Quiet = False,
 ) -> None:
     """Simulate every record of a campaign with a model; nothing is fitted."""
     from experiments.studies import predict as study
 
-    jobs = jobs or (_CORES if cluster else jobs_for_records(campaign))
     with progress_bars(quiet) as report, execution(cluster):
         path = study.run(
             model, campaign, results_folder(campaign, out), seed, jobs, report("simulating"), _command()
         )
-    _say(study.summary(path), quiet)
-    _say(f"wrote {path}", quiet)
-    _end(path)
+    _finish(path, study.summary(path), "", quiet)
 
 
 @app.command(epilog="Example: boltlaw report rig-campaign-results")
@@ -385,9 +369,8 @@ def main() -> None:
 
 def run(arguments: list[str]) -> int:
     """Run one command and return its exit code; faults of the input go to standard error, a line each."""
-    command = typer.main.get_command(app)
     try:
-        result = command.main(arguments, prog_name="boltlaw", standalone_mode=False)
+        result = typer.main.get_command(app).main(arguments, prog_name="boltlaw", standalone_mode=False)
     except (Exception, KeyboardInterrupt) as error:
         return tell(error)
     if result == INTERRUPTED:  # the command line library keeps the exception to itself
@@ -400,10 +383,11 @@ def _say(text: str, quiet: bool) -> None:
         print(text)
 
 
-def _end(path: Path) -> None:
-    """End with an exit code of its own, and one line, where a result file says that its model is no good."""
-    unfit = json.loads(path.read_text(encoding="utf-8")).get("unfit")
-    if unfit:
+def _finish(path: Path, summary: str, beside: str, quiet: bool) -> None:
+    """Say what was found and written; an exit code of its own and one line where no model is good."""
+    _say(summary, quiet)
+    _say(f"wrote {path}{beside}", quiet)
+    if unfit := json.loads(path.read_text(encoding="utf-8")).get("unfit"):
         print(unfit, file=sys.stderr)
         raise typer.Exit(UNFIT)
 

@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from experiments.errors import a_campaign, campaigns
-from rom.campaign.campaign import CampaignError, read_settings
 from rom.criteria.number import Numerical
 
 CORES = os.cpu_count() or 1
@@ -32,14 +31,6 @@ Unseeded = Annotated[int, typer.Option(min=0, help="Accepted by every command; n
 Jobs = Annotated[
     int, typer.Option(min=1, help="Processes; results do not depend on it.", show_default="all cores")
 ]
-RecordJobs = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        help="Processes; results do not depend on it.",
-        show_default="all cores, one for records of less than 50 MB",
-    ),
-]
 OneProcess = Annotated[
     int,
     typer.Option(
@@ -51,8 +42,17 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no su
 _FEW_BYTES: Numerical[int] = 50_000_000  # of records: read and judged before more processes have started
 
 
-def jobs_for_records(campaign: Path) -> int:
-    """Return how many processes pay where each record of a campaign is looked at a few times."""
+def _record_jobs(context: typer.Context, jobs: int) -> int:
+    """Return one process instead of the default where a campaign's records are few."""
+    source = context.get_parameter_source("jobs")
+    if (source is not None and source.name != "DEFAULT") or context.params.get("cluster"):
+        return jobs
+    return min(jobs, _jobs_for_records(context.params["campaign"]))
+
+
+def _jobs_for_records(campaign: Path) -> int:
+    from rom.campaign.campaign import CampaignError, read_settings  # slow to load, and no part of the help
+
     try:
         files = [record.file for record in read_settings(campaign).record]
     except CampaignError:  # told with all other faults when the records are read
@@ -60,3 +60,14 @@ def jobs_for_records(campaign: Path) -> int:
     folder = campaign if campaign.is_dir() else campaign.parent
     there = [path for file in files if (path := folder / file).is_file()]
     return 1 if sum(path.stat().st_size for path in there) < _FEW_BYTES else CORES
+
+
+RecordJobs = Annotated[
+    int,
+    typer.Option(
+        min=1,
+        help="Processes; results do not depend on it.",
+        show_default="all cores; one for records of less than 50 MB",
+        callback=_record_jobs,
+    ),
+]
