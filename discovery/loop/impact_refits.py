@@ -39,7 +39,7 @@ from discovery.residual.course_fit import Misfit
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.output_error import WhitenedResidual, starting, whitened_residual_of
 from discovery.residual.tension import TensionResidual
-from discovery.residual.trajectory import Measurements, read_measurements
+from discovery.residual.trajectory import Measurements, collapsed, read_measurements
 from discovery.separating_tests.effects import separating_tests
 from rom.campaign.campaign import Campaign
 from rom.effects import CATALOGUE, Effect, LawChange, ModelCorrection, Reading, SensorFault, with_stiffness
@@ -109,17 +109,21 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the identification warns of."""
-        return self.identification.warnings
+        """What the identification warns of, and which records are not followed."""
+        aside = ", ".join(self.measurements[1])
+        line = f"{aside}: the joint loses so much of its stiffness that the motion is not followed"
+        return (*self.identification.warnings, *([line] if aside else []))
 
     def corrected(self, fault: SensorFault) -> ImpactRefits:
         """The campaign identified anew beside a fault of its gauge: all that follows rests on the tension."""
         return self.of(self.campaign, self.options, (fault,), (DISAGREE,), self.identification.declared)
 
     @cached_property
-    def measurements(self) -> Measurements:
-        """All sound records as they were measured."""
-        return read_measurements(self.campaign, self.doubtful)
+    def measurements(self) -> tuple[Measurements, list[str]]:
+        """All sound records as they were measured that a model can follow, and the files of others."""
+        read = read_measurements(self.campaign, self.doubtful)
+        aside = collapsed(self.identification.model, read, self.options.criteria.motion.kept_stiffness)
+        return [one for one in read if one[0].file not in aside], aside
 
     def start(self) -> State:
         """The declared model, its numbers refitted to all training records.
@@ -156,13 +160,13 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         ValueError
             If there is no sound impact test.
         """
-        if not self.measurements:
+        if not self.measurements[0]:
             raise ValueError(
                 f"{self.campaign.path}: found no sound impact test, expected one: beside cycled links, "
                 "driven bodies are compared where displacements were measured"
             )
         return whitened_residual_of(
-            self.campaign, parameters, self.measurements, floors,
+            self.campaign, parameters, self.measurements[0], floors,
             self.options.stage("tracing"), self.options.criteria,
         )  # fmt: skip
 

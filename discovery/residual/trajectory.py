@@ -10,6 +10,7 @@ import numpy as np
 from scipy import fft, ndimage
 
 from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.criteria.motion import Motion
 from discovery.residual.free_parameters import FreeParameters
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import MOTIONS, FloatArray
@@ -148,6 +149,32 @@ def read_measurements(campaign: Campaign, set_aside: Collection[str] = ()) -> Me
     return [(s, replace(one.as_type(np.float32), link={})) for s, one in zip(records, read, strict=True)]
 
 
+def collapsed(model: Model, measurements: Measurements, least: float) -> list[str]:
+    """Return the files of tests that loosen the joint so far that its course within the hit decides.
+
+    No gauge tells a tension from sample to sample while a joint rings, and a simulation that ends at the
+    measured one may fall a millisecond early. Where that is most of a joint's stiffness, what the simulated
+    motion leaves is a thousand times the noise.
+
+    Parameters
+    ----------
+    model : Model
+        With the joint's stiffness over tension.
+    measurements : sequence
+        The records, as `read_measurements` has them.
+    least : float
+        Share of the stiffness that the joint must keep.
+    """
+    bolted = model.structure.bolted_links
+    files = []
+    for settings, seen in measurements if len(bolted) == 1 else ():
+        if seen.test == "loosening" and seen.tension is not None:
+            ends = np.maximum([seen.tension.initial, seen.tension.final], 0.0)
+            before, after = np.asarray(model.link_laws[bolted[0]].stiffness(ends))
+            files += [settings.file] if after < least * before else []
+    return files
+
+
 def trace_records(
     campaign: Campaign,
     baseline: FreeParameters,
@@ -176,8 +203,7 @@ def trace_records(
         Without the records that the model cannot simulate.
     """
     stored_ones = [stored for _, stored in measurements]
-    window_s, least = campaign.settings.windows.final_s, criteria.motion.final_share
-    own = _own_models(baseline.model, stored_ones, window_s, least)
+    own = _own_models(baseline.model, stored_ones, campaign.settings.windows.final_s, criteria.motion)
     traces = []
     for settings, stored in counted(measurements, len(measurements), progress):
         given = stored.as_type(np.float64)
@@ -199,6 +225,8 @@ def _traced(
     seen, response = run.measurement, run.response
     tension = np.asarray(response.tension) if isinstance(response.tension, np.ndarray) else np.zeros(0)
     tension = tension if tension.size else np.zeros(seen.samples)
+    if seen.test == "loosening" and seen.tension is not None:
+        tension = _ending_as_measured(tension, seen.tension.final, criteria.motion.final_share)
     parts = spectral_records(seen, campaign.settings)
     level = float(tension[-1])
     values = baseline.values(parts[0], level)
@@ -216,6 +244,14 @@ def _traced(
     return MeasuredTrajectory(
         settings, stored, parts, displacement, velocity, tension[kept].copy(), level, stride, _own(run.model)
     )
+
+
+def _ending_as_measured(tension: FloatArray, final: float, least: float) -> FloatArray:
+    """Stretch a course that ends at the least share of its start, as no rate is told, to its end."""
+    fallen = tension[0] - tension[-1]
+    if final >= least * tension[0] or fallen <= 0:
+        return tension
+    return np.asarray(tension[0] - (tension[0] - max(final, 0.0)) / fallen * (tension[0] - tension))
 
 
 def _own(model: Model) -> dict[str, dict[str, float]]:
@@ -273,11 +309,12 @@ def _above_noise(samples: FloatArray, quiet: FloatArray, fewest: float) -> Float
 
 
 def _own_models(
-    model: Model, measurements: Sequence[Measurement], window_s: tuple[float, float], least: float
+    model: Model, measurements: Sequence[Measurement], window_s: tuple[float, float], criteria: Motion
 ) -> dict[str, Model]:
-    """A model for every loosening record, with a rate of its own, so that its tension falls as measured.
+    """Return a model for every loosening record whose own rate lets its tension fall as measured.
 
-    By ``gamma |v|^4 T``; by a factor on its law where that is another one, or a change of it was found.
+    By ``gamma |v|^4 T`` where little is lost; by a factor on its law where more is, or that is another one, or
+    a change of it was found.
     """
     if len(model.structure.bolted_links) != 1:
         return {}
@@ -287,23 +324,29 @@ def _own_models(
         if one.test != "loosening" or tension is None or not one.force or tension.initial <= 0:
             continue  # a slack bolt stays slack
         body = max(one.force, key=lambda name: float(np.abs(one.force[name]).max()))
-        final = max(tension.final, least * tension.initial)
+        final = max(tension.final, criteria.final_share * tension.initial)
         cases.append(
             LooseningCase(one.file, body, one.applied_force[body], one.rate_hz, tension.initial, final,
                           max(tension.final_error, 1e-3), one.given)
         )  # fmt: skip
-    if not cases:
-        return {}
     read = model.without_effects_of("reading")
     law = model.link_laws[model.structure.bolted_links[0]].tension_rate
-    if read.effects_of("law change") or (law is not None and law.name not in QUARTIC):
-        factors, failed = matching_factors(read, cases, window_s, tolerance=_AS_MEASURED)
-        own = np.where(failed, 1.0, np.maximum(factors, 0.0))
-        models = [read.with_effect(own_rate(float(factor))) for factor in own]
-    else:
-        gammas, _ = matching_gammas(read, cases, window_s, tolerance=_AS_MEASURED)
-        models = [read.with_tension_law(power_loosening(max(float(gamma), 0.0))) for gamma in gammas]
-    return {case.file: own for case, own in zip(cases, models, strict=True)}
+    other = bool(read.effects_of("law change")) or (law is not None and law.name not in QUARTIC)
+    own: dict[str, Model] = {}
+    much: list[LooseningCase] = []
+    little: list[LooseningCase] = []
+    for case in cases:
+        falls = other or case.final < (1 - criteria.small_loss) * case.initial
+        (much if falls else little).append(case)
+    if much:
+        factors, failed = matching_factors(read, much, window_s, tolerance=_AS_MEASURED)
+        rates = np.where(failed, 1.0, np.maximum(factors, 0.0))
+        own |= {c.file: read.with_effect(own_rate(float(r))) for c, r in zip(much, rates, strict=True)}
+    if little:
+        gammas, _ = matching_gammas(read, little, window_s, tolerance=_AS_MEASURED)
+        laws = (power_loosening(max(float(gamma), 0.0)) for gamma in gammas)
+        own |= {c.file: read.with_tension_law(one) for c, one in zip(little, laws, strict=True)}
+    return own
 
 
 def _is_of_course(fault: SensorFault) -> bool:

@@ -87,10 +87,20 @@ def loosening_law(
     fit = refine_gamma_law(model, [by_file[one.file] for one in usable], window_s, start)
     form = "gamma(T)" if declared is None else "the declared tension law"
     initial = np.array([one.initial for one in usable])
-    lines = few_cases(form, fit, initial, declared=declared is not None)
+    fit, untold = (fit, ()) if declared is not None else _told_by_losses(fit, case_fit, initial)
+    lines = untold + few_cases(form, fit, initial, declared=declared is not None)
     if not fit.settled:
         lines += (f"the fit of {form} by re-simulation had not settled when it ended",)
     return Loosening(gamma, fit.law, case_fit, fit, lines)
+
+
+def _told_by_losses(fit: LawFit, case_fit: LawFit, tension: FloatArray) -> tuple[LawFit, tuple[str, ...]]:
+    """Return the fit to gamma of each case where it tells more: any large rate lets a bolt fall to zero."""
+    by_losses, by_cases = (float(np.max(one.log_error(tension))) for one in (fit, case_fit))
+    if by_losses - by_cases < RULES.undetermined:
+        return fit, ()
+    text = "gamma(T): most bolts fell so far that their losses tell no rate; it is that of gamma of each case"
+    return case_fit, (text,)
 
 
 def fitted_numbers(law: Law) -> tuple[str, ...]:
