@@ -313,8 +313,8 @@ def _own_models(
 ) -> dict[str, Model]:
     """Return a model for every loosening record whose own rate lets its tension fall as measured.
 
-    By ``gamma |v|^4 T`` where little is lost; by a factor on its law where more is, or that is another one, or
-    a change of it was found.
+    By ``gamma |v|^4 T`` where little is lost; by a factor on its law where more is, where the law is another
+    one, or a change of it was found.
     """
     if len(model.structure.bolted_links) != 1:
         return {}

@@ -1,4 +1,4 @@
-"""A joint that tests loosen so far that a gamma for each of them, or any large rate, would do for its losses."""
+"""A joint that tests loosen so far that any large rate would do for its losses."""
 
 from __future__ import annotations
 
