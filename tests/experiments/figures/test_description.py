@@ -117,6 +117,11 @@ def test_records_are_chosen_from_with_both_models_and_what_they_leave(records: d
     titles = {f"records/{test}_{tension}.h5, {test}, {tension} N" for test, tension in TESTS}
     assert set(shown["choices"]) == titles
     assert [mark.label for mark in legend_of(shown)] == ["Measured", *MODELS]
+    (legend,) = records["records"].legends  # of the figure that is printed: the same looks, the same words
+    said = [(mark.get_color(), mark.get_linestyle(), words.get_text()) for mark, words in
+            zip(legend.get_lines(), legend.get_texts(), strict=True)]  # fmt: skip
+    lines = records["records"].axes[0].lines
+    assert said == [(line.get_color(), line.get_linestyle(), str(line.get_label())) for line in lines]
     dashes = [trace["look"]["line_dash"] for trace in shown["panels"][0]["traces"]]
     assert dashes == ["solid", "dashed", "dashdot"]
     panel, left = shown["choices"]["records/loosening_317.h5, loosening, 317 N"][:2]
