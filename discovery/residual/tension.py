@@ -12,7 +12,8 @@ from discovery.options import Options
 from discovery.residual.base import Kind
 from discovery.residual.course_fit import CourseFit, CourseFits, Misfit
 from discovery.residual.tension_data import TensionData
-from discovery.residual.tension_records import drifted, frozen_of, noises, read_tensions
+from discovery.residual.tension_records import TensionObservation, drifted, frozen_of, noises, read_tensions
+from discovery.residual.trajectory import collapses
 from rom.campaign.campaign import Campaign
 from rom.identification.identify import Identification
 from rom.model.model import Model
@@ -41,6 +42,12 @@ class TensionResidual:
     model: Model
     options: Options = field(default_factory=Options)
 
+    def _collapses(self, one: TensionObservation) -> bool:
+        least, course = self.options.criteria.motion.kept_stiffness, one.course
+        if one.settings.test != "loosening":
+            return False
+        return collapses(self.identification.model, course.initial, course.final, least)
+
     @cached_property
     def data(self) -> TensionData | None:
         """The records; None where the model has not one bolted link, or too few have a tension and a hit."""
@@ -48,6 +55,7 @@ class TensionResidual:
             return None
         criteria = self.options.criteria.tension
         found = read_tensions(self.campaign, self.model, self.options.jobs, criteria)
+        found = tuple(one for one in found if not self._collapses(one))
         records = tuple(sorted(found, key=lambda one: one.settings.hold_out))
         struck = np.array([one.settings.test == "loosening" for one in records])
         training = sum(not one.settings.hold_out for one in records)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import rom
+from discovery import close_loop
 from discovery.criteria.criteria import CRITERIA
 from discovery.loop.impact_refits import ImpactRefits
 from discovery.options import Options, no_progress
@@ -48,3 +49,9 @@ def test_the_loop_starts_at_the_noise_where_nothing_is_missing(
     tension = refits.identification.model.link_laws["joint"].tension_rate
     assert tension is not None
     assert np.log10(-tension.rate(6.0, 0.0, 1.0) / 6.0) < 9  # of gamma, 8 in truth
+
+
+@pytest.mark.slow
+def test_nothing_is_found_where_nothing_is_missing(tmp_path: Path) -> None:
+    rig.run(tmp_path / "c", cases=6, noise=1.0, seed=106, duration_s=2.5, plant=PLANT)
+    assert close_loop(rom.read_campaign(tmp_path / "c")).verdict == "no-effect"
