@@ -173,7 +173,17 @@ def collapses(model: Model, initial_n: float, final_n: float, least: float) -> b
 
 
 def collapsed(model: Model, measurements: Measurements, least: float) -> list[str]:
-    """Return the files of loosening records whose joint `collapses`."""
+    """Return the files of loosening records whose joint `collapses`.
+
+    Parameters
+    ----------
+    model : Model
+        With the joint's stiffness over tension.
+    measurements : sequence
+        The records, as `read_measurements` has them.
+    least : float
+        Share of the stiffness that the joint must keep.
+    """
     return [
         settings.file
         for settings, seen in measurements
