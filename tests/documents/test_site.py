@@ -82,6 +82,15 @@ def test_every_page_is_in_the_navigation_and_the_search(site: Path) -> None:
     assert "searchindex.js" in (site / "search.html").read_text(encoding="utf-8")
 
 
+def test_a_page_can_be_searched_from_and_is_dark_where_a_reader_wants_it(site: Path) -> None:
+    page = (site / "index.html").read_text(encoding="utf-8")
+    assert 'action="search.html"' in page
+    assert 'class="theme-toggle"' in page
+    styles = [site / one.partition("?")[0] for one in Loads(page).loaded if ".css" in one]
+    (theme,) = (style for style in styles if style.name == "furo.css")
+    assert re.search(r"prefers-color-scheme:\s*dark", theme.read_text(encoding="utf-8"))
+
+
 def test_public_names_are_explained_and_pictures_shown(site: Path) -> None:
     import discovery
     import rom

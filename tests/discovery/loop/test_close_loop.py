@@ -208,6 +208,9 @@ def test_the_loop_closes_on_a_cubic_flexure() -> None:
     assert after["motion_nrmse"] is not None
     assert after["motion_nrmse"] < 0.7 * before["motion_nrmse"]
     assert closure.residual_after.total < 1.2 < closure.residual_before.total
+    stiffness = closure.model.link_laws["flexure_lo"].stiffness.parameters["k"]
+    assert stiffness == closure.refitted["flexure_lo.stiffness.k"]
+    assert None not in stiffness.limits
 
 
 @pytest.mark.slow

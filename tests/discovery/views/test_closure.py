@@ -140,6 +140,15 @@ def test_unexplained_says_where_the_rest_lives(
         assert place in parts["remains"]
 
 
+def test_courses_of_the_tension_are_said_before_and_after_and_once_where_they_stay() -> None:
+    left = [
+        replace(localisation(1.1, 0.3), numbers=(("tension_courses", level),)) for level in (2.0, 1.01, 1.0)
+    ]
+    for before, words in ((left[0], "2 before and 1 times that of noise"), (left[1], "square 1 times that")):
+        found = replace(closure(friction()), residual_before=before, residual_after=left[2])
+        assert words in said(found)["remains"]
+
+
 def test_regular_remains_are_not_called_noise() -> None:
     found = replace(closure(friction()), residual_after=localisation(1.1, 1e-6))
     assert "no more dependence than noise" not in found.summary()

@@ -218,6 +218,12 @@ def test_what_is_left_is_not_claimed_where_no_file_says_it() -> None:
     )
 
 
+def test_what_is_left_is_a_share_of_what_was() -> None:
+    residual = {"before": {"total": 50.0}, "after": {"total": 2.0}}
+    found = closures.answer({"verdict": "closed", "effects": [], "residual": residual})
+    assert found.verdict == "The loop closes: 4.0 % of the residual's mean square is left, 2.00 times noise."
+
+
 @pytest.mark.parametrize(
     ("found", "part", "good"),
     [

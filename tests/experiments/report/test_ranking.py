@@ -234,6 +234,24 @@ def test_free_numbers_and_tests_are_counted(free: int, tests: int, words: str) -
     assert words in " ".join(found.sentences)
 
 
+def test_a_law_that_is_right_in_the_mean_of_all_tests_is_off_by_what_is_said() -> None:
+    """Rates scatter by 0.1 exp(0.5 ln(T / 100 N)) about those of the law, gauges by 1 N; a third is lost."""
+    rng, tension, loss = np.random.default_rng(0), 150.0, 50.0
+    tau = 0.1 * (tension / 100) ** 0.5
+    rates = np.log(tension / (tension - loss)) * np.exp(tau * rng.standard_normal(4000))
+    measured = -tension * np.expm1(-rates) + rng.standard_normal(4000)
+    case = {"loss_n": loss, "loss_error_n": 1.0, "initial_tension_n": tension}
+    data = ranking() | {"cases": [case], "scatter": {"a": float(np.log(0.1)), "b": 0.5}}
+    found = rankings.answer(data)
+    assert found is not None
+    (said,) = (text for text in found.sentences if "right in their mean" in text)
+    off = np.median(np.abs(loss - measured) / measured)
+    assert float(said.split()[-2]) == pytest.approx(100 * off, rel=0.05)
+    known = rankings.answer(data | {"scatter": {}})
+    assert known is not None
+    assert "right in their mean" not in " ".join(known.sentences)
+
+
 def test_records_of_one_name_are_all_to_choose_from() -> None:
     data = ranking()
     case = data["cases"][0] | {"initial_tension_n": 100.0}
@@ -306,7 +324,7 @@ def test_the_page_answers_first_and_shows_every_table(tmp_path: Path) -> None:
         "3 hits of 400 N for 2.1 ms at a preload of 150 N; then a hit of 1609 N for 0.4 ms",
         "Velocity drives the loosening",
         "570 to 1",
-        "2310 candidate laws were considered",
+        "2310 candidate laws were considered; 7 are ranked.",
         "Laws of loosening, ranked by re-simulation",
         "m<sup>−4</sup> s<sup>3</sup>",
         "Tests that would separate the first laws most",

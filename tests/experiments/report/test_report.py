@@ -326,6 +326,38 @@ def test_a_prediction_says_whose_campaign_it_is_and_what_noise_alone_would_make(
     assert ("– noise alone would give [%]", "0.990") in table.rows
 
 
+def test_every_number_in_a_sentence_is_that_of_its_key() -> None:
+    """Errors differ from each other, so that one in the place of another is another sentence."""
+    found = answer("model", {"identification": identification()})
+    assert found is not None
+    assert found.verdict == (
+        "The tension law predicts more than a bolt that never loosens: it is off by 21.4 % of a record's loss "
+        "(median), no loosening by 96.3 %."
+    )
+    final = "The final tension is off by 1.15 % (median; mean 3.66 %, largest 62.8 %)"
+    small = "Where a loss is a small share of the tension, this measure is small for any law."
+    assert found.sentences == (
+        "The model was identified from 40 records and checked on records that no fit has seen.",
+        f"{final}, without loosening by 5.17 %. {small}",
+        "The error of the displacements is 1.23 % (NRMSE).",
+        "1 record of doubtful quality set aside, listed below.",
+        "1 warning, listed below.",
+    )
+    assert [one.shown for one in found.headlines] == ["21.4 %", "1.15 %", "1.23 %"]
+    bands = [{"low": 1.0, "high": 2.0, "measured": measured} for measured in (0.9, 1.5, 2.1, 1.9, 1.0)]
+    records = [{"final_tension_n": band} for band in (*bands, {"low": None, "high": None, "measured": 1.5})]
+    told = answer("prediction", {"errors": errors(1.0) | {"failed": 2}, "records": records})
+    assert told is not None
+    assert told.sentences == (
+        "14 records compared; 2 simulations did not finish.",
+        "The error of the displacements is 1.23 % (NRMSE): the model does not describe the motion.",
+        f"{final}. {small}",
+        "3 of 5 measured final tensions lie within their 95 % limits.",
+        "The model's file does not say which campaign it was fitted to.",
+    )
+    assert [one.shown for one in told.headlines] == ["21.4 %", "1.15 %", "1.23 %"]
+
+
 def test_a_prediction_of_before_says_nothing_of_records_held_out() -> None:
     data = {"errors": errors(1.0), "fitted_to_this_campaign": True}
     found, told = answer("prediction", data), answer("prediction", data | {"sets": {}})

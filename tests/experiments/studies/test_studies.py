@@ -199,6 +199,16 @@ def test_summary_names_laws_limits_and_errors(results: Path) -> None:
     for low, high in re.findall(r"\[([-\d.e+]+), ([-\d.e+]+)\]", text):
         assert low != high
     assert re.search(r"lo mass: [\d.]+ kg( given| \[[\d.]+, [\d.]+\])$", text, re.MULTILINE)
+    assert re.search(r"joint stiffness: .* \(7 records for \d free numbers\)$", text, re.MULTILINE)
+    errors = json.loads((results / "model.json").read_text(encoding="utf-8"))["identification"]["errors"]
+    own, still = errors["hold_out"], errors["no_loosening"]["hold_out"]
+    assert f"motion {100 * own['motion_nrmse']:.2f} % (noise alone" in text
+    mean, median, loss = (
+        f"{key}_error_percent_{kind}"
+        for key, kind in (("final_tension", "mean"), ("final_tension", "median"), ("tension_loss", "median"))
+    )
+    assert f"mean {own[mean]:.2f} %, median {own[median]:.2f} % (no loosening: {still[mean]:.2f} %, " in text
+    assert f"loss median {own[loss]:.1f} % (no loosening: {still[loss]:.1f} %; noise alone" in text
 
 
 @pytest.mark.parametrize(
