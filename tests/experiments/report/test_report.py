@@ -331,8 +331,8 @@ def test_every_number_in_a_sentence_is_that_of_its_key() -> None:
     found = answer("model", {"identification": identification()})
     assert found is not None
     assert found.verdict == (
-        "The tension law predicts more than a bolt that never loosens: it is off by 21.4 % of a record's loss "
-        "(median), no loosening by 96.3 %."
+        "The tension law predicts more than a bolt that never loosens: it is off by 21.4 % of a record's "
+        "loss (median), no loosening by 96.3 %."
     )
     final = "The final tension is off by 1.15 % (median; mean 3.66 %, largest 62.8 %)"
     small = "Where a loss is a small share of the tension, this measure is small for any law."
