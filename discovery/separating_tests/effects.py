@@ -97,14 +97,16 @@ def _tests(residual: WhitenedResidual, rules: Separating) -> Iterator[_Test]:
     masses = {body.name: body.mass for body in residual.baseline.model.structure.bodies}
     for trace in _at_hand(residual.of_training().traces, int(rules.effect_preloads)):
         alone = trace.measurement.test == "uncoupled"
-        where = "alone, bolt out," if alone else f"at {trace.level:.3g} N of tension"
+        where = "alone, bolt out," if alone else f"at {_digits(trace.level)} N of tension"
         struck, peak = _hit(trace)
         for body, factor in product(trace.bodies, factors):
             times = factor * masses[body] / masses[struck]  # as fast a motion of either body
             imagined = _imagined(trace, residual, body, times)
             if imagined is not None:
                 side = "" if factor > 0 else " from the other side"
-                yield _Test(f"hit {body} {where} with {abs(times) * peak:.3g} N{side}", abs(factor), imagined)
+                yield _Test(
+                    f"hit {body} {where} with {_digits(abs(times) * peak)} N{side}", abs(factor), imagined
+                )
 
 
 def _at_hand(traces: Iterable[MeasuredTrajectory], preloads: int) -> Iterator[MeasuredTrajectory]:
@@ -225,8 +227,8 @@ def _words(
         if telling:
             test, gain, enough = max(telling, key=lambda one: (-one[0].harder, one[1] / one[2]))
             repeats = f", {times} times" if times > 1 else ""
-            expected = f"a difference in chi-square of {gain:.3g} is expected"
-            return f"{test.words}{repeats}: {expected}, {enough:.3g} separates"
+            expected = f"a difference in chi-square of {_digits(gain)} is expected"
+            return f"{test.words}{repeats}: {expected}, {_digits(enough)} is enough"
     none = f"none of {len(tests)} hits tried, up to {rules.effect_hardest:g} times as hard as those at hand"
     nearest = int(np.argmax(gains[:, 0] / needed[:, 0]))
     gain, enough = gains[nearest, 0], needed[nearest, 0]
@@ -234,5 +236,10 @@ def _words(
         none
         if gain < rules.least_gain
         else f"{none}; nearest: {tests[nearest].words}, with an expected difference in chi-square of "
-        f"{gain:.3g}, where {enough:.3g} separates"
+        f"{_digits(gain)}, where {_digits(enough)} is enough"
     )
+
+
+def _digits(value: float) -> str:
+    """Three digits, without a power of ten below a million."""
+    return f"{float(f'{value:.3g}'):.6g}"

@@ -24,6 +24,7 @@ from rom.evaluation.replay import (
     tension_known,
 )
 from rom.model.model import Model
+from rom.progress import counted
 from rom.signals.processing import Measurement
 
 _PIECES = 300  # of a trace, drawn as their extremes: half a page is about as many pixels wide
@@ -69,12 +70,10 @@ def record_figures(
         model meets worst first.
     """
     made: dict[str, list[Course]] = {}
-    for done, measurement in enumerate(measurements, 1):
+    for measurement in counted(measurements, len(measurements), progress):
         courses = _courses(measurement, models)
         if courses:
             made[_title(measurement, _unfinished(courses, models))] = courses
-        if progress is not None:
-            progress(done, len(measurements))
     first = next(iter(models))
     found = _in_one_unit(dict(sorted(made.items(), key=lambda one: -_worst(one[1], first))))
     names = list(dict.fromkeys(course.name for courses in found.values() for course in courses))

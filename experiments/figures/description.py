@@ -216,7 +216,8 @@ def _alpha(artist: Artist) -> float:
 
 
 def _look(trace: _Trace) -> Data:
-    return {"glyph": trace.glyph, "fields": list(trace.fields), "look": trace.look, "label": trace.label}
+    return {"glyph": trace.glyph, "fields": list(trace.fields), "look": trace.look,
+            "label": plain_text(trace.label)}  # fmt: skip
 
 
 def _name(panels: Sequence[Sequence[Data]]) -> None:

@@ -12,7 +12,7 @@ from experiments.text.wording import label, mappings, number, plain, trimmed
 Data = Mapping[str, Any]
 
 _WORDS = {
-    "model": "identified model",
+    "model": "model in model.json",
     "reproduction": "model",
 }
 _DIGITS = {"paper": 4, "ours": 4, "tolerance": 2}

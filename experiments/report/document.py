@@ -50,6 +50,8 @@ _SHOWN = {
     "closure": {"verdict", "summary", "effects", "steps", "residual", "screened",
                 "detection_limits"},
 }  # fmt: skip
+_OF_RANKING = ("law-", "exponent-profile", "accuracy-complexity", "term-inclusion")
+"""How the names of a ranking's figures begin."""
 _PLACES = (("stiffness", "k"), ("damping", "c"), ("tension_rate", "T"))
 
 
@@ -249,17 +251,35 @@ def _notes(found: Results) -> list[tuple[str, list[str]]]:
 
 
 def _of_two_models(found: Results) -> list[str]:
-    """Say which numbers are the declared model's, where others in the folder are the refined one's."""
-    refined = any(r.kind == "closure" and r.data.get("effects") for r in found.results)
-    others = [r.file for r in found.results if r.kind in ("ranking", "experiment")]
-    drawn = any(not path.stem.startswith("closure-") for path in found.figures)
-    if not refined or not (others or drawn):
-        return []
-    shown = " and ".join([*others, *(["figures of other commands"] if drawn else [])])
-    return [
-        f"{shown}: of the model without what the closed loop added; model.json, the equations and the "
-        "parameters are those of the refined one."
+    """Say which numbers and figures are those of another model than model.json."""
+    lines = [
+        f"{result.file}: of another model than model.json here."
+        for result in found.results
+        if result.kind == "prediction" and _is_of_another_model(result, found.results)
     ]
+    refined = any(r.kind == "closure" and r.data.get("effects") for r in found.results)
+    others = [r.file for r in found.results if refined and r.kind in ("ranking", "experiment")]
+    own = ("closure-",) if refined else _OF_RANKING
+    if (refined or _is_of_ranking(found.results)) and any(not p.stem.startswith(own) for p in found.figures):
+        others.append("figures of other commands")
+    of, here = (
+        ("of the model without what the closed loop added", "of the refined one")
+        if refined
+        else ("of the identified model", "with the law that ranks first")
+    )
+    told = f"{of}; model.json, the equations and the parameters are those {here}."
+    return [*([f"{' and '.join(others)}: {told}"] if others else []), *lines]
+
+
+def _is_of_another_model(prediction: Result, results: Sequence[Result]) -> bool:
+    digests = [result.digest for result in results if result.kind == "model"]
+    return bool(digests) and prediction.data.get("model_digest") not in {None, *digests}
+
+
+def _is_of_ranking(results: Sequence[Result]) -> bool:
+    """Whether the model is that with the first law of a ranking beside it."""
+    commands = {r.data.get("command") for r in results if r.kind == "ranking"} - {None}
+    return any(r.kind == "model" and identification_of(r.data).get("command") in commands for r in results)
 
 
 def _details(results: Sequence[Result]) -> list[Table]:

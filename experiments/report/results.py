@@ -61,7 +61,8 @@ def read_results(directory: Path) -> Results:
         try:
             result = _read(path)
         except (OSError, ValueError, RecursionError) as error:
-            faults.append(f"{path.name}: could not be read as a result file ({error})")
+            cause = error.strerror if isinstance(error, OSError) else error
+            faults.append(f"{path.name}: could not be read as a result file ({cause})")
             continue
         if result is not None:
             results.append(result)

@@ -176,7 +176,7 @@ def test_a_test_is_proposed_that_tells_two_effects_apart_and_none_for_one_and_th
     cubic = CATALOGUE["cubic-stiffness"].at("flexure_lo", ground=True).with_values(k3=1e9)
     gap = CATALOGUE["two-sided-gap"].at("flexure_lo", ground=True).with_values(k_g=1000.0, delta=4e-4)
     apart, same = separating_tests(cubic, [gap, cubic], found)
-    expected = r"hit lo .* with \S+ N.*: a difference in chi-square of (\S+) is expected, (\S+) separates"
+    expected = r"hit lo .* with \d+ N.*: a difference in chi-square of (\d+) is expected, (\S+) is enough"
     told = re.fullmatch(expected, apart)
     assert told, apart
     assert float(told[1]) > float(told[2]) >= 12.0

@@ -50,7 +50,7 @@ def drawn() -> Drawn:
     x = np.linspace(1.0, 10.0, 400)
     ax.set_yscale("log")
     ax.fill_between(x, np.exp(x) / 2, 2 * np.exp(x), color="#D55E00", alpha=0.2)
-    ax.plot(x, np.exp(x), "--", color="#D55E00", label="Law")
+    ax.plot(x, np.exp(x), "--", color="#D55E00", label="$\\gamma$, law")
     points = ax.errorbar([2.0, 3.0], [7.0, 20.0], [1.0, 2.0], fmt="o", color="#000000", label="Records")
     name_points(points.lines[0], ["a.h5", "b.h5"])
     ax.axhline(100.0, color="#8c8c8c", label="Level")
@@ -70,7 +70,7 @@ def test_a_figure_is_described_with_names_units_and_looks() -> None:
     glyphs = {trace["glyph"]: trace for trace in panel["traces"]}
     assert set(glyphs) == {"patch", "line", "scatter", "segment", "hspan", "vstrip", "hstrip"}
     assert glyphs["line"]["look"]["line_dash"] == "dashed"
-    assert {mark.label for mark in legend_of(shown)} == {"Law", "Records", "Level"}
+    assert {mark.label for mark in legend_of(shown)} == {"γ, law", "Records", "Level"}
     own = dict(zip((t["glyph"] for t in panel["traces"]), shown["choices"][""][0]["traces"], strict=True))
     assert own["scatter"] == {"x": [2.0, 3.0], "y": [7.0, 20.0], "name": ["a.h5", "b.h5"]}
     assert own["vstrip"] == {"x0": [4.0], "x1": [5.0]}
@@ -146,7 +146,10 @@ def test_records_of_one_name_are_all_there_and_a_model_that_diverges_is_told_fir
         return replace(run, response=replace(run.response, status="diverged")) if ill else run
 
     monkeypatch.setattr(courses, "replay", diverging)
-    assert list(record_figures((other, worse), MODELS)) == [
+    told: list[tuple[int, int]] = []
+    shown = record_figures((other, worse), MODELS, lambda *now: told.append(now))
+    assert told == [(0, 2), (1, 2), (2, 2)]
+    assert list(shown) == [
         "a/run_1.h5, loosening, 317 N, held out, Declared model does not finish",
         "b/run_1.h5, loosening, 317 N",
     ]

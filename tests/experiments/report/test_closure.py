@@ -307,7 +307,7 @@ def test_the_page_shows_errors_equations_numbers_look_alikes_and_figures(tmp_pat
     ):
         assert part in words, part
     assert "Which reduced-order model" not in words  # the closure has judged that model already
-    assert "Errors of the identified model" not in words
+    assert "Errors of the model" not in words
     assert "Closure: " not in words
 
 

@@ -1,7 +1,10 @@
 """One page of whatever result files a folder holds: right numbers, escaped names, no network, no script."""
 
+import errno
+import hashlib
 import html
 import json
+import os
 import re
 from collections.abc import Callable
 from html.parser import HTMLParser
@@ -183,12 +186,31 @@ def test_the_same_files_make_the_same_page(folder: Path, tmp_path: Path) -> None
 
 def test_a_broken_file_is_named_and_the_rest_is_shown(folder: Path) -> None:
     (folder / "closure.json").write_text('{"format": "boltlaw-closure/1", ', encoding="utf-8")
+    (folder / "prediction.json").mkdir()
     (folder / "ranking.json").write_text('{"laws": []}', encoding="utf-8")
     (folder / "other.json").write_text("[1, 2]", encoding="utf-8")
     words = page(folder).words
     assert "closure.json: could not be read" in words
+    assert f"prediction.json: could not be read as a result file ({os.strerror(errno.EISDIR)})" in words
     assert "ranking.json: could not be read" in words
     assert "other.json" not in words
+
+
+def test_what_is_of_another_model_than_the_one_shown_says_so(folder: Path) -> None:
+    """`discover` writes its model.json where that of `identify` was; a prediction may be of either."""
+    digest = hashlib.sha256((folder / "model.json").read_bytes()).hexdigest()
+    other = "prediction.json: of another model than model.json here."
+    figures = "figures of other commands: of the identified model; model.json, the equations and the"
+    for made, told in ((digest, False), ("0" * 64, True)):
+        write(folder, "prediction", errors=errors(1.0), records=[], model_digest=made)
+        assert (other in page(folder).words) is told
+    for command, told in (("boltlaw discover", False), (f"boltlaw identify {HOSTILE}", True)):
+        write(folder, "ranking", laws=[], command=command)
+        assert (figures in page(folder).words) is told
+    for drawn in folder.glob("*.svg"):
+        drawn.unlink()
+    (folder / "law-errors.svg").write_text("<svg/>", "utf-8")
+    assert figures not in page(folder).words
 
 
 def test_the_truth_of_the_rig_is_not_shown(folder: Path) -> None:
