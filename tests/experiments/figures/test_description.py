@@ -24,6 +24,7 @@ from experiments.report.interactive import (
     within_room,
     without_description,
 )
+from experiments.studies import report
 from rom.evaluation.replay import Replay, replay
 from rom.model.model import Model
 from rom.parameters.he_2025 import paper_model
@@ -189,6 +190,17 @@ def test_what_does_not_fit_on_the_page_loses_choices_first() -> None:
     assert list(kept["large"]["choices"]) == ["0", "2", "4", "6"]
     assert list(within_room(figures, 100)) == ["small"]
     assert within_room(figures, -1.0) == {}
+
+
+def test_a_page_leaves_out_choices_that_would_make_it_too_large(tmp_path: Path) -> None:
+    figure, axes = panels()
+    axes[0, 0].plot(np.geomspace(1.0, 2.0, 20_000), np.geomspace(1.0, 3.0, 20_000), label="Line")
+    figure.choices = {f"record {number}": lambda: figure for number in range(60)}  # some 100 kB each
+    save(figure, tmp_path / "records.svg")
+    paper_model().save(tmp_path / "model.json")
+    page = report.run(tmp_path)
+    assert page.stat().st_size < 5e6
+    assert 10 < page.read_text(encoding="utf-8").count("<option") < 60
 
 
 def test_what_cannot_be_drawn_from_its_description_stays_a_picture() -> None:
