@@ -15,7 +15,6 @@ from discovery.detection.limit import Meter
 from discovery.detection.motion import MotionMeter
 from discovery.detection.tension import GaugeMeter
 from discovery.explain import at_rest, free_form
-from discovery.explain.calibration import DISAGREE
 from discovery.explain.motion import explain_screened, explanation, motion_channels, screen
 from discovery.explain.motion_fit import (
     linearised_start,
@@ -35,11 +34,12 @@ from discovery.loop.refits import CampaignRefits, Probes
 from discovery.loop.state import State, errors_of
 from discovery.options import Options
 from discovery.residual.base import Residual, cost, level
+from discovery.residual.collapse import Followed
 from discovery.residual.course_fit import Misfit
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.output_error import WhitenedResidual, starting, whitened_residual_of
 from discovery.residual.tension import TensionResidual
-from discovery.residual.trajectory import Measurements, collapsed, read_measurements
+from discovery.residual.trajectory import read_measurements
 from discovery.separating_tests.effects import separating_tests
 from rom.campaign.campaign import Campaign
 from rom.effects import CATALOGUE, Effect, LawChange, ModelCorrection, Reading, SensorFault, with_stiffness
@@ -110,20 +110,13 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the identification warns of, and which records are not followed."""
-        aside = ", ".join(self.measurements[1])
-        line = f"{aside}: the joint loses so much of its stiffness that the motion is not followed"
-        return (*self.identification.warnings, *([line] if aside else []))
-
-    def corrected(self, fault: SensorFault) -> ImpactRefits:
-        """The campaign identified anew beside a fault of its gauge: all that follows rests on the tension."""
-        return self.of(self.campaign, self.options, (fault,), (DISAGREE,), self.identification.declared)
+        return (*self.identification.warnings, *self.measured.warnings)
 
     @cached_property
-    def measurements(self) -> tuple[Measurements, list[str]]:
-        """All sound records as they were measured that a model can follow, and the files of others."""
+    def measured(self) -> Followed:
+        """All sound records, as measured."""
         read = read_measurements(self.campaign, self.doubtful)
-        aside = collapsed(self.identification.model, read, self.options.criteria.motion.kept_stiffness)
-        return [one for one in read if one[0].file not in aside], aside
+        return Followed.among(self.identification.model, read, self.options.criteria.motion.kept_stiffness)
 
     def start(self) -> State:
         """The declared model, its numbers refitted to all training records.
@@ -160,13 +153,13 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         ValueError
             If there is no sound impact test.
         """
-        if not self.measurements[0]:
+        if not self.measured.records:
             raise ValueError(
                 f"{self.campaign.path}: found no sound impact test, expected one: beside cycled links, "
                 "driven bodies are compared where displacements were measured"
             )
         return whitened_residual_of(
-            self.campaign, parameters, self.measurements[0], floors,
+            self.campaign, parameters, self.measured.records, floors,
             self.options.stage("tracing"), self.options.criteria,
         )  # fmt: skip
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from discovery.options import Options
 from discovery.residual.base import Kind
+from discovery.residual.collapse import collapses
 from discovery.residual.course_fit import CourseFit, CourseFits, Misfit
 from discovery.residual.tension_data import TensionData
 from discovery.residual.tension_records import TensionObservation, drifted, frozen_of, noises, read_tensions
-from discovery.residual.trajectory import collapses
 from rom.campaign.campaign import Campaign
 from rom.identification.identify import Identification
 from rom.model.model import Model

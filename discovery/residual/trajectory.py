@@ -149,50 +149,6 @@ def read_measurements(campaign: Campaign, set_aside: Collection[str] = ()) -> Me
     return [(s, replace(one.as_type(np.float32), link={})) for s, one in zip(records, read, strict=True)]
 
 
-def collapses(model: Model, initial_n: float, final_n: float, least: float) -> bool:
-    """Whether a test loosens a joint so far that its course within the hit decides.
-
-    No gauge tells a tension from sample to sample while a joint rings, and a simulation that ends at the
-    measured one may fall a millisecond early. Where that is most of a joint's stiffness, what the simulated
-    motion leaves is a thousand times the noise.
-
-    Parameters
-    ----------
-    model : Model
-        With the joint's stiffness over tension.
-    initial_n, final_n : float
-        Tensions before and after the test [N].
-    least : float
-        Share of the stiffness that the joint must keep.
-    """
-    bolted = model.structure.bolted_links
-    if len(bolted) != 1:
-        return False
-    stiffness = model.link_laws[bolted[0]].stiffness
-    return bool(stiffness(max(final_n, 0.0)) < least * stiffness(max(initial_n, 0.0)))
-
-
-def collapsed(model: Model, measurements: Measurements, least: float) -> list[str]:
-    """Return the files of loosening records whose joint `collapses`.
-
-    Parameters
-    ----------
-    model : Model
-        With the joint's stiffness over tension.
-    measurements : sequence
-        The records, as `read_measurements` has them.
-    least : float
-        Share of the stiffness that the joint must keep.
-    """
-    return [
-        settings.file
-        for settings, seen in measurements
-        if seen.test == "loosening"
-        and seen.tension is not None
-        and collapses(model, seen.tension.initial, seen.tension.final, least)
-    ]
-
-
 def trace_records(
     campaign: Campaign,
     baseline: FreeParameters,

@@ -41,10 +41,8 @@ def test_the_loop_starts_at_the_noise_where_nothing_is_missing(
     law = state.model.link_laws["joint"].stiffness
     assert law.parameters["beta"].value == pytest.approx(PLANT.beta, rel=0.02)
     aside = [f"records/loosening_{number}.h5" for number in not_followed]
-    told = [line for line in refits.warnings if "not followed" in line]
-    assert told == [
-        f"{', '.join(aside)}: the joint loses so much of its stiffness that the motion is not followed"
-    ]
+    told = [line for line in refits.warnings if "no model can follow" in line]
+    assert [line.partition(": ")[0] for line in told] == [", ".join(aside)]
     assert not {trace.settings.file for trace in state.residual.traces} & set(aside)
     tension = refits.identification.model.link_laws["joint"].tension_rate
     assert tension is not None

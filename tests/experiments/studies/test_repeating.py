@@ -21,9 +21,9 @@ MAIN = {"identify": "model.json", "close": "closure.json"}
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four preloads, one of them held out."""
+    """Six preloads, two of them held out."""
     place = tmp_path_factory.mktemp("repeating") / "campaign"
-    return rig.run(place, 4, seed=1, duration_s=2.5, hold_out_every=3)
+    return rig.run(place, 6, seed=1, duration_s=2.5, hold_out_every=3)
 
 
 def told(folder: Path) -> dict[str, Any]:
