@@ -15,6 +15,7 @@ from discovery.detection.limit import Meter
 from discovery.detection.motion import MotionMeter
 from discovery.detection.tension import GaugeMeter
 from discovery.explain import at_rest, free_form
+from discovery.explain.calibration import DISAGREE
 from discovery.explain.motion import explain_screened, explanation, motion_channels, screen
 from discovery.explain.motion_fit import (
     linearised_start,
@@ -111,6 +112,10 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
     def warnings(self) -> tuple[str, ...]:
         """What the identification warns of, and which records are not followed."""
         return (*self.identification.warnings, *self.measured.warnings)
+
+    def corrected(self, fault: SensorFault) -> ImpactRefits:
+        """The campaign identified anew beside a fault of its gauge: all that follows rests on the tension."""
+        return self.of(self.campaign, self.options, (fault,), (DISAGREE,), self.identification.declared)
 
     @cached_property
     def measured(self) -> Followed:

@@ -2,7 +2,6 @@
 
 import errno
 import hashlib
-import html
 import json
 import os
 import re
@@ -15,48 +14,10 @@ import pytest
 
 from experiments.report.results import ResultError
 from experiments.studies import report
-from experiments.text.equations import expression, math
-from experiments.text.tables import errors_table, unit_shown
-from experiments.text.verdicts import answer
-from experiments.text.wording import label, number, with_limits
 from rom.parameters.he_2025 import paper_model
+from tests.experiments.made_up import HOSTILE, errors, identification
 
 HEADLINES = ("tension_loss_error_percent_median", "final_tension_error_percent_median", "motion_nrmse")
-HOSTILE = '<script>alert("x")</script>'
-
-
-def errors(scale: float, records: int = 14) -> dict[str, Any]:
-    return {
-        "motion_nrmse": 0.0123 * scale,
-        "relative_motion_nrmse": 0.0821 * scale,
-        "final_tension_error_percent_mean": 3.66 * scale,
-        "final_tension_error_percent_median": 1.15 * scale,
-        "final_tension_error_percent_max": 62.8 * scale,
-        "tension_loss_error_percent_median": 21.4 * scale,
-        "link_force_nrmse": None,
-        "tension_rmse_n": 0.31 * scale,
-        "records": records,
-        "failed": 0,
-    }
-
-
-def identification(hold_out: float = 1.0) -> dict[str, Any]:
-    return {
-        "records": 40,
-        "set_aside": [f"records/a.h5: clipped {HOSTILE}"],
-        "warnings": ["records/b.h5: strain leaves the calibrated range"],
-        "errors": {
-            "training": errors(0.9),
-            "hold_out": errors(hold_out, 7),
-            "no_loosening": {"training": errors(4.0), "hold_out": errors(4.5, 7)},
-        },
-        "joint": [
-            {"file": f"c{i}.h5", "tension_n": 10.0 * i, "modal_stiffness_n_per_m": None} for i in range(20)
-        ],
-        "convergence": {"split_n": 850.0, "cases": 20},
-        "command": f"boltlaw identify {HOSTILE}",
-        "campaign_digest": "0123abcd",
-    }
 
 
 @pytest.fixture
@@ -285,144 +246,3 @@ def test_absent_parts_leave_gaps_not_faults(tmp_path: Path) -> None:
     for kind in ("model", "reproduction", "prediction", "ranking", "closure"):
         write(tmp_path, kind)
     assert "How it was made" in page(tmp_path).words
-
-
-@pytest.mark.parametrize(
-    ("loss", "final", "good"), [(20.0, 1.0, True), (180.0, 9.0, False), (20.0, 9.0, None)]
-)
-def test_the_verdict_weighs_both_measures(loss: float, final: float, good: bool | None) -> None:
-    measures = ("tension_loss_error_percent_median", "final_tension_error_percent_median")
-    own = errors(1.0) | dict(zip(measures, (loss, final), strict=True))
-    rest = errors(1.0) | dict(zip(measures, (100.0, 2.0), strict=True))
-    section = {"errors": {"training": own, "hold_out": errors(0, 0), "no_loosening": {"training": rest}}}
-    found = answer("model", {"identification": section})
-    assert found is not None
-    assert found.good is good
-    assert "none was held out" in found.sentences[0]
-
-
-@pytest.mark.parametrize(
-    ("units", "shown"),
-    [
-        (("s3/m4", "m^-4 s^3", "s^3 m^-4", "s**3/m**4"), "m<sup>−4</sup> s<sup>3</sup>"),
-        (("N s/m", "N s m^-1", "N m^-1 s"), "N m<sup>−1</sup> s"),
-        (("1/J", "J^-1"), "J<sup>−1</sup>"),
-        (("1", "N/N"), ""),
-        (("decades per cycle (5)",), "decades per cycle (5)"),
-    ],
-)
-def test_one_unit_is_typeset_alike_however_it_was_written(units: tuple[str, ...], shown: str) -> None:
-    assert {str(unit_shown(unit)) for unit in units} == {shown}
-
-
-@pytest.mark.parametrize(
-    ("fitted", "question", "words"),
-    [
-        (
-            True,
-            "Does the model meet the campaign that it was fitted to?",
-            "only its 2 hold-out records were",
-        ),
-        (False, "Does the model predict a campaign to which it was not fitted?", "With nothing fitted"),
-        (None, "Does the model predict this campaign?", "file does not say which campaign it was fitted to"),
-    ],
-)
-def test_a_prediction_says_whose_campaign_it_is_and_what_noise_alone_would_make(
-    fitted: bool | None, question: str, words: str
-) -> None:
-    floor = {"motion_nrmse": 0.0099, "tension_loss_error_percent_median": 1.5}
-    floor["tension_loss_error_percent_median_with_variability"] = 18.0
-    data = {
-        "errors": errors(1.0), "noise_floor": floor, "fitted_to_this_campaign": fitted,
-        "sets": {"errors": {"hold_out": errors(1.0, 2)}},
-    }  # fmt: skip
-    found = answer("prediction", data)
-    assert found is not None
-    assert found.question == question
-    text = " ".join((found.verdict, *found.sentences))
-    assert words in text
-    assert "1.23 % (NRMSE), where noise alone would give 0.990 %" in text
-    assert "noise alone: 1.50 %, with the variability between tests: 18.0 %" in text
-    table = errors_table(data["errors"], "", floor)
-    assert table is not None
-    assert ("– noise alone would give [%]", "0.990") in table.rows
-
-
-def test_every_number_in_a_sentence_is_that_of_its_key() -> None:
-    """Errors differ from each other, so that one in the place of another is another sentence."""
-    found = answer("model", {"identification": identification()})
-    assert found is not None
-    assert found.verdict == (
-        "The tension law predicts more than a bolt that never loosens: it is off by 21.4 % of a record's "
-        "loss (median), no loosening by 96.3 %."
-    )
-    final = "The final tension is off by 1.15 % (median; mean 3.66 %, largest 62.8 %)"
-    small = "Where a loss is a small share of the tension, this measure is small for any law."
-    assert found.sentences == (
-        "The model was identified from 40 records and checked on records that no fit has seen.",
-        f"{final}, without loosening by 5.17 %. {small}",
-        "The error of the displacements is 1.23 % (NRMSE).",
-        "1 record of doubtful quality set aside, listed below.",
-        "1 warning, listed below.",
-    )
-    assert [one.shown for one in found.headlines] == ["21.4 %", "1.15 %", "1.23 %"]
-    bands = [{"low": 1.0, "high": 2.0, "measured": measured} for measured in (0.9, 1.5, 2.1, 1.9, 1.0)]
-    records = [{"final_tension_n": band} for band in (*bands, {"low": None, "high": None, "measured": 1.5})]
-    told = answer("prediction", {"errors": errors(1.0) | {"failed": 2}, "records": records})
-    assert told is not None
-    assert told.sentences == (
-        "14 records compared; 2 simulations did not finish.",
-        "The error of the displacements is 1.23 % (NRMSE): the model does not describe the motion.",
-        f"{final}. {small}",
-        "3 of 5 measured final tensions lie within their 95 % limits.",
-        "The model's file does not say which campaign it was fitted to.",
-    )
-    assert [one.shown for one in told.headlines] == ["21.4 %", "1.15 %", "1.23 %"]
-
-
-def test_a_prediction_of_before_says_nothing_of_records_held_out() -> None:
-    data = {"errors": errors(1.0), "fitted_to_this_campaign": True}
-    found, told = answer("prediction", data), answer("prediction", data | {"sets": {}})
-    assert found is not None
-    assert told is not None
-    assert found.sentences[-1] == "This campaign is that of the fit."
-    assert told.sentences[-1].endswith("none of its records was held out.")
-
-
-def test_numbers_and_keys_in_words() -> None:
-    assert number(4.74e-7) == "4.740 × 10⁻⁷"
-    assert number(-0.00922, 3) == "−0.00922"
-    assert number(976300.0) == "976300"
-    assert number(-0.0) == "0"
-    assert number(None) == number(float("nan")) == "–"
-    assert with_limits(11.7912, 11.5, 12.1) == ("11.8", "11.5 to 12.1")
-    assert with_limits(4.0, None, None) == ("4", "–")
-    assert label("tension_loss_n") == "Tension loss [N]"
-    assert label("modal_damping_ns_per_m") == "Modal damping [N s/m]"
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("a - (b - c)", "a−(b−c)"),
-        ("(a - b) - c", "a−b−c"),
-        ("-(a + b) * c", "−(a+b)c"),
-        ("a * -b", "a(−b)"),
-        ("(-a) ** 2", "(−a)2"),
-        ("2 * 3", "2·3"),
-        ("max(T, 0) * abs(v) ** n", "T|v|n"),
-        ("mu T tanh(v / v_s)", "μTtanh(vvs)"),
-    ],
-)
-def test_expressions_keep_their_meaning(text: str, expected: str) -> None:
-    shown = expression(text)
-    assert shown is not None
-    plain = html.unescape(re.sub(r"<[^>]+>", "", str(math(shown)))).replace("\u2062", "")
-    assert plain == expected
-
-
-@pytest.mark.parametrize(
-    "text", ["", "a =", "__import__('os')", "a if b else c", "'x'", "a.b", "[1]", "(" * 500]
-)
-def test_what_is_no_expression_is_not_typeset(text: str) -> None:
-    assert expression(text) is None
