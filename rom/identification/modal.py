@@ -48,7 +48,8 @@ def average_period_frequency(
     1 / max_hz is dropped. What comes out is the damped frequency, below the natural one by zeta^2 / 2.
 
     In a chain of periods the timing errors of all peaks but the first and the last cancel; the standard
-    error rests on these two, with the scatter of all peak times about a straight line.
+    error rests on these two, with the scatter of all peak times about a straight line. A sign with two peaks
+    or fewer, as a strongly damped motion leaves, has no such scatter: the other sign tells the error.
 
     Parameters
     ----------
@@ -88,7 +89,7 @@ def average_period_frequency(
             f"{kept.size} of {periods.size} within {duration_s} s."
         )
     period = float(kept.mean())
-    errors = [_timing_error(times, heights, period) for times, heights in tops]
+    errors = [_timing_error(times, heights, period) for times, heights in tops if times.size > 2]
     return Estimate(1 / period, float(np.linalg.norm(errors)) / len(errors) / period**2)
 
 
@@ -96,7 +97,7 @@ def _timing_error(times: FloatArray, heights: FloatArray, period: float) -> floa
     """Standard error of (last - first) / periods; noise on a height shifts a peak by noise / height."""
     index = np.round((times - times[0]) / period)
     line = np.polynomial.Polynomial.fit(index, times, 1, w=heights)
-    scatter = np.sum(((times - line(index)) * heights) ** 2) / max(times.size - 2, 1)
+    scatter = np.sum(((times - line(index)) * heights) ** 2) / (times.size - 2)
     return float(np.sqrt(scatter * (heights[0] ** -2.0 + heights[-1] ** -2.0)) / index[-1])
 
 
