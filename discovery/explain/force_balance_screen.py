@@ -21,9 +21,8 @@ from discovery.explain.scales import Scale, at_scale, fault_at_scale, scale_of, 
 from discovery.options import Options
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.channels import FloatArray
-from rom.effects import Effect, Member, ModelCorrection, SensorFault, candidates
+from rom.effects import Effect, Member, ModelCorrection, SensorFault, candidates, kind_of_link
 from rom.identification.force_balance import declared_model
-from rom.model.structure import GROUND
 from rom.progress import counted
 
 
@@ -79,8 +78,8 @@ def _at_place(member: Member, added: ModelCorrection, residual: ForceBalanceResi
     scale = scale_of(balances, added.enters)
     if scale is None or not isinstance(added, Effect):
         return None
-    ends = {link.name: link.between for link in balances.settings.link}.get(added.enters, (GROUND,))
-    ground = GROUND in ends and not sees_normal_force(balances, added.enters)
+    kinds = {link.name: kind_of_link(link.between, link.law) for link in balances.settings.link}
+    ground = kinds.get(added.enters) != "joint" and not sees_normal_force(balances, added.enters)
     return at_scale(member, added, scale, ground=ground, criteria=residual.criteria.tension)
 
 

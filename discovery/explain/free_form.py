@@ -25,7 +25,6 @@ from discovery.search.sparse_regression import usable
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Effect, Member, ModelCorrection, free_form
 from rom.model.laws import Parameter
-from rom.model.structure import GROUND
 from rom.model.units import unit_text
 
 Terms = Mapping[str, tuple[float, ...]]
@@ -74,8 +73,8 @@ def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, 
         if link.name in taken:
             continue
         peaks = np.array([[np.abs(m).max() for m in trace.relative(ends)] for trace in residual.traces])
-        tension = link.law == "bolted" and GROUND not in ends
-        terms = terms_at(*np.median(peaks, axis=0), tension=tension, criteria=criteria.tension)
+        bolted = link.law == "bolted"
+        terms = terms_at(*np.median(peaks, axis=0), tension=bolted, criteria=criteria.tension)
         columns = residual.beyond(outputs_of(single_terms(terms, link.name), residual))
         effect = sparse_sum(columns, left, terms, link.name, options.seed, criteria)
         if effect is not None:

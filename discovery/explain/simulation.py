@@ -24,7 +24,7 @@ from discovery.residual.base import cost
 from discovery.residual.simulation import EVALUATIONS, Fit, SimulationResidual, refitted
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.effects import Effect, Member, ModelCorrection, candidates_of
+from rom.effects import Effect, Member, ModelCorrection, candidates_of, places
 from rom.model.structure import GROUND
 from rom.progress import counted
 
@@ -81,14 +81,13 @@ def _is_seen(probe: ModelCorrection, residual: SimulationResidual) -> bool:
 
 def candidates_in_decays(residual: SimulationResidual) -> Iterator[tuple[Member, Effect]]:
     """Core forces of the catalogue at the scales of their places: as simulated, the others cost too much."""
-    structure = residual.model.structure
-    ends = {link.name: (link.first, link.second) for link in structure.links}
+    kinds = places(residual.model)
     for member, added in candidates_of(Effect, residual.model):
         if member.kind != "force" or member.by_record:
             continue
         scale = scale_at(residual, added.enters)
         if scale is not None:
-            ground = GROUND in ends.get(added.enters, (GROUND,))
+            ground = kinds[added.enters] != "joint"
             yield member, at_scale(member, added, scale, ground=ground, criteria=residual.criteria.tension)
 
 

@@ -105,12 +105,15 @@ def look_alikes(name: str) -> tuple[str, ...]:
     return tuple(n for n, member in CATALOGUE.items() if n != name and classes & set(member.classes))
 
 
+def kind_of_link(ends: tuple[str, str], law: str) -> str:
+    """Whether a link is a joint or the ground's: a bolted one is a joint wherever it ends."""
+    return "ground" if "ground" in ends and law != "bolted" else "joint"
+
+
 def places(model: Model, channels: Iterable[str] = ()) -> Mapping[str, str]:
     """Where effects can enter: ``enters`` and the kind of the place, for a model and measured channels."""
     structure = model.structure
-    found = {
-        link.name: "ground" if "ground" in (link.first, link.second) else "joint" for link in structure.links
-    }
+    found = {link.name: kind_of_link((link.first, link.second), link.law) for link in structure.links}
     found |= {f"body:{name}": "body" for name in structure.body_names}
     if structure.bolted_links:
         found["tension"] = "tension"

@@ -13,8 +13,8 @@ its equation, and its parameters: default, range, unit. In an equation `F` is a 
 body back, or what is added to a reading; `z1` an internal state; `rate` the rate of the tension law that is
 changed, and `follow` its dependence on tension, 1 at 100 N. All parameters in bold at zero: no effect,
 exactly. A star marks the core, which `boltlaw close` tries; without a bolt it tries all forces and
-faults of force sensors. The others are there to simulate with. How to add one:
-[own-effect.md](own-effect.md).
+faults of force sensors. The others are there to simulate with. A bolted link is a `joint` even if it ends
+at the ground; `ground` is any other link that ends there. How to add one: [own-effect.md](own-effect.md).
 """
 _COLUMNS = "| name | enters | equation | parameters | look-alikes | source |"
 _TITLES = {

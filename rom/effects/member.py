@@ -27,8 +27,8 @@ class Member:
     name : str
         Name in result files.
     places : tuple of str
-        Where it can enter: "joint" (a link between two bodies), "ground" (a link to ground), "body",
-        "tension", "sensor:<quantity>".
+        Where it can enter: "joint" (a link between two bodies, or a bolted one), "ground" (any other link to
+        ground), "body", "tension", "sensor:<quantity>".
     equation : str
         ``name = expression`` parts, ``; `` between them, in the function's arguments and parameters; ``F`` is
         the force, ``dz1/dt`` the rate of the first state. Of a change of the tension law, an expression.
@@ -56,7 +56,7 @@ class Member:
     core : bool
         Whether an attribution must be able to find it.
     ground : mapping of str to Parameter
-        Parameters that differ where it enters a link to ground.
+        Parameters that differ where it enters a link to ground that is not bolted.
     by_record : tuple of str
         Parameters that are a record's own, such as a phase.
     of_stiffness : tuple of str

@@ -26,6 +26,8 @@ from rom.effects import (
     register,
 )
 from rom.model.laws import Parameter, logistic_stiffness
+from rom.model.model import Model
+from rom.model.structure import Body, Link, Structure
 from rom.parameters.he_2025 import nominal_impact, paper_model
 
 CHANNELS = ("force_lo", "acceleration_lo", "acceleration_so", "strain")
@@ -75,6 +77,23 @@ def test_a_link_to_ground_has_ranges_of_its_own():
     by_place = {e.enters: e for m, e in candidates(paper_model()) if m.name == "cubic-stiffness"}
     assert by_place["flexure_lo"].parameters["k3"].value == 1e9
     assert by_place["joint"].parameters["k3"].value == 4.5e12
+
+
+def test_a_bolted_link_is_a_joint_even_if_it_ends_at_the_ground():
+    paper = paper_model()
+    block = Model(
+        Structure(
+            (Body("block", 2.2),),
+            (Link("flexure", "block", "ground"), Link("joint", "block", "ground", "bolted")),
+        ),
+        {"flexure": paper.link_laws["flexure_lo"], "joint": paper.link_laws["joint"]},
+    )
+    by_place = {e.enters: e for m, e in candidates(block) if m.name == "cubic-stiffness"}
+    assert by_place["flexure"].parameters["k3"].value == 1e9
+    assert by_place["joint"].parameters["k3"].value == 4.5e12
+    found = {(member.name, effect.enters) for member, effect in candidates(block)}
+    assert ("contact-stiffness", "joint") in found
+    assert ("tension-dependent-stiffness", "joint") not in found
 
 
 @pytest.mark.parametrize("stiffness", [9e3, 9e4])
