@@ -56,7 +56,8 @@ def dominant_frequency(
     for channel in motion.values():
         if len(channel.samples[start:stop]) < 16:
             continue
-        lines, weight = _velocity_lines(Motion(channel.kind, channel.samples[start:stop]), rate_hz)
+        ringing = Motion(channel.kind, channel.samples[start:stop])
+        lines, weight = _velocity_lines(ringing, rate_hz, from_rest=impact_s is not None)
         if band_hz is not None:
             weight = np.where((lines >= band_hz[0]) & (lines <= band_hz[1]), weight, 0.0)
         if weight.size and weight.max() > power:
@@ -64,15 +65,26 @@ def dominant_frequency(
     return frequency
 
 
-def _velocity_lines(motion: Motion, rate_hz: float) -> tuple[FloatArray, FloatArray]:
+def _velocity_lines(motion: Motion, rate_hz: float, *, from_rest: bool) -> tuple[FloatArray, FloatArray]:
     """Return frequencies [Hz] and velocity's power there; lines no higher than noise, where there are others,
     have none.
+
+    A window that begins at zero hides a motion from rest that has died away before it opens: where nothing
+    shows through it, one that falls towards the end alone is taken.
     """
     samples, order = motion.samples - motion.samples.mean(), INTEGRATIONS[motion.kind]
     size, resolution = fft.next_fast_len(len(samples), real=True), rate_hz / len(samples)
-    lines = fft.rfftfreq(size, 1 / rate_hz)
-    density = np.abs(fft.rfft(samples * signal.windows.hann(len(samples)), size)) ** 2
-    above = np.maximum(density - _LARGEST_NOISE * float(np.median(density)), 0.0)
+    lines, window = fft.rfftfreq(size, 1 / rate_hz), signal.windows.hann(len(samples))
     inside = lines > (max(0.5, 4 * resolution) if order == 2 else 1.5 * resolution)
+    density, above = _above_noise(samples * window, size)
+    if from_rest and not np.any(above[inside]):
+        window[: len(samples) // 2] = 1.0
+        density, above = _above_noise(samples * window, size)
     density = above if np.any(above[inside]) else density
     return lines[inside], density[inside] * lines[inside] ** (2 - 2 * order)
+
+
+def _above_noise(samples: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
+    """Return a spectrum, and by how much each of its lines exceeds the largest of noise."""
+    density = np.abs(fft.rfft(samples, size)) ** 2
+    return density, np.maximum(density - _LARGEST_NOISE * float(np.median(density)), 0.0)

@@ -81,6 +81,16 @@ def test_noise_on_a_displacement_hides_no_mode(frequency_hz: float) -> None:
     assert found == pytest.approx(frequency_hz, abs=0.5)
 
 
+@pytest.mark.parametrize(("frequency_hz", "ratio"), [(50.0, 0.15), (70.0, 0.1), (15.0, 0.002)])
+def test_a_motion_that_soon_dies_away_has_its_own_frequency(frequency_hz: float, ratio: float) -> None:
+    rng, hit_s, omega = np.random.default_rng(4), 0.4, 2 * np.pi * frequency_hz
+    since = np.maximum(TIME - hit_s, 0.0)
+    velocity = np.where(since > 0, np.exp(-ratio * omega * since) * np.cos(omega * since), 0.0) / omega
+    samples = np.gradient(velocity, 1 / RATE_HZ) + 1e-2 * rng.normal(size=SAMPLES)
+    found = dominant_frequency({"m": Motion("acceleration", samples)}, RATE_HZ, hit_s)
+    assert found == pytest.approx(frequency_hz, rel=0.15)
+
+
 def test_a_driven_displacement_loses_noise_alone() -> None:
     clean = 1e-3 * np.sin(2 * np.pi * 6.0 * TIME)
     noisy = clean + np.random.default_rng(3).normal(0.0, 1e-5, SAMPLES)
