@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from discovery.decide.acceptance import is_accepted, is_significant, penalised_gain, spread_of
+from discovery.decide.explanation import Explanation
 from discovery.loop.history import LoopHistory, Selection
 from discovery.loop.motion_stage import between, refitted_beside, with_later_disturbances
 from discovery.loop.refits import Refits
 from discovery.loop.state import State
+from discovery.residual.base import cost
 
 
 def or_free_form(refits: Refits, history: LoopHistory, start: LoopHistory) -> LoopHistory:
@@ -48,24 +50,34 @@ def _or_nearer(refits: Refits, history: LoopHistory, start: LoopHistory) -> Loop
     """The history, or from its start a term by itself where one beside the names shows their form wrong.
 
     A drag with |v|^1.5 leaves next to noise where one with v^2 is put in its place. The right form with
-    another knee leaves as much, but no term by itself does better than that.
+    another knee leaves as much, but no term by itself does better than that. A fit of the right name that was
+    stuck leaves more than it should: it is freed first, from where one beside the term ends.
     """
     criteria = refits.options.criteria
     new = history.selections[len(start.selections) :]
     if not any(selection.best.effect.kind == "force" for selection in new):
         return history
-    beside = refits.free_forms(history.last)
-    if not any(is_significant(explanation, criteria) for explanation in beside):
+    beside = [one for one in refits.free_forms(history.last) if is_significant(one, criteria)]
+    if not beside:
         return history
     formed = _free_form(refits, start.last)
     if formed is None:
         return history
+    history = _freed(refits, history, max(beside, key=penalised_gain))
     named, after = history.last.residual, refitted_beside(refits, start.last, formed)
     if after.record_count < named.record_count:
         return history
     if not is_significant(between(formed.best, named, after), criteria):
         return history
     return replace(start.extended(formed, refits.evaluated(after)), screened=history.screened)
+
+
+def _freed(refits: Refits, history: LoopHistory, beside: Explanation) -> LoopHistory:
+    """The history, its last model refitted from where one beside another term ended, if that leaves less."""
+    anew = refits.refit_from(refits.refit_with(history.last, beside), beside.effect)
+    if anew is None or cost(anew) >= cost(history.last.residual):
+        return history
+    return history.ending(refits.evaluated(anew))
 
 
 def _free_form(refits: Refits, state: State) -> Selection | None:
