@@ -57,7 +57,7 @@ def _spelt(factor: Factor, digits: int | None) -> str:
     for name, inner in factor.inner.items():
         if digits is not None or not inner.free:
             free = f"{inner.value:#.{digits or _DIGITS}g}".rstrip(".")
-            shown = free if inner.free else f"{inner.value:.3g}"
+            shown = free if inner.free and inner.value else f"{inner.value:.3g}"
             text = re.sub(rf"\b{name}\b", shown, text)
     return in_symbols(text)
 

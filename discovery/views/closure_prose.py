@@ -211,7 +211,8 @@ def _changed(data: Data) -> Iterator[str]:
         for key, one in MEASURES.items()
     ]
     known = [row for row in rows if all(map(_known, row[1]))]
-    same = [row for row in known if abs(row[1][1] - row[1][0]) <= _UNCHANGED * abs(row[1][0])]
+    same = [row for row in known if len({_number(row[2] * end, 3) for end in row[1]}) == 1
+            or abs(row[1][1] - row[1][0]) <= _UNCHANGED * abs(row[1][0])]  # fmt: skip
     changes = [_from_to(*row) for row in known if row not in same]
     if changes:
         yield f"on {where} the errors go: {'; '.join(changes)}."

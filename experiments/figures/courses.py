@@ -249,7 +249,7 @@ def _draw(row: Sequence[Axes], name: str, course: Course | None, models: Mapping
             shown = thinned(course.time if len(there) else nothing, there, _PIECES)
             ax.plot(*shown, **look, label=model)
     row[0].set_title(name + unit)
-    row[1].set_title("Measured less modelled" + (f" [{course.unit}]" if course.unit else ""))
+    row[1].set_title("Residual" + (f" [{course.unit}]" if course.unit else ""))
     for ax in row:
         ax.ticklabel_format(axis="y", useOffset=False)
         if len(course.time):

@@ -56,7 +56,7 @@ def answer(data: Data) -> Answer:
     verdict = str(data.get("verdict"))
     return Answer(
         _QUESTION,
-        _verdict(verdict, effects_of(data), _remaining(data)),
+        _verdict(verdict, effects_of(data), _remaining(data), used_in(data).acceptance.noise_level),
         tuple(_sentences(data)),
         tuple(_headlines(data)),
         _GOOD.get(verdict),
@@ -79,10 +79,10 @@ def _remaining(data: Data) -> str:
     return f"{share} % of the residual's mean square is left, {number(after, 3)} times noise"
 
 
-def _verdict(verdict: str, effects: Sequence[Data], left: str) -> str:
+def _verdict(verdict: str, effects: Sequence[Data], left: str, worst: float) -> str:
     named = " and ".join(_placed(effect) for effect in effects)
     if verdict == "closed" and named:
-        alike = sum(len(mappings(effect.get("look_alikes"))) for effect in effects)
+        alike = sum(_as_good(effect, worst) for effect in effects)
         others = f", or one of {alike} look-alikes" if alike > 1 else ", or its look-alike" if alike else ""
         return f"The loop closes. The model lacked {named}{others}; with that, {left}."
     if verdict == "unexplained" and named:
@@ -93,6 +93,12 @@ def _verdict(verdict: str, effects: Sequence[Data], left: str) -> str:
         "unexplained": "Something is missing that no effect explains.",
     }
     return known.get(verdict, f"Verdict: {verdict}.")
+
+
+def _as_good(effect: Data, worst: float) -> int:
+    """Return how many look-alikes hold-out records do not exclude, as far as their cost is known."""
+    costs = [like.get("hold_out_cost") for like in mappings(effect.get("look_alikes"))]
+    return sum(cost is None or float(cost) <= worst for cost in costs)
 
 
 def _placed(effect: Data) -> str:
@@ -273,7 +279,8 @@ def _look_alikes(effect: Data) -> Table:
     )
     note = (
         "Effects within chance of the one named, or that explain nearly all that it does. Hold-out cost: "
-        "sum of squared whitened residuals on hold-out records, over its own; 1 is as good."
+        "sum of squared whitened residuals on hold-out records, over its own; 1 is as good, and what is far "
+        "above it is excluded by these records."
     )
     heads = ("Look-alike", "Where", "Hold-out cost", "What would separate them")
     return Table("Look-alikes", heads, rows, note=note)

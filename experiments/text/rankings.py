@@ -33,6 +33,7 @@ def answer(data: Data) -> Answer | None:
         return None
     best = laws[0]
     verdict, good = _verdict(best, _equals(data), laws, used_in(data).ranking.better)
+    verdict += _on_few_preloads(data, best, laws)
     return Answer(
         _QUESTION, verdict, tuple(_sentences(data, best, laws)), tuple(_headlines(best, laws)), good
     )
@@ -69,6 +70,20 @@ def _against_baseline(best: Data, equals: Sequence[str], told: str, better: floa
         return f"{first}; that it beats the paper's law may be chance (p = {chance}).", None
     sure = f"{first} and beats the paper's law beyond chance (p = {chance})"
     return (f"{sure}; {told}.", None) if equals else (f"{sure}.", True)
+
+
+def _on_few_preloads(data: Data, best: Data, laws: Sequence[Data]) -> str:
+    """Say where there are too few preloads for a small p: that of signs, one for each, times the laws."""
+    rules, p = used_in(data).ranking, best.get("p_value_against_baseline")
+    cases, levels, first = mappings(data.get("cases")), 0, 0.0
+    for tension in sorted(float(case["initial_tension_n"]) for case in cases if not case.get("hold_out")):
+        if tension > first * (1 + rules.same_preload):
+            levels, first = levels + 1, tension
+    if p is None or p < rules.better or data.get("population") or not levels:
+        return ""
+    if len(laws) * 0.5**levels < rules.better:
+        return ""
+    return f" With {levels} preloads, one sign each, p is hardly ever small."
 
 
 def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:

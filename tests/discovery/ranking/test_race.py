@@ -303,6 +303,8 @@ def test_names_are_equations_and_each_its_own() -> None:
     assert equation_name(pair) == "|v|^3.98 T gamma(T) + |v|^2 T exp(-T/312)"
     rising = Candidate("", (replace(fading, sign=1),), (1.0,))
     assert equation_name(rising) == "- |v|^2 T exp(-T/312)"
+    at_zero = Candidate("", (Term(velocity_threshold(0.0, 0.05, 3.02), tension_logistic()),), (1.0,))
+    assert equation_name(at_zero).startswith("max(|v| - 0, 0)^3.02 T")
     near = replace(pair, terms=(Term(velocity_power(3.9801), tension_logistic()), fading))
     names = names_of([baseline(), pair, near, pair])
     assert names[0] == BASELINE

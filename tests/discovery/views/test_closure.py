@@ -110,6 +110,17 @@ def test_an_error_that_stays_is_not_called_a_change_and_noise_stands_beside_thos
     assert "the tension from" not in changed
 
 
+def test_an_error_that_reads_the_same_before_and_after_is_unchanged() -> None:
+    found = closure(friction())
+    ends = [
+        dict(step.errors["hold_out"]) | {"tension_rmse_n": error}
+        for step, error in zip(found.steps, (1.1149, 1.1051), strict=True)
+    ]
+    steps = tuple(replace(step, errors={**step.errors, "hold_out": end})
+                  for step, end in zip(found.steps, ends, strict=True))  # fmt: skip
+    assert "Unchanged: the tension, 1.11 N." in said(replace(found, steps=steps))["changed"]  # type: ignore[arg-type]
+
+
 def test_an_error_that_is_zero_before_and_after_is_unchanged() -> None:
     found = closure(friction())
     ends = [dict(step.errors["hold_out"]) | {"tension_rmse_n": 0.0} for step in found.steps]

@@ -227,7 +227,7 @@ def test_what_is_left_is_a_share_of_what_was() -> None:
 @pytest.mark.parametrize(
     ("found", "part", "good"),
     [
-        (closure(friction()), "lacked coulomb-friction (link flexure_lo), or one of 2 look-alikes;", True),
+        (closure(friction()), "lacked coulomb-friction (link flexure_lo), or its look-alike;", True),
         (closure(skew()), "acceleration-skew (sensor acceleration_so)", True),
         (closure(verdict="no-effect"), "Nothing is missing that these records show", True),
         (closure(verdict="unexplained"), "Something is missing that no effect explains", False),
@@ -240,6 +240,16 @@ def test_the_verdict_comes_first_in_plain_words(found: Closure, part: str, good:
     assert part in answer.verdict
     assert answer.good is good
     assert bool(answer.headlines) is bool(found.effects)
+
+
+def test_a_look_alike_that_hold_out_records_exclude_is_no_alternative() -> None:
+    found = friction()
+    for costs, part in (((2.55, 3.2), ");"), ((1.0, 1.1), "), or one of 2 look-alikes;")):
+        alike = tuple(
+            replace(like, hold_out_cost=cost) for like, cost in zip(found.look_alikes, costs, strict=True)
+        )
+        text = closures.answer(content(closure(replace(found, look_alikes=alike)))).verdict
+        assert f"lacked coulomb-friction (link flexure_lo{part}" in text
 
 
 def test_what_a_gauge_shows_is_drawn_over_displacement_and_time() -> None:

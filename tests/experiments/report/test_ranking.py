@@ -289,6 +289,15 @@ def test_an_advantage_that_may_be_chance_is_called_so() -> None:
     assert good is None
 
 
+@pytest.mark.parametrize(("preloads", "said"), [(5, True), (16, False)])
+def test_where_preloads_are_too_few_for_a_small_p_it_is_said(preloads: int, said: bool) -> None:
+    doubtful = laws()
+    doubtful[0]["p_value_against_baseline"] = 0.12
+    kept = [case for case in ranking()["cases"] if not case["hold_out"]][: 3 * preloads]
+    text, _ = verdict(laws=doubtful, indistinguishable=[], cases=kept)
+    assert (f"With {preloads} preloads, one sign each, p is hardly ever small." in text) is said
+
+
 @pytest.mark.parametrize(
     ("first", "equals", "part", "good"),
     [
