@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rom.effects import make
 from rom.model.description import LinkLaws
@@ -16,6 +17,8 @@ from rom.model.rate_uncertainty import RateUncertainty
 from rom.model.shapes import ModeShapes
 from rom.model.structure import Body, Link, Structure
 from rom.model.writing import FORMAT
+
+T = TypeVar("T")
 
 
 class ModelFileError(ValueError):
@@ -47,31 +50,55 @@ def load_model(path: str | Path) -> Model:
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         found = data.get("format") if isinstance(data, dict) else type(data).__name__
         raise ModelFileError(f"{path}: format must be {FORMAT!r}, got {found!r}")
+    read: dict[str, Any] = {}
+    for section, values in _SECTIONS.items():
+        read |= _told(path, section, partial(values, data))
+    structure = _told(path, "bodies and links", lambda: Structure(read.pop("bodies"), read.pop("links")))
+    return _told(path, "links", lambda: Model(structure=structure, **read))
+
+
+def _told(path: Path, section: str, read: Callable[[], T]) -> T:
+    """What a part of the file holds; a fault in it is said with the part's name."""
     try:
-        return _from_data(data)
+        return read()
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise ModelFileError(
-            f"{path}: must hold a complete model, got {type(error).__name__}: {error}"
-        ) from error
+        raise ModelFileError(f"{path}: {section}: must be as a command writes it, {_came(error)}") from error
 
 
-def _from_data(data: Mapping[str, Any]) -> Model:
-    structure = Structure(
-        bodies=tuple(Body(item["name"], float(item["mass"]["value"])) for item in data["bodies"]),
-        links=tuple(_link(item) for item in data["links"]),
-    )
-    return Model(
-        structure=structure,
-        link_laws={item["name"]: _laws_from_data(item) for item in data["links"]},
-        effects=_effects_from_data(data["effects"]),
-        filter_cutoff_hz=data["filter"]["cutoff_hz"],
-        calibration=tuple(float(value) for value in data["calibration"]["coefficients"]),
-        windows={name: (float(low), float(high)) for name, (low, high) in data["windows"].items()},
-        sampling=data["sampling"],
-        uncoupled_laws={item["name"]: _laws_from_data(item) for item in data.get("uncoupled_links", ())},
-        shapes=_shapes_from_data(data["modes"]) if "modes" in data else None,
-        rate_uncertainty=RateUncertainty.from_data(data.get("rate_uncertainty")),
-    )
+def _came(error: Exception) -> str:
+    """What was found, for people who know the file and not Python."""
+    if isinstance(error, KeyError):
+        return f'found no "{error.args[0]}"'
+    if isinstance(error, TypeError | AttributeError):
+        return "found a value of another kind"
+    return f"found another value: {error}"
+
+
+_SECTIONS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
+    "bodies": lambda data: {
+        "bodies": tuple(Body(item["name"], float(item["mass"]["value"])) for item in data["bodies"])
+    },
+    "links": lambda data: {
+        "links": tuple(_link(item) for item in data["links"]),
+        "link_laws": {item["name"]: _laws_from_data(item) for item in data["links"]},
+    },
+    "uncoupled_links": lambda data: {
+        "uncoupled_laws": {item["name"]: _laws_from_data(item) for item in data.get("uncoupled_links", ())}
+    },
+    "effects": lambda data: {"effects": _effects_from_data(data["effects"])},
+    "filter": lambda data: {"filter_cutoff_hz": data["filter"]["cutoff_hz"]},
+    "calibration": lambda data: {
+        "calibration": tuple(float(value) for value in data["calibration"]["coefficients"])
+    },
+    "windows": lambda data: {
+        "windows": {name: (float(low), float(high)) for name, (low, high) in data["windows"].items()}
+    },
+    "sampling": lambda data: {"sampling": data["sampling"]},
+    "modes": lambda data: {"shapes": _shapes_from_data(data["modes"]) if "modes" in data else None},
+    "rate_uncertainty": lambda data: {
+        "rate_uncertainty": RateUncertainty.from_data(data.get("rate_uncertainty"))
+    },
+}
 
 
 def _shapes_from_data(item: Mapping[str, Any]) -> ModeShapes:

@@ -1,5 +1,6 @@
 import itertools
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -180,6 +181,22 @@ def test_what_is_no_model_file_is_refused_by_name(tmp_path, text):
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ModelFileError, match=r"other\.json"):
         load_model(path)
+
+
+@pytest.mark.parametrize("section", ["bodies", "links", "effects", "filter", "calibration", "windows"])
+@pytest.mark.parametrize("change", ["missing", "another kind", "another value"])
+def test_a_fault_in_a_model_file_is_said_by_its_section_not_by_python(tmp_path, section, change):
+    path = tmp_path / "model.json"
+    paper_model().save(path)
+    data = json.loads(path.read_text(encoding="utf-8"))
+    if change == "missing":
+        del data[section]
+    else:
+        data[section] = 7 if change == "another kind" else [["a", "b"], ["c", "d"]]
+    path.write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(ModelFileError, match=rf"model\.json: {section}: .*, found ") as caught:
+        load_model(path)
+    assert not re.search(r"Error|indices|attribute|iterable|subscriptable", str(caught.value))
 
 
 def test_new_values_leave_the_old_model_alone():
