@@ -119,15 +119,19 @@ def _scaled(value: object, factor: float) -> str:
 
 
 def parameter_rows(place: str, parameters: object) -> Iterator[tuple[str | Markup, ...]]:
-    """Yield (symbol, place, value, 95 % limits, unit, source) of the parameters of a law or an effect."""
+    """Yield (symbol, place, value, 95 % limits, unit, source) of the parameters of a law or an effect.
+
+    What has limits was identified: the catalogue's source is that of an equation, not of such a value.
+    """
     if not isinstance(parameters, Mapping):
         return
     for name, parameter in parameters.items():
         if isinstance(parameter, Mapping):
             value, limits = with_limits(parameter.get("value"), parameter.get("low"), parameter.get("high"))
             shown = equations.math(equations.symbol(str(name)))
-            unit, source = str(parameter.get("unit", "")), str(parameter.get("source") or "")
-            yield shown, place, value, limits, unit_shown(unit), source
+            fitted = parameter.get("low") is not None or parameter.get("high") is not None
+            source = "identified" if fitted else str(parameter.get("source") or "")
+            yield shown, place, value, limits, unit_shown(str(parameter.get("unit", ""))), source
 
 
 def unit_shown(unit: str) -> Markup:

@@ -49,7 +49,10 @@ def undetermined(linear: OutputErrorFit | None, settings: CampaignSettings) -> t
         if linear.relative_error(name) > RULES.undetermined
     ]
     if not linear.converged:
-        lines.append("the fit of the linear links had not settled when it ended")
+        lines.append(
+            "the fit of the linear links had not settled when it ended: what the declared model lacks may "
+            "keep it from that (`boltlaw close`)"
+        )
     return (*lines, *far_starts(settings, linear), *(one.line for one in linear.unexplained))
 
 

@@ -1,0 +1,22 @@
+"""Rows of a table of parameters."""
+
+from __future__ import annotations
+
+import pytest
+
+from experiments.text.tables import parameter_rows
+
+
+@pytest.mark.parametrize(
+    ("limits", "source"),
+    [
+        ({}, "Kerschen et al."),
+        ({"low": None, "high": None}, "Kerschen et al."),
+        ({"low": 6.26e10, "high": 6.27e10}, "identified"),
+        ({"low": 0.0, "high": None}, "identified"),
+    ],
+)
+def test_a_value_with_limits_is_not_the_catalogues(limits: dict[str, float | None], source: str) -> None:
+    number = {"value": 6.27e10, "unit": "N/m3", "source": "Kerschen et al."} | limits
+    (row,) = parameter_rows("cubic-stiffness at joint", {"k3": number})
+    assert row[-1] == source
