@@ -15,7 +15,8 @@ from experiments.results import plain, results_folder, write_result
 from experiments.run.publication import results_into
 from experiments.studies.figure_files import save_figures
 from experiments.text.records import checked
-from rom.campaign.campaign import Campaign, Record, read_campaign
+from rom.campaign.campaign import Campaign, CampaignSettings, Record, read_campaign
+from rom.signals.calibration import Calibration
 from rom.signals.quality import Doubt, assess
 from rom.signals.suspicions import Evidence, evidence, suspicions
 
@@ -81,7 +82,7 @@ def _read(campaign: Campaign) -> tuple[list[dict[str, Any]], dict[str, list[Reco
     for settings in campaign.settings.record:
         record = campaign.load(settings)
         doubts = assess(record, campaign.settings)
-        rows.append(_row(record, doubts))
+        rows.append(_row(record, doubts) | _calibrated(record, campaign.settings))
         looked_at.append(evidence(record, campaign.settings, doubts))
         same = drawn.setdefault(record.test, [])
         if len(same) < MOST_DRAWN:
@@ -109,6 +110,15 @@ def _row(record: Record, doubts: tuple[Doubt, ...]) -> dict[str, Any]:
         },
         "doubts": [doubt.message for doubt in doubts],
     }
+
+
+def _calibrated(record: Record, settings: CampaignSettings) -> dict[str, Any]:
+    """Return the range of the tension [N] that the calibration makes of a strain: it shows a wrong one."""
+    strain, bolt = record.channels.get("strain"), settings.bolt
+    if strain is None or bolt is None or not bolt.calibration:
+        return {}
+    tension = Calibration(tuple(bolt.calibration)).tension(strain.samples)
+    return {"calibrated_n": [float(tension.min()), float(tension.max())]}
 
 
 def summary(path: Path) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from experiments.text.suspicions import lines as suspicion_lines
@@ -34,7 +34,7 @@ def checked(found: Data) -> Iterator[str]:
         about += [f"{row['preload_n']:g} N"] if row["preload_n"] is not None else []
         about += ["held out"] if row["hold_out"] else []
         channels = ", ".join(_channel(name, channel) for name, channel in row["channels"].items())
-        yield f"{row['file']} ({', '.join(about)}): {channels}"
+        yield f"{row['file']} ({', '.join(about)}): {channels}{_calibrated(row.get('calibrated_n'))}"
         yield from (f"  doubtful: {doubt}" for doubt in row["doubts"])
     yield from (f"suspicion: {text}" for text in suspected)
     if not suspected and not any(row["doubts"] for row in rows):
@@ -45,6 +45,11 @@ def _channel(name: str, channel: Data) -> str:
     low, high = _range(channel["minimum"], channel["maximum"])
     unit = _unit(name)
     return f"{name} {low} to {high}{unit and ' '}{unit} at {channel['rate_hz']:g} Hz"
+
+
+def _calibrated(tension: Sequence[float] | None) -> str:
+    """Return the tension that a strain stands for."""
+    return "" if tension is None else ", by its calibration {} to {} N".format(*_range(*tension))
 
 
 def _range(low: float, high: float) -> tuple[str, str]:

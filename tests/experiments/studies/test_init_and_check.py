@@ -167,6 +167,10 @@ def test_check_tells_what_does_not_fit(rig_campaign: Path, boltlaw: Boltlaw, tmp
     found = json.loads((tmp_path / "campaign-results" / "check.json").read_text())
     assert {one["likely"] for one in found["suspicions"]} == {"acceleration in g"}
     assert "acceleration in g" in ran.out
+    (row, *_) = (row for row in found["records"] if "strain" in row["channels"])
+    low, high = row["calibrated_n"]
+    assert abs(0.5 * (low + high) - row["preload_n"]) < 0.2 * row["preload_n"] + 2.0
+    assert f", by its calibration {low:.2g}"[:-1] in ran.out
 
 
 def test_a_range_shows_what_moves_and_the_end_says_that_all_is_well() -> None:
