@@ -89,6 +89,7 @@ def _on_few_preloads(data: Data, best: Data, laws: Sequence[Data]) -> str:
 def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
     yield from _on_errors(best, laws, "bolts" if data.get("population") else "preloads")
     yield from _on_variability(data)
+    yield from _on_motion(best, used_in(data).ranking.motion_off)
     yield from _on_population(data.get("population"), best)
     yield from _on_numbers(best, mappings(data.get("cases")))
     yield from _on_wins(best, laws)
@@ -109,6 +110,17 @@ def _on_variability(data: Data) -> Iterator[str]:
         yield (
             f"Since tests that are alike differ, a law that is right in their mean would be off by "
             f"{number(share, 3)} %."
+        )
+
+
+def _on_motion(best: Data, most: float) -> Iterator[str]:
+    """Say where the motion is off: rates are powers of its velocities."""
+    errors, floors = (mapping(best.get(key)) for key in ("errors", "noise_floor"))
+    off, noise = (mapping(one.get("training")).get("motion_nrmse") for one in (errors, floors))
+    if off is not None and noise is not None and off**2 - noise**2 > most**2:
+        yield (
+            f"The simulated displacement is off by {number(100 * off, 3)} % (noise alone: "
+            f"{number(100 * noise, 3)} %), and laws rest on it: `boltlaw close` says what the model lacks."
         )
 
 

@@ -289,6 +289,20 @@ def test_an_advantage_that_may_be_chance_is_called_so() -> None:
     assert good is None
 
 
+@pytest.mark.parametrize(
+    ("off", "noise", "said"), [(0.12, 0.01, True), (0.12, 0.119, False), (0.02, 0.01, False)]
+)
+def test_a_motion_that_is_off_beyond_noise_is_said_beside_laws_that_rest_on_it(
+    off: float, noise: float, said: bool
+) -> None:
+    changed = laws()
+    changed[0]["errors"]["training"]["motion_nrmse"] = off
+    changed[0]["noise_floor"] = {"training": {"motion_nrmse": noise}}
+    found = rankings.answer(ranking() | {"laws": changed})
+    assert found is not None
+    assert ("and laws rest on it: `boltlaw close` says" in " ".join(map(str, found.sentences))) is said
+
+
 @pytest.mark.parametrize(("preloads", "said"), [(5, True), (16, False)])
 def test_where_preloads_are_too_few_for_a_small_p_it_is_said(preloads: int, said: bool) -> None:
     doubtful = laws()
