@@ -107,7 +107,8 @@ CAPTIONS: dict[str, tuple[str, str]] = {
     ),
     "overlays-coupled": (
         "Small impacts: measured and simulated",
-        "Displacement of the struck body and tension of the bolt, which a small impact leaves alone.",
+        "Displacement of the struck body and tension of the bolt, which a small impact should leave alone: "
+        "what is lost there counts as noise.",
     ),
     "overlays-free": (
         "Free decay: measured and simulated",
