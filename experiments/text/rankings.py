@@ -15,6 +15,7 @@ from discovery.views.ranking_figure import evidence_words, is_law, law_name, ran
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
 from experiments.text.floors import loss_of_right_law
+from experiments.text.ranking_verdict import ranking_verdict
 from experiments.text.tables import Table, parameter_rows
 from experiments.text.wording import NONE, mapping, mappings, number, set_words, trimmed
 
@@ -32,8 +33,7 @@ def answer(data: Data) -> Answer | None:
     if not laws:
         return None
     best = laws[0]
-    verdict, good = _verdict(best, _equals(data), laws, used_in(data).ranking.better)
-    verdict += _on_few_preloads(data, best, laws)
+    verdict, good = ranking_verdict(data, laws, _equals(data))
     return Answer(
         _QUESTION, verdict, tuple(_sentences(data, best, laws)), tuple(_headlines(best, laws)), good
     )
@@ -42,48 +42,6 @@ def answer(data: Data) -> Answer | None:
 def _equals(data: Data) -> list[str]:
     """Return the laws that the records cannot tell from the first one."""
     return [str(name) for name in data.get("indistinguishable") or []]
-
-
-def _verdict(
-    best: Data, equals: Sequence[str], laws: Sequence[Data], better: float
-) -> tuple[str, bool | None]:
-    if is_law(best, NO_LOOSENING):
-        return "No law describes these records better than a bolt that never loosens.", False
-    count = len(equals)
-    told = f"these records do not distinguish it from {'another one' if count == 1 else f'{count} others'}"
-    if not is_law(best, BASELINE):
-        if any(is_law(law, BASELINE) and law.get("name") in equals for law in laws):
-            first = f"“{row_name(best)}” ranks first"
-            return f"{first}, but these records do not distinguish it from the paper's law.", None
-        return _against_baseline(best, equals, told, better)
-    if equals:
-        return f"The paper's law ranks first; {told}.", None
-    return "The paper's law ranks first, and no other law describes these records as well.", True
-
-
-def _against_baseline(best: Data, equals: Sequence[str], told: str, better: float) -> tuple[str, bool | None]:
-    first, p = f"“{row_name(best)}” ranks first", best.get("p_value_against_baseline")
-    if p is None:
-        return f"{first} by re-simulation.", None
-    chance = trimmed(number(float(p), 2))
-    if p >= better:
-        return f"{first}; that it beats the paper's law may be chance (p = {chance}).", None
-    sure = f"{first} and beats the paper's law beyond chance (p = {chance})"
-    return (f"{sure}; {told}.", None) if equals else (f"{sure}.", True)
-
-
-def _on_few_preloads(data: Data, best: Data, laws: Sequence[Data]) -> str:
-    """Say where there are too few preloads for a small p: that of signs, one for each, times the laws."""
-    rules, p = used_in(data).ranking, best.get("p_value_against_baseline")
-    cases, levels, first = mappings(data.get("cases")), 0, 0.0
-    for tension in sorted(float(case["initial_tension_n"]) for case in cases if not case.get("hold_out")):
-        if tension > first * (1 + rules.same_preload):
-            levels, first = levels + 1, tension
-    if p is None or p < rules.better or data.get("population") or not levels:
-        return ""
-    if len(laws) * 0.5**levels < rules.better:
-        return ""
-    return f" With {levels} preloads, one sign each, p is hardly ever small."
 
 
 def _sentences(data: Data, best: Data, laws: Sequence[Data]) -> Iterator[str]:
