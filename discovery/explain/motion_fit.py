@@ -17,7 +17,8 @@ from rom.effects import CATALOGUE, Effect, ModelCorrection, SensorFault
 
 _REFITS: Numerical[int] = 5
 _FROM_AFAR: Numerical[int] = 40
-_DAMPINGS: Numerical[tuple[float, ...]] = (0.0, 1e-4, 1e-2, 1.0)
+DAMPINGS: Numerical[tuple[float, ...]] = (0.0, 1e-4, 1e-2, 1.0)
+"""Of steps that do not help undamped, in squares of their slopes."""
 _SETTLED: Numerical[float] = 1e-4  # of the cost
 
 
@@ -28,7 +29,7 @@ def refit(residual: WhitenedResidual, most: int = _REFITS) -> WhitenedResidual:
     """
     for _ in range(most):
         beside = with_effects(residual)
-        trials = (residual.at(residual.baseline.stepped(beside.steps(beside.residual, d))) for d in _DAMPINGS)
+        trials = (residual.at(residual.baseline.stepped(beside.steps(beside.residual, d))) for d in DAMPINGS)
         better = next((one for one in trials if cost(one) < cost(residual)), None)
         if better is None:
             return beside
@@ -48,7 +49,7 @@ def linearised_start(residual: WhitenedResidual, effect: Effect) -> WhitenedResi
     """Return the residual with an effect in its model, whose numbers suit training records as slopes tell."""
     rows = residual.residual - output_of(effect, residual)
     here = float(np.sum(rows[residual.training] ** 2))
-    for damping in _DAMPINGS:
+    for damping in DAMPINGS:
         moved = residual.baseline.stepped(residual.steps(rows, damping))
         beside = residual.at(replace(moved, model=effect.added_to(moved.model)))
         if cost(beside) < here:

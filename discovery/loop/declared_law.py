@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 from rom.campaign.campaign import Campaign
 from rom.model.law_change import change_law
-from rom.model.laws import Law, free_form_law
+from rom.model.laws import Law, Parameter, free_form_law
 from rom.model.model import Model
 
 
@@ -59,3 +60,18 @@ def _structure(bodies: Iterable[str], links: Iterable[tuple[str, str, str, str]]
     """Bodies and links in words, in an order of their own."""
     listed = (f"{name} ({law}, {first} to {second})" for name, first, second, law in sorted(links))
     return f"bodies {', '.join(sorted(bodies))} and links {', '.join(listed)}"
+
+
+def tension_law_of(model: Model) -> Law:
+    """The law of a model's bolt, without what changes it."""
+    law = model.link_laws[model.structure.bolted_links[0]].tension_rate
+    assert law is not None
+    return law
+
+
+def with_law_numbers(model: Model, numbers: Mapping[str, Parameter]) -> Model:
+    """The model with other numbers in its tension law."""
+    if not numbers:
+        return model
+    law = tension_law_of(model)
+    return model.with_tension_law(replace(law, parameters={**law.parameters, **numbers}))

@@ -27,8 +27,10 @@ from discovery.explain.motion_fit import (
     with_effects,
     without_effect,
 )
+from discovery.explain.simulated_fit import SimulatedFit
 from discovery.laws.given import given_law
 from discovery.localisation.localise import Localisation, localise
+from discovery.loop.declared_law import tension_law_of, with_law_numbers
 from discovery.loop.found_effects import as_first_fitted
 from discovery.loop.history import LoopHistory, misfit_views
 from discovery.loop.refits import CampaignRefits, Probes
@@ -48,7 +50,7 @@ from rom.identification.identify import Identification, identify_campaign
 from rom.identification.noise_spectrum import Group, NoiseFloor
 from rom.identification.spectral_model import SpectralRecord
 from rom.identification.uncoupled_priors import as_uncoupled, unlikely
-from rom.model.laws import Law, Parameter
+from rom.model.laws import Law
 from rom.model.model import Model
 from rom.signals.per_record_parameters import per_record_names
 from rom.signals.quality import Doubt
@@ -190,20 +192,20 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
 
         Beside a change of the law its shape stays as it was fitted together with that.
         """
-        present = replace(self.identification, declared=_tension_law(model))
+        present = replace(self.identification, declared=tension_law_of(model))
         found = present.with_model(model, self.options.stage("tension law"))
         bare = replace(found.model, identification=None)
         data = TensionResidual(self.campaign, found, bare, self.options).data
         if data is None or model.effects_of("law change"):
             return found
-        law, struck = _tension_law(found.model), np.flatnonzero(data.struck[: data.training])
+        law, struck = tension_law_of(found.model), np.flatnonzero(data.struck[: data.training])
         held = [name for name in law.parameters if name not in found.law_numbers]
         fit = refine(given_law(law, held), data.part(hold_out=False).subset(struck))
         if not (fit.converged and np.isfinite(fit.deviance)):
             return found
         limits = {name: fit.limits(name) for name in fit.free}
         numbers = {n: replace(fit.candidate.parameters[n], low=a, high=b) for n, (a, b) in limits.items()}
-        near = replace(_with_law_numbers(found.model, numbers), rate_uncertainty=fit.rate_uncertainty)
+        near = replace(with_law_numbers(found.model, numbers), rate_uncertainty=fit.rate_uncertainty)
         return replace(found, model=near)
 
     def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:
@@ -214,7 +216,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         residual = self.own(state.residual)
         effect, near = explanation.effect, residual.baseline
         if isinstance(effect, LawChange | Reading):  # the motion does not see it
-            model = effect.added_to(_with_law_numbers(state.model, explanation.beside))
+            model = effect.added_to(with_law_numbers(state.model, explanation.beside))
             return replace(residual, baseline=replace(near, model=model))
         model, floors = effect.added_to(near.model), None if renew_noise else residual.floors
         if isinstance(effect, Effect) and not renew_noise:  # first along the old model's motion
@@ -256,9 +258,15 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
             return None
         return refit(residual_without(self.own(residual), effect))
 
-    def with_present_noise(self, residual: Residual) -> Residual:
-        """Refitted beside the noise of bodies struck alone as it is now."""
-        return reestimate_noise(self.own(residual))
+    def settled(self, residual: Residual) -> Residual:
+        """Refitted beside the noise of bodies struck alone as it is now; by simulation where forces act."""
+        near, options = reestimate_noise(self.own(residual)), self.options
+        if not near.baseline.model.effects_of("force"):
+            return near
+        final_s = self.campaign.settings.windows.final_s
+        fit = SimulatedFit(near, self.measured.records, final_s, options.criteria.motion)
+        found = fit.fitted(options.stage("fitting by simulation"))
+        return near if found is None else min(near, refit(self.followed(found, near.floors)), key=cost)
 
     def along_law(self, state: State) -> State:
         """The state with all records followed along a tension that falls by its present law."""
@@ -376,21 +384,6 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
 
     def _channels(self, residual: WhitenedResidual) -> tuple[str, ...]:
         return (*motion_channels(residual), "tension")
-
-
-def _tension_law(model: Model) -> Law:
-    """The law of a model's bolt, without what changes it."""
-    law = model.link_laws[model.structure.bolted_links[0]].tension_rate
-    assert law is not None
-    return law
-
-
-def _with_law_numbers(model: Model, numbers: Mapping[str, Parameter]) -> Model:
-    """The model with other numbers in its tension law."""
-    if not numbers:
-        return model
-    law = _tension_law(model)
-    return model.with_tension_law(replace(law, parameters={**law.parameters, **numbers}))
 
 
 def _denied(residual: WhitenedResidual) -> tuple[str, ...]:

@@ -88,7 +88,7 @@ def in_motion(refits: Refits, history: LoopHistory, given: Selection | None = No
         selection, residual = candidate
         restarted, selection = _restarted(refits, history, selection, residual)
         accepted = is_accepted(selection.best, criteria)
-        state = refits.evaluated(refits.with_present_noise(residual)) if accepted else restarted.last
+        state = refits.evaluated(refits.settled(residual)) if accepted else restarted.last
         if restarted.improves(state):
             history = without_redundant(refits, restarted.extended(selection, state))
             remaining = cost(history.last.residual)
@@ -119,7 +119,7 @@ def refitted_beside(refits: Refits, state: State, selection: Selection) -> Resid
     Residual
         Of the model with the effect.
     """
-    return refits.with_present_noise(refits.refit_with(state, selection.best))
+    return refits.settled(refits.refit_with(state, selection.best))
 
 
 def _most_helpful(

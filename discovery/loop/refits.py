@@ -125,8 +125,8 @@ class CampaignRefits(ABC, Generic[ResidualT]):
         """The last model refitted from where a fit beside an effect ended; None where that cannot differ."""
         return None
 
-    def with_present_noise(self, residual: Residual) -> Residual:
-        """Refitted beside the noise as it is with the model's effects."""
+    def settled(self, residual: Residual) -> Residual:
+        """Refitted beside the noise as it is with the model's effects, as closely as the records allow."""
         return residual
 
     def along_law(self, state: State) -> State:

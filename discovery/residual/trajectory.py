@@ -177,7 +177,7 @@ def trace_records(
         Without the records that the model cannot simulate.
     """
     stored_ones = [stored for _, stored in measurements]
-    own = _own_models(baseline.model, stored_ones, campaign.settings.windows.final_s, criteria.motion)
+    own = own_models(baseline.model, stored_ones, campaign.settings.windows.final_s, criteria.motion)
     traces = []
     for settings, stored in counted(measurements, len(measurements), progress):
         given = stored.as_type(np.float64)
@@ -204,7 +204,6 @@ def _traced(
     parts = spectral_records(seen, campaign.settings)
     level = float(tension[-1])
     values = baseline.values(parts[0], level)
-    corner = next((values[name] for name in values if name.startswith(CORNER)), 0.0)
     bodies = [body for body in campaign.settings.body_names if body in seen.motion]
     # motion and effects go beyond a declared band, and must not fold back into it
     highest = max(part.frequency[-1] for part in parts)
@@ -213,7 +212,7 @@ def _traced(
     kept = slice(parts[0].samples[0] % stride, None, stride)
     displacement, velocity, fewest = {}, {}, criteria.motion.quiet_samples
     for body in bodies:
-        moves = _motion_of(seen, run, body, corner, fewest)
+        moves = _motion_of(seen, run, body, values, fewest)
         displacement[body], velocity[body] = (m[kept].copy() for m in moves)
     return MeasuredTrajectory(
         settings, stored, parts, displacement, velocity, tension[kept].copy(), level, stride, _own(run.model)
@@ -244,14 +243,37 @@ def _stride(parts: Sequence[SpectralRecord], rate_hz: float, highest_hz: float) 
     return max(fits, default=1)
 
 
+def as_sensor_shows(run: Replay, body: str, values: Mapping[str, float]) -> FloatArray:
+    """Return a body's simulated motion as its sensor shows it, AC coupled with the corner among ``values``.
+
+    Parameters
+    ----------
+    run : Replay
+        A record simulated again.
+    body : str
+        One of its moving bodies.
+    values : mapping of str to float
+        Values of the record's terms.
+
+    Returns
+    -------
+    ndarray, shape (samples,)
+        In the unit of the channel.
+    """
+    kind = run.measurement.motion[body].kind
+    simulated = np.asarray(getattr(run.response, kind)[body])
+    if kind != "acceleration":
+        return simulated
+    corner = next((values[name] for name in values if name.startswith(CORNER)), 0.0)
+    return ac_coupled(simulated, run.measurement.rate_hz, corner)
+
+
 def _motion_of(
-    seen: Measurement, run: Replay, body: str, corner: float, fewest: float
+    seen: Measurement, run: Replay, body: str, corners: Mapping[str, float], fewest: float
 ) -> tuple[FloatArray, FloatArray]:
     """Displacement and velocity: the model's, and what the sensor shows beyond it, integrated."""
     motion, response = seen.motion[body], run.response
-    simulated = getattr(response, motion.kind)[body]
-    if motion.kind == "acceleration":
-        simulated = ac_coupled(simulated, seen.rate_hz, corner)
+    simulated = as_sensor_shows(run, body, corners)
     beyond = in_band(motion.samples - simulated, seen.rate_hz, seen.chain.band_hz)
     quiet = beyond[: max(int((seen.impact_s or 0.0) * 0.8 * seen.rate_hz), 1)]
     beyond = quiet.mean() + _above_noise(beyond - quiet.mean(), quiet - quiet.mean(), fewest)
@@ -282,13 +304,37 @@ def _above_noise(samples: FloatArray, quiet: FloatArray, fewest: float) -> Float
     return np.asarray(fft.irfft(np.maximum(1 - 2 * noise / power, 0.0) * lines, len(samples)))
 
 
-def _own_models(
+def falling_as(model: Model, other: Model) -> Model:
+    """The model whose tension falls by the law of another, with that one's changes of it."""
+    law = other.link_laws[other.structure.bolted_links[0]].tension_rate
+    bare = model.without_effects_of("reading", "law change")
+    falling = bare if law is None else bare.with_tension_law(law)
+    return replace(falling, effects=(*falling.effects, *other.effects_of("law change")))
+
+
+def own_models(
     model: Model, measurements: Sequence[Measurement], window_s: tuple[float, float], criteria: Motion
 ) -> dict[str, Model]:
     """Return a model for every loosening record whose own rate lets its tension fall as measured.
 
     By ``gamma |v|^4 T`` where little is lost; by a factor on its law where more is, where the law is another
     one, or a change of it was found.
+
+    Parameters
+    ----------
+    model : Model
+        Its effects among them.
+    measurements : sequence of Measurement
+        Records in single precision.
+    window_s : tuple of float
+        Window of the final tension [s].
+    criteria : Motion
+        The numbers that decide.
+
+    Returns
+    -------
+    dict of str to Model
+        By file.
     """
     if len(model.structure.bolted_links) != 1:
         return {}

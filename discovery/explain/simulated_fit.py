@@ -1,0 +1,147 @@
+"""Fits of all numbers of a model of impact tests by simulation of the whole motion.
+
+The residual of impact tests takes forces of effects along the measured motion
+(`discovery.residual.output_error`). Where such a force is large, what the integration of an acceleration
+leaves out of a motion, some parts in a thousand, is more of that force than noise. A simulation needs no
+measured motion:
+
+    r(theta) = S^-1/2 P (Y - Y_model(theta))
+
+with the spectra Y of the channels, the noise S and the projection P as they are in the residual. Each test's
+tension falls by its own rate meanwhile. Slopes are differences of simulations.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from discovery.criteria.motion import Motion
+from discovery.explain.motion_fit import DAMPINGS, with_effects
+from discovery.residual.free_parameters import FreeParameters
+from discovery.residual.output_error import WhitenedResidual
+from discovery.residual.trajectory import (
+    MeasuredTrajectory,
+    Measurements,
+    as_sensor_shows,
+    falling_as,
+    own_models,
+)
+from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
+from rom.evaluation.replay import replay
+from rom.identification.spectral_model import Linearised, SpectralRecord
+from rom.progress import Progress
+from rom.signals.processing import Measurement
+
+_MOST: Numerical[int] = 3  # steps
+_DIFFERENCE: Numerical[float] = 1e-4  # of a number's size
+_SETTLED: Numerical[float] = 1e-2  # of the cost
+_SAME: Numerical[float] = 1e-9  # of the largest singular value
+
+
+class SimulatedFit:
+    """Training records of a residual, simulated by its model with other numbers."""
+
+    def __init__(
+        self,
+        residual: WhitenedResidual,
+        measurements: Measurements,
+        final_s: tuple[float, float],
+        criteria: Motion,
+    ) -> None:
+        """Take the records of a residual, as they were measured.
+
+        Parameters
+        ----------
+        residual : WhitenedResidual
+            Of the model where the fit starts; its effects' numbers are free too.
+        measurements : sequence
+            Its records, as `read_measurements` has them.
+        final_s : tuple of float
+            Window of the final tension [s].
+        criteria : Motion
+            The numbers that decide.
+        """
+        self.start = with_effects(residual.of_training())
+        stored = {settings.file: one for settings, one in measurements}
+        self.records = [
+            (trace, stored[trace.settings.file], slice(parts[0][0].start, parts[-1][0].stop))
+            for trace, parts in self.start.by_record()
+        ]
+        parts: dict[str, list[tuple[SpectralRecord, Linearised]]] = {}
+        for trace, part, linear in self.start.parts:
+            parts.setdefault(trace.settings.file, []).append((part, linear))
+        self.parts = parts
+        self.own = own_models(residual.baseline.model, [one for _, one in measurements], final_s, criteria)
+
+    def fitted(self, progress: Progress | None = None) -> FreeParameters | None:
+        """Return the numbers that suit simulations best; None where none do better than those at the start.
+
+        Parameters
+        ----------
+        progress : callable
+            Called with the number of records simulated and their total.
+        """
+        baseline, rows = self.start.baseline, self.rows(self.start.baseline)
+        for step in range(_MOST):
+            slopes = self._slopes(baseline, rows, step, progress)
+            better = self._better(baseline, rows, slopes)
+            if better is None:
+                break
+            gained = float(rows @ rows) - float(better[1] @ better[1])
+            baseline, rows = better
+            if gained < _SETTLED * float(rows @ rows):
+                break
+        return None if baseline is self.start.baseline else baseline
+
+    def rows(self, baseline: FreeParameters) -> FloatArray:
+        """What the model leaves over, (rows,); infinite where a simulation does not finish."""
+        every = ((trace, stored.as_type(np.float64)) for trace, stored, _ in self.records)
+        return np.concatenate([self._rows_of(trace, one, baseline) for trace, one in every])
+
+    def _better(
+        self, baseline: FreeParameters, rows: FloatArray, slopes: FloatArray
+    ) -> tuple[FreeParameters, FloatArray] | None:
+        """A Gauss-Newton step, damped ones where it does not lower the cost."""
+        unit = np.maximum(np.linalg.norm(slopes, axis=0), np.finfo(float).tiny)
+        scaled, none = slopes / unit, np.zeros(len(unit))
+        for damping in DAMPINGS:
+            stacked = np.concatenate([scaled, np.sqrt(damping) * np.eye(len(unit))])
+            found = np.linalg.lstsq(stacked, np.concatenate([rows, none]), rcond=_SAME)[0] / unit
+            moved = baseline.stepped(dict(zip(self.start.names, found.tolist(), strict=True)))
+            left = self.rows(moved)
+            if left @ left < rows @ rows:
+                return moved, left
+        return None
+
+    def _slopes(
+        self, baseline: FreeParameters, rows: FloatArray, step: int, progress: Progress | None
+    ) -> FloatArray:
+        """Slopes of what is shown by the numbers that a record tells, (rows, numbers)."""
+        found = np.zeros((len(rows), len(self.start.names)))
+        moved = [baseline.stepped({name: _DIFFERENCE}) for name in self.start.names]
+        for done, (trace, stored, here) in enumerate(self.records):
+            measurement = stored.as_type(np.float64)
+            for column in np.flatnonzero(np.any(self.start.jacobian[here], axis=0)).tolist():
+                shown = rows[here] - self._rows_of(trace, measurement, moved[column])
+                found[here, column] = np.nan_to_num(shown / _DIFFERENCE, posinf=0.0, neginf=0.0)
+            if progress is not None:
+                progress(step * len(self.records) + done + 1, _MOST * len(self.records))
+        return found
+
+    def _rows_of(
+        self, trace: MeasuredTrajectory, measurement: Measurement, baseline: FreeParameters
+    ) -> FloatArray:
+        parts, own = self.parts[trace.settings.file], self.own.get(trace.settings.file)
+        model = baseline.model if own is None else falling_as(baseline.model, own)
+        run = replay(model, measurement)
+        if run.response.status != "ok":
+            return np.full(sum(len(linear.residual) for _, linear in parts), np.inf)
+        values = baseline.values(parts[0][0], trace.level)
+        shown = [as_sensor_shows(run, body, values) for body in trace.bodies]
+        return np.concatenate(
+            [
+                linear.projected(part.motion - np.stack([trace.lines(y, part) for y in shown], axis=1))
+                for part, linear in parts
+            ]
+        )

@@ -1,0 +1,40 @@
+"""Numbers of a model fitted by simulation, where forces along the measured motion mislead."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import rom
+from discovery.criteria.criteria import CRITERIA
+from discovery.loop.impact_refits import ImpactRefits
+from discovery.options import Options, no_progress
+from discovery.residual.output_error import WhitenedResidual
+from experiments.rig.plant import Plant
+from experiments.studies import rig
+from experiments.studies.rig import Undeclared
+
+K3 = 8e9  # the flexure is twice as stiff at the largest deflection
+
+
+def damping(residual: WhitenedResidual) -> float:
+    """Of the flexure, which the ring-down of a strongly nonlinear mode tells."""
+    return residual.baseline.model.parameter("flexure_lo.damping.c").value
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_strongly_nonlinear_mode_no_longer_biases_the_damping(tmp_path: Path, seed: int) -> None:
+    hidden = Undeclared("cubic-stiffness", "flexure_lo", {"k3": K3})
+    rig.run(tmp_path / "c", cases=6, noise=0.3, seed=seed, jobs=1, duration_s=2.5, undeclared=(hidden,))
+    refits = ImpactRefits.of(rom.read_campaign(tmp_path / "c"), Options(1, no_progress, 0, CRITERIA))
+    state = refits.start()
+    explained = refits.explain(refits.screen(state.residual), state.residual)
+    cubic = next(one for one in explained if one.effect.path == "flexure_lo.cubic-stiffness")
+    along_measured = refits.own(refits.refit_with(state, cubic))
+    by_simulation = refits.own(refits.settled(along_measured))
+    truth = Plant().damping_lo
+    assert damping(along_measured) < 0.998 * truth
+    assert damping(by_simulation) == pytest.approx(truth, rel=5e-4)
+    (effect,) = by_simulation.baseline.model.effects
+    assert effect.parameters["k3"].value == pytest.approx(K3, rel=5e-4)
