@@ -29,8 +29,8 @@ def refit(residual: WhitenedResidual, most: int = _REFITS) -> WhitenedResidual:
     """
     for _ in range(most):
         beside = with_effects(residual)
-        trials = (residual.at(residual.baseline.stepped(beside.steps(beside.residual, d))) for d in DAMPINGS)
-        better = next((one for one in trials if cost(one) < cost(residual)), None)
+        steps = (residual.baseline.stepped(beside.steps(beside.residual, d)) for d in DAMPINGS)
+        better = next((one for step in steps if (one := residual.below(step, cost(residual)))), None)
         if better is None:
             return beside
         done = cost(residual) - cost(better) < _SETTLED * cost(better)
@@ -51,8 +51,8 @@ def linearised_start(residual: WhitenedResidual, effect: Effect) -> WhitenedResi
     here = float(np.sum(rows[residual.training] ** 2))
     for damping in DAMPINGS:
         moved = residual.baseline.stepped(residual.steps(rows, damping))
-        beside = residual.at(replace(moved, model=effect.added_to(moved.model)))
-        if cost(beside) < here:
+        beside = residual.below(replace(moved, model=effect.added_to(moved.model)), here)
+        if beside is not None:
             return beside
     same = replace(residual.baseline, model=effect.added_to(residual.baseline.model))
     return residual.at(same)

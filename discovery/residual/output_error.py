@@ -17,7 +17,7 @@ variables; L. Ljung, System Identification, 1999, section 7.6): where noise alon
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
@@ -27,10 +27,10 @@ import numpy as np
 import numpy.typing as npt
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.residual.base import Kind, Residual
-from discovery.residual.effect_forces import lasting_force, lines_beyond_linear
+from discovery.residual.base import Kind, Residual, cost
+from discovery.residual.effect_forces import lasting_force
 from discovery.residual.free_parameters import FreeParameters
-from discovery.residual.tension_error import beside_tension_error
+from discovery.residual.linearised_record import Part, along_measured, linearised_parts
 from discovery.residual.trajectory import MeasuredTrajectory, Measurements, trace_records
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
@@ -41,18 +41,14 @@ from rom.identification.noise_spectrum import Group, NoiseFloor, before_hit, noi
 from rom.identification.record_spectra import HIGHEST_HZ
 from rom.identification.spectral_model import (
     CORNER,
-    STRUCTURAL,
     Linearised,
     SpectralRecord,
-    Term,
-    key,
-    linearise,
-    step_unit,
 )
 from rom.identification.uncoupled_priors import constants, of_stiffness
 from rom.model.model import Model
 from rom.progress import Progress
 
+_ROUNDING: Numerical[float] = 1 + 1e-12  # of a sum in another order
 _SAME: Numerical[float] = 1e-9  # of the largest singular value: directions that the slopes do not tell
 MEDIAN_SQUARE: Numerical[float] = 0.4549  # of a normal number
 
@@ -95,7 +91,7 @@ class WhitenedResidual(Residual):
         found, column = self.jacobian.copy(), {name: k for k, name in enumerate(self.names)}
         for trace, parts in self.by_record():
             for place, (rows, linear) in enumerate(parts):
-                for name, slope in _along_measured(trace, place, linear, self.baseline).items():
+                for name, slope in along_measured(trace, place, linear, self.baseline).items():
                     found[rows, column[name]] = slope
         return found
 
@@ -117,6 +113,22 @@ class WhitenedResidual(Residual):
     def at(self, baseline: FreeParameters) -> WhitenedResidual:
         """What another model leaves over along the same motion, the noise the same."""
         return whiten(self.traces, baseline, self.floors, self.criteria)
+
+    def below(self, baseline: FreeParameters, most: float) -> WhitenedResidual | None:
+        """What another model leaves over; None where training records leave ``most`` or more.
+
+        Those that most was left of come first, held-out ones last: a step too far is given up after a few.
+        """
+        costs, so_far, parts = self.costs(self.residual), 0.0, {}
+        for trace in sorted(self.traces, key=lambda one: (one.settings.hold_out, -costs[one.settings.file])):
+            found = parts[id(trace)] = linearised_parts(trace, baseline, self.floors[trace.group])
+            if not trace.settings.hold_out:
+                so_far += sum(float(linear.residual @ linear.residual) for _, linear, _ in found)
+            if not so_far <= _ROUNDING * most:
+                return None
+        in_order = [parts[id(trace)] for trace in self.traces]
+        after = _joined(self.traces, in_order, baseline, self.floors, self.criteria)
+        return after if cost(after) < most else None
 
     def of_training(self) -> WhitenedResidual:
         """The same without the records that are held out."""
@@ -316,25 +328,25 @@ def whiten(
     WhitenedResidual
         Rows in the order of the records and their parts.
     """
-    parts, columns = [], []
-    for trace in traces:
-        beyond = lines_beyond_linear(trace, baseline.model)
-        for part, on_bodies in zip(trace.parts, beyond, strict=True):
-            values = baseline.values(part, trace.level)
-            driven = replace(part, force=part.force + on_bodies)
-            first, last = part.samples
-            seconds = (last - first) / trace.measurement.rate_hz
-            linear = linearise(driven, values, floors[trace.group].whitener(part, values, seconds))
-            linear = beside_tension_error(linear, trace, baseline) if part is trace.parts[0] else linear
-            terms = zip(linear.columns, linear.jacobian.T, strict=True)
-            columns.append(_by_number(terms, baseline, trace.level))
-            parts.append((trace, driven, linear.thin()))
-    names = tuple(dict.fromkeys(name for slopes in columns for name in slopes))
-    ends = np.cumsum([0, *(len(linear.residual) for _, _, linear in parts)])
+    parts = [linearised_parts(trace, baseline, floors[trace.group]) for trace in traces]
+    return _joined(traces, parts, baseline, floors, criteria)
+
+
+def _joined(
+    traces: Sequence[MeasuredTrajectory],
+    of_records: Sequence[Sequence[Part]],
+    baseline: FreeParameters,
+    floors: Mapping[Group, NoiseFloor],
+    criteria: Criteria,
+) -> WhitenedResidual:
+    """Rows of all parts, records in order."""
+    parts = [(trace, *part) for trace, some in zip(traces, of_records, strict=True) for part in some]
+    names = tuple(dict.fromkeys(name for *_, slopes in parts for name in slopes))
+    ends = np.cumsum([0, *(len(linear.residual) for _, _, linear, _ in parts)])
     jacobian, owner = np.zeros((ends[-1], len(names))), np.zeros(ends[-1], dtype=np.int64)
     place = {name: column for column, name in enumerate(names)}
     number = {id(trace): k for k, trace in enumerate(traces)}
-    for (trace, _, _), slopes, first, last in zip(parts, columns, ends, ends[1:], strict=False):
+    for (trace, *_, slopes), first, last in zip(parts, ends, ends[1:], strict=False):
         owner[first:last] = number[id(trace)]
         for name, slope in slopes.items():
             jacobian[first:last, place[name]] = slope
@@ -342,44 +354,10 @@ def whiten(
         traces=tuple(traces),
         baseline=baseline,
         floors=floors,
-        parts=tuple(parts),
-        residual=np.concatenate([linear.residual for _, _, linear in parts]),
+        parts=tuple((trace, part, linear) for trace, part, linear, _ in parts),
+        residual=np.concatenate([linear.residual for _, _, linear, _ in parts]),
         jacobian=jacobian,
         names=names,
         owner=owner,
         criteria=criteria,
     )
-
-
-def _along_measured(
-    trace: MeasuredTrajectory, place: int, linear: Linearised, baseline: FreeParameters
-) -> dict[str, FloatArray]:
-    """Slopes along the motion that was measured, by the numbers of springs, dashpots and masses."""
-    part = trace.parts[place]
-    values = baseline.values(part, trace.level)
-    moved = [
-        trace.force_lines(np.stack([motion[body] for body in trace.bodies]), place).T
-        for motion in (trace.displacement, trace.velocity)
-    ]
-    motions = [*moved, 2j * np.pi * part.frequency[:, None] * moved[1]]  # but for the ends, projected out
-
-    def change(term: Term) -> FloatArray:
-        along = (motions[term.power] @ term.direction)[:, None]
-        return linear.projected(-(linear.gain @ term.direction) * along)
-
-    terms = [term for term in part.terms if term.free and term.matrix in STRUCTURAL]
-    names = [key(part, term) for term in terms]
-    units = [step_unit(term.name, values[name]) for term, name in zip(terms, names, strict=True)]
-    slopes = (change(term) * unit for term, unit in zip(terms, units, strict=True))
-    return _by_number(zip(names, slopes, strict=True), baseline, trace.level)
-
-
-def _by_number(
-    terms: Iterable[tuple[str, FloatArray]], baseline: FreeParameters, level: float
-) -> dict[str, FloatArray]:
-    """Slopes by the model's numbers of slopes by a record's coefficients."""
-    found: dict[str, FloatArray] = {}
-    for term, along in terms:
-        for number, slope in baseline.slopes(term, level).items():
-            found[number] = found.get(number, 0.0) + slope * along
-    return found
