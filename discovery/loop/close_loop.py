@@ -20,7 +20,7 @@ from discovery.loop.refitted_numbers import refitted_numbers, with_limits
 from discovery.loop.rest_refits import RestRefits
 from discovery.loop.rest_stage import before_hits, gauged
 from discovery.loop.result import Closure, FoundEffect, Step
-from discovery.loop.tension_stage import in_tension, law_first, redundant_along_law
+from discovery.loop.tension_stage import along_found_law, in_tension, law_first
 from discovery.options import Options, Stages, no_progress
 from rom.campaign.campaign import Campaign
 from rom.evaluation.noise_floor import floors_by_kind
@@ -83,7 +83,7 @@ def close_loop(
     history = with_later_disturbances(refits, start)
     history = or_free_form(refits, history, start)
     history = in_tension(refits, history)
-    return _closure(refits, redundant_along_law(refits, history))
+    return _closure(refits, along_found_law(refits, history))
 
 
 def refits_of(campaign: Campaign, options: Options, law: Law | None = None) -> Refits:

@@ -170,15 +170,19 @@ def _followed(refits: Refits, state: State) -> State:
     return again if again.level < followed.level else followed
 
 
-def redundant_along_law(refits: Refits, history: LoopHistory) -> LoopHistory:
-    """Drop what is redundant in the motion once the tension falls by the law that was found.
+def along_found_law(refits: Refits, history: LoopHistory) -> LoopHistory:
+    """Follow the motion along a tension that falls by the law that was found; drop what is redundant then.
 
     Until then records are followed along a tension that falls by the quartic law, whose history is a little
     wrong where another law holds; so is the joint's stiffness then, which an effect may make up for.
     """
     best = [selection.best for selection in history.selections]
-    has_law = any(explanation.effect.kind == "law change" for explanation in best)
-    if not has_law or all(is_in_tension(explanation) for explanation in best):
+    if not any(explanation.effect.kind == "law change" for explanation in best):
         return history
+    if all(is_in_tension(explanation) for explanation in best):
+        followed = refits.along_law(history.last)
+        nearer = followed.level < history.last.level
+        worse = harms(history.last.errors, followed.errors, history.criteria)
+        return history.ending(followed) if nearer and not worse else history
     after = without_redundant(refits, history.ending(refits.along_law(history.last)))
     return after if len(after.selections) < len(history.selections) and after.is_explained else history

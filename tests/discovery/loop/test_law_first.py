@@ -8,8 +8,11 @@ from typing import Any
 
 import pytest
 
+import rom
 from discovery.criteria.criteria import CRITERIA
 from discovery.loop import tension_stage
+from discovery.loop.history import LoopHistory, Selection
+from tests.discovery.loop.fake_refits import FakeRefits, FakeResidual, explained, fake_state
 
 
 @dataclass(frozen=True)
@@ -54,3 +57,25 @@ def test_a_law_comes_first_where_the_histories_or_the_motion_say_so(
     if is_taken:
         assert found.selections == named.selections
         assert found.last.level == min(along_law)
+
+
+@pytest.mark.parametrize(
+    ("name", "level", "tension", "is_taken"),
+    [
+        ("loosening-power", 0.95, 1.0, True),
+        ("loosening-power", 1.3, 1.0, False),  # the motion suits the tension as it was better
+        ("loosening-power", 0.95, 2.0, False),  # nearer in the motion, but the tension is ruined
+        ("relaxation-log", 0.95, 1.0, False),  # no other law was found
+    ],
+)
+def test_the_motion_is_followed_along_a_law_that_was_found_after_it(
+    name: str, level: float, tension: float, is_taken: bool
+) -> None:
+    last = fake_state(FakeResidual(1.18))
+    history = LoopHistory((last,)).extended(Selection(explained(name)), last)
+    refits = FakeRefits(rom.paper_model())  # type: ignore[arg-type]
+    followed = fake_state(FakeResidual(level), tension=tension)
+    refits.along_law = lambda _: followed  # type: ignore[method-assign]
+    found = tension_stage.along_found_law(refits, history)
+    assert found.names == history.names
+    assert (found.last is followed) == is_taken
