@@ -30,7 +30,9 @@ def refit(residual: WhitenedResidual, most: int = _REFITS) -> WhitenedResidual:
     for _ in range(most):
         beside = with_effects(residual)
         steps = (residual.baseline.stepped(beside.steps(beside.residual, d)) for d in DAMPINGS)
-        better = next((one for step in steps if (one := residual.below(step, cost(residual)))), None)
+        better = next(
+            (one for step in steps if (one := residual.below(step, cost(residual))) is not None), None
+        )
         if better is None:
             return beside
         done = cost(residual) - cost(better) < _SETTLED * cost(better)

@@ -72,7 +72,8 @@ class SimulatedFit:
         for trace, part, linear in self.start.parts:
             parts.setdefault(trace.settings.file, []).append((part, linear))
         self.parts = parts
-        self.own = own_models(residual.baseline.model, [one for _, one in measurements], final_s, criteria)
+        seen = [one for settings, one in measurements if not settings.hold_out]
+        self.own = own_models(residual.baseline.model, seen, final_s, criteria)
 
     def fitted(self, progress: Progress | None = None) -> FreeParameters | None:
         """Return the numbers that suit simulations best; None where none do better than those at the start.
