@@ -92,7 +92,17 @@ def along_measured(
 def by_number(
     terms: Iterable[tuple[str, FloatArray]], baseline: FreeParameters, level: float
 ) -> dict[str, FloatArray]:
-    """Slopes by the model's numbers of slopes by a record's coefficients."""
+    """Slopes by the model's numbers of slopes by a record's coefficients.
+
+    Parameters
+    ----------
+    terms : iterable of (str, ndarray)
+        Names of coefficients, and the slopes of the rows by them, (rows,).
+    baseline : FreeParameters
+        The model.
+    level : float
+        Tension at which its laws are taken [N].
+    """
     found: dict[str, FloatArray] = {}
     for term, along in terms:
         for number, slope in baseline.slopes(term, level).items():
