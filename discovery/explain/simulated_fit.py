@@ -22,9 +22,9 @@ from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import (
     MeasuredTrajectory,
     Measurements,
-    as_sensor_shows,
     falling_as,
     own_models,
+    simulated_channel,
 )
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -139,7 +139,7 @@ class SimulatedFit:
         if run.response.status != "ok":
             return np.full(sum(len(linear.residual) for _, linear in parts), np.inf)
         values = baseline.values(parts[0][0], trace.level)
-        shown = [as_sensor_shows(run, body, values) for body in trace.bodies]
+        shown = [simulated_channel(run, body, values) for body in trace.bodies]
         return np.concatenate(
             [
                 linear.projected(part.motion - np.stack([trace.lines(y, part) for y in shown], axis=1))

@@ -50,7 +50,7 @@ def linearised_parts(trace: MeasuredTrajectory, baseline: FreeParameters, floor:
         linear = linearise(driven, values, floor.whitener(part, values, seconds))
         linear = beside_tension_error(linear, trace, baseline) if part is trace.parts[0] else linear
         terms = zip(linear.columns, linear.jacobian.T, strict=True)
-        found.append((driven, linear.thin(), by_number(terms, baseline, trace.level)))
+        found.append((driven, linear.thin(), _by_number(terms, baseline, trace.level)))
     return found
 
 
@@ -86,23 +86,13 @@ def along_measured(
     names = [key(part, term) for term in terms]
     units = [step_unit(term.name, values[name]) for term, name in zip(terms, names, strict=True)]
     slopes = (change(term) * unit for term, unit in zip(terms, units, strict=True))
-    return by_number(zip(names, slopes, strict=True), baseline, trace.level)
+    return _by_number(zip(names, slopes, strict=True), baseline, trace.level)
 
 
-def by_number(
+def _by_number(
     terms: Iterable[tuple[str, FloatArray]], baseline: FreeParameters, level: float
 ) -> dict[str, FloatArray]:
-    """Slopes by the model's numbers of slopes by a record's coefficients.
-
-    Parameters
-    ----------
-    terms : iterable of (str, ndarray)
-        Names of coefficients, and the slopes of the rows by them, (rows,).
-    baseline : FreeParameters
-        The model.
-    level : float
-        Tension at which its laws are taken [N].
-    """
+    """Slopes by the model's numbers of slopes by a record's coefficients."""
     found: dict[str, FloatArray] = {}
     for term, along in terms:
         for number, slope in baseline.slopes(term, level).items():

@@ -243,7 +243,7 @@ def _stride(parts: Sequence[SpectralRecord], rate_hz: float, highest_hz: float) 
     return max(fits, default=1)
 
 
-def as_sensor_shows(run: Replay, body: str, values: Mapping[str, float]) -> FloatArray:
+def simulated_channel(run: Replay, body: str, values: Mapping[str, float]) -> FloatArray:
     """Return a body's simulated motion as its sensor shows it, AC coupled with the corner among ``values``.
 
     Parameters
@@ -273,7 +273,7 @@ def _motion_of(
 ) -> tuple[FloatArray, FloatArray]:
     """Displacement and velocity: the model's, and what the sensor shows beyond it, integrated."""
     motion, response = seen.motion[body], run.response
-    simulated = as_sensor_shows(run, body, corners)
+    simulated = simulated_channel(run, body, corners)
     beyond = in_band(motion.samples - simulated, seen.rate_hz, seen.chain.band_hz)
     quiet = beyond[: max(int((seen.impact_s or 0.0) * 0.8 * seen.rate_hz), 1)]
     beyond = quiet.mean() + _above_noise(beyond - quiet.mean(), quiet - quiet.mean(), fewest)
