@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from rom.campaign.campaign import Campaign
 from rom.campaign.record import replacing
 from rom.provenance import program_version, versions
 
@@ -75,6 +76,16 @@ def plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value
+
+
+def fitted_records(campaigns: Iterable[Campaign]) -> list[str]:
+    """Return the digests of all training records: a campaign of others is one that no fit has seen."""
+    return sorted(
+        one.digests[record.file]
+        for one in campaigns
+        for record in one.settings.record
+        if not record.hold_out and record.file in one.digests
+    )
 
 
 def results_folder(campaign: Path, out: Path | None) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from discovery.criteria.criteria import CRITERIA, Criteria
@@ -130,6 +130,16 @@ def _with_their_limits(model: Model, found: Iterable[FoundEffect]) -> Model:
     return replace(model, effects=tuple(limited.get(effect.path, effect) for effect in model.effects))
 
 
+def _warnings(refits: Refits, history: LoopHistory, doubts: Iterable[str]) -> Iterator[str]:
+    """What to know; of a refined model, which warnings are those of the declared one."""
+    yield from history.last.warnings
+    files = tuple(record.file for record in refits.campaign.settings.record)
+    for line in refits.of_declared:
+        of_record = line.startswith(files)
+        yield line if of_record or not history.selections else f"of the declared model: {line}"
+    yield from (*refits.warnings, *doubts, *history.remarks())
+
+
 def _closure(refits: Refits, history: LoopHistory) -> Closure:
     first, last = history.states[0], history.last
     doubts = refits.doubts(history)
@@ -150,5 +160,5 @@ def _closure(refits: Refits, history: LoopHistory) -> Closure:
         declared=first.model,
         set_aside=refits.set_aside,
         noise_floor=floors_by_kind(last.evaluations),
-        warnings=tuple(dict.fromkeys((*last.warnings, *refits.warnings, *doubts, *history.remarks()))),
+        warnings=tuple(dict.fromkeys(_warnings(refits, history, doubts))),
     )

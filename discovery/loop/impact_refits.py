@@ -112,8 +112,13 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the identification warns of, and which records are not followed."""
-        return (*self.identification.warnings, *self.measured.warnings)
+        """Which records are not followed."""
+        return self.measured.warnings
+
+    @property
+    def of_declared(self) -> tuple[str, ...]:
+        """What the identification warns of."""
+        return self.identification.warnings
 
     def corrected(self, fault: SensorFault) -> ImpactRefits:
         """The campaign identified anew beside a fault of its gauge: all that follows rests on the tension."""

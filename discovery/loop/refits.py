@@ -81,7 +81,12 @@ class CampaignRefits(ABC, Generic[ResidualT]):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to know of the records and the declared model."""
+        """What to know of the records and of every model of them."""
+        return ()
+
+    @property
+    def of_declared(self) -> tuple[str, ...]:
+        """What the identification of the declared model warns of."""
         return ()
 
     @abstractmethod

@@ -178,9 +178,13 @@ def _on_look_alikes(effect: Data) -> Iterator[str]:
     named = ", ".join(f"{_with_place(one)} ({_number(one['hold_out_cost'], 3)})" for one in alike[:_NAMED])
     more = f" and {len(alike) - _NAMED} more" if len(alike) > _NAMED else ""
     yield f"Look-alikes, with their hold-out cost over that of {effect['name']}: {named}{more}."
-    tests = dict.fromkeys(like["test"].rstrip(".") for like in alike if like["test"])
-    if tests:
-        yield f"What would separate them: {'; '.join(list(tests)[:_NAMED])}."
+    tests: dict[str, list[str]] = {}
+    for like in alike:
+        if like["test"]:
+            tests.setdefault(like["test"].rstrip("."), []).append(_with_place(like))
+    for test, separated in list(tests.items())[:_NAMED]:
+        which = "them" if len(tests) == 1 else f"it from {' and '.join(separated)}"
+        yield f"What would separate {which}: {test}."
 
 
 def _on_the_rest(data: Data) -> Iterator[str]:
@@ -206,8 +210,8 @@ def _changed(data: Data) -> Iterator[str]:
     errors, whens = data["errors"][kind], ("before", "after")
     balance = [data["residual"][when].get(f"force_error_{kind}") for when in whens]
     floors = (data.get("noise_floor") or {}).get(kind) or {}
-    rows = [("the balance of forces", balance, 100.0, "%", None)] + [
-        (one.words, [errors[when].get(key) for when in whens], one.factor, one.unit, floors.get(key))
+    rows = [("the balance of forces", balance, 100.0, "%", "")] + [
+        (one.words, [errors[when].get(key) for when in whens], one.factor, one.unit, _floor(one, key, floors))
         for key, one in MEASURES.items()
     ]
     known = [row for row in rows if all(map(_known, row[1]))]
@@ -218,19 +222,26 @@ def _changed(data: Data) -> Iterator[str]:
         yield f"on {where} the errors go: {'; '.join(changes)}."
     if same:
         kept = "; ".join(
-            f"{words}, {_number(factor * new, 3)} {unit}{_alone(factor, unit, noise)}"
-            for words, (_, new), factor, unit, noise in same
+            f"{words}, {_number(factor * new, 3)} {unit}{floor}"
+            for words, (_, new), factor, unit, floor in same
         )
         yield f"{'Unchanged' if changes else f'on {where} no error changes'}: {kept}."
 
 
-def _from_to(words: str, ends: Sequence[float], factor: float, unit: str, noise: float | None) -> str:
+def _from_to(words: str, ends: Sequence[float], factor: float, unit: str, floor: str) -> str:
     old, new = (_number(factor * end, 3) for end in ends)
-    return f"{words} from {old} to {new} {unit}{_alone(factor, unit, noise)}"
+    return f"{words} from {old} to {new} {unit}{floor}"
 
 
-def _alone(factor: float, unit: str, noise: float | None) -> str:
-    return "" if noise is None else f" (noise alone: {_number(factor * noise, 3)} {unit})"
+def _floor(measure: Measure, key: str, floors: Data) -> str:
+    """Say what noise alone would make of an error, and what it would with tests that differ."""
+    causes = {"noise alone": key, "with the variability between tests": f"{key}_with_variability"}
+    known = [
+        f"{cause}: {_number(measure.factor * floors[name], 3)} {measure.unit}"
+        for cause, name in causes.items()
+        if floors.get(name) is not None
+    ]
+    return f" ({', '.join(known)})" if known else ""
 
 
 def _remains(data: Data) -> Iterator[str]:
@@ -260,7 +271,7 @@ def _excluded(data: Data) -> Iterator[str]:
     if hidden:
         yield f"Not excluded at the strengths that the catalogue takes as usual: {_from_limits(hidden)}."
     if untold:
-        yield f"Strengths of which no limit is known: {untold}; the table of limits says why."
+        yield f"Strengths of which no limit is known: {untold}; closure.json says why of each."
 
 
 def _from_limits(rows: Sequence[Data]) -> str:

@@ -109,7 +109,9 @@ def render(directory: Path) -> str:
         motion=_motion(found.results),
         laws=_laws(found.results),
         parameters=_present(
-            parameters_table(r.data, "refined model" if r not in judged else "model")
+            parameters_table(r.data, "model")
+            if r in judged
+            else parameters_table(r.data, "refined model", _refitted(found.results))
             for r in found.results
             if r.kind == "model"
         ),
@@ -117,7 +119,7 @@ def render(directory: Path) -> str:
         drawing=drawing,
         allowed=" ".join(["'none'"] if drawing is None else map(_digest, drawing.programs)),
         notes=_notes(found),
-        details=_details(found.results),
+        details=_details(found.results, judged),
         made=_made(found.results),
         version=program_version(),
     )
@@ -132,6 +134,10 @@ def _judged(results: Sequence[Result]) -> list[Result]:
         if result.kind != "model"
         or identification_of(result.data).get("command") not in closures_made - {None}
     ]
+
+
+def _refitted(results: Sequence[Result]) -> list[Data]:
+    return [row for r in results if r.kind == "closure" for row in mappings(r.data.get("refitted"))]
 
 
 def _title(results: Sequence[Result]) -> str:
@@ -240,12 +246,14 @@ def _digest(program: str) -> str:
 def _notes(found: Results) -> list[tuple[str, list[str]]]:
     """Return what a reader must know of the data: files not read, records set aside, warnings."""
     groups = {"Files that could not be read": list(found.faults), "Two models": _of_two_models(found)}
+    refined = _is_refined(found.results)
     for result in found.results:
         for key, title in (("set_aside", "Records set aside"), ("warnings", "Warnings")):
             for data in (identification_of(result.data), result.data):
                 lines = data.get(key)
                 if isinstance(lines, list):
-                    groups[title] = groups.get(title, []) + [str(line) for line in lines]
+                    of_file = f"{result.file}: " if refined and key == "warnings" and _is_rest(result) else ""
+                    groups[title] = groups.get(title, []) + [f"{of_file}{line}" for line in lines]
         groups["Suspicions"] = groups.get("Suspicions", []) + suspicions.lines(result.data)
     return [(title, list(dict.fromkeys(lines))) for title, lines in groups.items() if lines]
 
@@ -257,8 +265,8 @@ def _of_two_models(found: Results) -> list[str]:
         for result in found.results
         if result.kind == "prediction" and _is_of_another_model(result, found.results)
     ]
-    refined = any(r.kind == "closure" and r.data.get("effects") for r in found.results)
-    others = [r.file for r in found.results if refined and r.kind in ("ranking", "experiment")]
+    refined = _is_refined(found.results)
+    others = [r.file for r in found.results if refined and _is_rest(r)]
     own = ("closure-",) if refined else _OF_RANKING
     if (refined or _is_of_ranking(found.results)) and any(not p.stem.startswith(own) for p in found.figures):
         others.append("figures of other commands")
@@ -269,6 +277,15 @@ def _of_two_models(found: Results) -> list[str]:
     )
     told = f"{of}; model.json, the equations and the parameters are those {here}."
     return [*([f"{' and '.join(others)}: {told}"] if others else []), *lines]
+
+
+def _is_refined(results: Sequence[Result]) -> bool:
+    return any(r.kind == "closure" and r.data.get("effects") for r in results)
+
+
+def _is_rest(result: Result) -> bool:
+    """Return whether a result is one of models without what a closed loop adds."""
+    return result.kind in ("ranking", "experiment")
 
 
 def _is_of_another_model(prediction: Result, results: Sequence[Result]) -> bool:
@@ -282,17 +299,18 @@ def _is_of_ranking(results: Sequence[Result]) -> bool:
     return any(r.kind == "model" and identification_of(r.data).get("command") in commands for r in results)
 
 
-def _details(results: Sequence[Result]) -> list[Table]:
-    """Return everything else that the files hold, as tables."""
+def _details(results: Sequence[Result], judged: Sequence[Result]) -> list[Table]:
+    """Return everything else that the files hold, as tables; the refined model's numbers stand above."""
     tables: list[Table] = []
+    shown = len(judged) < len(results)
     for result in results:
         known = {*_HEADER, *_NOTES, "errors", "noise_floor", "sets", "suspicions", "unfit"}
         if result.kind == "model":
             for key, value in identification_of(result.data).items():
-                if key not in {*_HEADER, *_NOTES, "errors", "noise_floor", "records"}:
+                if key not in {*_HEADER, *_NOTES, "errors", "noise_floor", "records", "fitted_records"}:
                     tables += tables_of(value, label(key))
         known |= _SHOWN.get(result.kind, set())
-        tables += closures.details(result.data) if result.kind == "closure" else []
+        tables += closures.details(result.data, shown) if result.kind == "closure" else []
         for key, value in result.data.items():
             if key not in known:
                 tables += tables_of(value, f"{label(result.kind)}: {label(key).lower()}")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from experiments.results import plain, results_folder, write_result
+from experiments.results import fitted_records, plain, results_folder, write_result
 from experiments.run.publication import results_into
 from experiments.studies.effect_curves import effect_curves
 from experiments.studies.figure_files import figures_into
@@ -117,7 +117,8 @@ def run(
             lambda: _records(closure, campaign, report("drawing records")),
         )
         header["elapsed_s"] = round(time.perf_counter() - started, 3)
-        closure.model.save(new / "model.json", **header, **told, identification=model_section(content))
+        section = model_section(content) | {"fitted_records": fitted_records([campaign])}
+        closure.model.save(new / "model.json", **header, **told, identification=section)
         write_result(new / "closure.json", "closure", content, **header)
     return folder / "closure.json"
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from discovery.criteria.criteria import CRITERIA, Criteria, used_in
 from discovery.laws.candidate import ALWAYS_LISTED, NO_LOOSENING, Candidate
-from experiments.results import plain, results_folder, write_result
+from experiments.results import fitted_records, plain, results_folder, write_result
 from experiments.run.publication import results_into
 from experiments.studies.figure_files import figures_into
 from experiments.studies.identify import Progress, suspected_lines
@@ -125,7 +125,8 @@ def run(
         then(ranking)
         content, told = _content(ranking, campaigns, {"command": command, "campaign_digest": digest}, new)
         header["elapsed_s"] = round(time.perf_counter() - started, 3)
-        ranking.model.save(new / "model.json", **header, **told, identification=model_section(content))
+        section = model_section(content) | {"fitted_records": fitted_records(read)}
+        ranking.model.save(new / "model.json", **header, **told, identification=section)
         write_result(new / "ranking.json", "ranking", content, **header)
     return folder / "ranking.json"
 
@@ -262,7 +263,7 @@ def model_section(content: dict[str, Any]) -> dict[str, Any]:
     first, floors = content["laws"][0]["errors"], content["laws"][0]["noise_floor"]
     still = next(law["errors"] for law in content["laws"] if is_law(law, NO_LOOSENING))
     return {
-        **{key: content[key] for key in ("campaign_digest", "campaign_digests") if key in content},
+        "campaign_digest": content["campaign_digest"],
         "command": content["command"],
         "records": first["training"]["records"],
         "errors": first | {"no_loosening": still},

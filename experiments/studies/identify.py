@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from experiments.results import plain, results_folder
+from experiments.results import fitted_records, plain, results_folder
 from experiments.run.publication import results_into
 from experiments.studies.figure_files import figures_into
 from experiments.studies.suspected import suspected, write_without_records
@@ -180,6 +180,7 @@ def identification_section(outcome: Outcome) -> dict[str, Any]:
     found, campaign = outcome.identification, outcome.campaign
     return {
         "campaign_digest": campaign.digest,
+        "fitted_records": fitted_records([campaign]),
         "records": len(found.records),
         "set_aside": sorted({f"{d.file}: {d.message}" for j in outcome.judged for d in j.doubts}),
         "warnings": list(found.warnings),

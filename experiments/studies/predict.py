@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -74,15 +75,15 @@ def run(
     with stored(campaign) as work:
         looked_at = screened(work, jobs)
         judged = evaluate([model], looked_at, jobs=jobs, progress=progress, bands=True)
-    compared = [j for j in judged if j.comparisons]
+    fitted = _fitted(model_path, campaign)
+    compared = [_of_set(j, fitted) for j in judged if j.comparisons]
     errors = summarise(j.comparisons[0] for j in compared)
-    fitted = _fitted_to(model_path, campaign)
     content = {
         "model": str(model_path),
         "model_digest": file_digest(model_path),
         "command": command,
         "campaign_digest": campaign.digest,
-        "fitted_to_this_campaign": fitted,
+        "fitted_to_this_campaign": None if fitted is None else bool(fitted),
         "errors": errors,
         "noise_floor": noise_floor(j.comparisons[0] for j in compared),
         "sets": {"errors": errors_by_set(compared, 0), "noise_floor": floors_by_kind(compared)},
@@ -124,13 +125,22 @@ def _of_modes(model: Model, campaign: Campaign) -> str | None:
     return None
 
 
-def _fitted_to(model_path: Path, campaign: Campaign) -> bool | None:
-    """Whether a model was fitted to a campaign, alone or with others; None where its file does not say."""
+def _fitted(model_path: Path, campaign: Campaign) -> frozenset[str] | None:
+    """Return the files of the records that a model was fitted to; None where its own does not say.
+
+    Records are known by their content: settings may have changed since, or records been added.
+    """
     found = mapping(json.loads(model_path.read_text(encoding="utf-8")).get("identification"))
-    digest = found.get("campaign_digest")
-    if digest is None:
-        return None
-    return campaign.digest in (digest, *found.get("campaign_digests", ()))
+    seen = found.get("fitted_records")
+    return None if seen is None else frozenset(f for f, digest in campaign.digests.items() if digest in seen)
+
+
+def _of_set(judged: Evaluation, fitted: frozenset[str] | None) -> Evaluation:
+    """Return a record as held out where the fit has not seen it, whatever the campaign says."""
+    if fitted is None:
+        return judged
+    settings = judged.settings.model_copy(update={"hold_out": judged.settings.file not in fitted})
+    return replace(judged, settings=settings)
 
 
 def _row(judged: Evaluation) -> dict[str, Any]:

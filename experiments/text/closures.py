@@ -74,7 +74,10 @@ def _remaining(data: Data) -> str:
     if not (isinstance(before, float) and isinstance(after, float)):
         return "how much is left is not known"
     if after <= used_in(data).acceptance.noise_level:
-        return "no more is left than noise explains"
+        p = sides(data)[1].get("whiteness_p")
+        regular = isinstance(p, float) and p < used_in(data).localisation.regular
+        size = "what is left is as small as noise"
+        return f"{size}, but more regular than noise" if regular else size
     share = number(100 * after / before, 2)
     return f"{share} % of the residual's mean square is left, {number(after, 3)} times noise"
 
@@ -286,10 +289,13 @@ def _look_alikes(effect: Data) -> Table:
     return Table("Look-alikes", heads, rows, note=note)
 
 
-def details(data: Data) -> list[Table]:
-    """Return where the residual lives, and what was screened: tables for those who look closer."""
-    found = (_refitted(data), _residual(data), _screened(data), _limits(data))
-    return [table for table in found if table.rows]
+def details(data: Data, model_shown: bool = False) -> list[Table]:
+    """Return where the residual lives, and what was screened: tables for those who look closer.
+
+    The numbers that were fitted again are those of the refined model, where that is shown.
+    """
+    found = (() if model_shown else (_refitted(data),), (_residual(data), _screened(data), _limits(data)))
+    return [table for part in found for table in part if table.rows]
 
 
 def _refitted(data: Data) -> Table:

@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from experiments.text import equations
 from experiments.text.wording import NONE, label, mapping, mappings, number, plain, with_limits
+from rom.model.laws import Z95
 
 Data = Mapping[str, Any]
 
@@ -155,11 +156,28 @@ def unit_shown(unit: str) -> Markup:
     )
 
 
-def parameters_table(model: Data, name: str = "model") -> Table | None:
-    """Return all parameters of a model.json with limits and units; None where it holds none."""
+def parameters_table(model: Data, name: str = "model", refitted: Sequence[Data] = ()) -> Table | None:
+    """Return all parameters of a model.json with limits and units; None where it holds none.
+
+    Parameters
+    ----------
+    model : mapping
+        Content of ``model.json``.
+    name : str
+        What the caption calls it.
+    refitted : sequence of mapping
+        Numbers that a closed loop fitted again: the file of the model has no limits of masses.
+
+    Returns
+    -------
+    Table or None
+        A row for each parameter.
+    """
     rows: list[tuple[str | Markup, ...]] = []
+    masses = {**_identified_masses(model), **{str(row.get("name")): row for row in refitted}}
     for body in mappings(model.get("bodies")):
-        rows += parameter_rows(f"body {body.get('name')}", {"m": body.get("mass")})
+        mass = masses.get(f"body.{body.get('name')}.mass", body.get("mass"))
+        rows += parameter_rows(f"body {body.get('name')}", {"m": mass})
     for key, suffix in (("links", ""), ("uncoupled_links", ", bolt out")):
         for link in mappings(model.get(key)):
             for place in ("stiffness", "damping", "tension_rate"):
@@ -170,13 +188,29 @@ def parameters_table(model: Data, name: str = "model") -> Table | None:
     for effect in mappings(model.get("effects")):
         rows += parameter_rows(f"{effect.get('name')} at {effect.get('enters')}", effect.get("parameters"))
     heads = ("", "Where", "Value", "95 % limits", "Unit", "Source")
-    refitted = any(effect.get("parameters") for effect in mappings(model.get("effects")))
+    fitted_again = any(effect.get("parameters") for effect in mappings(model.get("effects")))
     note = (
         "Numbers of links were fitted again beside the effects; a dash: no limits are known."
-        if refitted
+        if fitted_again
         else ""
     )
     return Table(f"Parameters of the {name}", heads, tuple(rows), note=note) if rows else None
+
+
+def _identified_masses(model: Data) -> dict[str, Data]:
+    """Return the masses that spectra told, with 95 % limits, by path."""
+    found: dict[str, Data] = {}
+    for row in mappings(mapping(model.get("identification")).get("linear")):
+        value, error = row.get("value"), row.get("error_percent")
+        if str(row.get("name")).endswith(".mass") and value is not None and error is not None:
+            half = Z95 * error / 100 * value
+            found[str(row["name"])] = {
+                "value": value,
+                "low": value - half,
+                "high": value + half,
+                "unit": "kg",
+            }
+    return found
 
 
 def tables_of(value: object, caption: str, depth: int = 0) -> Iterator[Table]:

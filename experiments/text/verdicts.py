@@ -158,11 +158,11 @@ def _of_prediction(data: Data) -> Answer | None:
     loss = errors.get("tension_loss_error_percent_median")
     compared, failed = errors.get("records") or 0, errors.get("failed") or 0
     floor, of_fit = mapping(data.get("noise_floor")), data.get("fitted_to_this_campaign")
-    fitted = "On the campaign of its fit" if of_fit else "With nothing fitted"
+    the = _ON.get(of_fit, "The")
     if loss is not None:
-        verdict = f"{fitted}, the model is off by {number(loss, 3)} % of a record's loss (median)."
+        verdict = f"{the} model is off by {number(loss, 3)} % of a record's loss (median)."
     elif errors.get("motion_nrmse") is not None:
-        verdict = f"{fitted}, the {_motion(errors, floor)}."
+        verdict = f"{the} {_motion(errors, floor)}."
     else:
         verdict = "The model was simulated; the records hold nothing to compare it with."
     unfinished = f"{_count(failed, 'simulation')} did not finish" if failed else "every simulation finished"
@@ -191,24 +191,20 @@ def _of_fit(of_fit: object, sets: object) -> list[str]:
         return ["The model's file does not say which campaign it was fitted to."]
     if not of_fit:
         return []
-    if not isinstance(sets, Mapping):  # a file of before they were told apart
-        return ["This campaign is that of the fit."]
-    unseen = mapping(mapping(sets.get("errors")).get("hold_out"))
-    if not unseen.get("records"):
-        return ["This campaign is that of the fit, and none of its records was held out."]
-    shown = [
-        f"{words} {number(factor * unseen[key], 3)} %"
-        for key, words, factor in (
-            ("motion_nrmse", "displacements by", 100.0),
-            ("tension_loss_error_percent_median", "the loss of tension by", 1.0),
-        )
-        if unseen.get(key) is not None
-    ]
-    off = f", which are off: {', '.join(shown)}" if shown else ""
-    return [
-        f"This campaign is that of the fit: only its {_count(unseen['records'], 'hold-out record')} "
-        f"{'was' if unseen['records'] == 1 else 'were'} not fitted{off}."
-    ]
+    unseen, floor = (
+        mapping(mapping(mapping(sets).get(key)).get("hold_out")) for key in ("errors", "noise_floor")
+    )
+    count = unseen.get("records")
+    if not count:
+        return ["The model was fitted to all of these records."]
+    shown = []
+    if unseen.get("motion_nrmse") is not None:
+        shown.append(f"the {_motion(unseen, floor)}")
+    if unseen.get("tension_loss_error_percent_median") is not None:
+        loss = number(unseen["tension_loss_error_percent_median"], 3)
+        shown.append(f"that of the loss of tension {loss} % (median{loss_floor(floor)})")
+    off = f": {'; '.join(shown)}" if shown else ""
+    return [f"{_count(count, 'record')} here {'was' if count == 1 else 'were'} not fitted{off}."]
 
 
 def _bands(records: object) -> list[str]:
@@ -221,6 +217,7 @@ def _bands(records: object) -> list[str]:
     return [f"{inside} of {_count(len(known), 'measured final tension')} lie within their 95 % limits."]
 
 
+_ON: Mapping[object, str] = {True: "On the campaign of its fit, the", False: "With nothing fitted, the"}
 _PREDICTED: Mapping[object, str] = {
     True: "Does the model meet the campaign that it was fitted to?",
     False: "Does the model predict a campaign to which it was not fitted?",

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from discovery.explain.effect_outputs import output_of
 from discovery.explain.motion import explain_effect, explanation, screen
 from discovery.explain.motion_fit import reestimate_noise, refit, with_effects
 from discovery.localisation.localise import localise
-from discovery.loop.close_loop import close_loop
+from discovery.loop.close_loop import _warnings, close_loop
 from discovery.loop.history import LoopHistory, Selection
 from discovery.loop.impact_refits import ImpactRefits
 from discovery.loop.motion_stage import _restarted
@@ -311,3 +313,18 @@ def test_a_bolt_that_its_gauge_shows_slack_tells_of_no_loosening() -> None:
     assert min(estimate.tension for estimate in found.joint) == 0.0
     assert lowest in [trace.settings.file for trace in left.traces]  # its motion tells as much as before
     assert np.isfinite(left.residual).all()
+
+
+@pytest.mark.parametrize("found", [(), ("an effect",)])
+def test_beside_a_refined_model_warnings_of_the_declared_one_say_so(found: tuple[str, ...]) -> None:
+    """Those of records hold for every model."""
+    record, links = "records/a.h5: late", "the fit of the linear links had not settled"
+    settings = SimpleNamespace(record=[SimpleNamespace(file="records/a.h5")])
+    refits: Any = SimpleNamespace(
+        campaign=SimpleNamespace(settings=settings), of_declared=(record, links), warnings=("not followed",)
+    )
+    last = SimpleNamespace(warnings=("of the last fit",))
+    history: Any = SimpleNamespace(selections=found, last=last, remarks=lambda: ["said"])
+    marked = f"of the declared model: {links}" if found else links
+    told = list(_warnings(refits, history, ["doubtful"]))
+    assert told == ["of the last fit", record, marked, "not followed", "doubtful", "said"]

@@ -85,6 +85,11 @@ def test_look_alikes_come_with_the_test_that_separates_them() -> None:
     )
     assert f"{words} flexure_lo (1.07)" in evidence
     assert f"What would separate them: {LADDER}." in evidence
+    (first, *_) = friction().look_alikes
+    two = (first, replace(first, name="jenkins-slip", test="a hit of 9 N"))
+    evidence = said(closure(replace(friction(), look_alikes=two)))["evidence"]
+    assert f"What would separate it from quadratic-damping in the link flexure_lo: {LADDER}." in evidence
+    assert "What would separate it from jenkins-slip in the link flexure_lo: a hit of 9 N." in evidence
     alone = replace(friction(), look_alikes=())
     assert "Look-alikes" not in closure(alone).summary()
 
@@ -103,9 +108,18 @@ def test_an_error_that_stays_is_not_called_a_change_and_noise_stands_beside_thos
     first, last = (dict(step.errors["hold_out"]) for step in (found.steps[0], found.steps[-1]))
     last["tension_rmse_n"] = first["tension_rmse_n"]
     steps = (*found.steps[:-1], replace(found.steps[-1], errors={**found.steps[-1].errors, "hold_out": last}))
-    floor = {"hold_out": {"motion_nrmse": 0.0111, "tension_rmse_n": 0.2}}
+    loss = "tension_loss_error_percent_median"
+    floor = {
+        "hold_out": {
+            "motion_nrmse": 0.0111,
+            "tension_rmse_n": 0.2,
+            loss: 0.157,
+            f"{loss}_with_variability": 20.7,
+        }
+    }
     changed = said(replace(found, steps=steps, noise_floor=floor))["changed"]  # type: ignore[arg-type]
     assert "% (noise alone: 1.11 %)" in changed
+    assert "% (noise alone: 0.157 %, with the variability between tests: 20.7 %)" in changed
     assert f"Unchanged: the tension, {first['tension_rmse_n']:.3g} N (noise alone: 0.2 N)." in changed
     assert "the tension from" not in changed
 
@@ -305,7 +319,7 @@ def test_no_effect_says_what_is_excluded_and_what_may_be_there() -> None:
     assert "Not excluded" in second
     assert "even-stiffness in the link flexure_so from k2 = 1.3e+06 N/m2" in second
     assert "constant-force in the body lo" in second
-    assert third == "Strengths of which no limit is known: 1; the table of limits says why."
+    assert third == "Strengths of which no limit is known: 1; closure.json says why of each."
 
 
 def test_nothing_is_said_to_be_excluded_where_more_than_noise_is_left() -> None:

@@ -225,6 +225,16 @@ def test_what_is_left_is_a_share_of_what_was() -> None:
 
 
 @pytest.mark.parametrize(
+    ("p", "words"), [(0.4, "as small as noise."), (1e-5, "but more regular than noise.")]
+)
+def test_what_is_as_small_as_noise_is_not_called_noise_where_it_is_regular(p: float, words: str) -> None:
+    residual = {"before": {"total": 50.0}, "after": {"total": 1.0, "whiteness_p": p}}
+    found = closures.answer({"verdict": "closed", "effects": [], "residual": residual})
+    assert found.verdict.startswith("The loop closes: what is left is as small as noise")
+    assert found.verdict.endswith(words)
+
+
+@pytest.mark.parametrize(
     ("found", "part", "good"),
     [
         (closure(friction()), "lacked coulomb-friction (link flexure_lo), or its look-alike;", True),
@@ -328,9 +338,14 @@ def test_the_page_shows_numbers_of_links_and_masses_with_their_limits(tmp_path: 
     }
     found = replace(closure(friction()), refitted=numbers)
     found = replace(found, model=with_limits(found.model, numbers))
-    found.model.save(tmp_path / "model.json")
-    words = shown(content(found, *curves()[:1]), tmp_path)
+    data = content(found, *curves()[:1])
+    found.model.save(tmp_path / "model.json", identification=model_section(data))
+    words = shown(data, tmp_path)
     assert "c flexure_lo: damping 8.20 8.10 to 8.30 N m −1 s" in words
+    assert "m body lo 8.60 8.50 to 8.70 kg" in words
+    assert words.count("8.50 to 8.70") == 1  # no number stands in two tables
+    (tmp_path / "model.json").unlink()
+    words = shown(data, tmp_path)
     assert "Numbers of links and masses, fitted again" in words
     assert "body.lo.mass 8.60 8.50 to 8.70 kg" in words
 

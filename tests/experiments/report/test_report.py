@@ -107,6 +107,41 @@ def test_parameters_come_with_limits_and_units(folder: Path) -> None:
     assert re.search(r"joint: stiffness 976300 970000 to 982000 N m −1", page(folder).words)
 
 
+def test_a_mass_that_was_identified_has_its_limits(folder: Path) -> None:
+    data = json.loads((folder / "model.json").read_text(encoding="utf-8"))
+    mass = data["bodies"][0]["mass"]["value"]
+    data["identification"]["linear"] = [{"name": "body.lo.mass", "value": mass, "error_percent": 1.0}]
+    (folder / "model.json").write_text(json.dumps(data), encoding="utf-8")
+    low, high = (f"{mass * (1 + sign * 0.0196):.3g}" for sign in (-1, 1))
+    assert re.search(rf"m body lo \S+ {low}\d* to {high}\d* kg", page(folder).words)
+
+
+def test_numbers_of_a_link_without_the_bolt_stand_beside_those_with_it(folder: Path) -> None:
+    data = json.loads((folder / "model.json").read_text(encoding="utf-8"))
+    (flexure,) = (link for link in data["links"] if link["name"] == "flexure_lo")
+    alone = flexure["stiffness"]["parameters"]["k"] | {"value": 8150.0, "low": 8080.0, "high": 8219.0}
+    laws = {key: flexure[key] for key in ("damping", "tension_rate")}
+    bolt_out = {
+        "name": "flexure_lo",
+        "stiffness": flexure["stiffness"] | {"parameters": {"k": alone}},
+        **laws,
+    }
+    (folder / "model.json").write_text(json.dumps(data | {"uncoupled_links": [bolt_out]}), encoding="utf-8")
+    assert "flexure_lo: stiffness, bolt out 8150 8080 to 8219 N m −1" in page(folder).words
+
+
+def test_warnings_of_a_ranking_are_not_those_of_the_refined_model(folder: Path) -> None:
+    effect = {"name": "x", "enters": "joint", "parameters": {}}
+    marked = "ranking.json: links had not settled"
+    others = "ranking.json and figures of other commands: of the model without what the closed loop added"
+    for effects in ([], [effect]):
+        write(folder, "closure", verdict="closed", effects=effects, warnings=[])
+        write(folder, "ranking", laws=[], warnings=["links had not settled"])
+        words = page(folder).words
+        assert "links had not settled" in words
+        assert (marked in words) is (others in words) is bool(effects)
+
+
 def test_names_are_escaped_and_nothing_runs_or_loads(folder: Path) -> None:
     text = report.run(folder).read_text(encoding="utf-8")
     shown = Page(text)
@@ -228,7 +263,7 @@ def test_later_and_unknown_files_are_shown(tmp_path: Path) -> None:
         "Hold-out, before",
         "Loss of tension, median error [%] 42.8 21.4",
         "noise were left [1] – 0.3",
-        "With nothing fitted",
+        "The model is off by",
         "Final tension [N], simulated",
         "Novelty: flat",
     ):

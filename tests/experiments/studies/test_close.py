@@ -144,7 +144,7 @@ def test_every_figure_is_there_and_nothing_else(made: Path) -> None:
     assert b"Refined model" in (made / "closure-records.svg").read_bytes()
 
 
-def test_the_model_holds_the_effects_and_its_errors(made: Path) -> None:
+def test_the_model_holds_the_effects_and_its_errors(made: Path, campaign: Path) -> None:
     model = load_model(made / "model.json")
     assert [effect.name for effect in model.effects] == ["coulomb-friction", "loosening-threshold"]
     force = {"lo": nominal_impact(1600.0, RATE_HZ, 1.0)}
@@ -152,6 +152,9 @@ def test_the_model_holds_the_effects_and_its_errors(made: Path) -> None:
     assert 150.0 - lost[-1] < 0.8 * (150.0 - declared[-1])
     section = json.loads((made / "model.json").read_text(encoding="utf-8"))["identification"]
     assert section["errors"]["hold_out"] == load(made)["errors"]["hold_out"]["after"]
+    digests = read_campaign(campaign).digests
+    assert section["fitted_records"] == sorted(digests[r["file"]] for r in sound_settings()["record"]
+                                               if not r.get("hold_out"))  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from discovery.views.closure_section import parameter_row
 from experiments.report.comparisons import comparison_tables
 from experiments.report.results import read_results
 from experiments.studies import discover
-from rom.campaign.campaign import read_settings
+from rom.campaign.campaign import read_campaign, read_settings
 from rom.evaluation.noise_floor import noise_floor
 from rom.model.laws import Parameter
 from rom.model_file import load_model
@@ -312,6 +312,9 @@ def test_the_model_is_the_identified_one_with_the_first_law(folder: Path, made: 
     section = json.loads((folder / "model.json").read_text(encoding="utf-8"))["identification"]
     assert section["errors"]["hold_out"]["tension_loss_error_percent_median"] == 10.0
     assert section["errors"]["no_loosening"]["training"]["records"] == 3
+    campaign = read_campaign(folder.with_name("campaign"))
+    training = [record.file for record in campaign.settings.record if not record.hold_out]
+    assert section["fitted_records"] == sorted(campaign.digests[file] for file in training)
 
 
 def test_the_page_has_noise_beside_the_errors_of_the_model_with_the_first_law(folder: Path) -> None:

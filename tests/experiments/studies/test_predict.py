@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from experiments.studies.predict import _fitted_to, run, summary
+from experiments.studies.predict import _fitted, run, summary
 from rom import Model
 from rom.campaign.campaign import read_campaign, write_campaign
 from rom.effects import CATALOGUE, free_form
@@ -99,18 +100,35 @@ def test_the_summary_says_numbers_and_whose_records_they_are(predicted: Path) ->
 @pytest.mark.parametrize(
     ("section", "own"),
     [
-        ({"campaign_digest": "a"}, True),
-        ({"campaign_digest": "b"}, False),
-        ({"campaign_digest": "of both", "campaign_digests": ["b", "a"]}, True),
-        ({}, None),
+        ({"fitted_records": ["1", "3"]}, {"a.h5"}),
+        ({"fitted_records": ["3"]}, set()),
+        ({"campaign_digest": "that of the campaign"}, None),
     ],
 )
-def test_the_digest_of_a_campaign_tells_whether_the_model_was_fitted_to_it(
-    section: dict[str, object], own: bool | None, tmp_path: Path
+def test_records_are_known_by_what_they_hold(
+    section: dict[str, object], own: set[str] | None, tmp_path: Path
 ) -> None:
-    campaign: Any = SimpleNamespace(digest="a")
+    campaign: Any = SimpleNamespace(digests={"a.h5": "1", "b.h5": "2"})
     paper_model().save(tmp_path / "model.json", identification=section)
-    assert _fitted_to(tmp_path / "model.json", campaign) is own
+    assert _fitted(tmp_path / "model.json", campaign) == own
+
+
+def test_a_campaign_whose_settings_have_changed_is_still_that_of_the_fit(
+    predicted: Path, rig_campaign: Path, results: Path, tmp_path: Path
+) -> None:
+    """A comment in campaign.toml makes a new digest of it; that all is held out now does not undo the fit."""
+    shutil.copytree(rig_campaign, tmp_path / "c")
+    settings = tmp_path / "c" / "campaign.toml"
+    text = settings.read_text(encoding="utf-8")
+    settings.write_text("# mine\n" + text.replace("hold_out = false", "hold_out = true"), encoding="utf-8")
+    before, now = (
+        json.loads(path.read_text())
+        for path in (predicted, run(results / "model.json", tmp_path / "c", tmp_path / "out", jobs=1))
+    )
+    assert now["campaign_digest"] != before["campaign_digest"]
+    assert now["fitted_to_this_campaign"]
+    assert now["sets"] == before["sets"]
+    assert now["sets"]["errors"]["hold_out"]["records"] == sum(r["hold_out"] for r in before["records"])
 
 
 def test_files_may_be_read_by_whom_the_system_lets(results: Path, tmp_path: Path) -> None:
