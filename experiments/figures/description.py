@@ -27,7 +27,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.spines import Spine
 from matplotlib.text import Text
-from matplotlib.ticker import FixedFormatter
+from matplotlib.ticker import FixedLocator
 
 from experiments.results import FIGURE_FORMAT
 from rom.campaign.channels import FloatArray
@@ -256,11 +256,25 @@ def _panel(ax: Axes, titles: Sequence[str], traces: Sequence[Data]) -> Data:
 
 
 def _axis(axis: Axis, scale: str) -> Data:
-    ticks = None
-    if isinstance(formatter := axis.get_major_formatter(), FixedFormatter):
-        places = [float(place) for place in axis.get_ticklocs()]
-        ticks = [[place, text] for place, text in zip(places, formatter.seq, strict=False)]
-    return {"scale": scale, "ticks": ticks, **_quantity(axis.get_label_text())}
+    return {"scale": scale, "ticks": _names_on(axis), **_quantity(axis.get_label_text())}
+
+
+def _names_on(axis: Axis) -> list[list[Any]] | None:
+    """Return where an axis has which name; None where it has numbers, which go on when it is zoomed."""
+    if not isinstance(axis.get_major_locator(), FixedLocator):
+        return None
+    places = [float(place) for place in axis.get_ticklocs()]
+    words = map(plain_text, axis.get_major_formatter().format_ticks(places))
+    ticks: list[list[Any]] = [[place, text] for place, text in zip(places, words, strict=True)]
+    return None if ticks and all(_is_number(text) for _, text in ticks) else ticks
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace("\u2212", "-"))
+    except ValueError:
+        return False
+    return True
 
 
 def _quantity(label: str) -> Data:

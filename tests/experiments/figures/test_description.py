@@ -81,6 +81,24 @@ def test_a_figure_is_described_with_names_units_and_looks() -> None:
     assert numbers(own["line"]["y"]) == pytest.approx(np.exp(x), rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("marks", "ticks"),
+    [
+        (([0, 1], ["body so", "$x^2$"]), [[0.0, "body so"], [1.0, "x²"]]),
+        (([-5, 5],), None),  # numbers, which are others when it is zoomed
+        (([],), []),
+    ],
+)
+def test_names_along_an_axis_stay_names(marks: tuple[list[Any], ...], ticks: object) -> None:
+    figure, axes = panels()
+    axes[0, 0].plot([3.0, 4.0], [0.0, 1.0])
+    axes[0, 0].set_yticks(*marks)
+    shown = describe(figure)
+    assert shown is not None
+    (panel,) = shown["panels"]
+    assert (panel["y"]["ticks"], panel["x"]["ticks"]) == (ticks, None)
+
+
 def test_maps_names_in_a_panel_and_other_scales_are_not_described() -> None:
     for spoil in (
         lambda ax: ax.pcolormesh(np.ones((2, 2))),

@@ -17,6 +17,7 @@ from discovery.loop.refitted_numbers import with_limits
 from discovery.loop.result import Closure
 from discovery.views.closure_section import closure_section
 from experiments.figures.closure import closure_figures
+from experiments.figures.description import describe
 from experiments.figures.style import COLUMN_MM, save
 from experiments.results import plain
 from experiments.studies import report
@@ -79,6 +80,18 @@ def test_a_closure_gives_every_figure_one_column_wide_with_units(tmp_path: Path)
         for axes in figure.axes:
             labels = axes.get_xlabel() + axes.get_ylabel()
             assert not labels or "[" in labels, f"{name}: an axis without unit: {labels}"
+
+
+def test_classes_effects_and_steps_are_named_where_a_figure_is_zoomed() -> None:
+    made = closure_figures(two())
+    for name, axis, words in (
+        ("residual", "y", "acceleration lo"),
+        ("limits", "y", "cubic-stiffness"),
+        ("errors", "x", "none"),
+    ):
+        shown = describe(made[f"closure-{name}"])
+        assert shown is not None
+        assert words in [text for panel in shown["panels"] for _, text in panel[axis]["ticks"]], name
 
 
 @pytest.mark.parametrize(
