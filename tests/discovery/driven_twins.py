@@ -14,7 +14,7 @@ import rom
 from rom.campaign.campaign import CampaignSettings, write_campaign
 from rom.campaign.channels import Channel, FloatArray
 
-RATE_HZ, SECONDS, RECORDS, SUBSTEPS = 500.0, 8.0, 4, 4
+RATE_HZ, RECORDS, SUBSTEPS = 500.0, 4, 4
 CYCLED_HZ = 200.0
 Extra = Callable[[FloatArray, FloatArray], FloatArray]
 Records = Mapping[str, tuple[str, bool, Mapping[str, FloatArray], float]]
@@ -61,6 +61,7 @@ def driven(
     noise_m: float = 2e-6,
     kind: str = "displacement",
     force_noise_n: float = 0.02,
+    seconds: float = 8.0,
 ) -> rom.Campaign:
     """A body of 2 kg, 6 N s/m and some stiffness under multisines of 1 to 40 Hz.
 
@@ -70,7 +71,7 @@ def driven(
     """
     count = len(sizes)
     rng, fine_s = np.random.default_rng(seed), 1 / (RATE_HZ * SUBSTEPS)
-    steps = int(SECONDS * RATE_HZ) * SUBSTEPS
+    steps = int(seconds * RATE_HZ) * SUBSTEPS
     time = np.arange(2 * steps + 1) * fine_s / 2
     lines = np.arange(1.0, 40.0, 0.5)
     phases = rng.uniform(0, 2 * np.pi, (count, len(lines)))

@@ -159,7 +159,7 @@ def test_its_fit_is_that_of_the_same_law_by_terms_from_far_away() -> None:
 )
 def test_the_true_law_is_first_or_not_told_apart(hidden: str) -> None:
     laws, right, held = literature(), 0, []
-    for seed in range(10):
+    for seed in range(5):
         courses = measured(
             laws[hidden], preloads=np.geomspace(10.0, 2000.0, 6), scatter=0.25, seed=seed, length_s=0.25
         )
@@ -174,8 +174,8 @@ def test_the_true_law_is_first_or_not_told_apart(hidden: str) -> None:
             assert parameter.low is not None
             assert parameter.high is not None
             held.append(parameter.low < laws[hidden].parameters[name].value < parameter.high)
-    assert right >= 9
-    assert np.mean(held) >= 0.8  # of 10 or 20, for limits of 95 %
+    assert right == 5  # at most one in ten may fail: none of five
+    assert np.mean(held) >= 0.8  # of 5 or 10, for limits of 95 %
 
 
 def literature() -> dict[str, GivenLaw]:

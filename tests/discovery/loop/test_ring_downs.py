@@ -45,6 +45,7 @@ def test_the_linear_model_of_measured_ring_downs(folder: str, most: float) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.variant  # the twin's friction is in every run
 def test_dry_friction_of_a_measured_cart() -> None:
     """By one record, beside the one that is held out."""
     whole = rom.read_campaign(measured("others/cart-free-decay"))

@@ -51,6 +51,7 @@ def test_full_slip_is_named(tmp_path: Path, kind: str, name: str) -> None:
     assert name in named(close_loop(twins.cycled(tmp_path / kind, kind)))
 
 
+@pytest.mark.variant  # the twin's signed gain is in every run
 def test_a_driven_cart_of_others_is_met_better_with_a_signed_gain() -> None:
     found = close_loop(rom.read_campaign(measured("others") / "cart-driven"))
     assert found.effects[0].effect.name == "force-gain-signed"
@@ -64,6 +65,7 @@ def test_a_driven_cart_of_others_is_met_better_with_a_signed_gain() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.variant  # the twin's slip behind backlash is in every run
 def test_a_friction_damper_of_others_slips_behind_a_gap() -> None:
     """By its three fastest records, one of them held out."""
     whole = rom.read_campaign(measured("others") / "friction-damper")

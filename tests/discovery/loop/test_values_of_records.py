@@ -17,7 +17,7 @@ from discovery.laws.candidate import Candidate, Term
 from discovery.laws.factors import tension_power, velocity_power
 from discovery.loop.close_loop import close_loop
 from rom.campaign.campaign import Campaign
-from tests.rom.identification.test_values_of_records import block, hold_out_error
+from tests.rom.identification.test_values_of_records import hold_out_error, identified_block
 from tests.rom.lumped import campaign, noisy, random_force, respond
 
 STIFFNESS, DAMPING = 4000.0, 8.0
@@ -53,8 +53,8 @@ def test_nothing_is_found_where_added_masses_and_other_springs_are_given(tmp_pat
     assert hold_out_error(rom.identify(blind), blind) > 0.1
 
 
-def test_a_tension_law_over_tests_with_and_without_an_added_mass(tmp_path: Path) -> None:
-    model = rom.identify(block(tmp_path / "c")[0])
+def test_a_tension_law_over_tests_with_and_without_an_added_mass() -> None:
+    _, _, model = identified_block()
     assert model.identification is not None
     courses = model.identification.courses
     blind = tuple(replace(course, given={}) for course in courses)

@@ -390,6 +390,7 @@ def test_a_parameter_without_limits_has_none() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.variant  # docs/tutorial.md runs both commands; test_shortlist and test_race judge the laws
 def test_a_small_campaign_is_ranked_from_end_to_end(
     discovered: tuple[Path, Ran], rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
 ) -> None:

@@ -16,7 +16,7 @@ from tests.experiments.conftest import Cluster
 from tests.experiments.studies.experiment_files import SMALL, WITHOUT_FIGURES, cells_of, table_of
 
 
-@pytest.mark.variant  # of the test of 24 cells
+@pytest.mark.variant  # of the test of 12 cells
 def test_two_jobs_give_the_table_of_one(file: Path) -> None:
     one, two = (experiments.run_experiment(file, file.parent / str(jobs), jobs) for jobs in (1, 2))
     assert not one.failed
@@ -79,22 +79,22 @@ def spread_with_a_measure_beside_the_file(file: Path, address: str) -> None:
 
 
 @pytest.mark.slow
-def test_24_cells_are_the_same_on_a_cluster_that_loses_a_worker(file: Path, cluster: Cluster) -> None:
+def test_12_cells_are_the_same_on_a_cluster_that_loses_a_worker(file: Path, cluster: Cluster) -> None:
     """Killed once on two processes; then on a cluster of two workers of which one is killed."""
     address, workers = cluster
     spread_with_a_measure_beside_the_file(file, address)
-    file.write_text(WITHOUT_FIGURES + SMALL.replace("[0, 1]", str(list(range(12)))))
+    file.write_text(WITHOUT_FIGURES + SMALL.replace("[0, 1]", str(list(range(6)))))
     whole = experiments.run_experiment(file, file.parent / "whole", jobs=1)
-    assert (len(whole.rows), whole.failed) == (24, ())
+    assert (len(whole.rows), whole.failed) == (12, ())
     killed = file.parent / "killed"
     running = started(file, killed, "--jobs", "2")
     running.send_signal(signal.SIGKILL)
     running.wait()
-    assert 1 <= len(cells_of(killed)) < 24
+    assert 1 <= len(cells_of(killed)) < 12
     experiments.run_experiment(file, killed, jobs=2)
     spread = file.parent / "cluster"
     running = started(file, spread, "--jobs", "2", "--cluster", address)
-    assert len(cells_of(spread)) < 22
+    assert len(cells_of(spread)) < 10
     workers[0].send_signal(signal.SIGKILL)
     assert running.wait(timeout=300) == 0
     assert table_of(whole.path.parent) == table_of(killed) == table_of(spread)

@@ -53,7 +53,7 @@ def test_a_silent_hammer_leaves_no_errors(rig_campaign: Path) -> None:
 def test_a_hammer_much_noisier_than_the_accelerometers_leaves_noise_alone(tmp_path: Path) -> None:
     """Thirty times the usual noise, of which impulse and instant alone leave twice as much as noise."""
     loud = replace(Instruments(), force=chain(1.5, 22_240.0))
-    made = rig.run(tmp_path / "loud", cases=10, seed=1, jobs=1, duration_s=2.5, instruments=loud)
+    made = rig.run(tmp_path / "loud", cases=6, seed=1, jobs=1, duration_s=2.5, instruments=loud)
     campaign = read_campaign(made)
     state = ImpactRefits.of(campaign, Options()).start()
     assert state.level < 1.1

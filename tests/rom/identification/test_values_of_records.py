@@ -16,6 +16,7 @@ from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import evaluate
 from rom.model.model import Model
 from tests.rom.lumped import LinkRow, campaign, noisy, pulse, random_force, respond
+from tests.shared import Shared, once_per_run
 
 RATE_HZ, SAMPLES, FINE = 2000.0, 6000, 4
 ADDED_KG, STIFFER = 0.8, 26000.0
@@ -222,9 +223,16 @@ def block(folder: Path, own: bool = True) -> tuple[Campaign, Model]:
     return campaign(folder, {"m": 2.0}, links, records, rate, **others), truth
 
 
+@once_per_run
+def identified_block() -> tuple[Campaign, Model, Model]:
+    """The campaign of the block, the truth, and what is identified."""
+    found, truth = block(Shared.here.new_folder() / "c")
+    return found, truth, rom.identify(found)
+
+
 def test_a_bolted_block_with_an_added_mass_in_half_of_its_tests(tmp_path: Path) -> None:
-    found, truth = block(tmp_path / "c")
-    model, blind = rom.identify(found), rom.identify(block(tmp_path / "blind", own=False)[0])
+    found, truth, model = identified_block()
+    blind = rom.identify(block(tmp_path / "blind", own=False)[0])
     k = model.link_laws["joint"].stiffness(300.0) + model.parameter("s.stiffness.k").value
     assert k == pytest.approx(8.5e5, rel=0.01)
     assert model.identification is not None
