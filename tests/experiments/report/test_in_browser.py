@@ -245,6 +245,8 @@ def test_a_record_is_chosen_and_drawn(plots: Page, impacts: tuple[Measurement, M
         peak = read(plots, "closure-records", "Math.max(...named('0.0').data.y)")
         peaks.add((title, round(peak, 5)))
     assert {title for title, _ in peaks} == {"Displacement of lo [mm]"}
+    link = "document.querySelector('#figure-closure-records .enlarge')"  # an empty one shows its focus alone
+    assert plots.evaluate(f"{link}.getClientRects().length") == 0
     expected = sorted(1e3 * record.displacement("lo").max() for record in impacts)
     assert sorted(peak for _, peak in peaks) == pytest.approx(expected, rel=2e-3)
     assert plots.faults == []
