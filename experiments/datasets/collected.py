@@ -10,6 +10,7 @@ from typing import Any
 
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import Channel
+from rom.campaign.record import in_a_line
 
 Records = Iterable[tuple[str, Mapping[str, Channel]]]
 
@@ -67,8 +68,7 @@ def unreadable(path: Path, kind: str, cause: Exception) -> SourceError:
     SourceError
         To be raised.
     """
-    why = " ".join(str(cause).split())[:200] or type(cause).__name__
-    return SourceError(f"{path.name}: found it unreadable, expected a sound {kind} ({why})")
+    return SourceError(f"{path.name}: found it unreadable, expected a sound {kind} ({in_a_line(cause)})")
 
 
 def file_of(source: Path, name: str) -> Path:

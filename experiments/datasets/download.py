@@ -7,6 +7,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 from experiments.datasets.collected import SourceError, optional
+from rom.campaign.record import in_a_line
 
 LOADERS = {"emps": "EMPS", "silverbox": "Silverbox"}
 SITE = "nonlinearbenchmark.org"
@@ -33,9 +34,8 @@ def fetch(name: str, folder: Path) -> Path:
         with redirect_stdout(told), redirect_stderr(told):
             loader(data_file_locations=True, dir_placement=str(folder))
     except Exception as cause:  # network, archive, disk: each means that there are no files
-        why = " ".join(str(cause).split())[:160] or type(cause).__name__
         raise SourceError(
-            f"--download: {name} could not be fetched ({why}); "
+            f"--download: {name} could not be fetched ({in_a_line(cause)}); "
             f"connect to the network, or get the files from {SITE} and give their folder as SOURCE"
         ) from None
     return folder

@@ -22,6 +22,7 @@ __all__ = [
     "Inspection",
     "Precision",
     "RecordError",
+    "in_a_line",
     "inspect_channels",
     "read_channels",
     "replacing",
@@ -139,8 +140,13 @@ def _file_fault(path: Path, cause: Exception) -> str:
         return str(cause)
     if isinstance(cause, FileNotFoundError):
         return "file: found no such file, expected a record"
-    why = " ".join(str(cause).split())[:200] or type(cause).__name__
-    return f"file: found it unreadable, expected a sound {path.suffix} file ({why})"
+    return f"file: found it unreadable, expected a sound {path.suffix} file ({in_a_line(cause)})"
+
+
+def in_a_line(cause: Exception) -> str:
+    """Return what an exception says, in a line; of the system's own what it means."""
+    said = os.strerror(cause.errno) if isinstance(cause, OSError) and cause.errno else str(cause)
+    return " ".join(said.split())[:200] or type(cause).__name__
 
 
 def _channel(name: str, values: Any, rate: Any, default_rate_hz: float) -> Channel:

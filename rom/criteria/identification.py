@@ -63,6 +63,10 @@ class Identifying(Group):
         "0.001 for a multisine to 40 Hz beside 0.02 N of noise; 1 for white excitation",
     )  # fmt: skip
     quiet_cases: int = number(6, "1", "coupled tests that tell the error of a loss")
+    lossy_chance: float = number(
+        0.002, "1", "p-value of changes of tension in coupled tests below which they are not noise alone",
+        "two tests of each campaign: about one warning in 250 campaigns whose gauge shows noise alone",
+    )  # fmt: skip
     lost_tension: float = number(
         3.0, "1", "final tension in its errors, below which gamma is little more than a bound"
     )

@@ -33,6 +33,7 @@ from rom.identification.reduce import (
     reduce_records,
     tension_courses,
 )
+from rom.identification.small_impacts import losses_of_small_impacts
 from rom.identification.spectral_model import SpectralRecord
 from rom.identification.starting_values import best_starts
 from rom.identification.uncoupled_priors import fit_near, flexure_ties, unsettled, without_modes
@@ -273,7 +274,7 @@ def _of_impacts(campaign: Campaign, records: Sequence[ReducedRecord]) -> Identif
         course_noise=noise,
         warnings=(
             *missing, *left_open.vanished(model, settings), *doubtful, *far_off, *unlimited,
-            *left_open.untensioned(records, settings)
+            *left_open.untensioned(records, settings), *losses_of_small_impacts(records)
         ),
         unsettled=far_off,
     )  # fmt: skip

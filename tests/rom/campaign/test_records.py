@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import errno
+import os
 import pickle
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.io import savemat
 
 from rom.campaign.channels import channel_names, default_rate, nearest
+from rom.campaign.formats import READERS
 from rom.campaign.record import Channel, RecordError, read_channels, write_channels
 
 FINITE = hnp.arrays(np.float64, 12, elements=st.floats(allow_nan=False, allow_infinity=False))
@@ -174,6 +177,22 @@ class TestCsv:
             _read(path)
         (line,) = refusal.value.faults
         assert line.startswith(words)
+
+    @pytest.mark.parametrize("suffix", [".h5", ".mat", ".csv"])
+    def test_a_fault_of_the_system_is_said_in_words(
+        self, suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Of a file that may not be read, its libraries' numbers, flags and names say nothing to people."""
+        (tmp_path / f"a{suffix}").write_bytes(b"x")
+
+        def denied(_: Path) -> None:
+            raise PermissionError(errno.EACCES, "unable to open file: errno = 13, flags = 0")
+
+        monkeypatch.setitem(READERS, suffix, denied)
+        with pytest.raises(RecordError) as refusal:
+            _read(tmp_path / f"a{suffix}")
+        (line,) = refusal.value.faults
+        assert line.endswith(f"({os.strerror(errno.EACCES)})")
 
     def test_rates_that_do_not_divide_are_not_written(self, tmp_path: Path) -> None:
         channels = {name: Channel(name, np.zeros(9), rate) for name, rate in (("a", 30.0), ("b", 20.0))}
