@@ -18,7 +18,7 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.evaluation.at_rest import held_tension
 from rom.evaluation.bands import NO_BAND, tension_band
-from rom.evaluation.record_noise import RecordNoise, noise_of
+from rom.evaluation.record_noise import RecordNoise, at_rest, noise_of
 from rom.evaluation.replay import (
     Replay,
     displacements,
@@ -269,6 +269,7 @@ def _of_rest(
         measured_final=tension.final,
         simulated_final=window_mean(shown, tension.rate_hz, windows.final_s),
         tension_rmse=float(np.sqrt(np.mean((shown - tension.samples) ** 2))),
+        noise=at_rest(tension),
     )
 
 

@@ -1,8 +1,9 @@
 """The errors that noise alone would make on a set of records: what the true model would score.
 
-Noise of the motion is what its channels show before the hit (`rom.evaluation.record_noise`), noise of a loss
-of tension the standard error of its means over both windows. A loss also differs from test to test, which no
-law can predict: ``tau`` of the logarithm of the rate. Where the rate goes with T, T_1 = T_0 exp(-x), and
+Noise of the motion and of the tension is what their channels show before the hit
+(`rom.evaluation.record_noise`), noise of a loss the standard error of its means over both windows. A loss
+also differs from test to test, which no law can predict: ``tau`` of the logarithm of the rate. Where the rate
+goes with T, T_1 = T_0 exp(-x), and
 
     d ln(T_0 - T_1) = x exp(-x) / (1 - exp(-x)) d ln(rate).
 """
@@ -10,11 +11,12 @@ law can predict: ``tau`` of the logarithm of the rate. Where the rate goes with 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, TypedDict
+from typing import Any, TypedDict, cast
 
 import numpy as np
 from scipy import stats
 
+from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.evaluation.error_measures import Comparison, Kind
 from rom.evaluation.evaluate import Evaluation
@@ -22,6 +24,8 @@ from rom.evaluation.record_noise import RecordNoise
 
 _MEDIAN: Numerical[float] = float(stats.norm.ppf(0.75))  # of the size of a normal number, over its deviation
 _MEAN: Numerical[float] = float(np.sqrt(2 / np.pi))
+_QUANTILES: Numerical[int] = 400  # of a normal number, over which a mean is taken
+_FARTHEST: Numerical[float] = 6.0  # standard deviations
 
 
 class NoiseFloor(TypedDict):
@@ -33,9 +37,15 @@ class NoiseFloor(TypedDict):
     motion_nrmse: float | None
     relative_motion_nrmse: float | None
     final_tension_error_percent_mean: float | None
+    final_tension_error_percent_mean_with_variability: float | None
     final_tension_error_percent_median: float | None
+    final_tension_error_percent_median_with_variability: float | None
+    final_tension_error_percent_max: float | None
+    final_tension_error_percent_max_with_variability: float | None
     tension_loss_error_percent_median: float | None
     tension_loss_error_percent_median_with_variability: float | None
+    tension_rmse_n: float | None
+    tension_rmse_n_with_variability: float | None
 
 
 def noise_floor(comparisons: Iterable[Comparison]) -> NoiseFloor:
@@ -54,26 +64,65 @@ def noise_floor(comparisons: Iterable[Comparison]) -> NoiseFloor:
         In the units of the errors.
     """
     done = [(c, c.noise or RecordNoise()) for c in comparisons if c.finished]
-    loosening = [(c, noise) for c, noise in done if c.test == "loosening" and np.isfinite(c.measured_final)]
-    final = [100 * _share(noise.loss_error, c.measured_final) for c, noise in loosening]
-    loss = [100 * _share(noise.loss_error, c.initial_tension - c.measured_final) for c, noise in loosening]
-    spread = [
-        100 * noise.rate_deviation * share_of_rate(c.initial_tension, c.measured_final)
-        for c, noise in loosening
-    ]
-    both = np.hypot(loss, spread).tolist()
-    return NoiseFloor(
-        motion_nrmse=_of_all(
+    motion = {
+        "motion_nrmse": _of_all(
             [noise.motion_nrmse.get(body, np.nan) for c, noise in done for body in c.motion_nrmse]
         ),
-        relative_motion_nrmse=_of_all(
+        "relative_motion_nrmse": _of_all(
             [noise.relative_motion_nrmse for c, noise in done if np.isfinite(c.relative_motion_nrmse)]
         ),
-        final_tension_error_percent_mean=_known(np.mean, final, _MEAN),
-        final_tension_error_percent_median=_known(np.median, final, _MEDIAN),
-        tension_loss_error_percent_median=_known(np.median, loss, _MEDIAN),
-        tension_loss_error_percent_median_with_variability=_known(np.median, both, _MEDIAN),
+    }
+    loosening = [(c, noise) for c, noise in done if c.test == "loosening" and np.isfinite(c.measured_final)]
+    at_rest = [noise.tension_rms for c, noise in done if c.test == "hold"]
+    tension = _of_tensions(loosening)
+    if not loosening:
+        tension["tension_rmse_n"] = _known(np.mean, at_rest)
+    return cast(NoiseFloor, motion | tension)
+
+
+def _of_tensions(loosening: Sequence[tuple[Comparison, RecordNoise]]) -> dict[str, float | None]:
+    """Floors of the tension's measures: of noise alone, and with what differs between tests."""
+    table = [
+        (c.measured_final, c.initial_tension - c.measured_final, noise.loss_error, noise.tension_rms)
+        for c, noise in loosening
+    ]
+    final, loss, error, rms = np.array(table, dtype=np.float64).reshape(-1, 4).T
+    between = np.array(
+        [n.rate_deviation * share_of_rate(c.initial_tension, c.measured_final) for c, n in loosening]
     )
+    lost = np.array([n.lost_rms for _, n in loosening])
+    found: dict[str, float | None] = {}
+    for ending, spread in (("", np.zeros(len(loosening))), ("_with_variability", between)):
+        size = np.hypot(error, spread * loss)
+        of_final = 100 * _over(size, final)
+        found |= {
+            f"final_tension_error_percent_mean{ending}": _known(np.mean, of_final, _MEAN),
+            f"final_tension_error_percent_median{ending}": _known(np.median, of_final, _MEDIAN),
+            f"final_tension_error_percent_max{ending}": _known(_largest, of_final),
+            f"tension_loss_error_percent_median{ending}": _known(np.median, 100 * _over(size, loss), _MEDIAN),
+            f"tension_rmse_n{ending}": _known(np.mean, _mean_size(rms, spread * lost)),
+        }
+    return found
+
+
+def _over(sizes: FloatArray, of: FloatArray) -> FloatArray:
+    shares: FloatArray = np.full(len(sizes), np.nan)
+    return np.divide(sizes, np.abs(of), out=shares, where=of != 0)
+
+
+def _mean_size(fixed: FloatArray, spread: FloatArray) -> FloatArray:
+    """Mean of sqrt(fixed^2 + (spread u)^2), u a normal number."""
+    u = stats.norm.ppf((np.arange(_QUANTILES) + 0.5) / _QUANTILES)
+    return np.asarray(np.hypot(fixed[:, None], spread[:, None] * u).mean(axis=1))
+
+
+def _largest(deviations: FloatArray) -> float:
+    """Mean of the largest size among normal numbers of these standard deviations."""
+    size, weight = np.linspace(0, _FARTHEST * np.max(deviations), _QUANTILES, retstep=True)
+    below = np.prod(
+        [2 * stats.norm.cdf(size / max(one, np.finfo(float).tiny)) - 1 for one in deviations], axis=0
+    )
+    return float(np.sum(1 - below) * weight)
 
 
 def floors_by_kind(judged: Iterable[Evaluation]) -> dict[Kind, NoiseFloor]:
@@ -98,13 +147,9 @@ def _of_all(values: Sequence[float]) -> float | None:
     return float(np.mean(values)) if values and np.isfinite(values).all() else None
 
 
-def _share(error: float, size: float) -> float:
-    return error / abs(size) if size else np.nan
-
-
 def _known(
-    average: Callable[[Sequence[float]], Any], values: Sequence[float], factor: float = 1.0
+    average: Callable[[FloatArray], Any], values: Sequence[float] | FloatArray, factor: float = 1.0
 ) -> float | None:
     """Return the average of numbers that are known, times a factor; None where none is."""
-    finite = [value for value in values if np.isfinite(value)]
-    return factor * float(average(finite)) if finite else None
+    finite = np.array([value for value in values if np.isfinite(value)])
+    return factor * float(average(finite)) if len(finite) else None

@@ -9,7 +9,7 @@ its power density S(f), the filter chain with n integrations leaves in the displ
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -19,18 +19,23 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.identification.noise_spectrum import MARGIN_S, SHORTEST_S
 from rom.signals.filters import INTEGRATIONS, FilterChain
-from rom.signals.processing import Measurement
+from rom.signals.processing import Measurement, TensionRecord, non_oscillatory
 
 _FINER: Numerical[int] = 8  # lines of the spectrum for each that the samples resolve
+_SEED: Numerical[int] = 0
 
 
 @dataclass(frozen=True)
 class RecordNoise:
-    """NRMSE of each moving body, of a relative motion, and standard error of a record's loss [N]."""
+    """NRMSE of each moving body and of a relative motion, error of a record's loss [N], root mean squares [N]
+    of the tension's noise and of what was lost after the hit, standard deviation of ln rate.
+    """
 
     motion_nrmse: Mapping[str, float] = field(default_factory=dict)
     relative_motion_nrmse: float = np.nan
     loss_error: float = np.nan
+    tension_rms: float = np.nan
+    lost_rms: float = np.nan
     rate_deviation: float = np.nan
 
 
@@ -51,10 +56,10 @@ def noise_of(measurement: Measurement, pair: tuple[str, str] | None) -> RecordNo
     RecordNoise
         Not a number where it is not known.
     """
-    tension, impact_s, rate = measurement.tension, measurement.impact_s or 0.0, measurement.rate_hz
-    loss = np.nan if tension is None else float(np.hypot(tension.initial_error, tension.final_error))
-    if impact_s < SHORTEST_S + MARGIN_S or measurement.chain.band_hz is not None:
-        return RecordNoise(loss_error=loss)
+    impact_s, rate = measurement.impact_s or 0.0, measurement.rate_hz
+    known = _of_tension(measurement.tension, impact_s, measurement.strongest_hz)
+    if not _shows_noise(impact_s) or measurement.chain.band_hz is not None:
+        return known
     start, quiet = int(impact_s * rate), int((impact_s - MARGIN_S) * rate)
     shown = {body: measurement.displacement(body)[start:] for body in measurement.motion}
     lines = {
@@ -65,7 +70,46 @@ def noise_of(measurement: Measurement, pair: tuple[str, str] | None) -> RecordNo
     if pair is not None and set(pair) <= set(lines):
         first, second = pair
         relative = _nrmse(lines[first] - lines[second], shown[first] - shown[second])
-    return RecordNoise({body: _nrmse(lines[body], shown[body]) for body in lines}, relative, loss)
+    motion = {body: _nrmse(lines[body], shown[body]) for body in lines}
+    return replace(known, motion_nrmse=motion, relative_motion_nrmse=relative)
+
+
+def at_rest(tension: TensionRecord) -> RecordNoise:
+    """Return what noise from sample to sample makes of a tension at rest; slower changes may be real."""
+    steps = np.diff(tension.samples)
+    return RecordNoise(tension_rms=float(np.std(steps) / np.sqrt(2)) if len(steps) else np.nan)
+
+
+def _shows_noise(impact_s: float) -> bool:
+    return impact_s >= SHORTEST_S + MARGIN_S
+
+
+def _of_tension(tension: TensionRecord | None, impact_s: float, first_mode_hz: float | None) -> RecordNoise:
+    if tension is None:
+        return RecordNoise()
+    # a simulation starts from the mean before the hit, whose error falls with the tension at a rate like T
+    kept = min(max(tension.final / tension.initial, 0.0), 1.0) if tension.initial > 0 else 1.0
+    loss = float(np.hypot(kept * tension.initial_error, tension.final_error))
+    if not _shows_noise(impact_s):
+        return RecordNoise(loss_error=loss)
+    hit = int(impact_s * tension.rate_hz)
+    lost = np.sqrt(np.mean((tension.non_oscillatory[hit:] - tension.initial) ** 2))
+    noise = _as_before(tension, impact_s)
+    slow = non_oscillatory(noise, tension.rate_hz, impact_s, first_mode_hz)[hit:]
+    rms = np.hypot(np.std(slow), kept * tension.initial_error)
+    return RecordNoise(loss_error=loss, tension_rms=float(rms), lost_rms=float(lost))
+
+
+def _as_before(tension: TensionRecord, impact_s: float) -> FloatArray:
+    """Noise [N] as long as the record, with the spectrum of that before the hit and phases drawn."""
+    quiet = tension.samples[: int((impact_s - MARGIN_S) * tension.rate_hz)]
+    window = signal.windows.hann(len(quiet), sym=False)
+    size = len(tension.samples)
+    lines = np.abs(np.fft.rfft(signal.detrend(quiet) * window)) / np.sqrt(np.sum(window**2))
+    at, own = np.fft.rfftfreq(size), np.fft.rfftfreq(len(quiet))
+    amplitude = np.sqrt(size) * np.interp(at, own[2:], lines[2:])  # the window smears the mean over two lines
+    phases = np.random.default_rng(_SEED).standard_normal((2, len(at)))
+    return np.fft.irfft(amplitude * (phases[0] + 1j * phases[1]) / np.sqrt(2), size)
 
 
 def _displacement_lines(

@@ -111,19 +111,18 @@ def displacements(runs: Sequence[Replay]) -> tuple[Mapping[str, FloatArray], ...
 def shown_tension(run: Replay, tension: TensionRecord) -> tuple[FloatArray, FloatArray]:
     """Return what the gauge shows of a simulated tension [N], and that without its oscillation.
 
-    At the samples of the measured tension. Readings that oscillate pass the split that the measured tension
-    passed; the tension of the model is non-oscillatory as it is.
+    At the samples of the measured tension, and through the split that it passed: this spreads the steps in
+    which a tension falls too.
     """
     time = np.arange(len(tension.samples)) / tension.rate_hz
-    held = np.interp(time, run.response.time, np.asarray(run.response.tension))
-    readings = run.model.effects_of("reading")
-    if not readings:
-        return held, held
-    seen = run.measurement
-    motion = motion_of(run.model, run.response, seen.impact_s or 0.0)
-    added = np.interp(time, run.response.time, sum(reading.added(motion) for reading in readings))
+    shown = np.interp(time, run.response.time, np.asarray(run.response.tension))
+    readings, seen = run.model.effects_of("reading"), run.measurement
+    if readings:
+        motion = motion_of(run.model, run.response, seen.impact_s or 0.0)
+        added = sum(reading.added(motion) for reading in readings)
+        shown = shown + np.interp(time, run.response.time, added)
     first_mode = seen.strongest_hz if seen.test != "hold" else None
-    return held + added, held + non_oscillatory(added, tension.rate_hz, seen.impact_s, first_mode)
+    return shown, non_oscillatory(shown, tension.rate_hz, seen.impact_s, first_mode)
 
 
 def driven_forces(model: Model, measurement: Measurement) -> Mapping[str, tuple[FloatArray, FloatArray]]:

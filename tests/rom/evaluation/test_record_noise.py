@@ -6,13 +6,31 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from rom.evaluation.error_measures import compare, summarise
 from rom.evaluation.noise_floor import noise_floor
+from rom.evaluation.replay import replay
 from rom.model.rate_uncertainty import RateUncertainty
 from rom.signals.motion import Motion
-from rom.signals.processing import Measurement
-from tests.rom.evaluation.test_error_measures import SAMPLES, WINDOWS, measurement, model, seen, tension
+from rom.signals.processing import Measurement, tension_record
+from tests.rom.evaluation.test_error_measures import (
+    RATE_HZ,
+    SAMPLES,
+    WINDOWS,
+    measurement,
+    model,
+    seen,
+    tension,
+)
+
+OF_TENSION = (
+    "final_tension_error_percent_mean",
+    "final_tension_error_percent_median",
+    "final_tension_error_percent_max",
+    "tension_loss_error_percent_median",
+    "tension_rmse_n",
+)
 
 
 def noisy(kind: str, size: float, seed: int, impact_s: float = 0.3) -> Measurement:
@@ -49,11 +67,48 @@ def test_a_loss_is_off_by_its_noise_and_by_how_tests_differ() -> None:
     record = replace(noisy("acceleration", 0.1, 0), test="loosening", tension=known)
     law = replace(model(), rate_uncertainty=RateUncertainty.of((), np.zeros((0, 0)), (0.4, 0.0), 5))
     floor = noise_floor([compare(law, record, WINDOWS)])
-    assert floor["tension_loss_error_percent_median"] == pytest.approx(0.6745 * 100 * 5 / 50, rel=1e-3)
+    alone = np.hypot(3.0 * 150 / 200, 4.0)  # the loss goes with the tension that a simulation starts from
+    assert floor["tension_loss_error_percent_median"] == pytest.approx(0.6745 * 100 * alone / 50, rel=1e-3)
     both = floor["tension_loss_error_percent_median_with_variability"]
     followed = np.log(200 / 150) * 150 / 50  # of a rate in proportion to the tension
-    assert both == pytest.approx(0.6745 * np.hypot(10.0, 40.0 * followed), rel=1e-3)
+    assert both == pytest.approx(0.6745 * np.hypot(100 * alone / 50, 40.0 * followed), rel=1e-3)
     assert (
         noise_floor([compare(model(), record, WINDOWS)])["tension_loss_error_percent_median_with_variability"]
         is None
     )
+
+
+def loosened(rate: float, noise_n: float, seed: int) -> Measurement:
+    """A loosening test of a law of this rate, from 200 N, with white noise on the tension."""
+    still = replace(
+        noisy("acceleration", 0.1, seed), test="loosening", tension=tension(np.full(SAMPLES, 200.0))
+    )
+    course = replay(model(rate), still).response.tension + noise_n * np.random.default_rng(
+        seed
+    ).standard_normal(SAMPLES)
+    return replace(still, tension=tension_record(course, RATE_HZ, WINDOWS, impact_s=0.3, first_mode_hz=20.0))
+
+
+@pytest.mark.parametrize(("noise_n", "between"), [(2.0, 0.0), (0.1, 0.3)])
+def test_the_right_law_scores_what_noise_and_variability_would_make(noise_n: float, between: float) -> None:
+    rate, tests = 1.6e4, 60
+    of_a_test = np.random.default_rng(5).permutation(stats.norm.ppf((np.arange(tests) + 0.5) / tests))
+    law = replace(
+        model(rate), rate_uncertainty=RateUncertainty.of((), np.zeros((0, 0)), (between, 0.0), tests)
+    )
+    found = [
+        compare(law, loosened(rate * np.exp(between * u), noise_n, seed), WINDOWS)
+        for seed, u in enumerate(of_a_test)
+    ]
+    assert 100.0 < found[0].measured_final < 190.0
+    errors, floor = summarise(found), noise_floor(found)
+    for measure in OF_TENSION:
+        assert floor[f"{measure}_with_variability"] == pytest.approx(errors[measure], rel=0.25), measure
+        assert (floor[measure] < 0.5 * errors[measure]) == (between > 0)
+
+
+def test_a_tension_at_rest_is_off_by_its_noise() -> None:
+    noise = 0.5 * np.random.default_rng(1).standard_normal(SAMPLES)
+    course = 200.0 + np.linspace(0.0, 30.0, SAMPLES) + noise
+    record = replace(noisy("acceleration", 0.1, 0), test="hold", tension=tension(course))
+    assert noise_floor([compare(model(), record, WINDOWS)])["tension_rmse_n"] == pytest.approx(0.5, rel=0.05)

@@ -46,8 +46,13 @@ def test_what_oscillates_in_a_reading_passes_the_split_of_the_measured_tension()
     whole, steady = shown_tension(run, tension_of(shown))
     late = slice(int(0.8 * TENSION_RATE_HZ), int(1.5 * TENSION_RATE_HZ))
     assert np.ptp(whole[late]) > 5 * np.ptp(steady[late])
-    plain, same = shown_tension(replay(MODEL, record(MODEL)), tension_of(shown))
-    assert plain is same
+
+
+def test_the_steps_in_which_a_tension_falls_pass_the_split_of_the_measured_tension() -> None:
+    measured = tension_of(record(MODEL))
+    whole, steady = shown_tension(replay(MODEL, record(MODEL)), measured)
+    differs = np.abs(whole - measured.non_oscillatory).max()
+    assert np.abs(steady - measured.non_oscillatory).max() < 0.2 * differs
 
 
 def test_no_strength_is_no_reading() -> None:
