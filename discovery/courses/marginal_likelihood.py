@@ -14,14 +14,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from scipy import optimize
 
 from discovery.courses.between_bolts import Variances
 from discovery.courses.fitted import Fit
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.prediction import predict
 from discovery.courses.unit_losses import unit_losses
-from discovery.courses.variability import log_limits, log_tension, of_logs, sigma, tau
+from discovery.courses.variability import BetweenTests, sigma, tau
 from discovery.criteria.courses import Courses
 from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
@@ -67,6 +66,7 @@ class Problem:
     log_determinant: FloatArray = field(init=False)
     theta0: FloatArray = field(init=False)
     _last: dict[bytes, Candidate] = field(init=False, default_factory=dict)
+    _last_slopes: dict[bytes, FloatArray] = field(init=False, default_factory=dict)
     _known_scales: dict[object, dict[str, tuple[float, bool]]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -240,25 +240,12 @@ class Problem:
         seen = (state.slope * state.residual).sum(axis=1) + information * state.u
         if self.frozen.bolts is not None:
             return self._of_bolts(state, information, seen)
-
-        logs, square = log_tension(self.frozen.initial), seen**2
-        low, high = log_limits(self.rules)
-        prior = self.rules.slope_prior
-
-        def deviance(scatter: FloatArray) -> float:
-            tau2 = of_logs(scatter, logs, low, high) ** 2
-            spread = tau2 * information
-            return float((np.log1p(spread) - tau2 / (1 + spread) * square).sum()) + float(
-                (scatter[1] / prior) ** 2
-            )
-
-        found = optimize.minimize(
-            deviance,
-            state.scatter,
-            method="Nelder-Mead",
-            options={"xatol": 5e-3, "fatol": 5e-3, "maxiter": 120},
-        )
-        scatter = np.array([np.clip(found.x[0], low, high), found.x[1]])
+        jacobian = self.jacobian(state)
+        between = BetweenTests(
+            self.frozen.initial, information, seen, np.einsum("cb,cbp->cp", state.slope, jacobian),
+            np.einsum("cbp,cbq->pq", jacobian, jacobian), self.rules,
+        )  # fmt: skip
+        scatter = between.best(state.scatter)
         if np.abs(scatter - state.scatter).max() < _SAME_SCATTER:
             return state
         return self.solve(state.theta, scatter, state.u)
@@ -280,6 +267,12 @@ class Problem:
 
     def jacobian(self, state: State) -> FloatArray:
         """Whitened derivatives of the courses with respect to the vector, (cases, bins, p)."""
+        key = state.theta.tobytes() + state.u.tobytes()
+        if key not in self._last_slopes:
+            self._last_slopes = {key: self._slopes(state)}
+        return self._last_slopes[key]
+
+    def _slopes(self, state: State) -> FloatArray:
         columns = []
         for place in range(len(state.theta)):
             step = _STEP * max(1e-3, abs(state.theta[place])) if not self._log_place(place) else _STEP
@@ -289,7 +282,7 @@ class Problem:
             moved[place] -= 2 * step if back else 0.0
             ahead = self._whitened(self.frozen.change - self._course(self.at(moved), state.u))
             columns.append((state.residual - ahead) / (moved[place] - state.theta[place]))
-        return np.stack(columns, axis=-1)
+        return np.stack(columns, axis=-1) if columns else np.zeros((*state.residual.shape, 0))
 
     def by_case(self, state: State) -> tuple[FloatArray, FloatArray]:
         """What every case adds to the normal equations, (cases, p, p) and (cases, p)."""

@@ -145,7 +145,7 @@ def _of_set(judged: Evaluation, fitted: frozenset[str] | None) -> Evaluation:
 
 def _row(judged: Evaluation) -> dict[str, Any]:
     found = judged.comparisons[0]
-    motion, (low, high) = list(found.motion_nrmse.values()), found.final_band
+    motion, band = list(found.motion_nrmse.values()), found.band
     noise = [] if found.noise is None else list(found.noise.motion_nrmse.values())
     return {
         "file": found.file,
@@ -155,10 +155,11 @@ def _row(judged: Evaluation) -> dict[str, Any]:
         "initial_tension_n": found.initial_tension,
         "final_tension_n": {
             "simulated": found.simulated_final,
-            "low": low,
-            "high": high,
+            "low": band.low,
+            "high": band.high,
             "measured": found.measured_final,
         },
+        "tension_course_within_band": band.course_within,
         "motion_nrmse": sum(motion) / len(motion) if motion else None,
         "motion_nrmse_of_noise": sum(noise) / len(noise) if noise else None,
         "link_force_nrmse": found.link_force_nrmse,

@@ -208,13 +208,19 @@ def _of_fit(of_fit: object, sets: object) -> list[str]:
 
 
 def _bands(records: object) -> list[str]:
-    """Say how many measured final tensions lie within their band."""
-    tensions = [mapping(record.get("final_tension_n")) for record in mappings(records)]
+    """Say how many measured final tensions, and how much of the courses, lie within their band."""
+    rows = list(mappings(records))
+    tensions = [mapping(record.get("final_tension_n")) for record in rows]
     known = [t for t in tensions if None not in (t.get("low"), t.get("high"), t.get("measured"))]
     if not known:
         return []
     inside = sum(t["low"] <= t["measured"] <= t["high"] for t in known)
-    return [f"{inside} of {_count(len(known), 'measured final tension')} lie within their 95 % limits."]
+    said = [f"{inside} of {_count(len(known), 'measured final tension')} lie within their 95 % limits."]
+    shares = [s for row in rows if (s := row.get("tension_course_within_band")) is not None]
+    if shares:
+        share = number(100 * sum(shares) / len(shares), 3)
+        said.append(f"The courses of the tension after the hits lie within theirs for {share} % of the time.")
+    return said
 
 
 _ON: Mapping[object, str] = {True: "On the campaign of its fit, the", False: "With nothing fitted, the"}

@@ -17,7 +17,7 @@ from rom.campaign.campaign import WindowSettings
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.evaluation.at_rest import held_tension
-from rom.evaluation.bands import NO_BAND, tension_band
+from rom.evaluation.bands import NO_BAND, TensionBand, tension_band
 from rom.evaluation.record_noise import RecordNoise, at_rest, noise_of
 from rom.evaluation.replay import (
     Replay,
@@ -27,6 +27,7 @@ from rom.evaluation.replay import (
     shown_tension,
     simulate_measurement,
     tension_known,
+    window_mean,
 )
 from rom.model.model import Model
 from rom.signals.processing import Measurement
@@ -40,7 +41,6 @@ __all__ = [
     "compare_all",
     "simulate_measurement",
     "summarise",
-    "window_mean",
 ]
 
 _SIDE_BY_SIDE: Numerical[int] = 8  # models whose responses are in memory at once
@@ -70,8 +70,7 @@ ErrorsByKind = Mapping[Kind, Errors]
 class Comparison:
     """Simulated against measured for one record; tensions in N, nan where not measured or not asked for.
 
-    `final_band` are 95 % limits of the final tension of one new test, `noise` the errors that noise alone
-    makes.
+    `band` is where the tension of one new test lies, `noise` the errors that noise alone makes.
     """
 
     file: str
@@ -84,7 +83,7 @@ class Comparison:
     measured_final: float = np.nan
     simulated_final: float = np.nan
     tension_rmse: float = np.nan
-    final_band: tuple[float, float] = NO_BAND
+    band: TensionBand = NO_BAND
     noise: RecordNoise | None = None
 
     @property
@@ -183,9 +182,13 @@ def _of_motion(
             comparison = replace(nothing, finished=False)
         elif run is not None:
             moved = _with_motion(nothing, model, run.measurement, next(motions))
-            comparison = _with_tension(moved, run, windows, bands)
+            comparison = _with_tension(moved, run, windows)
             own = noise(_coupled_pair(model))
-            comparison = replace(comparison, noise=_with_rate(own, model, comparison.initial_tension))
+            comparison = replace(
+                comparison,
+                noise=_with_rate(own, model, comparison.initial_tension),
+                band=tension_band(run, windows.final_s, own.tension_rms) if bands else NO_BAND,
+            )
         found.append(comparison)
     return found
 
@@ -230,27 +233,6 @@ def summarise(comparisons: Iterable[Comparison]) -> Errors:
     )
 
 
-def window_mean(samples: FloatArray, rate_hz: float, window_s: tuple[float, float]) -> float:
-    """Return the mean over a time window, cut at the record's end.
-
-    Parameters
-    ----------
-    samples : ndarray, shape (..., samples)
-        Samples.
-    rate_hz : float
-        Sampling rate [Hz].
-    window_s : tuple of float
-        Window [s], from and to.
-
-    Returns
-    -------
-    float
-        In the unit of the samples.
-    """
-    inside = samples[int(window_s[0] * rate_hz) : int(window_s[1] * rate_hz)]
-    return float(inside.mean()) if len(inside) else float(samples[-1])
-
-
 def _of_cycled(comparison: Comparison, model: Model, measurement: Measurement) -> Comparison:
     forces = driven_forces(model, measurement)
     values = [_nrmse(simulated, measured) for simulated, measured in forces.values()]
@@ -281,7 +263,7 @@ def _coupled_pair(model: Model) -> tuple[str, str] | None:
     return (chosen[0].first, chosen[0].second) if chosen else None
 
 
-def _with_tension(comparison: Comparison, run: Replay, windows: WindowSettings, bands: bool) -> Comparison:
+def _with_tension(comparison: Comparison, run: Replay, windows: WindowSettings) -> Comparison:
     tension, impact_s = run.measurement.tension, run.measurement.impact_s
     if tension is None or not isinstance(run.response.tension, np.ndarray):
         return comparison
@@ -290,14 +272,12 @@ def _with_tension(comparison: Comparison, run: Replay, windows: WindowSettings, 
     if impact_s is not None:
         start = int(impact_s * tension.rate_hz)
         rmse = float(np.sqrt(np.mean((steady - tension.non_oscillatory)[start:] ** 2)))
-    final = window_mean(shown, tension.rate_hz, windows.final_s)
     return replace(
         comparison,
         initial_tension=tension.initial,
         measured_final=tension.final,
-        simulated_final=final,
+        simulated_final=window_mean(shown, tension.rate_hz, windows.final_s),
         tension_rmse=rmse,
-        final_band=tension_band(run, final, windows.final_s) if bands else NO_BAND,
     )
 
 

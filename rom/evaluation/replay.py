@@ -125,6 +125,27 @@ def shown_tension(run: Replay, tension: TensionRecord) -> tuple[FloatArray, Floa
     return shown, non_oscillatory(shown, tension.rate_hz, seen.impact_s, first_mode)
 
 
+def window_mean(samples: FloatArray, rate_hz: float, window_s: tuple[float, float]) -> float:
+    """Return the mean over a time window, cut at the record's end.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (..., samples)
+        Samples.
+    rate_hz : float
+        Sampling rate [Hz].
+    window_s : tuple of float
+        Window [s], from and to.
+
+    Returns
+    -------
+    float
+        In the unit of the samples.
+    """
+    inside = samples[int(window_s[0] * rate_hz) : int(window_s[1] * rate_hz)]
+    return float(inside.mean()) if len(inside) else float(samples[-1])
+
+
 def driven_forces(model: Model, measurement: Measurement) -> Mapping[str, tuple[FloatArray, FloatArray]]:
     """Return simulated and measured force [N] of every link that a cycled record drives, by link.
 

@@ -10,10 +10,12 @@ import pytest
 from scipy import stats
 
 from rom.evaluation.error_measures import Comparison, compare_all
+from rom.evaluation.replay import replay
 from rom.model.model import Model
 from rom.model.rate_uncertainty import RateUncertainty
 from rom.model_file import load_model
 from rom.signals.filters import for_straight_lines
+from rom.signals.processing import tension_record
 from tests.rom.evaluation.test_error_measures import (
     FORCE,
     RATE_HZ,
@@ -40,6 +42,10 @@ def predicted(uncertainty: RateUncertainty | None, noise: float = 0.0) -> Compar
     return compare_all([one], record, WINDOWS, bands=True)[0]
 
 
+def ends_of(found: Comparison) -> tuple[float, float]:
+    return found.band.low, found.band.high
+
+
 def final(gammas: np.ndarray) -> np.ndarray:
     count = len(gammas)
     return model(GAMMA).final_tension(
@@ -57,7 +63,7 @@ def test_rates_that_differ_from_test_to_test(slope: float) -> None:
     """Ends of the band: the law at both quantiles of the rate."""
     found = predicted(known(between_tests=0.3, slope=slope))
     half = stats.t.ppf(0.975, TESTS) * 0.3 * (TENSION_N / 100.0) ** slope
-    assert found.final_band == pytest.approx(tuple(final(GAMMA * np.exp([half, -half]))), abs=1e-4)
+    assert ends_of(found) == pytest.approx(tuple(final(GAMMA * np.exp([half, -half]))), abs=1e-4)
     assert TENSION_N - found.simulated_final > 5.0
 
 
@@ -65,7 +71,7 @@ def test_a_number_that_is_known_so_well() -> None:
     found = predicted(known(variance=(0.1 * GAMMA) ** 2))
     half = stats.t.ppf(0.975, TESTS) * 0.1
     ends = final(GAMMA * np.exp([half, -half]))
-    assert found.final_band == pytest.approx(tuple(ends), abs=0.06 * float(np.ptp(ends)))
+    assert ends_of(found) == pytest.approx(tuple(ends), abs=0.06 * float(np.ptp(ends)))
 
 
 def test_drawn_rates_lie_within_the_band_as_often_as_it_says() -> None:
@@ -73,7 +79,7 @@ def test_drawn_rates_lie_within_the_band_as_often_as_it_says() -> None:
     chance = np.random.default_rng(1)
     drawn = (GAMMA + np.sqrt(variance) * chance.normal(size=400)) * np.exp(between * chance.normal(size=400))
     many = replace(known(variance, between), degrees_of_freedom=10_000)
-    low, high = predicted(many).final_band
+    low, high = ends_of(predicted(many))
     tensions = final(np.maximum(drawn, 0.0))
     assert np.mean((tensions >= low) & (tensions <= high)) == pytest.approx(0.95, abs=0.025)
 
@@ -81,11 +87,11 @@ def test_drawn_rates_lie_within_the_band_as_often_as_it_says() -> None:
 def test_means_are_measured_with_noise() -> None:
     found = predicted(known(), noise=0.5)
     half = 1.96 * np.hypot(0.5, 0.5)
-    assert found.final_band == pytest.approx((found.simulated_final - half, found.simulated_final + half))
+    assert ends_of(found) == pytest.approx((found.simulated_final - half, found.simulated_final + half))
 
 
 def test_nothing_is_said_of_a_law_of_which_nothing_is_known() -> None:
-    assert np.isnan(predicted(None).final_band).all()
+    assert np.isnan(ends_of(predicted(None))).all()
 
 
 def test_another_law_or_other_numbers_of_it_are_not_that_well_known() -> None:
@@ -107,3 +113,22 @@ def test_a_file_keeps_it(tmp_path: Path) -> None:
 def test_what_cannot_be_is_refused(covariance: list[list[float]], between: float) -> None:
     with pytest.raises(ValueError, match="must"):
         RateUncertainty(("gamma",), tuple(map(tuple, covariance)), between)
+
+
+@pytest.mark.parametrize(("of_rates", "low", "high"), [(1.0, 0.85, 1.0), (4.0, 0.2, 0.6)])
+def test_courses_lie_within_their_band_as_often_as_the_rates_do(
+    of_rates: float, low: float, high: float
+) -> None:
+    """Rates that differ as the model says, and four times as much; gauge noise on each course."""
+    between, noise_n = 0.2, 0.5
+    law = replace(model(GAMMA), rate_uncertainty=replace(known(0.0, between), degrees_of_freedom=10_000))
+    shares = []
+    for seed, u in enumerate(stats.norm.ppf((np.arange(10) + 0.5) / 10)):
+        still = measurement("loosening", seen("displacement"), tension=tension(np.full(SAMPLES, TENSION_N)))
+        course = replay(model(GAMMA * np.exp(of_rates * between * u)), still).response.tension
+        noise = noise_n * np.random.default_rng(seed).standard_normal(SAMPLES)
+        shown = tension_record(course + noise, RATE_HZ, WINDOWS, impact_s=0.3, first_mode_hz=20.0)
+        shares.append(
+            compare_all([law], replace(still, tension=shown), WINDOWS, bands=True)[0].band.course_within
+        )
+    assert low <= np.mean(shares) <= high
