@@ -13,8 +13,9 @@ from experiments.results import fitted_records, plain, results_folder, write_res
 from experiments.run.publication import results_into
 from experiments.studies.effect_curves import effect_curves
 from experiments.studies.figure_files import figures_into
-from experiments.studies.identify import Progress, suspected_lines
+from experiments.studies.identify import Progress
 from experiments.studies.suspected import suspected, write_without_records
+from experiments.text.suspicions import suspected_lines
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
 from rom.model_file import load_model

@@ -15,8 +15,9 @@ from discovery.laws.candidate import ALWAYS_LISTED, NO_LOOSENING, Candidate
 from experiments.results import fitted_records, plain, results_folder, write_result
 from experiments.run.publication import results_into
 from experiments.studies.figure_files import figures_into
-from experiments.studies.identify import Progress, suspected_lines
+from experiments.studies.identify import Progress
 from experiments.studies.suspected import screening_of, suspected, write_without_records
+from experiments.text.suspicions import suspected_lines
 from rom.campaign.campaign import Campaign, read_campaign, read_settings
 from rom.signals.measured_records import NothingLeftError, judged_by, screened, stored
 from rom.signals.suspicions import causes

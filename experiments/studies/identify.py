@@ -15,9 +15,9 @@ from experiments.results import fitted_records, plain, results_folder
 from experiments.run.publication import results_into
 from experiments.studies.figure_files import figures_into
 from experiments.studies.suspected import suspected, write_without_records
-from experiments.text import suspicions
 from experiments.text.floors import loss_floor
 from experiments.text.limits import parameter_line
+from experiments.text.suspicions import suspected_lines
 from experiments.text.wording import mapping
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
@@ -321,7 +321,7 @@ def summary(path: Path) -> str:
         for place in ("stiffness", "damping", "tension_rate"):
             law = link[place]
             if law is not None and law["parameters"]:
-                values = ", ".join(parameter_line(name, item) for name, item in law["parameters"].items())
+                values = ", ".join(_numbers(law["parameters"]))
                 head = f"  {link['name']} {place.replace('_', ' ')}: {law['equation']}"
                 lines.append(f"{head}   {values}{_records_for(link, place, section['fits'])}")
         lines += _bolt_out(link, data.get("uncoupled_links", ()))
@@ -332,6 +332,13 @@ def summary(path: Path) -> str:
             lines.append(f"  {name.replace('_', '-')}: {_percent(errors, rival, floor)}")
     lines += [f"  note: {text}" for text in section["warnings"] + section["set_aside"]]
     return "\n".join(lines + suspected_lines(data))
+
+
+def _numbers(parameters: Mapping[str, Any]) -> Iterator[str]:
+    """Yield each number of a law, and which of them were held while others were fitted."""
+    fitted = [item["source"] == "identified" for item in parameters.values()]
+    for (name, item), own in zip(parameters.items(), fitted, strict=True):
+        yield parameter_line(name, item) + (" (held)" if any(fitted) and not own else "")
 
 
 def _bolt_out(link: Mapping[str, Any], uncoupled: Iterable[Mapping[str, Any]]) -> Iterator[str]:
@@ -366,11 +373,6 @@ def _of_mode(mode: Mapping[str, Any]) -> Iterator[str]:
     numbers = (parameter_line("f", mode["frequency_hz"]), parameter_line("zeta", mode["damping_ratio"]))
     yield f"  {mode['name']}: {', '.join(numbers)}"
     yield "    shape: " + ", ".join(parameter_line(sensor, item) for sensor, item in mode["shape"].items())
-
-
-def suspected_lines(data: Mapping[str, Any]) -> list[str]:
-    """Return a line for people for each kind of suspicion."""
-    return [f"  suspicion: {text}" for text in suspicions.lines(data)]
 
 
 def _percent(errors: dict[str, Any], rival: dict[str, Any], floor: Mapping[str, Any]) -> str:

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from experiments.results import results_folder, write_result
-from experiments.studies.identify import errors_by_set, suspected_lines
+from experiments.studies.identify import errors_by_set
 from experiments.studies.suspected import suspected
+from experiments.text.suspicions import suspected_lines
 from experiments.text.wording import mapping
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.campaign.checks import file_digest

@@ -68,3 +68,8 @@ def _line(likely: str, channel: str, same: Sequence[Data]) -> str:
     finding = Counter(str(row.get("finding")) for row in same).most_common(1)[0][0]
     cause = f"{likely}, " if likely else ""
     return f"{cause}{channel} in {where}: {finding}"
+
+
+def suspected_lines(data: Mapping[str, Any]) -> list[str]:
+    """Return a line for people for each kind of suspicion."""
+    return [f"  suspicion: {text}" for text in lines(data)]

@@ -192,6 +192,8 @@ def test_summary_names_laws_limits_and_errors(results: Path) -> None:
         r"hold-out: motion [\d.]+ % \(noise alone: [\d.]+ %\); final tension mean [\d.]+ %", text
     )
     assert "no loosening" in text
+    assert "exponent = 4 (held)" in text
+    assert text.count("(held)") == 1
     assert re.search(
         r"flexure_lo stiffness, bolt out: k = [\d.e+]+ \[[\d.e+]+, [\d.e+]+\] N/m$", text, re.MULTILINE
     )
