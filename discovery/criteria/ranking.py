@@ -74,6 +74,14 @@ class RankingRules(Group):
         "in 86 with 0, of 2 with 0.05, of none from 0.1 on; rightly of 60 in 70 with 0, of 58 with 0.1",
     )  # fmt: skip
 
+    tests_per_number: float = number(
+        2.0, "1",
+        "tests for each free number of a product of powers of velocity and displacement, below which it is "
+        "open what drives the loosening",
+        "laws of velocity alone: that both act was said wrongly of one campaign of the rig with 5 tests for "
+        "5 numbers, and of simulated courses of 1 in 12 with 8 tests, of none in 24 with 12 and 18",
+    )  # fmt: skip
+
     def edge_of(self, low: float, high: float, largest: float) -> float | None:
         """Return the number that an end of a set lies next to, 0 or the largest searched; None for neither.
 

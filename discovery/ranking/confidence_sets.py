@@ -154,9 +154,27 @@ class MotionProfile:
         )
 
     @property
+    def tests(self) -> int:
+        """Tests that the law was fitted to."""
+        return len(self.velocity.fitted.deviations)
+
+    @property
+    def numbers(self) -> int:
+        """Free numbers of the law, both exponents among them."""
+        free = {*self.velocity.fitted.free, *self.displacement.fitted.free}
+        return len(free | {self.velocity.name, self.displacement.name})
+
+    @property
+    def few(self) -> bool:
+        """Whether tests are too few to tell how they differ from what drives the loosening."""
+        rules = self.velocity.fitted.criteria.ranking
+        return self.tests < rules.tests_per_number * self.numbers
+
+    @property
     def summary(self) -> str:
         """The result in one sentence."""
-        driver = "undecided" if self.at_edge and self.driver != "neither" else self.driver
+        is_open = (self.at_edge or self.few) and self.driver != "neither"
+        driver = "undecided" if is_open else self.driver
         verdict = {
             "velocity": "velocity drives the loosening; displacement is not needed",
             "displacement": "displacement drives the loosening; velocity is not needed",

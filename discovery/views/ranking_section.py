@@ -115,6 +115,8 @@ def _motion_row(profile: MotionProfile | None, level: float) -> dict[str, Any] |
         return None
     return {
         "driver": profile.driver,
+        "tests": profile.tests,
+        "numbers": profile.numbers,
         "velocity": _profile_row(profile.velocity, level),
         "displacement": _profile_row(profile.displacement, level),
     }

@@ -170,12 +170,15 @@ def _on_profiles(data: Data) -> Iterator[str]:
             told += ", but none explains the courses to within noise and scatter"
         yield f"As a power of the relative velocity, {told}."
     if isinstance(motion, Mapping) and motion.get("driver") in _DRIVERS:
-        edges = [] if motion["driver"] == "neither" else list(_at_edge(motion, used_in(data).ranking))
-        yield f"{_DRIVERS['undecided'][:-1]}: {'; '.join(edges)}." if edges else _DRIVERS[motion["driver"]]
+        why = [] if motion["driver"] == "neither" else list(_open(motion, used_in(data).ranking))
+        yield f"{_DRIVERS['undecided'][:-1]}: {'; '.join(why)}." if why else _DRIVERS[motion["driver"]]
 
 
-def _at_edge(motion: Data, rules: RankingRules) -> Iterator[str]:
-    """Yield the exponents' sets that end where a statement on the driver would change."""
+def _open(motion: Data, rules: RankingRules) -> Iterator[str]:
+    """Yield why what drives is open: few tests, or sets that end where a statement on it would change."""
+    tests, numbers = motion.get("tests"), motion.get("numbers")
+    if tests is not None and numbers and tests < rules.tests_per_number * numbers:
+        yield f"{tests} tests for the {numbers} free numbers of a law with both are few"
     for name in ("velocity", "displacement"):
         profile = mapping(motion.get(name))
         low, high, values = (profile.get(key) for key in ("low", "high", "values"))

@@ -10,6 +10,7 @@ import pytest
 import rom
 from discovery.courses.fit import fit, refine
 from discovery.courses.frozen_motion import FrozenMotion, freeze
+from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import BASELINE, Candidate, Term, baseline, constant_power, no_loosening
 from discovery.laws.factors import displacement_power, tension_exponential, tension_power, velocity_power
 from discovery.ranking.confidence_sets import (
@@ -159,7 +160,12 @@ def test_velocity_is_told_from_displacement() -> None:
     assert not by_displacement.displacement.holds(0.0)
     assert by_displacement.displacement.holds(2.0)
     claimed = {"both": "both act"}.get(by_displacement.driver, "displacement drives")
-    assert ("is open" if by_displacement.at_edge else claimed) in by_displacement.summary
+    assert (by_displacement.tests, by_displacement.numbers, by_displacement.few) == (6, 5, True)
+    assert "is open" in by_displacement.summary
+    enough = replace(CRITERIA, ranking=replace(CRITERIA.ranking, tests_per_number=1.0))
+    fitted = replace(by_displacement.velocity.fitted, criteria=enough)
+    many = replace(by_displacement, velocity=replace(by_displacement.velocity, fitted=fitted))
+    assert ("is open" if many.at_edge else claimed) in many.summary
 
 
 def test_too_few_values_are_refused() -> None:

@@ -208,6 +208,18 @@ def test_a_set_that_ends_at_the_edge_of_a_claim_supports_none(ends: dict[str, fl
     assert ("is open with these records" in text) is (words != "Velocity and displacement both act.")
 
 
+@pytest.mark.parametrize(("tests", "claimed"), [(9, False), (10, True)])
+def test_few_tests_leave_open_what_drives(tests: int, claimed: bool) -> None:
+    """With a test for each number nothing tells how tests differ: both was said where velocity acts alone."""
+    sets = {name: {"low": 1.0, "high": 2.0, "values": [0.0, 4.5]} for name in ("velocity", "displacement")}
+    motion = {"driver": "both", "tests": tests, "numbers": 5} | sets
+    found = rankings.answer(ranking() | {"motion_profile": motion})
+    assert found is not None
+    text = " ".join(found.sentences)
+    assert ("Velocity and displacement both act." in text) is claimed
+    assert ("9 tests for the 5 free numbers of a law with both are few" in text) is not claimed
+
+
 def test_a_difference_of_bic_is_said_as_what_it_means() -> None:
     rows = laws()
     for rise, words in ((72411.0, "very strong evidence, a difference in BIC of more than 1000"),
