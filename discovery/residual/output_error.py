@@ -31,6 +31,7 @@ from discovery.residual.base import Kind, Residual, cost
 from discovery.residual.effect_forces import lasting_force
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.linearised_record import Part, along_measured, linearised_parts
+from discovery.residual.tall import triangle
 from discovery.residual.trajectory import MeasuredTrajectory, Measurements, trace_records
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
@@ -154,18 +155,24 @@ class WhitenedResidual(Residual):
         return self._factors[0]
 
     @cached_property
+    def _triangle(self) -> FloatArray:
+        """R of the slopes and, its last column, the residual on training rows: [J r] = Q R."""
+        return triangle(np.column_stack([self.slopes, self.residual])[self.training])
+
+    @cached_property
     def _factors(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Singular vectors and values of the slopes on training rows and, below, of the ties; their units.
 
         In units that make all numbers' slopes one: a number that only a tie knows, its record being left out,
         counts like all others.
         """
-        stacked = np.concatenate([self.slopes[self.training], self._tied[0]])
-        unit = np.maximum(np.linalg.norm(stacked, axis=0), 1e-300)
-        stacked /= unit
-        left, size, right = np.linalg.svd(stacked, full_matrices=False)
+        square = np.concatenate([self._triangle[:, :-1], self._tied[0]])
+        unit = np.maximum(np.linalg.norm(square, axis=0), 1e-300)
+        _, size, right = np.linalg.svd(square / unit, full_matrices=False)
         kept = int(np.sum(size > _SAME * size.max(initial=0.0)))
-        return left[:, :kept], size[:kept], right[:kept], unit
+        size, right = size[:kept], right[:kept]
+        stacked = np.concatenate([self.slopes[self.training], self._tied[0]])
+        return stacked @ (right / unit).T / size, size, right, unit
 
     @cached_property
     def _tied(self) -> tuple[FloatArray, FloatArray]:
@@ -176,13 +183,9 @@ class WhitenedResidual(Residual):
         """
         values = constants(self.baseline.model)
         ties = [tie for tie in self.baseline.believed if tie.factors.keys() <= values.keys()]
-        mine = self.residual[self.training]
         if ties:
-            slopes = self.slopes[self.training]
-            slopes /= np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
-            steps = np.linalg.lstsq(slopes, mine, rcond=_SAME)[0]
-            noise = self.criteria.acceptance.noise_level * len(mine)
-            beyond = float(np.sum((mine - slopes @ steps) ** 2)) - noise
+            noise = self.criteria.acceptance.noise_level * float(self.training.sum())
+            beyond = float(self._triangle[-1, -1]) ** 2 - noise
         if not ties or beyond <= 0:
             return np.zeros((0, len(self.names))), np.zeros(0)
         rows = np.array([[tie.factors.get(name, 0.0) / tie.error for name in self.names] for tie in ties])
