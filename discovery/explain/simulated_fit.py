@@ -8,7 +8,9 @@ measured motion:
     r(theta) = S^-1/2 P (Y - Y_model(theta))
 
 with the spectra Y of the channels, the noise S and the projection P as they are in the residual. Each test's
-tension falls by its own rate meanwhile. Slopes are differences of simulations.
+tension falls by its own rate meanwhile. Slopes are differences of simulations, at the start alone: with
+B (theta' - theta) = r(theta) - r(theta') every step tells one direction anew (C. G. Broyden, Math. Comput. 19,
+577, 1965).
 """
 
 from __future__ import annotations
@@ -84,9 +86,11 @@ class SimulatedFit:
             Called with the number of records simulated and their total.
         """
         baseline, rows = self.start.baseline, self.rows(self.start.baseline)
-        for step in range(_MOST):
-            slopes = self._slopes(baseline, rows, step, progress)
-            better = self._better(baseline, rows, slopes)
+        slopes = self._slopes(baseline, rows, progress)
+        unit = np.maximum(np.linalg.norm(slopes, axis=0), np.finfo(float).tiny)
+        slopes /= unit
+        for _ in range(_MOST):
+            better = self._better(baseline, rows, slopes, unit)
             if better is None:
                 break
             gained = float(rows @ rows) - float(better[1] @ better[1])
@@ -101,23 +105,21 @@ class SimulatedFit:
         return np.concatenate([self._rows_of(trace, one, baseline) for trace, one in every])
 
     def _better(
-        self, baseline: FreeParameters, rows: FloatArray, slopes: FloatArray
+        self, baseline: FreeParameters, rows: FloatArray, slopes: FloatArray, unit: FloatArray
     ) -> tuple[FreeParameters, FloatArray] | None:
-        """A Gauss-Newton step, damped ones where it does not lower the cost."""
-        unit = np.maximum(np.linalg.norm(slopes, axis=0), np.finfo(float).tiny)
-        scaled, none = slopes / unit, np.zeros(len(unit))
+        """A Gauss-Newton step, damped ones where it does not lower the cost; it mends the slopes, in units."""
+        none = np.zeros(len(unit))
         for damping in DAMPINGS:
-            stacked = np.concatenate([scaled, np.sqrt(damping) * np.eye(len(unit))])
-            found = np.linalg.lstsq(stacked, np.concatenate([rows, none]), rcond=_SAME)[0] / unit
-            moved = baseline.stepped(dict(zip(self.start.names, found.tolist(), strict=True)))
+            stacked = np.concatenate([slopes, np.sqrt(damping) * np.eye(len(unit))])
+            step = np.linalg.lstsq(stacked, np.concatenate([rows, none]), rcond=_SAME)[0]
+            moved = baseline.stepped(dict(zip(self.start.names, (step / unit).tolist(), strict=True)))
             left = self.rows(moved)
             if left @ left < rows @ rows:
+                slopes += np.multiply.outer(rows - left - slopes @ step, step / (step @ step))
                 return moved, left
         return None
 
-    def _slopes(
-        self, baseline: FreeParameters, rows: FloatArray, step: int, progress: Progress | None
-    ) -> FloatArray:
+    def _slopes(self, baseline: FreeParameters, rows: FloatArray, progress: Progress | None) -> FloatArray:
         """Slopes of what is shown by the numbers that a record tells, (rows, numbers)."""
         found = np.zeros((len(rows), len(self.start.names)))
         moved = [baseline.stepped({name: _DIFFERENCE}) for name in self.start.names]
@@ -127,7 +129,7 @@ class SimulatedFit:
                 shown = rows[here] - self._rows_of(trace, measurement, moved[column])
                 found[here, column] = np.nan_to_num(shown / _DIFFERENCE, posinf=0.0, neginf=0.0)
             if progress is not None:
-                progress(step * len(self.records) + done + 1, _MOST * len(self.records))
+                progress(done + 1, len(self.records))
         return found
 
     def _rows_of(
