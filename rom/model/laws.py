@@ -178,8 +178,10 @@ class Law:
     def _evaluate(self, *arguments: npt.ArrayLike) -> FloatArray:
         from rom.kernels.evaluation import evaluate
 
-        columns = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in arguments))
-        table = np.stack([column.ravel() for column in columns])
+        columns = [np.asarray(value, dtype=np.float64) for value in arguments]
+        if len(columns) > 1:
+            columns = list(np.broadcast_arrays(*columns))
+        table = np.concatenate([column.reshape(1, -1) for column in columns])
         return np.asarray(evaluate(self.address, table, self.values)).reshape(columns[0].shape)
 
 
