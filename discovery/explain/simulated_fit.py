@@ -8,9 +8,8 @@ measured motion:
     r(theta) = S^-1/2 P (Y - Y_model(theta))
 
 with the spectra Y of the channels, the noise S and the projection P as they are in the residual. Each test's
-tension falls by its own rate meanwhile. Slopes are differences of simulations, at the start alone: with
-B (theta' - theta) = r(theta) - r(theta') every step tells one direction anew (C. G. Broyden, Math. Comput. 19,
-577, 1965).
+tension falls by its own rate meanwhile. Slopes are differences of simulations at the start; every step then
+tells those along itself anew (C. G. Broyden, Math. Comput. 19, 577, 1965).
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ from rom.identification.spectral_model import Linearised, SpectralRecord
 from rom.progress import Progress
 from rom.signals.processing import Measurement
 
-_MOST: Numerical[int] = 3  # steps
+_MOST: Numerical[int] = 8  # steps
 _DIFFERENCE: Numerical[float] = 1e-4  # of a number's size
 _SETTLED: Numerical[float] = 1e-2  # of the cost
 _SAME: Numerical[float] = 1e-9  # of the largest singular value
@@ -87,14 +86,16 @@ class SimulatedFit:
         """
         baseline, rows = self.start.baseline, self.rows(self.start.baseline)
         slopes = self._slopes(baseline, rows, progress)
-        unit = np.maximum(np.linalg.norm(slopes, axis=0), np.finfo(float).tiny)
-        slopes /= unit
+        units = np.maximum(np.linalg.norm(slopes, axis=0), np.finfo(float).tiny)
+        slopes /= units
         for _ in range(_MOST):
-            better = self._better(baseline, rows, slopes, unit)
+            better = self._better(baseline, rows, slopes, units)
             if better is None:
                 break
-            gained = float(rows @ rows) - float(better[1] @ better[1])
-            baseline, rows = better
+            step, baseline, left = better
+            slopes += np.multiply.outer(rows - left - slopes @ step, step / (step @ step))
+            gained = float(rows @ rows) - float(left @ left)
+            rows = left
             if gained < _SETTLED * float(rows @ rows):
                 break
         return None if baseline is self.start.baseline else baseline
@@ -105,18 +106,17 @@ class SimulatedFit:
         return np.concatenate([self._rows_of(trace, one, baseline) for trace, one in every])
 
     def _better(
-        self, baseline: FreeParameters, rows: FloatArray, slopes: FloatArray, unit: FloatArray
-    ) -> tuple[FreeParameters, FloatArray] | None:
-        """A Gauss-Newton step, damped ones where it does not lower the cost; it mends the slopes, in units."""
-        none = np.zeros(len(unit))
+        self, baseline: FreeParameters, rows: FloatArray, slopes: FloatArray, units: FloatArray
+    ) -> tuple[FloatArray, FreeParameters, FloatArray] | None:
+        """A Gauss-Newton step, damped ones where it does not lower the cost; where it ends, what is left."""
+        none = np.zeros(len(units))
         for damping in DAMPINGS:
-            stacked = np.concatenate([slopes, np.sqrt(damping) * np.eye(len(unit))])
+            stacked = np.concatenate([slopes, np.sqrt(damping) * np.eye(len(units))])
             step = np.linalg.lstsq(stacked, np.concatenate([rows, none]), rcond=_SAME)[0]
-            moved = baseline.stepped(dict(zip(self.start.names, (step / unit).tolist(), strict=True)))
+            moved = baseline.stepped(dict(zip(self.start.names, (step / units).tolist(), strict=True)))
             left = self.rows(moved)
             if left @ left < rows @ rows:
-                slopes += np.multiply.outer(rows - left - slopes @ step, step / (step @ step))
-                return moved, left
+                return step, moved, left
         return None
 
     def _slopes(self, baseline: FreeParameters, rows: FloatArray, progress: Progress | None) -> FloatArray:

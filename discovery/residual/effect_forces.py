@@ -133,7 +133,7 @@ def lasting_lines(trace: MeasuredTrajectory, effects: Sequence[Effect]) -> list[
     key = (trace.stride, samples, *(_grid(trace, part) for part in trace.parts), *_equations(effects))
     lines = _CACHE.get(key)
     if lines is None:
-        forces = _forces(effects, trace.rate_hz, np.zeros((5, samples)))
+        forces = _forces_in_time(effects, trace.rate_hz, samples)
         lines = [trace.force_lines(forces, place).T for place in places]
         _CACHE.keep(key, lines)
     return list(lines)
@@ -161,8 +161,7 @@ def lines_from_start(
     key = (_grid(trace, segment), *_equations(effects))
     held = _CACHE.get(key)
     if held is None:
-        motion = np.zeros((5, segment.samples[1]))
-        forces = _forces(effects, trace.measurement.rate_hz, motion)
+        forces = _forces_in_time(effects, trace.measurement.rate_hz, segment.samples[1])
         held = [np.stack([trace.lines(force, segment) for force in forces], axis=1)]
         _CACHE.keep(key, held)
     return np.asarray(held[0])
@@ -210,6 +209,16 @@ def _motion(
         motion[3], motion[4] = laws.stiffness(trace.tension), laws.damping(trace.tension)
     _CACHE.keep(key, [motion])
     return motion
+
+
+def _forces_in_time(effects: Sequence[Effect], rate_hz: float, samples: int) -> FloatArray:
+    """Force [N] of effects that depend on time alone, (effects, samples)."""
+    key = (rate_hz, samples, *_equations(effects))
+    held = _CACHE.get(key)
+    if held is None:
+        held = [_forces(effects, rate_hz, np.zeros((5, samples)))]
+        _CACHE.keep(key, held)
+    return np.asarray(held[0])
 
 
 def _forces(effects: Sequence[Effect], rate_hz: float, motion: FloatArray) -> FloatArray:

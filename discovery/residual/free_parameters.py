@@ -68,6 +68,16 @@ class FreeParameters:
         if "@" not in name:
             return {name: 1.0}
         term = name.partition("@")[0]
+        if (term, tension) not in self._slopes:  # a record's parts ask for the same
+            self._slopes[term, tension] = self._slopes_of(term, tension)
+        return self._slopes[term, tension]
+
+    @cached_property
+    def _slopes(self) -> dict[tuple[str, float], Slopes]:
+        return {}
+
+    def _slopes_of(self, term: str, tension: float) -> Slopes:
+        """Derivatives of a law's value in shares of it."""
         law = self.law(term)
         here, found = float(law(tension)), {}
         if here == 0.0:  # a share of nothing is nothing

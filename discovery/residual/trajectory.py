@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import fft, ndimage
@@ -14,6 +15,7 @@ from discovery.criteria.motion import Motion
 from discovery.residual.free_parameters import FreeParameters
 from rom.campaign.campaign import Campaign, RecordSettings
 from rom.campaign.channels import MOTIONS, FloatArray
+from rom.campaign.settings import CampaignSettings
 from rom.criteria.number import Numerical
 from rom.effects import SensorFault
 from rom.evaluation.replay import Replay, replay
@@ -36,6 +38,8 @@ _AS_MEASURED: Numerical[float] = 1e-6  # of asinh(gamma): noise tells a loss les
 _LINES: Numerical[int] = 9  # so many tell the power to a third
 _MOTION_TESTS = ("uncoupled", "coupled", "loosening")
 Measurements = Sequence[tuple[RecordSettings, Measurement]]
+_SPECTRA: WeakKeyDictionary[Measurement, tuple[CampaignSettings, tuple[SpectralRecord, ...]]]
+_SPECTRA = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +205,7 @@ def _traced(
     tension = tension if tension.size else np.zeros(seen.samples)
     if seen.test == "loosening" and seen.tension is not None:
         tension = _ending_as_measured(tension, seen.tension.final, criteria.motion.final_share)
-    parts = spectral_records(seen, campaign.settings)
+    parts = _spectra(campaign, seen, stored)
     level = float(tension[-1])
     values = baseline.values(parts[0], level)
     bodies = [body for body in campaign.settings.body_names if body in seen.motion]
@@ -217,6 +221,15 @@ def _traced(
     return MeasuredTrajectory(
         settings, stored, parts, displacement, velocity, tension[kept].copy(), level, stride, _own(run.model)
     )
+
+
+def _spectra(campaign: Campaign, seen: Measurement, stored: Measurement) -> tuple[SpectralRecord, ...]:
+    """Spectra of a record, which are worked out once for all models that correct none of its channels."""
+    settings, parts = _SPECTRA.get(stored, (None, ()))
+    if settings is not campaign.settings:
+        parts = spectral_records(seen, campaign.settings)
+        _SPECTRA[stored] = campaign.settings, parts
+    return parts
 
 
 def _ending_as_measured(tension: FloatArray, final: float, least: float) -> FloatArray:
@@ -277,17 +290,13 @@ def _motion_of(
     beyond = in_band(motion.samples - simulated, seen.rate_hz, seen.chain.band_hz)
     quiet = beyond[: max(int((seen.impact_s or 0.0) * 0.8 * seen.rate_hz), 1)]
     beyond = quiet.mean() + _above_noise(beyond - quiet.mean(), quiet - quiet.mean(), fewest)
-    times = {"acceleration": 2, "velocity": 1, "displacement": 0}[motion.kind]
-    found = []
-    for quantity, integrations in (("displacement", times), ("velocity", times - 1)):
-        if integrations < 0:
-            extra = np.gradient(beyond, 1 / seen.rate_hz)
-        elif integrations == 0:
-            extra = beyond
-        else:
-            extra = seen.chain.integrated(beyond - quiet.mean(), seen.rate_hz, integrations)
-        found.append(getattr(response, quantity)[body] + extra)
-    return found[0], found[1]
+    x, v, rate = response.displacement[body], response.velocity[body], seen.rate_hz
+    if motion.kind == "displacement":
+        return x + beyond, v + np.gradient(beyond, 1 / rate)
+    integral = seen.chain.integrated(beyond - quiet.mean(), rate, 1)
+    if motion.kind == "velocity":
+        return x + integral, v + beyond
+    return x + seen.chain.once_more(integral, rate), v + integral
 
 
 def _above_noise(samples: FloatArray, quiet: FloatArray, fewest: float) -> FloatArray:

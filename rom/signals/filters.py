@@ -92,9 +92,13 @@ class FilterChain:
             return self._integrated_rows(_finite(samples), rate_hz, times)
         result = self.highpass(samples, rate_hz)
         for _ in range(times):
-            result = integrate.cumulative_trapezoid(result, dx=1 / rate_hz, axis=-1, initial=0)
-            result = self.highpass(result, rate_hz)
+            result = self.once_more(result, rate_hz)
         return result
+
+    def once_more(self, filtered: FloatArray, rate_hz: float) -> FloatArray:
+        """Integrate and filter again what was filtered; shape (..., samples) is kept."""
+        integral = integrate.cumulative_trapezoid(filtered, dx=1 / rate_hz, axis=-1, initial=0)
+        return self.highpass(integral, rate_hz)
 
     def _integrated_rows(self, rows: FloatArray, rate_hz: float, times: int) -> FloatArray:
         from rom.kernels.filters import filter_and_integrate
@@ -378,5 +382,6 @@ def ac_coupled(samples: FloatArray, rate_hz: float, corner: float) -> FloatArray
     ndarray
         Shape of the samples.
     """
-    numerator, denominator = signal.bilinear([1.0, 0.0], [1.0, corner], rate_hz)
+    whole, step = 2 * rate_hz + corner, 2 * rate_hz  # bilinear: s = 2 rate (z - 1) / (z + 1)
+    numerator, denominator = [step / whole, -step / whole], [1.0, (corner - step) / whole]
     return np.asarray(signal.lfilter(numerator, denominator, samples), dtype=np.float64)
