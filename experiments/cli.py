@@ -132,7 +132,8 @@ def import_(
         Path, typer.Argument(metavar="SOURCE", help="File or folder as it came; none with --download.")
     ],
     new_dir: Annotated[
-        Path | None, typer.Argument(metavar="NEW_DIR", help="Campaign folder to create.", show_default=False)
+        Path | None,
+        typer.Argument(metavar="NEW_DIR", help="New campaign; none: drafts a map.", show_default=False),
     ] = None,
     channel_map: Annotated[
         Path | None,
@@ -152,12 +153,10 @@ def import_(
     """Turn a measured data set or a laboratory's files into a campaign folder."""
     from experiments.studies import import_campaign as study
 
-    places = study.places(source, new_dir, download)
-    folder = places[1] if out is None else out / places[1]
-    maps = None if channel_map is None else existing(channel_map)
     with progress_bars(quiet) as report:
-        notes = study.run(name, places[0], folder, maps, jobs, report("importing"))
-    _say("\n".join([*(f"note: {note}" for note in notes), study.summary(folder)]), quiet)
+        moved = report("importing")
+        text = study.command(name, source, new_dir, out, channel_map, download, jobs, moved)
+    _say(text, quiet)
 
 
 @app.command(epilog="Example: boltlaw init rig-campaign/records --out drafted")

@@ -94,12 +94,7 @@ def collect(source: Path, form: str, map_path: Path | None) -> Collected:
     SourceError
         If the map or a file is not what it should be, or no file matches.
     """
-    kind, endings, _ = FORMATS[form]
-    folder = source if source.is_dir() else source.parent
-    files = sorted(folder.rglob("*")) if source.is_dir() else [source]
-    files = [file for file in files if file.is_file() and file.suffix.lower() in endings]
-    if not files:
-        raise SourceError(f"{source}: found no {kind}, expected one or more ending in {', '.join(endings)}")
+    files, folder = files_of(source, form), source if source.is_dir() else source.parent
     path = map_path or folder / FILE
     if not path.is_file():
         raise SourceError(_without_map(path, files[0], form))
@@ -108,6 +103,22 @@ def collect(source: Path, form: str, map_path: Path | None) -> Collected:
     settings = channel_map.settings(records)
     channels = _records(sources, form, channel_map, settings.sampling, told)
     return Collected(settings, channels, told.notes)
+
+
+def files_of(source: Path, form: str) -> list[Path]:
+    """Return a file, or all files of one format below a folder.
+
+    Raises
+    ------
+    SourceError
+        If there is none.
+    """
+    kind, endings, _ = FORMATS[form]
+    files = sorted(source.rglob("*")) if source.is_dir() else [source]
+    files = [file for file in files if file.is_file() and file.suffix.lower() in endings]
+    if not files:
+        raise SourceError(f"{source}: found no {kind}, expected one or more ending in {', '.join(endings)}")
+    return files
 
 
 def _matched(
@@ -328,8 +339,8 @@ def _cut(file: str, channels: dict[str, Channel], told: _Told) -> dict[str, Chan
 def _without_map(path: Path, file: Path, form: str) -> str:
     held = _held(signals_of(file, form, []))
     return (
-        f"{path}: found no map of channels, expected one there or with --map (docs/import.md shows one); "
-        f"{file.name} holds {held}"
+        f"{path}: found no map of channels, expected one there or with --map: `boltlaw import {form} "
+        f"{path.parent}` without NEW_DIR drafts it; {file.name} holds {held}"
     )
 
 

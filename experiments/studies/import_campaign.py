@@ -10,13 +10,14 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from experiments.datasets import Collected, SourceError, collect
+from experiments.datasets import EXPORTS, Collected, SourceError, collect
 from experiments.datasets.download import fetch
 from experiments.errors import existing
 from experiments.results import writable
 from experiments.text.records import counted as counted_records
 from rom.campaign.campaign import read_campaign, read_settings, write_campaign
 from rom.campaign.channels import Channel
+from rom.campaign.record import replacing
 from rom.progress import Progress, counted
 
 
@@ -73,37 +74,95 @@ def summary(new_dir: Path) -> str:
     return f"wrote {new_dir}: {found}; next: boltlaw check {new_dir}"
 
 
-def places(first: Path, second: Path | None, download: bool) -> tuple[Path | None, Path]:
-    """Return source, None where it is to be fetched, and new folder from the command's one or two paths.
+def draft(name: str, source: Path, out: Path | None = None) -> Path:
+    """Write a first ``import.toml`` for a laboratory's files and return its path.
 
     Parameters
     ----------
+    name : str
+        A format of files.
+    source : Path
+        A file or a folder.
+    out : Path, optional
+        Folder of the map; that of the files if not given.
+
+    Returns
+    -------
+    Path
+        Of the map.
+
+    Raises
+    ------
+    SourceError
+        If the set has no map, or there is one already.
+    """
+    from experiments.datasets import map_draft
+    from experiments.datasets.channel_map import FILE
+
+    if name not in EXPORTS:
+        raise SourceError(f"NEW_DIR: found nothing after {source}, expected SOURCE and NEW_DIR")
+    folder = source if source.is_dir() else source.parent
+    path = (folder if out is None else writable(out)) / FILE
+    if path.exists():
+        raise SourceError(f"NEW_DIR: found nothing, expected SOURCE and NEW_DIR: the map {path} is there")
+    text = map_draft.draft(source, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def command(
+    name: str,
+    first: Path,
+    second: Path | None,
+    out: Path | None,
+    channel_map: Path | None,
+    download: bool,
+    jobs: int,
+    progress: Progress | None,
+) -> str:
+    """Import, or draft a map where neither it nor a new folder is named; return what people should know.
+
+    Parameters
+    ----------
+    name : str
+        A public set or a format of files.
     first : Path
         Source, or new folder where that is fetched.
     second : Path or None
         New folder.
+    out : Path or None
+        Where the new folder, or the map, is created.
+    channel_map : Path or None
+        Which column is which channel.
     download : bool
         Whether the source is fetched.
+    jobs : int
+        Processes.
+    progress : callable or None
+        Takes records done and records in all.
 
     Returns
     -------
-    tuple of (Path or None, Path)
-        Source and new folder.
+    str
+        What was written, and what is next.
 
     Raises
     ------
     ValueError
-        If there is one too many or too few, or the source does not exist.
+        If there is a path too many or too few, the source does not exist, or is not what it should be.
     """
-    if download:
-        if second is not None:
-            raise SourceError(f"--download: found the source {first} as well, expected NEW_DIR alone")
-        return None, first
-    if second is None:
-        raise SourceError(
-            f"NEW_DIR: found nothing after {first}, expected SOURCE and NEW_DIR (or --download)"
-        )
-    return existing(first), second
+    if download and second is not None:
+        raise SourceError(f"--download: found the source {first} as well, expected NEW_DIR alone")
+    source, new_dir = (None, first) if download else (existing(first), second)
+    maps = None if channel_map is None else existing(channel_map)
+    if new_dir is None:
+        path = draft(name, first, out)
+        return f"wrote {path}; complete the lines with NEEDED, then: boltlaw import {name} {first} NEW_DIR"
+    folder = new_dir if out is None else out / new_dir
+    notes = run(name, source, folder, maps, jobs, progress)
+    return "\n".join([*(f"note: {note}" for note in notes), summary(folder)])
 
 
 def _with_progress(

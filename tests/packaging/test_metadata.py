@@ -79,6 +79,9 @@ def test_the_paper_cites_what_its_bibliography_has() -> None:
     front = yaml.safe_load(head)
     assert front["bibliography"] == "paper.bib"
     assert [author["name"] for author in front["authors"]] == [one["name"] for one in PROJECT["authors"]]
-    for heading in ("# Summary", "# Statement of need", "# State of the field", "# References"):
-        assert f"\n{heading}\n" in body
-    assert 250 <= len(body.split()) <= 1750  # the range that the journal asks for
+    headings = re.findall(r"^# (.+)$", body, re.MULTILINE)
+    assert headings == [
+        "Summary", "Statement of need", "State of the field", "Software design", "Research impact statement",
+        "References",
+    ]  # fmt: skip
+    assert 750 <= len(body.split()) <= 1750  # the range that the journal asks for
