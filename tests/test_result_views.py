@@ -167,3 +167,8 @@ def test_a_parameter_without_limits_has_none() -> None:
 
     assert with_limits(Parameter(4.0, "1")) == "4"
     assert with_limits(Parameter(4.0, "N", 3.0, 5.0)) == "4 N (95 %: 3 to 5)"
+
+
+def test_a_response_prints_short() -> None:
+    response = rom.paper_model().simulate({"lo": np.zeros(100)}, rate_hz=19200, initial_tension=300.0)
+    assert repr(response) == "Response('ok', 100 samples of lo, so)"

@@ -161,6 +161,10 @@ class Closure(HasViews):
     noise_floor: Mapping[Kind, NoiseFloor] = field(default_factory=dict)
     refitted: Mapping[str, Parameter] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        found = ", ".join(f"{one.effect.name} in {one.effect.enters}" for one in self.effects)
+        return f"Closure({self.verdict!r}, effects: {found or 'none'})"
+
     @property
     def before(self) -> ErrorsByKind:
         """Errors of the declared model."""

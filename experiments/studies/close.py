@@ -110,7 +110,7 @@ def run(
         content = plain(closure_section(closure) | {"command": command, "campaign_digest": campaign.digest})
         for row, curve in zip(content["effects"], curves, strict=True):
             row["curve"] = plain(curve)
-        told = suspected(campaign, content["errors"]["training"]["after"])
+        told = suspected(campaign, content["errors"]["training"]["after"], closed=True)
         content |= told
         content["warnings"] += figures_into(
             new,

@@ -23,7 +23,10 @@ def screening_of(campaign: Campaign) -> Screening:
 
 
 def suspected(
-    campaign: Campaign | Sequence[Campaign], errors: Data | None, reasons: Sequence[str] = ()
+    campaign: Campaign | Sequence[Campaign],
+    errors: Data | None,
+    reasons: Sequence[str] = (),
+    closed: bool = False,
 ) -> dict[str, Any]:
     """Return keys of a result file: `suspicions`, and `unfit` where the model does not describe the records.
 
@@ -35,12 +38,14 @@ def suspected(
         Of the model on training records; None where nothing was fitted.
     reasons : sequence of str
         What may be the cause where no suspicion is.
+    closed : bool
+        Whether the closed loop has looked for a missing effect.
     """
     several = (campaign,) if isinstance(campaign, Campaign) else tuple(campaign)
     found = [screening_of(one) for one in several]
     lost = tuple(dict.fromkeys(test for one in found for test in one.lost))
     likely = causes([s for one in found for s in one.suspicions]) or reasons
-    unfit = misfit(errors or {}, lost, likely)
+    unfit = misfit(errors or {}, lost, likely, closed)
     listed = [
         asdict(s) | ({"campaign": of.settings.name} if len(several) > 1 else {})
         for of, one in zip(several, found, strict=True)

@@ -20,7 +20,7 @@ def describes(errors: Data) -> bool:
     return not (isinstance(motion, float) and motion > LARGEST_ERROR) and not errors.get("failed")
 
 
-def misfit(errors: Data, lost: Sequence[str], causes: Sequence[str]) -> str | None:
+def misfit(errors: Data, lost: Sequence[str], causes: Sequence[str], closed: bool = False) -> str | None:
     """Return one line that says why a model does not describe the records, and the likeliest cause.
 
     Parameters
@@ -31,6 +31,8 @@ def misfit(errors: Data, lost: Sequence[str], causes: Sequence[str]) -> str | No
         Kinds of test all of whose training records are set aside.
     causes : sequence of str
         What is likely, the most frequent first.
+    closed : bool
+        Whether the closed loop has looked for a missing effect.
     """
     why = []
     if lost:
@@ -44,12 +46,11 @@ def misfit(errors: Data, lost: Sequence[str], causes: Sequence[str]) -> str | No
         why.append(f"displacements are off by {number(100 * motion, 3)} %")
     if not why:
         return None
-    cause = (
-        f"likeliest cause: {causes[0]}"
-        if causes
-        else "the records show no cause: check masses and links of campaign.toml; `boltlaw close` looks for "
-        "a missing effect"
-    )
+    cause = "the records show no cause: check masses and links of campaign.toml"
+    if causes:
+        cause = f"likeliest cause: {causes[0]}"
+    elif not closed:
+        cause += "; `boltlaw close` looks for a missing effect"
     return f"the model does not describe the records: {'; '.join(why)}; {cause}"
 
 

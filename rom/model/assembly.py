@@ -70,6 +70,10 @@ class Response(HasViews):
     steps: int
     estimated_error: float
 
+    def __repr__(self) -> str:
+        bodies = ", ".join(self.displacement)
+        return f"Response({self.status!r}, {len(self.time)} samples of {bodies})"
+
 
 @dataclass(frozen=True)
 class Assembly:

@@ -288,6 +288,13 @@ def test_a_residual_without_views_still_has_a_figure() -> None:
     assert "What remains" in found.summary()
 
 
+def test_a_closure_prints_short() -> None:
+    found = closure(friction(), threshold())
+    named = "coulomb-friction in flexure_lo, loosening-threshold in tension"
+    assert repr(found) == f"Closure('closed', effects: {named})"
+    assert repr(closure(verdict="no-effect")) == "Closure('no-effect', effects: none)"
+
+
 def test_errors_of_every_step_as_a_frame() -> None:
     frame = closure(friction(), threshold()).to_frame()
     assert list(frame["model"]) == [

@@ -75,7 +75,9 @@ def test_the_front_is_drawn_beside_the_leader_board(ranking: Ranking) -> None:
 
 def test_a_ranking_and_its_rows_print_short(ranking: Ranking) -> None:
     assert repr(ranking) == "Ranking(4 laws of 2000 candidates, first: 'gamma(T) baseline')"
-    assert all(len(repr(law)) < 300 for law in ranking.laws)
+    for law in ranking.laws:
+        about = f"{law.rank}, {law.name!r}, {law.equation!r}, source={law.source!r}"
+        assert repr(law) == f"RankedLaw({about})"
 
 
 def test_courses_are_drawn_below_with_what_was_measured(ranking: Ranking) -> None:

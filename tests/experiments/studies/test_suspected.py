@@ -152,6 +152,12 @@ def test_the_line_says_what_is_off_and_the_likeliest_cause() -> None:
     assert not describes({"motion_nrmse": 2.06})
 
 
+def test_the_closed_loop_is_not_recommended_by_itself() -> None:
+    off = {"motion_nrmse": 2.06, "failed": 0, "records": 3}
+    assert "`boltlaw close` looks for a missing effect" in (misfit(off, (), ()) or "")
+    assert (misfit(off, (), (), closed=True) or "").endswith("check masses and links of campaign.toml")
+
+
 def test_records_of_one_suspicion_share_a_line() -> None:
     rows = [
         {"record": f"r{i}.h5", "channel": "force_a", "finding": "f", "factor": 1e3, "likely": "force in kN"}
