@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,7 @@ from experiments.report.results import Result, Results, read_results
 from experiments.text import closures, equations, rankings, suspicions, verdicts
 from experiments.text.experiments import tables_of_cells
 from experiments.text.tables import Table, parameters_table, tables_of
-from experiments.text.wording import label, mappings, number
+from experiments.text.wording import label, mapping, mappings, number
 from rom.provenance import program_version
 
 Data = Mapping[str, Any]
@@ -46,9 +46,10 @@ _SHOWN = {
               "windows", "sampling"},
     "reproduction": {"rows"},
     "ranking": {"laws", "cases", "considered", "indistinguishable", "proposals", "exponent_profile",
-                "motion_profile", "inclusion", "chosen_terms", "considered_laws"},
-    "closure": {"verdict", "summary", "effects", "steps", "residual", "screened",
+                "motion_profile", "inclusion", "chosen_terms", "considered_laws", "scatter"},
+    "closure": {"verdict", "summary", "effects", "steps", "residual", "screened", "refitted",
                 "detection_limits"},
+    "prediction": {"model_digest", "fitted_to_this_campaign"},
 }  # fmt: skip
 _OF_RANKING = ("law-", "exponent-profile", "accuracy-complexity", "term-inclusion")
 """How the names of a ranking's figures begin."""
@@ -304,7 +305,7 @@ def _details(results: Sequence[Result], judged: Sequence[Result]) -> list[Table]
     tables: list[Table] = []
     shown = len(judged) < len(results)
     for result in results:
-        known = {*_HEADER, *_NOTES, "errors", "noise_floor", "sets", "suspicions", "unfit"}
+        known = {*_HEADER, *_NOTES, "errors", "noise_floor", "sets", "suspicions", "unfit", "versions"}
         if result.kind == "model":
             for key, value in identification_of(result.data).items():
                 if key not in {*_HEADER, *_NOTES, "errors", "noise_floor", "records", "fitted_records"}:
@@ -314,7 +315,19 @@ def _details(results: Sequence[Result], judged: Sequence[Result]) -> list[Table]
         for key, value in result.data.items():
             if key not in known:
                 tables += tables_of(value, f"{label(result.kind)}: {label(key).lower()}")
-    return tables
+    return [*tables, *_versions(results)]
+
+
+def _versions(results: Sequence[Result]) -> Iterator[Table]:
+    """Yield the versions of packages, once for all files that share them."""
+    files: dict[tuple[tuple[str, str], ...], list[str]] = {}
+    for result in results:
+        shown = tuple((str(name), str(one)) for name, one in mapping(result.data.get("versions")).items())
+        if shown:
+            files.setdefault(shown, []).append(result.file)
+    for shown, names in files.items():
+        of = f" of {', '.join(names)}" if len(files) > 1 else ""
+        yield Table(f"Versions{of}", (), shown)
 
 
 def _made(results: Sequence[Result]) -> Table:

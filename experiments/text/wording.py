@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,6 +19,7 @@ _UNITS = {
     "m": "m",
 }
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_INITIALS = re.compile(r"\b(nrmse|rmse|bic)\b")
 _MOST_VALUES = 40
 NONE = "–"
 
@@ -69,7 +71,7 @@ def label(key: str) -> str:
     for suffix, unit in _UNITS.items():
         if key.endswith(f"_{suffix}"):
             return f"{label(key.removesuffix(f'_{suffix}'))} [{unit}]"
-    words = str(key).replace("_", " ").strip()
+    words = _INITIALS.sub(lambda found: found[0].upper(), str(key).replace("_", " ").strip())
     return words[:1].upper() + words[1:]
 
 

@@ -357,6 +357,7 @@ def test_the_page_shows_numbers_of_links_and_masses_with_their_limits(tmp_path: 
     assert "c flexure_lo: damping 8.20 8.10 to 8.30 N m −1 s" in words
     assert "m body lo 8.60 8.50 to 8.70 kg" in words
     assert words.count("8.50 to 8.70") == 1  # no number stands in two tables
+    assert words.count("body.lo.mass") == 0
     (tmp_path / "model.json").unlink()
     words = shown(data, tmp_path)
     assert "Numbers of links and masses, fitted again" in words

@@ -130,6 +130,18 @@ def test_numbers_of_a_link_without_the_bolt_stand_beside_those_with_it(folder: P
     assert "flexure_lo: stiffness, bolt out 8150 8080 to 8219 N m −1" in page(folder).words
 
 
+def test_versions_stand_once_and_by_file_where_they_differ(folder: Path) -> None:
+    data = json.loads((folder / "model.json").read_text(encoding="utf-8"))
+    own = {"versions": {"Python": "3.11", "NumPy": "2.1"}}
+    (folder / "model.json").write_text(json.dumps(data | own), encoding="utf-8")
+    both = ("Versions of ranking.json", "Versions of model.json")
+    for version, count in (("2.1", 1), ("2.2", 2)):
+        write(folder, "ranking", laws=[], versions={"Python": "3.11", "NumPy": version})
+        words = page(folder).words
+        assert words.count("NumPy") == count
+        assert [head in words for head in both] == [count == 2] * 2
+
+
 def test_warnings_of_a_ranking_are_not_those_of_the_refined_model(folder: Path) -> None:
     effect = {"name": "x", "enters": "joint", "parameters": {}}
     marked = "ranking.json: links had not settled"

@@ -63,3 +63,8 @@ def test_expressions_keep_their_meaning(text: str, expected: str) -> None:
 )
 def test_what_is_no_expression_is_not_typeset(text: str) -> None:
     assert expression(text) is None
+
+
+def test_initials_stay_capital() -> None:
+    assert label("motion_nrmse_of_noise") == "Motion NRMSE of noise"
+    assert label("tension_rmse_n") == "Tension RMSE [N]"
