@@ -92,10 +92,11 @@ def ranked(rank: int, candidate: Candidate, values: dict[str, float]) -> RankedL
 
 
 def profile(name: str, reach: Any = "identified") -> ExponentProfile:
-    values = np.array([3.0, 4.0, 5.0])
+    values, law = np.array([3.0, 4.0, 5.0]), rivals_always_in_the_race()[0]
+    fit = Fit(law, ("gamma",), np.eye(1), 0.0, (0.0, 0.0), np.zeros((20, 5)), np.zeros(20), True)
     return ExponentProfile(
-        name, values, np.array([30.0, 0.5, np.inf]), 3.9, 3.7, 4.2, reach, 1.0, True, None, ()  # type: ignore[arg-type]
-    )  # fmt: skip
+        name, values, np.array([30.0, 0.5, np.inf]), 3.9, 3.7, 4.2, reach, 1.0, True, fit, ()
+    )
 
 
 @pytest.fixture(scope="module")
