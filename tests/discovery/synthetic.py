@@ -41,9 +41,12 @@ def small(n: float = 4.0, noise: float = 1.0) -> FrozenMotion:
 
 
 @cache
-def frozen(n: float = 4.0, scatter: float = 0.3, noise: float = 1.0, seed: int = 0) -> FrozenMotion:
+def frozen(
+    n: float = 4.0, scatter: float = 0.3, noise: float = 1.0, seed: int = 0, length_s: float = 0.5
+) -> FrozenMotion:
     """Courses of a law with power n and their frozen motion; made once."""
-    return freeze(rom.paper_model(), measured(with_power(n), scatter=scatter, noise=noise, seed=seed))
+    courses = measured(with_power(n), scatter=scatter, noise=noise, seed=seed, length_s=length_s)
+    return freeze(rom.paper_model(), courses)
 
 
 def model_with(law: Candidate) -> Model:
@@ -59,7 +62,7 @@ def measured(
     scatter: float = 0.0,
     noise: float = 1.0,
     seed: int = 0,
-    length_s: float = 1.0,
+    length_s: float = 0.5,
 ) -> tuple[TensionCourse, ...]:
     """Simulated courses: half-sine hits of 1608.7 N times each strength at every preload."""
     generator = np.random.default_rng(seed)

@@ -1,11 +1,11 @@
 """Hidden tension laws recovered from raw records of the virtual rig that no fit was told about.
 
-Campaigns have 20 preloads, hits of 100, 80 and 60 % of full strength where nothing else is said, nominal
-noise, nominal scatter of gamma from test to test, records of 2.5 s, one preload in five held out. Plant,
-sensors and soft hits are the same for every law of a seed: they are identified once, under the paper's law
-with full hits alone. Forms are fitted with every number free; the form is told by races of a few with the
-four that are always in them. The search among thousands is measured by ``python -m benchmarks.discovery``:
-docs/recovery.md.
+Campaigns have 20 preloads, hits of 100 and 60 % of full strength where nothing else is said (with ``--every``
+of 80 % too, as when the limits were set), nominal noise, nominal scatter of gamma from test to test, records
+of 2.5 s, one preload in five held out. Plant, sensors and soft hits are the same for every law of a seed:
+they are identified once, under the paper's law with full hits alone. Forms are fitted with every number free;
+the form is told by races of a few with the four that are always in them. The search among thousands is
+measured by ``python -m benchmarks.discovery``: docs/recovery.md.
 
 A law's campaign of a seed is one test, which processes of a run share out among them, and what was found
 under all seeds is judged by the tests after it. ``--seeds`` says how many there are: three, or the ten that
@@ -25,7 +25,7 @@ import pytest
 
 from benchmarks.discovery import contenders, race_of_forms
 from benchmarks.discovery_scores import SURE, Trial, score
-from benchmarks.discovery_specimens import Setting, Specimen, specimen
+from benchmarks.discovery_specimens import STRENGTHS, Setting, Specimen, specimen
 from benchmarks.discovery_truth import LAWS, curve_error, held_out_error, same_motion, truth_of
 from discovery.courses.fit import refine
 from discovery.laws.candidate import Candidate, baseline
@@ -35,8 +35,7 @@ from tests.shared import Shared
 
 pytestmark = pytest.mark.slow
 
-NOMINAL = Setting(duration_s=2.5)
-ONE_STRENGTH = replace(NOMINAL, strengths=(1.0,))
+ONE_STRENGTH = Setting(duration_s=2.5, strengths=(1.0,))
 POWERS = {"power-2": 2.0, "power-3": 3.0, "eq13": 4.0, "power-5": 5.0}
 APART = {  # what each hidden law must be told from, beside the four laws that are in every race
     "constant-quartic": ("velocity", "velocity-constant-gamma"),
@@ -50,7 +49,8 @@ TEN = 10
 NEAR = ("velocity", "velocity-threshold", "dissipated-power")  # what could beat the paper's law by chance
 RACES = {"eq13": NEAR, **APART}
 VARIANTS = (  # simulated courses of ten seeds have them all
-    "displacement-2", "power-3", "power-5", "constant-quartic", "velocity-and-displacement", "threshold-30",
+    "displacement-2", "power-3", "power-5", "constant-quadratic", "constant-quartic",
+    "velocity-and-displacement", "threshold-30",
 )  # fmt: skip
 
 
@@ -98,9 +98,22 @@ def plant_of(shared: Shared, seed: int) -> Identification:
     return shared.once(f"plant, {seed}", work)
 
 
-def of_law(shared: Shared, law: str, seed: int) -> Found:
+class Rig(NamedTuple):
+    """What campaigns are made with, and where what was found is kept."""
+
+    shared: Shared
+    nominal: Setting
+
+
+@pytest.fixture
+def rig(shared: Shared, pytestconfig: pytest.Config) -> Rig:
+    strengths = STRENGTHS if pytestconfig.getoption("every") else (1.0, 0.6)
+    return Rig(shared, Setting(duration_s=2.5, strengths=strengths))
+
+
+def of_law(rig: Rig, law: str, seed: int) -> Found:
     """What the campaign of a law and seed gave."""
-    return measured(specimen(law, seed, NOMINAL, plant_of(shared, seed)), law, seed)
+    return measured(specimen(law, seed, rig.nominal, plant_of(rig.shared, seed)), law, seed)
 
 
 def nine_in_ten(hits: Sequence[bool]) -> bool:
@@ -108,9 +121,9 @@ def nine_in_ten(hits: Sequence[bool]) -> bool:
     return len(hits) - sum(hits) <= len(hits) // 10
 
 
-def over_seeds(shared: Shared, law: str, seeds: Sequence[int]) -> list[Found]:
+def over_seeds(rig: Rig, law: str, seeds: Sequence[int]) -> list[Found]:
     """What the campaigns of a law gave, each made once in a run."""
-    return shared.all({f"{law}, {seed}": partial(of_law, shared, law, seed) for seed in seeds})
+    return rig.shared.all({f"{law}, {seed}": partial(of_law, rig, law, seed) for seed in seeds})
 
 
 def each(laws: Iterable[str]) -> pytest.MarkDecorator:
@@ -121,12 +134,12 @@ def each(laws: Iterable[str]) -> pytest.MarkDecorator:
 
 
 @each(dict.fromkeys([*RACES, *POWERS]))
-def test_the_true_law_foretells_losses_on_every_seed(law: str, seed: int, shared: Shared) -> None:
+def test_the_true_law_foretells_losses_on_every_seed(law: str, seed: int, rig: Rig) -> None:
     """Refitted, it errs by less than the whole loss, which is what a law without loosening errs by.
 
     Of soft hits below a threshold no loss is left to foretell: there it need only do better than the paper's.
     """
-    (found,) = over_seeds(shared, law, [seed])
+    (found,) = over_seeds(rig, law, [seed])
     errors = [part.truth if isinstance(part, Errors) else part.truth_error for part in found if part]
     assert errors
     limit = found.trial.baseline_error if law == "threshold-30" and found.trial else 100.0
@@ -135,13 +148,13 @@ def test_the_true_law_foretells_losses_on_every_seed(law: str, seed: int, shared
 
 @each(POWERS)
 def test_the_exponent_of_the_velocity_and_no_worse_than_the_truth(
-    law: str, seeds: Sequence[int], shared: Shared
+    law: str, seeds: Sequence[int], rig: Rig
 ) -> None:
     """Within 0.3 in nine seeds of ten; held-out loss error at most 1.1 times that of the true law refitted.
 
     The median over seeds of the ratio; and below the error of the paper's law where that is not the truth.
     """
-    found = [one.errors for one in over_seeds(shared, law, seeds) if one.errors]
+    found = [one.errors for one in over_seeds(rig, law, seeds) if one.errors]
     assert len(found) == len(seeds)
     assert nine_in_ten([abs(one.exponent - POWERS[law]) <= 0.3 for one in found]), found
     assert np.median([one.own / one.truth for one in found]) <= 1.1, found
@@ -149,31 +162,31 @@ def test_the_exponent_of_the_velocity_and_no_worse_than_the_truth(
         assert np.median([one.own / one.baseline for one in found]) < 1.0, found
 
 
-def trials_of(shared: Shared, law: str, seeds: Sequence[int]) -> list[Trial]:
-    trials = [one.trial for one in over_seeds(shared, law, seeds) if one.trial]
+def trials_of(rig: Rig, law: str, seeds: Sequence[int]) -> list[Trial]:
+    trials = [one.trial for one in over_seeds(rig, law, seeds) if one.trial]
     assert len(trials) == len(seeds)
     return trials
 
 
 def test_nothing_is_called_better_than_the_paper_s_law_where_it_is_true(
-    seeds: Sequence[int], shared: Shared
+    seeds: Sequence[int], rig: Rig
 ) -> None:
     """Every seed, a race of three forms: p >= 0.01 for all laws; the first one is driven as the truth."""
-    for trial in trials_of(shared, "eq13", seeds):
+    for trial in trials_of(rig, "eq13", seeds):
         assert trial.smallest_p >= SURE, trial
         assert trial.motion, trial
 
 
 @each(APART)
-def test_the_form(law: str, seeds: Sequence[int], shared: Shared) -> None:
+def test_the_form(law: str, seeds: Sequence[int], rig: Rig) -> None:
     """In nine seeds of ten the true form is the first, driven as the truth and nearer than the paper's law.
 
-    Of hits whose velocities peak at 62, 50 and 37 mm/s a threshold of 30 mm/s is told; one of 20 mm/s is at
+    Of hits whose velocities peak at 62 and 37 mm/s a threshold of 30 mm/s is told; one of 20 mm/s is at
     least among those named as not told from the first: a steep power does nearly as well. Slopes over the
     velocity, which a small step of a threshold changes by much, are not judged there, errors under ten seeds.
     Constant gamma with the fourth power is a special case of the paper's law: nothing is called better.
     """
-    trials = trials_of(shared, law, seeds)
+    trials = trials_of(rig, law, seeds)
     named = ("true", "listed") if law == "threshold" else ("true",)
     assert nine_in_ten([trial.form in named for trial in trials]), trials
     assert law.startswith("threshold") or nine_in_ten([trial.motion for trial in trials]), trials
@@ -189,9 +202,10 @@ def test_the_form(law: str, seeds: Sequence[int], shared: Shared) -> None:
 def test_the_curve_of_gamma(seeds: Sequence[int], shared: Shared) -> None:
     """Within 15 % of Eq. 13 from 20 to 3000 N, in nine seeds of ten.
 
-    Without scatter of gamma: with it, a factor of two from test to test, 60 records tell tens of percent.
+    Without scatter of gamma: with it, a factor of two from test to test, 40 records tell tens of percent.
+    Then one hit a preload is enough.
     """
-    still = Setting(scatter=0.0, duration_s=2.5)
+    still = Setting(scatter=0.0, duration_s=2.5, strengths=(1.0,))
 
     def of_seed(seed: int) -> float:
         found = specimen("eq13", seed, still, plant_of(shared, seed))
@@ -239,6 +253,7 @@ def test_hits_of_one_strength_tell_the_exponent_as_well_as_they_say(
     assert sum(not one.holds for one in found) <= len(found) // 5, found
 
 
+@pytest.mark.variant  # about these tests alone, whose laws share a plant
 def test_the_plant_of_a_seed_is_found_alike_under_every_law(shared: Shared) -> None:
     """What makes one identification do for all laws of a seed: a soft hit loosens next to nothing."""
     paper, own = plant_of(shared, 0).model, specimen("power-3", 0, ONE_STRENGTH).identified.model
@@ -249,9 +264,9 @@ def test_the_plant_of_a_seed_is_found_alike_under_every_law(shared: Shared) -> N
 
 
 @pytest.mark.variant
-def test_another_law_s_truth_is_not_recovered(shared: Shared) -> None:
+def test_another_law_s_truth_is_not_recovered(rig: Rig) -> None:
     """The scores can fail: courses of one law judged by the truth of another."""
-    found, other = specimen("power-2", 0, NOMINAL, plant_of(shared, 0)), truth_of(LAWS["eq13"])
+    found, other = specimen("power-2", 0, rig.nominal, plant_of(rig.shared, 0)), truth_of(LAWS["eq13"])
     fitted = refine(any_power(), found.training).candidate
     assert abs(fitted.parameters["n"].value - POWERS["eq13"]) > 0.3
     assert not same_motion(fitted.law(), other, found.training)

@@ -78,18 +78,18 @@ def of_eight_bolts(rng: np.random.Generator, sigma: float, tau: float) -> Varian
 def test_variances_of_eight_bolts_are_found_and_their_limits_hold_them() -> None:
     rng, sigma, tau = np.random.default_rng(0), 0.47, 0.3
     found = []
-    for _ in range(100):
+    for _ in range(50):
         variances = of_eight_bolts(rng, sigma, tau)
         best = variances.best(np.array([-1.0, 0.0, -1.0]))
         (low, high), (least, most) = (variances.limits(best, place, LEVEL) for place in (2, 0))
         found.append((np.exp(best[2]), low <= sigma <= high, np.exp(best[0]), least <= tau <= most))
     between, held, within, held_too = np.array(found).T
-    # three standard errors of the mean of 100 variances of 7 and of 40 degrees of freedom
-    assert np.mean(between**2) == pytest.approx(sigma**2, rel=0.16)
-    assert np.mean(within**2) == pytest.approx(tau**2, rel=0.07)
-    assert np.median(between) == pytest.approx(0.952 * sigma, abs=0.05)  # of chi2_7; 0.89 by full likelihood
-    assert held.mean() >= 0.88  # 94 % of 100, less three standard errors
-    assert held_too.mean() >= 0.88
+    # three standard errors of the mean of 50 variances of 7 and of 40 degrees of freedom
+    assert np.mean(between**2) == pytest.approx(sigma**2, rel=0.23)
+    assert np.mean(within**2) == pytest.approx(tau**2, rel=0.1)
+    assert np.median(between) == pytest.approx(0.952 * sigma, abs=0.07)  # of chi2_7; 0.89 by full likelihood
+    assert held.mean() >= 0.84  # 94 % of 50, less three standard errors
+    assert held_too.mean() >= 0.84
 
 
 def test_limits_are_open_where_the_records_say_nothing() -> None:

@@ -46,7 +46,7 @@ def test_without_noise_and_scatter_the_law_comes_back() -> None:
 
 def test_the_scatter_is_estimated() -> None:
     for scatter in (0.1, 0.6):
-        found = fit(baseline(), frozen(scatter=scatter))
+        found = fit(baseline(), frozen(scatter=scatter, length_s=1.0))
         typical = float(np.exp(np.mean(np.log(found.tau(np.array([20.0, 60.0, 150.0, 300.0]))))))
         assert 0.5 * scatter < typical < 2.0 * scatter
 
@@ -148,7 +148,7 @@ def test_two_terms_share_the_loss() -> None:
 
 
 def test_losses_alone_decide_where_the_courses_cannot_be_followed() -> None:
-    whole = frozen(2.0)
+    whole = frozen(2.0, length_s=1.0)
     quartic = replace(baseline(), name="quartic")
     of_courses, of_losses = fit(quartic, whole), fit_losses(quartic, whole)
     assert of_losses.of_losses

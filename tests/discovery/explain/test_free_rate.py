@@ -48,7 +48,7 @@ def data(g: float = 0.0, follows: float = 0.0) -> TensionData:
     """Loosening tests of the paper's law, a rate more that is alike in all, seen by a gauge c |v|."""
     true = law_candidate(rom.paper_model(), rate(_ROOT, g), _NUMBERS, sharing=0)
     preloads = (8.0, 20.0, 60.0, 150.0, 300.0, 700.0, 1500.0, 3000.0, 40.0, 500.0)  # two are held out
-    held = whole(freeze(rom.paper_model(), measured(true, preloads=preloads, scatter=0.5)))
+    held = whole(freeze(rom.paper_model(), measured(true, preloads=preloads, scatter=0.5, length_s=1.0)))
     held = replace(held, change=held.change + follows * mean_speed(held.nodes, held.starts, held.courses[0]))
     seen = tuple(seen_of(held, case) for case in range(len(held)))
     return TensionData(held.model, seen, held, len(seen) - 4, np.ones(len(seen)), _NUMBERS)

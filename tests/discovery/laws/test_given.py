@@ -154,12 +154,19 @@ def test_its_fit_is_that_of_the_same_law_by_terms_from_far_away() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "hidden",
-    ["slip work", *(pytest.param(name, marks=pytest.mark.variant) for name in ("quartic", "threshold"))],
+    ("hidden", "seeds"),
+    [
+        ("slip work", 5),
+        *(
+            pytest.param(name, 10, marks=pytest.mark.variant)
+            for name in ("slip work", "quartic", "threshold")
+        ),
+    ],
 )
-def test_the_true_law_is_first_or_not_told_apart(hidden: str) -> None:
+def test_the_true_law_is_first_or_not_told_apart(hidden: str, seeds: int) -> None:
+    """In nine seeds of ten, in each of five."""
     laws, right, held = literature(), 0, []
-    for seed in range(5):
+    for seed in range(seeds):
         courses = measured(
             laws[hidden], preloads=np.geomspace(10.0, 2000.0, 6), scatter=0.25, seed=seed, length_s=0.25
         )
@@ -174,8 +181,8 @@ def test_the_true_law_is_first_or_not_told_apart(hidden: str) -> None:
             assert parameter.low is not None
             assert parameter.high is not None
             held.append(parameter.low < laws[hidden].parameters[name].value < parameter.high)
-    assert right == 5  # at most one in ten may fail: none of five
-    assert np.mean(held) >= 0.8  # of 5 or 10, for limits of 95 %
+    assert right >= 0.9 * seeds
+    assert np.mean(held) >= 0.8  # of 5 to 20, for limits of 95 %
 
 
 def literature() -> dict[str, GivenLaw]:

@@ -197,6 +197,7 @@ def test_the_same_effect_elsewhere_is_told_though_the_model_has_it_here() -> Non
     assert told.startswith("hit "), told
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
 def test_the_loop_closes_on_a_cubic_flexure() -> None:
     closure = closed(CUBIC)
@@ -215,16 +216,14 @@ def test_the_loop_closes_on_a_cubic_flexure() -> None:
     assert None not in stiffness.limits
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
+@pytest.mark.variant  # a driven body's free form and the stage that decides on one are in every run
 @pytest.mark.parametrize(
     ("hidden", "named"),
     [
         (Undeclared("outside-fractional-drag", "flexure_lo", {"c_f": 60.0}), "free-form"),
-        pytest.param(
-            Undeclared("quadratic-damping", "flexure_lo", {"c2": 60.0}),
-            "quadratic-damping",
-            marks=pytest.mark.variant,
-        ),
+        (Undeclared("quadratic-damping", "flexure_lo", {"c2": 60.0}), "quadratic-damping"),
     ],
 )
 def test_a_form_that_is_not_the_true_one_gives_way_to_a_free_one(hidden: Undeclared, named: str) -> None:

@@ -24,6 +24,7 @@ def test_a_sound_model_leaves_noise_alone(tmp_path: Path, kind: str, noise_m: fl
     assert state.model.parameter("guide.damping.c").value == pytest.approx(6.0, rel=2e-3)
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
 def test_friction_is_named_by_an_accelerometer(tmp_path: Path) -> None:
     def friction(_x: twins.FloatArray, v: twins.FloatArray) -> twins.FloatArray:

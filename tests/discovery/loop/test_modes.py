@@ -19,6 +19,7 @@ def test_nothing_is_found_where_modes_lack_nothing(tmp_path: Path) -> None:
     assert set(found.model.structure.body_names) == {"mode_1", "mode_2"}
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
 def test_a_cubic_spring_in_one_mode_is_found_there(tmp_path: Path) -> None:
     found = close_loop(beams.campaign(tmp_path / "cubic", cubic=(CUBIC, 0.0, 0.0)))

@@ -24,6 +24,7 @@ def test_nothing_is_found_where_a_ring_down_lacks_nothing(tmp_path: Path, kind: 
     assert found.model.parameter("s.damping.c").value == pytest.approx(twins.DAMPING, rel=1e-2)
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
 @pytest.mark.parametrize("effect", sorted(twins.EFFECTS))
 def test_what_a_ring_down_lacks_is_found(tmp_path: Path, effect: str) -> None:
@@ -44,6 +45,7 @@ def test_the_linear_model_of_measured_ring_downs(folder: str, most: float) -> No
     assert held["motion_nrmse"] < most
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
 @pytest.mark.variant  # the twin's friction is in every run
 def test_dry_friction_of_a_measured_cart() -> None:

@@ -24,6 +24,7 @@ def test_nothing_is_found_where_a_cart_lacks_nothing(tmp_path: Path) -> None:
     assert (found.verdict, found.effects) == ("no-effect", ())
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 def test_a_gain_that_differs_for_the_two_signs_is_named(tmp_path: Path) -> None:
     found = close_loop(twins.bursts(tmp_path / "gain", gain=0.15))
     assert found.effects[0].effect.name == "force-gain-signed"
@@ -34,17 +35,20 @@ def test_a_gain_that_differs_for_the_two_signs_is_named(tmp_path: Path) -> None:
     assert after < before / 5
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 def test_friction_that_differs_for_the_two_directions_is_named(tmp_path: Path) -> None:
     found = close_loop(twins.bursts(tmp_path / "friction", friction=(0.5, 0.15)))
     assert "asymmetric-friction" in named(found)
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 def test_two_stiffnesses_are_no_gap(tmp_path: Path) -> None:
     found = close_loop(twins.cycled(tmp_path / "stiffness", "stiffness"))
     assert found.effects[0].effect.name == "bilinear-stiffness"
     assert found.effects[0].effect.parameters["k_a"].value == pytest.approx(8e3, rel=0.03)
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "name"), [("slip", "jenkins-slip"), ("backlash", "backlash-slip")])
 def test_full_slip_is_named(tmp_path: Path, kind: str, name: str) -> None:

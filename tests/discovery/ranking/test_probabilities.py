@@ -30,7 +30,7 @@ GROUPS = np.repeat(np.arange(8), 2)
 
 @pytest.fixture(scope="module")
 def tests() -> FrozenMotion:
-    return frozen(scatter=0.3, seed=3)
+    return frozen(scatter=0.3, seed=3, length_s=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_laws_that_fit_alike_share_equally_but_for_their_numbers(tests: FrozenMo
 
 def test_uncertain_numbers_are_integrated_out(free: Fit) -> None:
     """The mean density over draws of the numbers, where they are well enough known to be linear."""
-    unseen = frozen(scatter=0.3, seed=8)
+    unseen = frozen(scatter=0.3, seed=8, length_s=1.0)
     zero = np.zeros_like(unseen.change)
     rng = np.random.default_rng(0)
     draws = np.array(
@@ -93,7 +93,7 @@ def test_uncertain_numbers_are_integrated_out(free: Fit) -> None:
 
 
 def test_an_average_lies_between_its_laws(free: Fit) -> None:
-    unseen = frozen(scatter=0.3, seed=8)
+    unseen = frozen(scatter=0.3, seed=8, length_s=1.0)
     other = replace(free, candidate=free.candidate.with_values({"n": 3.6}))
     laws = [Weighted("a", free, 0.7), Weighted("b", other, 0.3)]
     mixed = averaged_log_density(laws, unseen)

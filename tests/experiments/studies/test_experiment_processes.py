@@ -16,7 +16,7 @@ from tests.experiments.conftest import Cluster
 from tests.experiments.studies.experiment_files import SMALL, WITHOUT_FIGURES, cells_of, table_of
 
 
-@pytest.mark.variant  # of the test of 12 cells
+@pytest.mark.variant  # of a killed run, which goes on with two
 def test_two_jobs_give_the_table_of_one(file: Path) -> None:
     one, two = (experiments.run_experiment(file, file.parent / str(jobs), jobs) for jobs in (1, 2))
     assert not one.failed
@@ -38,7 +38,7 @@ def started(file: Path, out: Path, *arguments: str) -> subprocess.Popen[bytes]:
 
 
 def test_a_killed_run_goes_on_where_it_was(file: Path) -> None:
-    """Without figures of cells, whose numbers are those with figures."""
+    """With two processes, and without figures of cells, whose numbers are those with figures."""
     out = file.parent / "killed"
     file.write_text(WITHOUT_FIGURES + SMALL)
     running = started(file, out, "--jobs", "1")
@@ -47,7 +47,7 @@ def test_a_killed_run_goes_on_where_it_was(file: Path) -> None:
     done = cells_of(out)
     assert 1 <= len(done) < 4
     assert not (out / "experiment.csv").exists()
-    table = experiments.run_experiment(file, out)
+    table = experiments.run_experiment(file, out, jobs=2)
     assert not table.failed
     assert cells_of(out).items() >= done.items()
     file.write_text(SMALL)
@@ -60,8 +60,10 @@ def test_a_killed_run_goes_on_where_it_was(file: Path) -> None:
     assert len(list((out / "cells").iterdir())) == 4
 
 
-def spread_with_a_measure_beside_the_file(file: Path, address: str) -> None:
+@pytest.mark.slow
+def test_cells_spread_over_a_cluster_with_a_measure_beside_the_file(file: Path, cluster: Cluster) -> None:
     """Each cell in a process of its own on a worker, measured by a module that no worker has on its path."""
+    address, _ = cluster
     (file.parent / "beside.py").write_text(
         "import os, sys\n\ndef seen(_, campaign):\n"
         "    if campaign.name == 'two':\n        os.kill(os.getpid(), 9)\n"
@@ -79,22 +81,16 @@ def spread_with_a_measure_beside_the_file(file: Path, address: str) -> None:
 
 
 @pytest.mark.slow
-def test_12_cells_are_the_same_on_a_cluster_that_loses_a_worker(file: Path, cluster: Cluster) -> None:
-    """Killed once on two processes; then on a cluster of two workers of which one is killed."""
+@pytest.mark.variant  # cells on a cluster are above, test_execution has the lost worker
+def test_24_cells_are_the_same_on_a_cluster_that_loses_a_worker(file: Path, cluster: Cluster) -> None:
+    """Of two workers one is killed."""
     address, workers = cluster
-    spread_with_a_measure_beside_the_file(file, address)
-    file.write_text(WITHOUT_FIGURES + SMALL.replace("[0, 1]", str(list(range(6)))))
+    file.write_text(WITHOUT_FIGURES + SMALL.replace("[0, 1]", str(list(range(12)))))
     whole = experiments.run_experiment(file, file.parent / "whole", jobs=1)
-    assert (len(whole.rows), whole.failed) == (12, ())
-    killed = file.parent / "killed"
-    running = started(file, killed, "--jobs", "2")
-    running.send_signal(signal.SIGKILL)
-    running.wait()
-    assert 1 <= len(cells_of(killed)) < 12
-    experiments.run_experiment(file, killed, jobs=2)
+    assert (len(whole.rows), whole.failed) == (24, ())
     spread = file.parent / "cluster"
     running = started(file, spread, "--jobs", "2", "--cluster", address)
-    assert len(cells_of(spread)) < 10
+    assert len(cells_of(spread)) < 22
     workers[0].send_signal(signal.SIGKILL)
     assert running.wait(timeout=300) == 0
-    assert table_of(whole.path.parent) == table_of(killed) == table_of(spread)
+    assert table_of(whole.path.parent) == table_of(spread)

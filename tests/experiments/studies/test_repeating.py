@@ -14,6 +14,7 @@ from experiments.studies import rig
 from rom.campaign.campaign import read_campaign
 from rom.parameters.he_2025 import paper_model
 from tests.conftest import Boltlaw, Ran
+from tests.discovery import driven_twins as twins
 from tests.rom.sound_campaign import write_sound_campaign
 
 MAIN = {"identify": "model.json", "close": "closure.json"}
@@ -21,9 +22,9 @@ MAIN = {"identify": "model.json", "close": "closure.json"}
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Six preloads, two of them held out."""
+    """Four preloads, one of them held out."""
     place = tmp_path_factory.mktemp("repeating") / "campaign"
-    return rig.run(place, 6, seed=1, duration_s=2.5, hold_out_every=3)
+    return rig.run(place, 4, seed=1, duration_s=2.5, hold_out_every=3)
 
 
 def told(folder: Path) -> dict[str, Any]:
@@ -48,8 +49,17 @@ def same(one: Path, other: Path, main: str) -> None:
         assert first[name] == second[name], name
 
 
+def test_a_closure_of_driven_bodies_does_not_depend_on_jobs(tmp_path: Path, boltlaw: Boltlaw) -> None:
+    campaign = twins.driven(tmp_path / "campaign", sizes=(1.0, 1.0), extra=lambda x, _: 2e7 * x**3).path
+    for jobs in (1, 2):
+        ran = boltlaw("close", campaign, "--out", tmp_path / str(jobs), "--jobs", jobs, "--quiet")
+        assert (ran.code, ran.out, ran.err) == (0, "", "")
+    same(tmp_path / "1", tmp_path / "2", "closure.json")
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("command", [pytest.param("identify", marks=pytest.mark.variant), "close"])
+@pytest.mark.variant  # that of driven bodies; test_tension and test_ground_motion say it of what impacts add
+@pytest.mark.parametrize("command", ["identify", "close"])
 def test_results_do_not_depend_on_jobs(
     command: str, campaign: Path, tmp_path: Path, boltlaw: Boltlaw
 ) -> None:
@@ -62,6 +72,7 @@ def test_results_do_not_depend_on_jobs(
 
 
 @pytest.mark.slow
+@pytest.mark.variant  # test_race and test_confidence_sets say it of the race and the exponent
 def test_a_ranking_does_not_depend_on_jobs(
     discovered: tuple[Path, Ran], rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
 ) -> None:

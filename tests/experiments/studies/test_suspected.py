@@ -45,10 +45,17 @@ def content(folder: Path, kind: str) -> Any:
     return json.loads((folder / f"{kind}.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("command", FILES)
+G = ("acceleration", 1 / 9.80665, "acceleration in g", 9.80665)
+SIGN = ("force", -1.0, "force sign", -1.0)
+
+
 @pytest.mark.parametrize(
-    ("prefix", "factor", "likely", "mended"),
-    [("acceleration", 1 / 9.80665, "acceleration in g", 9.80665), ("force", -1.0, "force sign", -1.0)],
+    ("command", "prefix", "factor", "likely", "mended"),
+    [
+        *((command, *G) for command in FILES),
+        ("identify", *SIGN),
+        *(pytest.param(command, *SIGN, marks=pytest.mark.variant) for command in ("discover", "close")),
+    ],
 )
 def test_where_no_record_is_left_the_reasons_are_written_and_the_code_is_3(
     command: str, prefix: str, factor: float, likely: str, mended: float,

@@ -251,7 +251,7 @@ def test_limits_of_gamma_hold_the_truth_as_often_as_they_say() -> None:
     assert TRUE is not None
     grid = np.array([20.0, 100.0, 300.0, 1000.0, 3000.0])
     held: list[bool] = []
-    for seed in range(50):
+    for seed in range(25):
         fit = noisy_fit(seed, 0.03)
         width = stats.t.ppf(0.975, len(fit.records) - len(FREE))
         miss = np.abs(np.log(gamma_curve(fit.law, grid) / gamma_curve(TRUE, grid)))
