@@ -20,13 +20,12 @@ from discovery.ranking.population import Bolt, Limited, Population
 from discovery.ranking.result import RankedLaw, Ranking
 from discovery.ranking.specimens import check_one_kind
 from discovery.separating_tests.hits import Proposal
-from discovery.views.closure_section import parameter_row
 from experiments.report.comparisons import comparison_tables
 from experiments.report.results import read_results
+from experiments.results import fitted_records
 from experiments.studies import discover
 from rom.campaign.campaign import read_campaign, read_settings
 from rom.evaluation.noise_floor import noise_floor
-from rom.model.laws import Parameter
 from rom.model_file import load_model
 from rom.parameters.he_2025 import nominal_impact, paper_model
 from rom.signals.tension_bins import TensionCourse
@@ -94,9 +93,8 @@ def ranked(rank: int, candidate: Candidate, values: dict[str, float]) -> RankedL
 def profile(name: str, reach: Any = "identified") -> ExponentProfile:
     values, law = np.array([3.0, 4.0, 5.0]), rivals_always_in_the_race()[0]
     fit = Fit(law, ("gamma",), np.eye(1), 0.0, (0.0, 0.0), np.zeros((20, 5)), np.zeros(20), True)
-    return ExponentProfile(
-        name, values, np.array([30.0, 0.5, np.inf]), 3.9, 3.7, 4.2, reach, 1.0, True, fit, ()
-    )
+    deviance = np.array([30.0, 0.5, np.inf])
+    return ExponentProfile(name, values, deviance, 3.9, 3.7, 4.2, reach, 1.0, True, fit, ())
 
 
 @pytest.fixture(scope="module")
@@ -313,9 +311,7 @@ def test_the_model_is_the_identified_one_with_the_first_law(folder: Path, made: 
     section = json.loads((folder / "model.json").read_text(encoding="utf-8"))["identification"]
     assert section["errors"]["hold_out"]["tension_loss_error_percent_median"] == 10.0
     assert section["errors"]["no_loosening"]["training"]["records"] == 3
-    campaign = read_campaign(folder.with_name("campaign"))
-    training = [record.file for record in campaign.settings.record if not record.hold_out]
-    assert section["fitted_records"] == sorted(campaign.digests[file] for file in training)
+    assert section["fitted_records"] == fitted_records([read_campaign(folder.with_name("campaign"))])
 
 
 def test_the_page_has_noise_beside_the_errors_of_the_model_with_the_first_law(folder: Path) -> None:
@@ -384,10 +380,6 @@ def test_few_loosening_records_are_refused_before_the_work(
     assert (ran.code, ran.out) == (2, "")
     assert re.fullmatch(r".*few: found [23] loosening records.*expected 4 or more.*\n", ran.err)
     assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_a_parameter_without_limits_has_none() -> None:
-    assert parameter_row(Parameter(4.0, "1")) == {"value": 4.0, "low": None, "high": None, "unit": "1"}
 
 
 @pytest.mark.slow

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from discovery.views.closure_section import parameter_row
 from experiments.text.tables import parameter_rows
+from rom.model.laws import Parameter
 
 
 @pytest.mark.parametrize(
@@ -20,3 +22,7 @@ def test_a_value_with_limits_is_not_the_catalogues(limits: dict[str, float | Non
     number = {"value": 6.27e10, "unit": "N/m3", "source": "Kerschen et al."} | limits
     (row,) = parameter_rows("cubic-stiffness at joint", {"k3": number})
     assert row[-1] == source
+
+
+def test_a_parameter_without_limits_has_none() -> None:
+    assert parameter_row(Parameter(4.0, "1")) == {"value": 4.0, "low": None, "high": None, "unit": "1"}
