@@ -286,7 +286,8 @@ def _quantity(label: str) -> Data:
 
 def plain_text(text: str) -> str:
     """Return text whose formulas are written in letters, such as γ [s³/m⁴]."""
-    text = re.sub(r"\^\{?([\d-]+)\}?", lambda one: one[1].translate(_POWERS), text)
+    text = re.sub(r"\^\{([\d.-]+)\}", r"^\1", text)
+    text = re.sub(r"\^(-?\d+)(?!\.?\d)", lambda one: one[1].translate(_POWERS), text)  # no point is raised
     text = re.sub(r"\\math\w+\{([^}]*)\}", lambda one: one[1].replace("\\_", "_"), text)
     text = re.sub(r"\\([A-Za-z]+|,)", lambda one: _GREEK.get(one[1], one[1]), text)
     return text.replace("$", "")

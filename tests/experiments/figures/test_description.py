@@ -121,6 +121,8 @@ def test_maps_names_in_a_panel_and_other_scales_are_not_described() -> None:
 
 def test_formulas_become_letters() -> None:
     assert plain_text("$x_\\mathrm{so}$ [µm]") == "x_so [µm]"
+    assert plain_text("$s^{-1}$ $10^{12}$ m^2") == "s⁻¹ 10¹² m²"
+    assert plain_text("|D v|^2.17 T^0.511 + $|v|^{4.5}$ |x|^2.") == "|D v|^2.17 T^0.511 + |v|^4.5 |x|²."
     assert plain_text("Rise of $-2\\,\\ln L$ [1]") == "Rise of -2 ln L [1]"
 
 
