@@ -24,7 +24,7 @@ from discovery.views.closure_figure import (
 )
 from discovery.views.closure_prose import MEASURES, Measure, place_words
 from discovery.views.force import units_of
-from discovery.views.palette import AFTER, BACKGROUND, BLACK, BLUE, GREEN, GREY, SKY, VERMILLION
+from discovery.views.palette import AFTER, BACKGROUND, BLACK, BLUE, GREEN, GREY, PURPLE, SKY, VERMILLION
 from experiments.figures.style import blank, panels, styled
 from experiments.text.closures import correlations, effects_of
 from experiments.text.wording import number, trimmed
@@ -34,7 +34,7 @@ Data = Mapping[str, Any]
 _SETS = (("hold_out", "Hold-out", "-", BLUE), ("training", "Training", "--", SKY))
 _CURVES = (BLUE, GREEN, SKY)
 _BOARD_ROWS = 12
-_PLACES = ((BLUE, "o"), (VERMILLION, "s"), (GREEN, "^"), (SKY, "D"), (BLACK, "v"), (BLUE, "h"))
+_PLACES = ((BLUE, "o"), (VERMILLION, "s"), (GREEN, "^"), (SKY, "D"), (BLACK, "v"), (PURPLE, "h"))
 _DECADES = 1e3  # that an axis of errors spans at most; less is drawn at its edge
 
 

@@ -369,3 +369,14 @@ def test_a_limit_is_drawn_over_the_usual_strength_and_hollow_where_there_is_none
     assert {x for x in filled if np.isfinite(x)} == {0.14, 0.2, 1.3}
     (hollow,) = (line for line in drawn if line.get_markerfacecolor() == "none")
     assert hollow.get_xdata()[0] > 1.3
+
+
+def test_every_place_of_a_limit_has_a_colour_of_its_own() -> None:
+    """The page's legend, which can be clicked, tells traces by colour alone."""
+    row = two()["detection_limits"][0]
+    places = ["body:lo", "body:so", "flexure_lo", "flexure_so", "joint", "tension"]
+    rows = [row | {"enters": place, "value": 1.0, "share_of_default": 0.1} for place in places]
+    (axes,) = closure_figures(two() | {"detection_limits": rows})["closure-limits"].axes
+    named = {line.get_label(): line.get_color() for line in axes.get_lines() if line.get_label()[:1] != "_"}
+    assert set(named) == {place.removeprefix("body:") for place in places}
+    assert len(set(named.values())) == len(places)
