@@ -24,6 +24,7 @@ from rom.criteria.number import Numerical
 __all__ = ["Fit", "fit", "fit_losses", "log_predictive", "predict", "refine", "resimulate"]
 
 _ITERATIONS: Numerical[int] = 30
+_RESTRICTED: Numerical[int] = 5  # steps from the likelihood's place to that of the restricted one
 _SETTLED: Numerical[float] = 0.01  # of the deviance
 ROUNDS: Numerical[int] = 3  # of correction by re-simulation
 _SAME_NOISE: Numerical[float] = 0.05
@@ -114,17 +115,29 @@ def fit(
     problem = Problem(candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
     state = problem.first(start)
     state, converged = climbed(problem, state, _SETTLED, 1 if candidate.holds else _ITERATIONS)
+    return fit_at(problem, state, problem.at(state.theta), converged or candidate.holds)
+
+
+def fit_at(problem: Problem, state: State, candidate: Candidate, converged: bool) -> Fit:
+    """What is known at a place of a fit: covariance and variability by the restricted likelihood.
+
+    Parameters
+    ----------
+    problem : Problem
+        The fit.
+    state : State
+        The place.
+    candidate : Candidate
+        The law there.
+    converged : bool
+        Whether no more is to be gained.
+    """
+    told, _ = climbed(problem, state, _SETTLED, _RESTRICTED, restricted=True)
+    a, b = told.scatter[:2].tolist()
     return Fit(
-        problem.at(state.theta),
-        candidate.free,
-        problem.covariance(state),
-        state.deviance,
-        tuple(state.scatter.tolist()),
-        problem.offsets,
-        state.u,
-        converged or candidate.holds,
-        criteria=problem.frozen.criteria,
-    )
+        candidate, candidate.free, problem.covariance(told), state.deviance, tuple(state.scatter.tolist()),
+        problem.offsets, state.u, converged, (a, b), criteria=problem.frozen.criteria,
+    )  # fmt: skip
 
 
 def fit_losses(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray | None = None) -> Fit:

@@ -28,6 +28,9 @@ class Fit:
         -2 log marginal likelihood of the cases fitted.
     scatter : tuple of float
         a and b of ln tau; of several bolts also ln sigma, sigma their standard deviation of the log rate.
+        By it laws are compared.
+    between_tests : tuple of float
+        a and b by the restricted likelihood: how a new test differs.
     offsets : ndarray, shape (cases, bins)
         Full re-simulation minus frozen course [N].
     deviations : ndarray, shape (cases,)
@@ -46,6 +49,7 @@ class Fit:
     offsets: FloatArray
     deviations: FloatArray
     converged: bool
+    between_tests: tuple[float, float]
     of_losses: bool = False
     criteria: Criteria = CRITERIA
 
@@ -64,7 +68,7 @@ class Fit:
         numbers, scales = self.candidate.parameters, self.candidate.coefficient_names
         values = [numbers[name].value if name in scales else 1.0 for name in self.free]
         factors = np.array([value if value > 0 else 1.0 for value in values])
-        a, b = self.scatter[:2]
+        a, b = self.between_tests
         covariance = self.covariance * np.outer(factors, factors)
         tests = len(self.deviations) - len(self.free)
         return RateUncertainty.of(self.free, covariance, (float(np.exp(a)), b), tests, self.sigma)

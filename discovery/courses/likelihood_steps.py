@@ -13,7 +13,9 @@ _NO_GAIN: Numerical[float] = 1e-3  # of the deviance, foreseen: not worth a tria
 _LENGTHENED_GAIN: Numerical[float] = 1e-3  # of the deviance: for less no number is to run far
 
 
-def climbed(problem: Problem, state: State, settled: float, most: int) -> tuple[State, bool]:
+def climbed(
+    problem: Problem, state: State, settled: float, most: int, restricted: bool = False
+) -> tuple[State, bool]:
     """The best place that steps from a state lead to, each lowering the deviance by more than asked.
 
     Parameters
@@ -26,6 +28,8 @@ def climbed(problem: Problem, state: State, settled: float, most: int) -> tuple[
         Gain in deviance below which a step is the last.
     most : int
         Steps at most.
+    restricted : bool
+        Whether scatter is that of the restricted likelihood.
 
     Returns
     -------
@@ -34,14 +38,14 @@ def climbed(problem: Problem, state: State, settled: float, most: int) -> tuple[
     """
     damping = 1e-3
     for _ in range(most):
-        state = problem.scattered(state)
+        state = problem.scattered(state, restricted)
         trial, damping = step(problem, state, damping)
         if trial is None:
-            return problem.scattered(state), True
+            return problem.scattered(state, restricted), True
         gain, state = state.deviance - trial.deviance, trial
         if gain < settled:
-            return problem.scattered(state), True
-    return problem.scattered(state), False
+            return problem.scattered(state, restricted), True
+    return problem.scattered(state, restricted), False
 
 
 def step(problem: Problem, state: State, damping: float) -> tuple[State | None, float]:

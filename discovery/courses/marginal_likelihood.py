@@ -66,7 +66,6 @@ class Problem:
     log_determinant: FloatArray = field(init=False)
     theta0: FloatArray = field(init=False)
     _last: dict[bytes, Candidate] = field(init=False, default_factory=dict)
-    _last_slopes: dict[bytes, FloatArray] = field(init=False, default_factory=dict)
     _known_scales: dict[object, dict[str, tuple[float, bool]]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -234,17 +233,29 @@ class Problem:
     def _whitened(self, rows: FloatArray) -> FloatArray:
         return np.asarray(np.einsum("cij,cj->ci", self.whitener, rows))
 
-    def scattered(self, state: State) -> State:
-        """The same place with the scatter that its deviations ask for."""
+    def scattered(self, state: State, restricted: bool = False) -> State:
+        """The same place with the scatter that its deviations ask for.
+
+        By the likelihood, by which laws are compared, or by the restricted one, which allows for what the
+        law's numbers follow. Of several bolts it is the restricted one, in the mean rate alone.
+
+        Parameters
+        ----------
+        state : State
+            The place.
+        restricted : bool
+            Whether to allow for the law's numbers.
+        """
         information = (state.slope**2).sum(axis=1)
         seen = (state.slope * state.residual).sum(axis=1) + information * state.u
         if self.frozen.bolts is not None:
             return self._of_bolts(state, information, seen)
-        jacobian = self.jacobian(state)
-        between = BetweenTests(
-            self.frozen.initial, information, seen, np.einsum("cb,cbp->cp", state.slope, jacobian),
-            np.einsum("cbp,cbq->pq", jacobian, jacobian), self.rules,
-        )  # fmt: skip
+        slopes = self.jacobian(state) if restricted else np.zeros((*state.residual.shape, 0))
+        cross, numbers = (
+            np.einsum("cb,cbp->cp", state.slope, slopes),
+            np.einsum("cbp,cbq->pq", slopes, slopes),
+        )
+        between = BetweenTests(self.frozen.initial, information, seen, cross, numbers, self.rules)
         scatter = between.best(state.scatter)
         if np.abs(scatter - state.scatter).max() < _SAME_SCATTER:
             return state
@@ -267,12 +278,6 @@ class Problem:
 
     def jacobian(self, state: State) -> FloatArray:
         """Whitened derivatives of the courses with respect to the vector, (cases, bins, p)."""
-        key = state.theta.tobytes() + state.u.tobytes()
-        if key not in self._last_slopes:
-            self._last_slopes = {key: self._slopes(state)}
-        return self._last_slopes[key]
-
-    def _slopes(self, state: State) -> FloatArray:
         columns = []
         for place in range(len(state.theta)):
             step = _STEP * max(1e-3, abs(state.theta[place])) if not self._log_place(place) else _STEP

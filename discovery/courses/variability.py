@@ -2,9 +2,9 @@
 
 ln tau = a + b ln(T / 100 N),   u ~ N(0, tau^2) the deviation of the log rate
 
-a and b are those of the highest restricted likelihood (H. D. Patterson and R. Thompson, Biometrika 58, 545,
-1971): a law's numbers follow some of the deviations, and what is left of them would make tau too small, by
-half where ten tests tell three numbers.
+A law's numbers follow some of the deviations. What is left of them makes tau too small, by half where ten
+tests tell three numbers; the restricted likelihood allows for that (H. D. Patterson and R. Thompson,
+Biometrika 58, 545, 1971).
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def of_logs(scatter: FloatArray, logs: FloatArray, low: float, high: float) -> F
 
 @dataclass(frozen=True, eq=False)
 class BetweenTests:
-    """The restricted likelihood of a and b, linear in u and in the law's numbers.
+    """The likelihood of a and b, linear in u and in the law's numbers: restricted where these are given.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class BetweenTests:
     information, seen : ndarray, shape (cases,)
         Information h of the data on u, and what they say of u times h.
     cross : ndarray, shape (cases, numbers)
-        Information that the law's numbers share with u.
+        Information that the law's numbers share with u; without columns for the likelihood itself.
     numbers : ndarray, shape (numbers, numbers)
         Information of the data on the law's numbers, u known.
     rules : Courses
@@ -98,7 +98,7 @@ class BetweenTests:
     rules: Courses
 
     def best(self, start: FloatArray) -> FloatArray:
-        """Find (a, b) of the highest restricted likelihood, the prior of b with it."""
+        """Find (a, b) of the highest likelihood, the prior of b with it."""
         logs, square = log_tension(self.initial), self.seen**2
         low, high = log_limits(self.rules)
         scale = np.sqrt(np.maximum(np.diag(self.numbers), np.finfo(float).tiny))

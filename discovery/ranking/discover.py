@@ -206,7 +206,7 @@ def _ranking(
         inclusion=proposals.inclusion,
         courses=(*frozen.courses, *(hold_out.courses if hold_out else ())),
         population=population_of(laws[0].fit, data),
-        scatter=(laws[0].fit.scatter[0], laws[0].fit.scatter[1]),
+        scatter=laws[0].fit.between_tests,
         rules=frozen.criteria.ranking,
         signed=frozen.signed,
         set_aside=set_aside,

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from discovery.courses.fit import Fit
+from discovery.courses.fit import Fit, fit_at
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.likelihood_steps import climbed
 from discovery.courses.marginal_likelihood import Problem, State
@@ -79,11 +79,7 @@ class CourseFit:
     @property
     def fit(self) -> Fit:
         """The fit as tests are proposed by it."""
-        state, problem = self.state, self.problem
-        return Fit(
-            self.candidate, self.candidate.free, problem.covariance(state), state.deviance,
-            (float(state.scatter[0]), float(state.scatter[1])), problem.offsets, state.u, converged=True,
-        )  # fmt: skip
+        return fit_at(self.problem, self.state, self.candidate, converged=True)
 
     @property
     def misfit(self) -> Misfit:

@@ -79,8 +79,9 @@ def ranked(rank: int, candidate: Candidate, values: dict[str, float]) -> RankedL
     }
     base = candidate.name == BASELINE
     fit = Fit(
-        fitted, fitted.free, np.eye(len(fitted.free)), 0.0, (0.0, 0.0), np.zeros((1, 5)), np.zeros(1), True
-    )
+        fitted, fitted.free, np.eye(len(fitted.free)), 0.0, (0.0, 0.0), np.zeros((1, 5)), np.zeros(1), True,
+        (0.0, 0.0),
+    )  # fmt: skip
     return RankedLaw(
         rank, candidate.name, fitted.equation, parameters,
         {kind: errors(10.0, 3) for kind in ("training", "hold_out")},
@@ -92,7 +93,7 @@ def ranked(rank: int, candidate: Candidate, values: dict[str, float]) -> RankedL
 
 def profile(name: str, reach: Any = "identified") -> ExponentProfile:
     values, law = np.array([3.0, 4.0, 5.0]), rivals_always_in_the_race()[0]
-    fit = Fit(law, ("gamma",), np.eye(1), 0.0, (0.0, 0.0), np.zeros((20, 5)), np.zeros(20), True)
+    fit = Fit(law, ("gamma",), np.eye(1), 0.0, (0.0, 0.0), np.zeros((20, 5)), np.zeros(20), True, (0.0, 0.0))
     deviance = np.array([30.0, 0.5, np.inf])
     return ExponentProfile(name, values, deviance, 3.9, 3.7, 4.2, reach, 1.0, True, fit, ())
 
