@@ -93,7 +93,7 @@ def test_an_effect_stays_finite_over_its_whole_range(pair):
     within = [[rng.uniform(*p.bounds) for p in effect.parameters.values()] for _ in range(1)]
     for values in (*corners, *within):
         model = added(effect.with_values(**dict(zip(effect.parameters, values, strict=True))))
-        for tension in (6.0, 300.0, 3000.0):
+        for tension in (6.0, 3000.0):
             response = run(model, tension, 1770.0, 2.0)
             assert response.status == "ok", (values, tension)
             assert max(abs(x).max() for x in response.displacement.values()) < 0.02, (values, tension)

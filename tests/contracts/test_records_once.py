@@ -93,6 +93,7 @@ def processes_of(command: Command, campaign: Noted, jobs: int) -> set[int]:
     return {int(process) for _, process, _ in lines}
 
 
+@pytest.mark.variant  # of driven bodies, and of impacts identified and ranked, it is in every run
 def test_a_closed_loop_reads_each_record_once(noted: Noting, rig: Path) -> None:
     processes = processes_of(discovery.close_loop, noted(rom.read_campaign(rig)), jobs=2)
     assert len(processes - {os.getpid()}) > 1

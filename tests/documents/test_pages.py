@@ -18,6 +18,7 @@ import discovery
 import rom
 import rom.effects
 from experiments.cli import run
+from rom.identification.identify import identify_campaign
 from rom.model.laws import power_loosening
 from tests.documents.blocks import PAGES, REPOSITORY, SHOWN, Block, blocks, carry_out, commands, left_out
 from tests.documents.notebooks import prepare
@@ -37,6 +38,12 @@ SLOW = {
     "what-is-missing.md": "closes",
 }
 """Pages that take more than a few seconds, and why."""
+IDENTIFYING = (
+    "rom.identification.identify",
+    "experiments.studies.identify",
+    "discovery.ranking.specimens",
+    "discovery.loop.impact_refits",
+)
 _WITHOUT_EFFECT = ("jobs", "progress")  # on the numbers
 
 
@@ -87,6 +94,9 @@ def place(tmp_path: Path, shared: Shared, monkeypatch: pytest.MonkeyPatch) -> It
     """
     for name in ("discover", "close_loop"):
         monkeypatch.setitem(vars(discovery), name, once(name, getattr(discovery, name), shared))
+    identified = once("identify_campaign", identify_campaign, shared)
+    for module in IDENTIFYING:
+        monkeypatch.setattr(f"{module}.identify_campaign", identified)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(sys, "argv", ["boltlaw"])

@@ -19,6 +19,7 @@ import rom
 import rom.effects
 from discovery.laws.plug_in_laws import plug_in_laws, usable
 from experiments.results import write_result
+from rom.identification.identify import Identification
 from rom.kernels.calling import SIGNATURES, address_of
 from rom.plug_ins import PlugInWarning, packages
 from tests.documents.blocks import REPOSITORY
@@ -120,9 +121,10 @@ def test_the_example_law_is_one_that_every_race_judges(
 
 @pytest.mark.slow
 def test_compare_judges_the_example_law(
-    installed: Path, rig_campaign: Path, monkeypatch: pytest.MonkeyPatch
+    installed: Path, rig_campaign: Path, rig_identified: Identification, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(str(installed))
+    monkeypatch.setattr("discovery.ranking.specimens.identify_campaign", lambda *_: rig_identified)
     ranking = discovery.compare(rom.read_campaign(rig_campaign), ["-b * v**2 * max(T, 0)"])
     assert {LAW, "-b * v**2 * max(T, 0)"} <= {law.name for law in ranking.laws}
     assert ranking[LAW].source == "given"

@@ -36,6 +36,12 @@ _STRONG = CATALOGUE["loosening-displacement"].at("tension").with_values(g_x=0.5,
 _WHITE = 0.6
 
 
+@pytest.fixture
+def few_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fits start from two strengths of an effect in place of six."""
+    monkeypatch.setattr("discovery.explain.tension_law._STRENGTHS", (0.3, 1.0))
+
+
 def whole(held: FrozenMotion) -> FrozenMotion:
     return thinned(held, [False] * len(held))
 
@@ -46,7 +52,7 @@ def data(name: str = "") -> TensionData:
     effect = _STRONG if name else None
     true = law_candidate(rom.paper_model(), effect, _NUMBERS)
     preloads = (8.0, 20.0, 150.0, 700.0, 1500.0, 3000.0, 60.0, 300.0)  # the last two are held out
-    held = whole(freeze(rom.paper_model(), measured(true, preloads=preloads)))
+    held = whole(freeze(rom.paper_model(), measured(true, preloads=preloads, length_s=1.0)))
     seen = tuple(seen_of(held, case) for case in range(len(held)))
     return TensionData(held.model, seen, held, len(seen) - 4, np.ones(len(seen)), _NUMBERS)
 
@@ -55,7 +61,9 @@ def data(name: str = "") -> TensionData:
 def few() -> TensionData:
     """Four preloads of the law with the strong effect, none held out."""
     true = law_candidate(rom.paper_model(), _STRONG, _NUMBERS)
-    held = whole(freeze(rom.paper_model(), measured(true, preloads=(20.0, 150.0, 700.0, 3000.0))))
+    held = whole(
+        freeze(rom.paper_model(), measured(true, preloads=(20.0, 150.0, 700.0, 3000.0), length_s=1.0))
+    )
     seen = tuple(seen_of(held, case) for case in range(len(held)))
     return TensionData(held.model, seen, held, len(seen), np.ones(len(seen)), _NUMBERS)
 
@@ -131,6 +139,7 @@ def test_what_changes_the_law_is_found_beside_the_refitted_law() -> None:
     assert effect.parameters["g_x"].value == pytest.approx(0.5, rel=0.5)
 
 
+@pytest.mark.usefixtures("few_starts")
 def test_fits_do_not_depend_on_the_number_of_jobs() -> None:
     of = few()
     names = ("loosening-displacement", "relaxation-log", "loosening-threshold", "tension-drift")
@@ -144,6 +153,7 @@ def test_fits_do_not_depend_on_the_number_of_jobs() -> None:
     assert len(done) == 2 * 3  # a drift is not fitted: its size is each record's own
 
 
+@pytest.mark.usefixtures("few_starts")
 def test_between_two_laws_a_hit_is_named_that_would_tell_them_apart_and_none_beside_a_reading() -> None:
     search = LawSearch(few())
     members = [CATALOGUE[n] for n in ("loosening-displacement", "loosening-ratchet", "relaxation-log")]
@@ -157,11 +167,12 @@ def test_between_two_laws_a_hit_is_named_that_would_tell_them_apart_and_none_bes
     assert "odds of" in separating_hits(law, base)
 
 
+@pytest.mark.usefixtures("few_starts")
 @pytest.mark.parametrize("sharing", [None, 0])
 def test_a_change_may_scatter_with_the_law_or_be_the_same_in_every_test(sharing: int | None) -> None:
     true = law_candidate(rom.paper_model(), _STRONG, _NUMBERS, sharing)
     preloads = (8.0, 20.0, 60.0, 150.0, 300.0, 700.0, 1500.0, 3000.0)
-    held = whole(freeze(rom.paper_model(), measured(true, preloads=preloads, scatter=0.7)))
+    held = whole(freeze(rom.paper_model(), measured(true, preloads=preloads, scatter=0.7, length_s=1.0)))
     seen = tuple(seen_of(held, case) for case in range(len(held)))
     search = LawSearch(TensionData(held.model, seen, held, len(seen), np.ones(len(seen)), _NUMBERS))
     base = search.fits.law_alone()
@@ -274,7 +285,7 @@ def test_limits_stay_within_the_range_and_ends_are_told() -> None:
 def test_an_effect_of_the_rig_comes_first(tmp_path: Path, name: str, place: str) -> None:
     from experiments.studies.rig import Undeclared, run
 
-    run(tmp_path / "c", 12, 1.0, 3, 1, duration_s=2.5, undeclared=(Undeclared(name, place, {}),))
+    run(tmp_path / "c", 8, 1.0, 3, 1, duration_s=2.5, undeclared=(Undeclared(name, place, {}),))
     campaign = rom.read_campaign(tmp_path / "c")
     found = identify_campaign(campaign)
     first, second, *_ = explain(TensionResidual(campaign, found, found.model), Options())

@@ -26,7 +26,10 @@ def test_nothing_is_found_where_a_ring_down_lacks_nothing(tmp_path: Path, kind: 
 
 @pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
-@pytest.mark.parametrize("effect", sorted(twins.EFFECTS))
+@pytest.mark.parametrize(
+    "effect",  # cubic springs of driven bodies, of modes and of struck bodies are in every run
+    ["coulomb-friction", "quadratic-damping", pytest.param("cubic-stiffness", marks=pytest.mark.variant)],
+)
 def test_what_a_ring_down_lacks_is_found(tmp_path: Path, effect: str) -> None:
     found = close_loop(twins.free(tmp_path / "twin", effect))
     first = found.effects[0]

@@ -61,6 +61,7 @@ def test_a_killed_run_goes_on_where_it_was(file: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.variant  # test_execution has a cluster, test_experiment such processes and measures
 def test_cells_spread_over_a_cluster_with_a_measure_beside_the_file(file: Path, cluster: Cluster) -> None:
     """Each cell in a process of its own on a worker, measured by a module that no worker has on its path."""
     address, _ = cluster

@@ -68,6 +68,7 @@ def settings_of(of: Structure, masses: bool = True) -> CampaignSettings:
     return CampaignSettings.model_validate(data)
 
 
+@cache
 def campaign(of: Structure, count: int = 6, noise: float = 1.0, motion: str = "acceleration") -> list[Record]:
     """Coupled and loosening records with preloads from 20 N, a small and a hard hit by turns."""
     random = np.random.default_rng(3)
