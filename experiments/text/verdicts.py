@@ -21,7 +21,10 @@ def answer(kind: str, data: Data) -> Answer | None:
     unfit = data.get("unfit")
     if not unfit:
         return found
-    headline = f"{str(unfit)[0].upper()}{str(unfit)[1:]}."
+    said = str(unfit)
+    if kind == "ranking":  # a page may show that of a closed loop as well
+        said = said.replace("the model", "the identified model", 1)
+    headline = f"{said[0].upper()}{said[1:]}."
     question = found.question if found else "Do these records fit what is declared?"
     return Answer(
         question, headline, found.sentences if found else (), found.headlines if found else (), False

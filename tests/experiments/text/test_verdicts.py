@@ -108,3 +108,12 @@ def test_a_prediction_of_records_that_were_all_fitted_says_so() -> None:
     found = answer("prediction", {"errors": errors(1.0), "fitted_to_this_campaign": True, "sets": {}})
     assert found is not None
     assert found.sentences[-1] == "The model was fitted to all of these records."
+
+
+@pytest.mark.parametrize(("kind", "whose"), [("ranking", "The identified model"), ("closure", "The model")])
+def test_a_ranking_says_which_model_does_not_describe_the_records(kind: str, whose: str) -> None:
+    unfit = "the model does not describe the records: displacements are off by 82.8 %"
+    found = answer(kind, {"laws": [], "unfit": unfit})
+    assert found is not None
+    assert found.verdict == f"{whose} does not describe the records: displacements are off by 82.8 %."
+    assert found.good is False
