@@ -12,7 +12,6 @@ from typing import Annotated
 import typer
 
 from experiments.errors import INTERRUPTED, UNFIT, a_model, existing, show_warnings_plainly, tell, terminated
-from experiments.options import CORES as _CORES
 from experiments.options import (
     CampaignPath,
     Campaigns,
@@ -30,6 +29,7 @@ from experiments.run.execution import execution
 from experiments.run.memory import collect_cycles_seldom, return_freed_arrays
 from experiments.run.progress import progress_bars
 from experiments.studies.experiment import command as experiment_command
+from rom.jobs import CORES as _CORES
 from rom.provenance import program_version
 
 app = typer.Typer(

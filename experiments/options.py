@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from experiments.errors import a_campaign, campaigns
-from rom.criteria.number import Numerical
+from rom.jobs import CORES, processes_for
 
-CORES = os.cpu_count() or 1
 CampaignPath = Annotated[
     Path, typer.Argument(help="Campaign folder: campaign.toml and its records.", callback=a_campaign)
 ]
@@ -39,7 +37,6 @@ OneProcess = Annotated[
 ]
 Cluster = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, tcp://host:port.")]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no summary.")]
-_FEW_BYTES: Numerical[int] = 50_000_000  # of records: read and judged before more processes have started
 
 
 def _record_jobs(context: typer.Context, jobs: int) -> int:
@@ -58,8 +55,7 @@ def _jobs_for_records(campaign: Path) -> int:
     except CampaignError:  # told with all other faults when the records are read
         return CORES
     folder = campaign if campaign.is_dir() else campaign.parent
-    there = [path for file in files if (path := folder / file).is_file()]
-    return 1 if sum(path.stat().st_size for path in there) < _FEW_BYTES else CORES
+    return processes_for(None, [folder / file for file in files])
 
 
 RecordJobs = Annotated[

@@ -63,6 +63,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 @pytest.fixture(scope="session", autouse=True)
+def alone() -> None:
+    """Functions work in this process where a test does not ask for more."""
+    from rom import jobs
+
+    jobs.CORES = 1
+
+
+@pytest.fixture(scope="session", autouse=True)
 def shared(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Shared:
     """Results that every process of the run may use."""
     Shared.here = Shared.of_run(tmp_path_factory, worker_id)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -38,18 +37,25 @@ def test_the_program_shows_its_help_without_loading_the_science() -> None:
     assert loaded.isdisjoint({"numba", "matplotlib", "pandas", "h5py", "scipy", "pysindy", "bokeh"})
 
 
-def test_functions_say_where_a_command_takes_other_processes_by_default() -> None:
+def test_functions_take_as_many_processes_as_commands_where_nobody_says(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     import discovery
+    import experiments
     import rom
-    from experiments import cli
+    from rom import jobs
 
-    for function in (rom.identify, discovery.discover, discovery.close_loop):
-        command = {"close_loop": "close"}.get(function.__name__, function.__name__)
-        here, there = (
-            inspect.signature(one).parameters["jobs"].default for one in (function, getattr(cli, command))
-        )
-        assert (here, there) == (1, os.cpu_count())
-        assert "(the command takes all cores by default" in " ".join((function.__doc__ or "").split())
+    monkeypatch.setattr(jobs, "CORES", 6)
+    functions = (rom.read_campaign, rom.identify, discovery.discover, discovery.compare, discovery.close_loop)
+    for function in (*functions, experiments.run_experiment):
+        assert inspect.signature(function).parameters["jobs"].default is None
+    (tmp_path / "record").write_bytes(bytes(1000))
+    assert (jobs.processes(None), jobs.processes(2)) == (6, 2)
+    assert jobs.processes_for(None, [tmp_path / "record", tmp_path / "none"]) == 1
+    monkeypatch.setattr(jobs, "_FEW_BYTES", 100)
+    assert jobs.processes_for(None, [tmp_path / "record"]) == 6
+    monkeypatch.setattr(jobs.multiprocessing, "parent_process", object)
+    assert jobs.processes(None) == 1  # none of a process that works for another
 
 
 @pytest.mark.parametrize(

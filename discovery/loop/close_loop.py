@@ -26,6 +26,7 @@ from rom.campaign.campaign import Campaign
 from rom.evaluation.noise_floor import floors_by_kind
 from rom.identification.force_balance import is_driven
 from rom.identification.free_decay import is_followed, is_free
+from rom.jobs import processes
 from rom.model.laws import Law
 from rom.model.model import Model
 from rom.one_thread import one_threaded
@@ -36,7 +37,7 @@ from rom.signals.measured_records import judged_by, screened, with_something_lef
 @with_stored_records
 def close_loop(
     campaign: Campaign,
-    jobs: int = 1,
+    jobs: int | None = None,
     progress: Stages | None = None,
     seed: int = 0,
     criteria: Criteria = CRITERIA,
@@ -52,7 +53,7 @@ def close_loop(
     campaign : Campaign
         As read by `rom.read_campaign`; nothing is fitted to its held-out records.
     jobs : int
-        Processes and threads; the numbers do not depend on it (the command takes all cores by default).
+        Processes and threads, on which the numbers do not depend; all cores if not given.
     progress : callable
         Called with the name of a stage; returns what is then called with (done, in all), or None.
     seed : int
@@ -73,6 +74,7 @@ def close_loop(
     ValueError
         If nothing can be identified from the campaign, or the model is one of another structure.
     """
+    jobs = processes(jobs)
     options = Options(jobs, progress or no_progress, seed, criteria)
     law = None if model is None else declared_law(model, campaign)
     refits = refits_of(

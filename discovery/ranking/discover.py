@@ -23,6 +23,7 @@ from discovery.search.shortlist import Proposals, propose
 from discovery.separating_tests.hits import propose_tests
 from rom.campaign.campaign import Campaign
 from rom.criteria.number import Numerical
+from rom.jobs import processes
 from rom.model.laws import Law
 from rom.one_thread import one_threaded
 from rom.progress import Progress
@@ -37,7 +38,7 @@ _NAMED: Numerical[int] = 5  # of columns left out
 @with_stored_records
 def discover(
     campaign: Campaign | Sequence[Campaign],
-    jobs: int = 1,
+    jobs: int | None = None,
     progress: Stages | None = None,
     seed: int = 0,
     tightening: bool = False,
@@ -56,7 +57,7 @@ def discover(
         kind: the law is shared, its rate differs from bolt to bolt (`ranking.population`), and whole bolts
         are left out in cross-validation.
     jobs : int
-        Processes; the numbers do not depend on it (the command takes all cores by default).
+        Processes, on which the numbers do not depend; all cores if not given.
     progress : callable
         Called with the name of a stage; returns what is then called with (done, in all), or None.
     seed : int
@@ -99,6 +100,7 @@ def discover(
     plugged = plug_in_laws(given)
     if max_terms is not None:
         criteria = criteria.changed(search={"largest_support": _at_least_one(max_terms)})
+    jobs = processes(jobs)
     data = specimens(campaign, jobs, stage, tightening, criteria)
     check_given(given, data.frozen)
     plugged, notes = usable(plugged, data.frozen.nodes)
@@ -112,7 +114,7 @@ def discover(
 def compare(
     campaign: Campaign | Sequence[Campaign],
     laws: Sequence[Given],
-    jobs: int = 1,
+    jobs: int | None = None,
     progress: Stages | None = None,
     seed: int = 0,
     tightening: bool = False,
@@ -150,6 +152,7 @@ def compare(
     plugged = plug_in_laws(given)
     if not given and not plugged:
         raise ValueError("found no law to compare, expected one or more")
+    jobs = processes(jobs)
     data = specimens(campaign, jobs, stage, tightening, criteria)
     check_given(given, data.frozen)
     plugged, notes = usable(plugged, data.frozen.nodes)

@@ -38,6 +38,7 @@ from rom.campaign.settings import (
 )
 from rom.campaign.settings_faults import parsing_faults, record_faults, structure_faults
 from rom.criteria.criteria import RECORD_CRITERIA, RecordCriteria
+from rom.jobs import processes_for
 from rom.progress import counted
 from rom.result_views import HasViews
 
@@ -206,7 +207,7 @@ class Campaign(HasViews):
 
 
 def read_campaign(
-    path: Path | str, jobs: int = 1, progress: Callable[[int, int], None] | None = None
+    path: Path | str, jobs: int | None = None, progress: Callable[[int, int], None] | None = None
 ) -> Campaign:
     """Check a whole campaign, record by record, one in memory per job.
 
@@ -215,7 +216,7 @@ def read_campaign(
     path
         The campaign folder, or its `campaign.toml`.
     jobs
-        Number of processes that check records.
+        Processes that check records; if not given all cores, one for less than 50 MB of records.
     progress
         Called with the number of records checked and their total.
 
@@ -236,6 +237,7 @@ def read_campaign(
     toml, text, settings = _settings_of(path)
     folder = toml.parent.absolute()  # worker processes may have been started in another folder
     faults = [f"{toml.name}: {line}" for line in record_faults(settings)]
+    jobs = processes_for(jobs, [folder / record.file for record in settings.record])
     checks = list(counted(_checks(folder, settings, jobs), len(settings.record), progress))
     uncalibrated = [check.file for check in checks if check.needs_calibration]
     if uncalibrated:

@@ -37,6 +37,7 @@ from rom.identification.small_impacts import losses_of_small_impacts
 from rom.identification.spectral_model import SpectralRecord
 from rom.identification.starting_values import best_starts
 from rom.identification.uncoupled_priors import fit_near, flexure_ties, unsettled, without_modes
+from rom.jobs import processes_for
 from rom.model.description import LinkLaws
 from rom.model.effect import SensorFault
 from rom.model.laws import Law, constant_damping, constant_stiffness, no_loosening
@@ -58,8 +59,7 @@ class Identification(HasViews):
     `unsettled` are reasons to doubt that its numbers are near those of the structure, none for a sound one:
     numbers that the uncoupled tests contradict, or much misfit without such tests. Misfit alone is none: a
     good start may lack an effect. `rom.identification.uncoupled_priors.unlikely` asks it of a later model.
-    `declared` is a tension law whose form was given, in place of gamma(T); `modes` are those of a campaign of
-    modes.
+    `declared` is a tension law of given form in place of gamma(T); `modes` are those of a campaign of modes.
     """
 
     model: Model
@@ -152,7 +152,7 @@ class Identification(HasViews):
         return replace(self.model, structure=structure, link_laws=laws, uncoupled_laws=alone)
 
 
-def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None) -> Model:
+def identify(campaign: Campaign, jobs: int | None = None, progress: Progress | None = None) -> Model:
     """Identify the reduced-order model of a campaign from its training records.
 
     Parameters
@@ -160,8 +160,7 @@ def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None
     campaign : Campaign
         As read by `read_campaign`.
     jobs : int
-        Processes for reading and processing records; the numbers do not depend on it (the command takes all
-        cores by default).
+        Processes, on which no number depends; if not given all cores, one for less than 50 MB of records.
     progress : callable
         Called with (records done, records in all), then the same of the cases whose gamma is sought.
 
@@ -175,7 +174,8 @@ def identify(campaign: Campaign, jobs: int = 1, progress: Progress | None = None
     ValueError
         If no training record says anything of the structure.
     """
-    return identify_campaign(campaign, jobs, progress).model
+    files = (campaign.path / record.file for record in campaign.settings.record)
+    return identify_campaign(campaign, processes_for(jobs, files), progress).model
 
 
 @one_threaded

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from experiments import options
 from experiments.options import CampaignPath, Cluster, RecordJobs
+from rom import jobs
 from tests.rom.sound_campaign import write_sound_campaign
 
 app = Typer()
@@ -29,8 +30,9 @@ def test_few_records_take_one_process_where_none_are_asked_for(
         return CliRunner().invoke(app, [*arguments, str(tmp_path / "campaign")]).stdout.strip()
 
     monkeypatch.setattr(options, "CORES", 8)
+    monkeypatch.setattr(jobs, "CORES", 8)
     assert said() == "campaign 1 None"
     assert said("--jobs", "3") == "campaign 3 None"
     assert said("--cluster", "tcp://host:1") == "campaign 8 tcp://host:1"
-    monkeypatch.setattr(options, "_FEW_BYTES", 10_000)
+    monkeypatch.setattr(jobs, "_FEW_BYTES", 10_000)
     assert said() == "campaign 8 None"

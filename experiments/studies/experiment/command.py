@@ -10,9 +10,10 @@ from typing import Annotated
 import typer
 
 from experiments.errors import UNFIT, existing
-from experiments.options import CORES, Cluster, Jobs, Quiet, Unseeded
+from experiments.options import Cluster, Jobs, Quiet, Unseeded
 from experiments.run.execution import execution
 from experiments.run.progress import progress_bars
+from rom.jobs import CORES
 
 
 def add_to(app: typer.Typer) -> None:

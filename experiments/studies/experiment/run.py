@@ -29,6 +29,7 @@ from experiments.studies.experiment.cell import (
 from experiments.studies.experiment.cells import Cell, Experiment, Measure, read_experiment
 from experiments.studies.experiment.table import TABLE, ExperimentTable, as_csv, read_rows
 from experiments.studies.figure_files import save_figures
+from rom.jobs import processes
 from rom.progress import Progress
 from rom.provenance import program_version
 
@@ -39,7 +40,7 @@ _USED = ("elapsed_s", "cpu_s", "peak_mb")
 def run_experiment(
     path: Path | str,
     out: Path | str | None = None,
-    jobs: int = 1,
+    jobs: int | None = None,
     cluster: str | None = None,
     progress: Callable[[str], Progress | None] | None = None,
     measure: Measure | None = None,
@@ -53,7 +54,7 @@ def run_experiment(
     out : Path or str, optional
         Folder for results; ``<file>-results`` beside the file if not given.
     jobs : int
-        Cells at the same time; the numbers do not depend on it (the command takes all cores by default).
+        Cells at the same time, on which the numbers do not depend; all cores if not given.
     cluster : str, optional
         Address of a Dask scheduler whose workers run the cells; they must see file and folder under the same
         path.
@@ -82,7 +83,7 @@ def run_experiment(
     >>> table.to_frame().groupby("campaign")["error"].median()  # doctest: +SKIP
     """
     with execution(cluster):
-        return run(Path(path), None if out is None else Path(out), jobs, progress, measure=measure)
+        return run(Path(path), None if out is None else Path(out), processes(jobs), progress, measure=measure)
 
 
 def run(
