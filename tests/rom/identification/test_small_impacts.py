@@ -43,6 +43,16 @@ def test_noise_of_a_gauge_is_hardly_ever_called_a_loss() -> None:
     assert 0.0 < np.mean(warned) < 0.01
 
 
+def test_a_gauge_without_noise_is_judged_without_a_division_by_zero() -> None:
+    lost = np.zeros(12)
+    assert told(0.0) == []
+    lost[4] = 1e-10
+    assert told(0.0, lost) == []
+    lost[4] = 2.5
+    (line,) = told(0.0, lost)
+    assert line.startswith("records/4.h5: loses 2.5 N")
+
+
 @pytest.mark.parametrize(("sign", "way"), [(1.0, "lose"), (-1.0, "gain")])
 def test_changes_in_one_direction_are_told(sign: float, way: str) -> None:
     rng = np.random.default_rng(1)
