@@ -14,7 +14,7 @@ from experiments.datasets.times import says_time
 from experiments.datasets.units import si_factor
 from rom.campaign.channels import BODY_QUANTITIES, BOLT_CHANNELS
 
-_BOLT = re.compile(r"bolt|tension|preload|clamp|strain|gauge|dms", re.IGNORECASE)
+_BOLT = re.compile(r"bolt|tension|preload|clamp|strain|gauge|schraub|vorspann|dehnung|dms", re.IGNORECASE)
 _NAMED = {"acceleration": r"acc|beschl", "force": r"force|hammer|kraft", "displacement": r"disp|laser|weg"}
 _TESTS = "uncoupled|coupled|loosening|free|driven|cycled|hold"
 _BODY = "BODY"

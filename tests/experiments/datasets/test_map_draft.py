@@ -64,6 +64,7 @@ def test_a_draft_is_refused_until_it_is_completed_and_is_then_a_map(
     [
         ("Hammer", "N", "force"),
         ("Bolt force", "kN", "tension"),
+        ("Schraubenkraft", "kN", "tension"),
         ("Bolt", "V/V", "strain"),
         ("CH3", "m/s2", "acceleration"),
         ("CH4", "mm", "displacement"),
