@@ -1,7 +1,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 DEMO := demo
-PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --durations 25
+# bytecode of tests is kept too: half of the time in which they are collected goes into it
+PYTEST := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --durations 25
 
 .PHONY: demo test test-all docs notebooks style compiled clean
 
@@ -35,9 +36,13 @@ style:
 	$(BIN)/lint-imports
 	$(BIN)/mypy
 
-compiled:  # bytecode too, which PYTHONDONTWRITEBYTECODE keeps from staying: tests start many processes
+compiled: .venv/compiled
+
+# bytecode too, which PYTHONDONTWRITEBYTECODE keeps from staying: tests start many processes
+.venv/compiled: .venv/installed-test tests/compile.py $(shell find rom discovery experiments -name '*.py')
 	$(BIN)/python -m compileall -q rom discovery experiments
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.compile
+	touch $@
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
