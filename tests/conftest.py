@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -29,17 +30,22 @@ Boltlaw = Callable[..., Ran]
 
 @pytest.fixture
 def boltlaw(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Boltlaw:
-    """Run the program within this process, and in no other where a test does not ask for jobs."""
+    """Run the program within this process, and in no other where a test does not ask for jobs.
+
+    Figures are drawn where a test asks for them: they are most of many a small run.
+    """
     from experiments.cli import app, run
+    from experiments.studies.figure_files import without_figures
 
     alone = {
         one.name or one.callback.__name__: {"jobs": 1} for one in app.registered_commands if one.callback
     }
     monkeypatch.setitem(cast(dict[str, object], app.info.context_settings), "default_map", alone)
 
-    def call(*arguments: object) -> Ran:
+    def call(*arguments: object, figures: bool = False) -> Ran:
         capfd.readouterr()
-        code = run([str(argument) for argument in arguments])
+        with nullcontext() if figures else without_figures():
+            code = run([str(argument) for argument in arguments])
         return Ran(code, *capfd.readouterr())
 
     return call
@@ -47,7 +53,7 @@ def boltlaw(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--seeds", type=int, default=3, help="campaigns of the virtual rig for every law to recover"
+        "--seeds", type=int, default=2, help="campaigns of the virtual rig for every law to recover"
     )
     parser.addoption("--every", action="store_true", help="variants too whose statement a cheaper test makes")
 

@@ -38,9 +38,9 @@ def figures_into(folder: Path, *draw: Callable[[], Mapping[str, Figure]]) -> lis
 
 
 def save_figures(drawn: Mapping[str, Figure], folder: Path) -> None:
-    """Write figures to an existing folder, for the page and for print."""
+    """Write figures to an existing folder, for the page and for print; none where none are wanted."""
     from experiments.figures.style import save
 
-    for name, figure in drawn.items():
+    for name, figure in drawn.items() if _wanted.get() else ():
         save(figure, folder / f"{name}.svg")
         save(figure, folder / f"{name}.pdf")

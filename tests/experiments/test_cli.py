@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import shlex
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -243,36 +241,6 @@ def test_help_names_every_law_that_the_rig_knows(boltlaw: Boltlaw) -> None:
 def test_the_version_is_that_of_the_results(boltlaw: Boltlaw) -> None:
     ran = boltlaw("--version")
     assert (ran.code, ran.out, ran.err) == (0, f"boltlaw {program_version()}\n", "")
-
-
-def test_the_examples_run_as_printed(
-    rig_campaign: Path, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, boltlaw: Boltlaw
-) -> None:
-    """One after the other in one folder; the rig's is made smaller, then a larger one takes its place."""
-    monkeypatch.chdir(tmp_path)
-    examples = {
-        command: shlex.split(" ".join(boltlaw(command, "--help").out.split("Example: boltlaw ")[1].split()))
-        for command in ("rig", "identify", "predict", "report")
-    }
-    made = boltlaw(*examples["rig"], "--cases", 2, "--duration-s", 2.5, "--jobs", 1)
-    assert made.code == 0, made.err
-    campaign = tmp_path / "rig-campaign"
-    assert (campaign / "campaign.toml").is_file()
-    assert (tmp_path / "rig-campaign.truth.json").is_file()
-    shutil.rmtree(campaign)
-    shutil.copytree(rig_campaign, campaign)
-    monkeypatch.setattr(
-        "experiments.studies.identify.run", lambda *_: _copied(results, "rig-campaign-results")
-    )
-    for command in ("identify", "predict", "report"):
-        ran = boltlaw(*examples[command])
-        assert ran.code == 0, ran.err
-        assert "wrote" in ran.out
-    assert (tmp_path / "rig-campaign-results" / "report.html").is_file()
-
-
-def _copied(results: Path, name: str) -> Path:
-    return Path(shutil.copytree(results, name)) / "model.json"
 
 
 def test_a_full_disk_is_told_in_one_line_and_old_results_stay(

@@ -173,7 +173,7 @@ def test_a_disk_that_fills_up_at_any_file_changes_nothing(
 
     monkeypatch.setitem(vars(discovery), "close_loop", lambda *_, **__: closure(verdict="no-effect"))
     monkeypatch.setattr(Path, "replace", filling)
-    ran = boltlaw("close", campaign, "--out", out, "--jobs", 1)
+    ran = boltlaw("close", campaign, "--out", out, "--jobs", 1, figures=True)
     assert (ran.code, ran.out) == (2, "")
     (line,) = ran.err.splitlines()
     assert (

@@ -19,7 +19,9 @@ def discovered(rig_campaign: Path, shared: Shared, boltlaw: Boltlaw) -> tuple[Pa
 
     def work() -> tuple[Path, Ran]:
         folder = shared.new_folder() / "results"
-        return folder, boltlaw("discover", rig_campaign, "--out", folder, "--jobs", 2, "--seed", 7)
+        return folder, boltlaw(
+            "discover", rig_campaign, "--out", folder, "--jobs", 2, "--seed", 7, figures=True
+        )
 
     return shared.once("rig ranking", work)
 

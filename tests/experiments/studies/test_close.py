@@ -176,7 +176,7 @@ def test_every_verdict_is_written_and_exits_with_0(
     finding: Finding,
 ) -> None:
     finding(found)
-    ran = boltlaw("close", campaign, "--out", tmp_path, "--jobs", 1)
+    ran = boltlaw("close", campaign, "--out", tmp_path, "--jobs", 1, figures=True)
     assert ran.code == 0, ran.err
     assert words in ran.out
     assert load(tmp_path)["verdict"] == found.verdict
@@ -261,7 +261,7 @@ def test_a_figure_that_cannot_be_drawn_is_told_and_costs_no_result(
 
     finding(replace(closure(friction()), declared=paper_model()))
     monkeypatch.setattr("experiments.figures.closure.closure_figures", fail)
-    ran = boltlaw("close", campaign, "--out", tmp_path / "results", "--jobs", 1)
+    ran = boltlaw("close", campaign, "--out", tmp_path / "results", "--jobs", 1, figures=True)
     assert ran.code == 0
     assert "note: figures were not drawn: RuntimeError: no ink" in ran.out
     assert (tmp_path / "results" / "closure-records.svg").exists()  # others are drawn

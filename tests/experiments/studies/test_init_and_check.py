@@ -54,7 +54,7 @@ def test_a_draft_is_a_campaign(boltlaw: Boltlaw, tmp_path: Path) -> None:
     }
     sampling = campaign.settings.sampling
     assert (sampling.motion_rate_hz, sampling.tension_rate_hz) == (400, 100)
-    ran = boltlaw("check", folder, "--out", tmp_path / "out", "--jobs", 1)
+    ran = boltlaw("check", folder, "--out", tmp_path / "out", "--jobs", 1, figures=True)
     assert (ran.code, ran.err) == (0, "")
     found = json.loads((tmp_path / "out" / "check.json").read_text())
     assert (found["format"], len(found["records"])) == ("boltlaw-check/1", 4)
@@ -143,7 +143,7 @@ def test_a_folder_of_something_else_is_refused_in_one_line(
 
 def test_check_of_every_kind_of_test(boltlaw: Boltlaw, tmp_path: Path) -> None:
     write_sound_campaign(tmp_path / "campaign")
-    ran = boltlaw("check", tmp_path / "campaign", "--jobs", 1)
+    ran = boltlaw("check", tmp_path / "campaign", "--jobs", 1, figures=True)
     assert ran.code == 0, ran.err
     assert len(list((tmp_path / "campaign-results").glob("check-*.svg"))) == 7
     shutil.rmtree(tmp_path / "campaign" / "records")
