@@ -84,8 +84,10 @@ def read_truth(path: Path) -> Truth:
     )
 
 
-def run_trial(seed: int, cases: int, noise: float, jobs: int = 2, duration_s: float = 8.5) -> Trial:
-    """Make a campaign in a temporary folder, identify it and score it.
+def identified(
+    seed: int, cases: int, noise: float, jobs: int = 2, duration_s: float = 8.5
+) -> tuple[Identification, Truth]:
+    """Make a campaign in a temporary folder and identify it.
 
     Parameters
     ----------
@@ -102,13 +104,13 @@ def run_trial(seed: int, cases: int, noise: float, jobs: int = 2, duration_s: fl
 
     Returns
     -------
-    Trial
-        Errors and coverage.
+    tuple of (Identification, Truth)
+        What was identified, and the truth that lay beside the folder.
     """
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "campaign"
         rig.run(folder, cases, noise, seed, jobs, duration_s=duration_s, scatter=0.0, hold_out_every=0)
-        return score(identify_campaign(read_campaign(folder, jobs), jobs), read_truth(rig.truth_path(folder)))
+        return identify_campaign(read_campaign(folder, jobs), jobs), read_truth(rig.truth_path(folder))
 
 
 def score(found: Identification, truth: Truth) -> Trial:
@@ -244,7 +246,7 @@ def main() -> None:
     for noise in options.noise:
         trials = []
         for seed in range(options.seeds):
-            trials.append(run_trial(seed, options.cases, noise, options.jobs))
+            trials.append(score(*identified(seed, options.cases, noise, options.jobs)))
             print(f"noise {noise:g}: seed {seed} done", file=sys.stderr)
         print(f"\n### Noise x {noise:g}, {options.cases} preloads, {options.seeds} seeds\n")
         print("\n".join([*error_table(trials), "", *coverage_table(trials)]), flush=True)

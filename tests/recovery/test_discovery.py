@@ -3,20 +3,19 @@
 Campaigns have 20 preloads, hits of 100 and 60 % of full strength where nothing else is said (with ``--every``
 of 80 % too, as when the limits were set), nominal noise, nominal scatter of gamma from test to test, records
 of 2.5 s, one preload in five held out. Plant, sensors and soft hits are the same for every law of a seed:
-they are identified once, under the paper's law with full hits alone. Forms are fitted with every number free;
-the form is told by races of a few with the four that are always in them. The search among thousands is
-measured by ``python -m benchmarks.discovery``: docs/recovery.md.
+they are identified once (`plants`), under the paper's law with full hits alone. Forms are fitted with every
+number free; the form is told by races of a few with the four that are always in them. The search among
+thousands is measured by ``python -m benchmarks.discovery``: docs/recovery.md.
 
 A law's campaign of a seed is one test, which processes of a run share out among them, and what was found
-under all seeds is judged by the tests after it. ``--seeds`` says how many there are: three, or the ten that
-the limits were set for. "Nine of ten" asks for every one of three. `test_simulated_courses` always has ten,
-and every law; of those here some are variants.
+under all seeds is judged by the tests after it. ``--seeds`` says how many there are: two, or the ten that
+the limits were set for. "Nine of ten" asks for every one of two. `test_simulated_courses` has more
+seeds, and every law; of those here some are variants.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -31,6 +30,7 @@ from discovery.courses.fit import refine
 from discovery.laws.candidate import Candidate, baseline
 from discovery.ranking.confidence_sets import exponent_profile
 from rom.identification.identify import Identification
+from tests.recovery.plants import plants
 from tests.shared import Shared
 
 pytestmark = pytest.mark.slow
@@ -89,13 +89,7 @@ def measured(one: Specimen, law: str, seed: int) -> Found:
 
 def plant_of(shared: Shared, seed: int) -> Identification:
     """The plant of a seed, as a campaign under the paper's law tells it: one full hit a preload does."""
-
-    def work() -> Identification:
-        found = specimen("eq13", seed, ONE_STRENGTH).identified
-        plant = Identification(replace(found.model, identification=None), None)
-        return replace(plant, course_noise=found.course_noise)
-
-    return shared.once(f"plant, {seed}", work)
+    return plants(shared, [seed])[0].identified
 
 
 class Rig(NamedTuple):

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import json
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.identification import COVERAGE_TARGET, TARGETS, Trial, read_truth, run_trial, score
+from benchmarks.identification import COVERAGE_TARGET, TARGETS, Trial, read_truth, score
 from experiments.studies import rig
 from rom.identification.identify import Identification
+from tests.recovery.plants import plants
 from tests.shared import Shared
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def trials(shared: Shared) -> list[Trial]:
-    """Twenty preloads, nominal noise, records of 3 s, three seeds."""
-    return shared.all(
-        {f"trial, {seed}": partial(run_trial, seed, 20, 1.0, jobs=1, duration_s=3.0) for seed in range(3)}
-    )
+def trials(shared: Shared, seeds: range) -> list[Trial]:
+    """Of every seed."""
+    return [plant.trial for plant in plants(shared, seeds)]
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -37,7 +35,7 @@ def test_no_seed_is_far_off(name: str, trials: list[Trial]) -> None:
 
 def test_limits_hold_the_truth_as_often_as_they_say(trials: list[Trial]) -> None:
     held = [hit for trial in trials for hits in trial.covered.values() for hit in hits]
-    assert len(held) > 150
+    assert len(held) > 50 * len(trials)
     low, high = COVERAGE_TARGET
     assert low <= np.mean(held) <= high
 
@@ -45,7 +43,7 @@ def test_limits_hold_the_truth_as_often_as_they_say(trials: list[Trial]) -> None
 @pytest.mark.parametrize("symbol", ["k_C", "c_C"])
 def test_limits_of_every_joint_hold_the_truth(symbol: str, trials: list[Trial]) -> None:
     held = [hit for trial in trials for hit in trial.covered[f"{symbol} of every coupled record"]]
-    assert len(held) == 60
+    assert len(held) == 20 * len(trials)
     assert COVERAGE_TARGET[0] <= np.mean(held)
 
 
