@@ -25,6 +25,7 @@ from rom.signals.measured_records import (
     with_stored_records,
 )
 from tests.discovery import driven_twins
+from tests.discovery.small_searches import FEWER
 
 STEPS = ("load", "assess", "process")
 Command = Callable[..., object]
@@ -105,7 +106,8 @@ def test_a_closed_loop_of_driven_bodies_reads_each_record_once(noted: Noting, tm
 
 def discover(campaign: Campaign, jobs: int) -> None:
     """Find laws among few: how many are searched changes nothing about records."""
-    discovery.discover(campaign, jobs, libraries=["velocity"], optimizers=["STLSQ"], max_terms=1)
+    few = {"libraries": ["velocity"], "optimizers": ["STLSQ"], "max_terms": 1}
+    discovery.discover(campaign, jobs, criteria=FEWER, **few)
 
 
 @pytest.mark.parametrize("command", [rom.identify, discover])

@@ -9,6 +9,8 @@ import shlex
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +19,12 @@ import pytest
 import discovery
 import rom
 import rom.effects
+from discovery.criteria.criteria import CRITERIA
 from experiments.cli import run
+from experiments.studies import rig
 from rom.identification.identify import identify_campaign
 from rom.model.laws import power_loosening
+from tests.discovery.small_searches import FEWER
 from tests.documents.blocks import PAGES, REPOSITORY, SHOWN, Block, blocks, carry_out, commands, left_out
 from tests.documents.notebooks import prepare
 from tests.shared import Shared
@@ -45,6 +50,10 @@ IDENTIFYING = (
     "discovery.loop.impact_refits",
 )
 _WITHOUT_EFFECT = ("jobs", "progress")  # on the numbers
+FEW = 6
+"""Preloads of a campaign where a page asks for more. With ``--every`` there are all that it asks for, and as
+many laws are fitted in full as for a reader.
+"""
 
 
 def slow(page: Path) -> Any:
@@ -61,47 +70,68 @@ def tutorial_commands() -> set[str]:
     return {shlex.join(c) for block in blocks(TUTORIAL) if block.kind == "sh" for c in commands(block)}
 
 
-def once(name: str, work: Callable[..., Any], shared: Shared) -> Callable[..., Any]:
+def once(name: str, work: Callable[..., Any], shared: Shared, *, few: bool) -> Callable[..., Any]:
     """Return a function of a campaign that is carried out once for all pages, whatever the processes."""
 
     def computed_once(*arguments: Any, **options: Any) -> Any:
         given = inspect.signature(work).bind(*arguments, **options)
         given.apply_defaults()
+        if few and given.arguments.get("criteria") == CRITERIA:
+            given.arguments["criteria"] = FEWER
         deciding = {key: value for key, value in given.arguments.items() if key not in _WITHOUT_EFFECT}
-        if deciding.get("libraries") or deciding.get("optimizers"):
-            return work(*arguments, **options)  # objects of the page itself: nothing names them
+        if deciding.get("libraries") or deciding.get("optimizers") or name == "compare":
+            return work(*given.args, **given.kwargs)  # objects of the page itself: nothing names them
         campaign = deciding.pop("campaign")
         asked = hashlib.sha256(str(sorted(deciding.items())).encode()).hexdigest()[:16]  # a name of a file
         key = f"{name}-{campaign.digest[:16]}-{asked}"
-        return shared.once(key, lambda: work(*arguments, **options))
+        return shared.once(key, lambda: work(*given.args, **given.kwargs))
 
     return computed_once
 
 
+@contextmanager
+def few_preloads(config: pytest.Config) -> Iterator[None]:
+    """Campaigns of the virtual rig are small ones: that every line runs is seen on them too."""
+    plain = rig.run
+
+    def run_few(new_dir: Path, cases: int | None = None, *others: Any, **options: Any) -> Path:
+        return plain(new_dir, cases and min(cases, FEW), *others, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        if not config.getoption("every"):
+            patch.setattr(rig, "run", run_few)
+        yield
+
+
 @pytest.fixture(scope="session")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def measured(tmp_path_factory: pytest.TempPathFactory, pytestconfig: pytest.Config) -> Path:
     """The campaign of the tutorial."""
     place = tmp_path_factory.mktemp("measured")
     (words,) = (c for c in map(shlex.split, tutorial_commands()) if c[:2] == ["boltlaw", "rig"])
-    assert run([*words[1:], "--out", str(place), "--jobs", "1", "--quiet"]) == 0
+    with few_preloads(pytestconfig):
+        assert run([*words[1:], "--out", str(place), "--jobs", "1", "--quiet"]) == 0
     return place / words[2]
 
 
 @pytest.fixture
-def place(tmp_path: Path, shared: Shared, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def place(
+    tmp_path: Path, shared: Shared, monkeypatch: pytest.MonkeyPatch, pytestconfig: pytest.Config
+) -> Iterator[Path]:
     """A folder to go through a page in. What several pages ask of the same campaign is computed once; what a
     page registers goes with it.
     """
-    for name in ("discover", "close_loop"):
-        monkeypatch.setitem(vars(discovery), name, once(name, getattr(discovery, name), shared))
-    identified = once("identify_campaign", identify_campaign, shared)
+    few = not pytestconfig.getoption("every")
+    for name in ("discover", "compare", "close_loop"):
+        monkeypatch.setitem(vars(discovery), name, once(name, getattr(discovery, name), shared, few=few))
+    identified = once("identify_campaign", identify_campaign, shared, few=few)
     for module in IDENTIFYING:
         monkeypatch.setattr(f"{module}.identify_campaign", identified)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(sys, "argv", ["boltlaw"])
     modules, members = set(sys.modules), dict(rom.effects._members)
-    yield tmp_path
+    with few_preloads(pytestconfig):
+        yield tmp_path
     for name in set(sys.modules) - modules:
         if str(tmp_path) in str(getattr(sys.modules[name], "__file__", "")):
             del sys.modules[name]
@@ -113,7 +143,10 @@ def place(tmp_path: Path, shared: Shared, monkeypatch: pytest.MonkeyPatch) -> It
 def test_every_block_of_a_page_runs(
     page: Path, place: Path, boltlaw: Boltlaw, request: pytest.FixtureRequest
 ) -> None:
-    """Pages that take a while have the tutorial's campaign, under its name or as ``folder``."""
+    """Pages that take a while have the tutorial's campaign, under its name or as ``folder``.
+
+    The tutorial draws the figures of its commands.
+    """
     if page.name in SLOW and page != TUTORIAL:
         text = page.read_text(encoding="utf-8")
         for name in ("folder", "rig-campaign"):
@@ -121,9 +154,30 @@ def test_every_block_of_a_page_runs(
                 shutil.copytree(request.getfixturevalue("measured"), place / name)
     prepare(page, place)
     names: dict[str, Any] = {"__name__": "__page__"}
+    drawn = page == TUTORIAL or request.config.getoption("every")
     done = tutorial_commands() if page != TUTORIAL else set()
     for block in runs(page):
-        carry_out(block, names, boltlaw, done)
+        carry_out(block, names, partial(boltlaw, figures=drawn), done)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("place")
+def test_the_loop_closes_on_what_the_tutorial_hides(measured: Path) -> None:
+    """Its closure is that of the pages: computed once."""
+    closure = discovery.close_loop(rom.read_campaign(measured))
+    assert closure.verdict == "closed"
+    (found,) = closure.effects
+    assert (found.effect.name, found.effect.enters) == ("cubic-stiffness", "flexure_lo")
+    assert found.effect.parameters["k3"].value == pytest.approx(1e9, rel=0.05)
+    assert all(one.test for one in found.look_alikes)
+    before, after = closure.before["hold_out"], closure.after["hold_out"]
+    assert before["motion_nrmse"] is not None
+    assert after["motion_nrmse"] is not None
+    assert after["motion_nrmse"] < 0.7 * before["motion_nrmse"]
+    assert closure.residual_after.total < 1.2 < closure.residual_before.total
+    stiffness = closure.model.link_laws["flexure_lo"].stiffness.parameters["k"]
+    assert stiffness == closure.refitted["flexure_lo.stiffness.k"]
+    assert None not in stiffness.limits
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

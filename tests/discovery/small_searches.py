@@ -1,0 +1,18 @@
+"""Criteria under which few laws and exponents are fitted in full, where a test does not look at which."""
+
+from __future__ import annotations
+
+from discovery.criteria.criteria import CRITERIA
+
+FEWER = CRITERIA.changed(
+    ranking={
+        "refined_least": 4,
+        "refined_most": 8,
+        "validated_least": 4,
+        "validated_most": 6,
+        "folds": 4,
+        "least_exponent": 2.0,
+        "largest_exponent": 5.0,
+        "largest_mixed": 2.0,
+    },
+)
