@@ -259,6 +259,9 @@ def _stride(parts: Sequence[SpectralRecord], rate_hz: float, highest_hz: float) 
 def simulated_channel(run: Replay, body: str, values: Mapping[str, float]) -> FloatArray:
     """Return a body's simulated motion as its sensor shows it, AC coupled with the corner among ``values``.
 
+    A simulation takes a force that is sharper than its samples, since it joins them by straight lines
+    (`rom.signals.filters.for_straight_lines`). Of the acceleration at the samples that is taken off again.
+
     Parameters
     ----------
     run : Replay
@@ -277,6 +280,9 @@ def simulated_channel(run: Replay, body: str, values: Mapping[str, float]) -> Fl
     simulated = np.asarray(getattr(run.response, kind)[body])
     if kind != "acceleration":
         return simulated
+    if body in run.measurement.force:
+        sharper = run.measurement.applied_force[body] - run.measurement.force[body]
+        simulated = simulated - sharper / next(b.mass for b in run.model.structure.bodies if b.name == body)
     corner = next((values[name] for name in values if name.startswith(CORNER)), 0.0)
     return ac_coupled(simulated, run.measurement.rate_hz, corner)
 

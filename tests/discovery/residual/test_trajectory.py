@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from discovery.criteria.criteria import CRITERIA
-from discovery.residual.trajectory import MeasuredTrajectory, _above_noise
+from discovery.residual.trajectory import MeasuredTrajectory, _above_noise, simulated_channel
 from rom.identification.spectral_model import spectrum
+from rom.parameters.he_2025 import paper_model
+from rom.signals.filters import for_straight_lines
 
 _RATE_HZ, _QUIET, _ALL = 4800.0, 2000, 12000
 _FEWEST = CRITERIA.motion.quiet_samples
@@ -63,3 +65,26 @@ def test_every_eighth_sample_of_a_force_that_does_not_end_as_it_began_has_the_li
     band = (part.frequency[0] - 1e-6, part.frequency[-1] + 1e-6)
     plain = spectrum(force[first:last:stride], rate / stride, band)[1]
     assert np.abs(eighth - every).max() < 0.05 * np.abs(plain - every).max()
+
+
+def test_a_simulated_acceleration_has_the_lines_of_the_force_that_was_sampled() -> None:
+    rate, count = 19200.0, 19200
+    time = np.arange(count) / rate
+    pulse = np.where(time < 2e-3, 1000 * np.sin(np.pi * time / 2e-3) ** 2, 0.0)
+    sampled = np.roll(pulse, 100)
+    model = paper_model().without_bolt()
+    given = for_straight_lines(sampled)
+    response = model.simulate({"lo": given}, rate)
+    motion = {"lo": SimpleNamespace(kind="acceleration")}
+    seen = SimpleNamespace(force={"lo": sampled}, applied_force={"lo": given}, motion=motion, rate_hz=rate)
+    run: Any = SimpleNamespace(model=model, measurement=seen, response=response)
+    short = slice(0, 400)  # the hit, as free as a body is within 20 ms but for its flexure
+    mass = next(body.mass for body in model.structure.bodies if body.name == "lo")
+
+    def error(acceleration: np.ndarray) -> float:
+        lines = spectrum(np.diff(acceleration[short], append=acceleration[400]), rate, (300, 1500))[1]
+        expected = spectrum(np.diff(sampled[short], append=sampled[400]), rate, (300, 1500))[1] / mass
+        return float(np.linalg.norm(lines - expected) / np.linalg.norm(expected))
+
+    assert error(np.asarray(response.acceleration["lo"])) > 5 * error(simulated_channel(run, "lo", {}))
+    assert error(simulated_channel(run, "lo", {})) < 1e-3
