@@ -46,8 +46,8 @@ def _softening(
 def _two_sided_gap(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
-    beyond = max(abs(x) - p[1], 0.0)
     edge = 0.01 * p[1]
+    beyond = max(abs(x) - p[1] + 0.5 * edge, 0.0)
     force = p[0] * (beyond - 0.5 * edge if beyond > edge else 0.5 * beyond * beyond / edge)
     return force if x > 0.0 else -force
 
@@ -55,8 +55,8 @@ def _two_sided_gap(
 def _one_sided_gap(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
-    beyond = max(p[2] * x - p[1], 0.0)
     edge = 0.01 * p[1]
+    beyond = max(p[2] * x - p[1] + 0.5 * edge, 0.0)
     return p[2] * p[0] * (beyond - 0.5 * edge if beyond > edge else 0.5 * beyond * beyond / edge)
 
 
@@ -137,7 +137,7 @@ MEMBERS = (
     Member(
         "two-sided-gap",
         ("joint", "ground"),
-        "b = max(abs(x) - delta, 0); e = 0.01 * delta; "
+        "e = 0.01 * delta; b = max(abs(x) - delta + 0.5 * e, 0); "
         "F = k_g * where(b > e, b - 0.5 * e, 0.5 * b * b / e) * sign(x)",
         {"k_g": parameter(7e5, "N/m", 0.0, 1e7), "delta": parameter(4e-5, "m", 5e-6, 6e-4)},
         {"k_g": 1e5},
@@ -151,7 +151,7 @@ MEMBERS = (
     Member(
         "one-sided-gap",
         ("joint", "ground"),
-        "b = max(side * x - delta, 0); e = 0.01 * delta; "
+        "e = 0.01 * delta; b = max(side * x - delta + 0.5 * e, 0); "
         "F = side * k_g * where(b > e, b - 0.5 * e, 0.5 * b * b / e)",
         {
             "k_g": parameter(7e5, "N/m", 0.0, 1e7),
