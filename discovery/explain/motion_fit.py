@@ -102,12 +102,13 @@ def without_effect(baseline: FreeParameters, effect: ModelCorrection) -> FreePar
 
 
 def with_effects(residual: WhitenedResidual) -> WhitenedResidual:
-    """The same with slopes by the numbers of the model's own forces."""
+    """The same with slopes by the numbers of the model's own forces; by those that it has once."""
     columns, names = [residual.jacobian], list(residual.names)
     for effect in residual.baseline.model.effects:
         if isinstance(effect, Effect):
             member = CATALOGUE.get(effect.name)
             free = tuple(effect.parameters) if member is None else free_numbers(effect, member)
+            free = tuple(name for name in free if effect_number(effect, name) not in names)
             sizes = np.array([size_of(effect.parameters[name].value) for name in free])
             columns.append(slopes_of(effect, free, sizes, residual))
             names += [effect_number(effect, name) for name in free]

@@ -9,14 +9,16 @@ measured motion:
 
 with the spectra Y of the channels, the noise S and the projection P as they are in the residual. Each test's
 tension falls by its own rate meanwhile. Slopes are differences of simulations at the start; every step then
-tells those along itself anew (C. G. Broyden, Math. Comput. 19, 577, 1965).
+tells those along itself anew (C. G. Broyden, Math. Comput. 19, 577, 1965). The rates and the slopes are taken
+anew at the end, until steps from there gain next to nothing.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from discovery.criteria.motion import Motion
 from discovery.explain.motion_fit import DAMPINGS, with_effects
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.output_error import WhitenedResidual
@@ -31,24 +33,22 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.evaluation.replay import replay
 from rom.identification.spectral_model import Linearised, SpectralRecord
+from rom.model.model import Model
 from rom.progress import Progress
 from rom.signals.processing import Measurement
 
-_MOST: Numerical[int] = 8  # steps
+_ROUNDS: Numerical[int] = 3  # of slopes
+_MOST: Numerical[int] = 8  # steps by the slopes of one round
 _DIFFERENCE: Numerical[float] = 1e-4  # of a number's size
-_SETTLED: Numerical[float] = 1e-2  # of the cost
+_SETTLED: Numerical[float] = 1e-3  # of the cost
 _SAME: Numerical[float] = 1e-9  # of the largest singular value
 
 
 class SimulatedFit:
-    """Training records of a residual, simulated by its model with other numbers."""
+    """Records of a residual, simulated by its model with other numbers."""
 
     def __init__(
-        self,
-        residual: WhitenedResidual,
-        measurements: Measurements,
-        final_s: tuple[float, float],
-        criteria: Motion,
+        self, residual: WhitenedResidual, measurements: Measurements, final_s: tuple[float, float]
     ) -> None:
         """Take the records of a residual, as they were measured.
 
@@ -60,10 +60,8 @@ class SimulatedFit:
             Its records, as `read_measurements` has them.
         final_s : tuple of float
             Window of the final tension [s].
-        criteria : Motion
-            The numbers that decide.
         """
-        self.start = with_effects(residual.of_training())
+        self.start = with_effects(residual)
         stored = {settings.file: one for settings, one in measurements}
         self.records = [
             (trace, stored[trace.settings.file], slice(parts[0][0].start, parts[-1][0].stop))
@@ -73,37 +71,79 @@ class SimulatedFit:
         for trace, part, linear in self.start.parts:
             parts.setdefault(trace.settings.file, []).append((part, linear))
         self.parts = parts
-        seen = [one for settings, one in measurements if not settings.hold_out]
-        self.own = own_models(residual.baseline.model, seen, final_s, criteria)
+        self.final_s = final_s
+        self.own: dict[str, Model] = {}
 
-    def fitted(self, progress: Progress | None = None) -> FreeParameters | None:
-        """Return the numbers that suit simulations best; None where none do better than those at the start.
+    def fitted(self, progress: Progress | None = None) -> WhitenedResidual | None:
+        """Return what simulations leave over with the numbers that suit training records best.
+
+        Its slopes are those of simulations on training records, as at the start on held-out ones. None where
+        a simulation does not finish.
 
         Parameters
         ----------
         progress : callable
-            Called with the number of records simulated and their total.
+            Called with the number of records simulated for slopes and their total, in every round.
         """
-        baseline, rows = self.start.baseline, self.rows(self.start.baseline)
-        slopes = self._slopes(baseline, rows, progress)
+        baseline = self.start.baseline
+        for _ in range(_ROUNDS):
+            self._fall_as_measured(baseline.model, hold_out=False)
+            rows = self.rows(baseline)
+            if not np.isfinite(rows).all():
+                return None
+            slopes, before = self._slopes(baseline, rows, progress), float(rows @ rows)
+            baseline, rows = self._lowered(baseline, rows, slopes)
+            if before - float(rows @ rows) < _SETTLED * float(rows @ rows):
+                break
+        self._fall_as_measured(baseline.model, hold_out=True)
+        rows += self.rows(baseline, hold_out=True)
+        unseen = ~self.start.training
+        slopes[unseen] = self.start.jacobian[unseen]
+        if not np.isfinite(rows).all():
+            return None
+        return replace(self.start, baseline=baseline, residual=rows, jacobian=slopes, simulated=None)
+
+    def rows(self, baseline: FreeParameters, *, hold_out: bool = False) -> FloatArray:
+        """What the model leaves over of records of one kind; infinite where a simulation does not finish.
+
+        Parameters
+        ----------
+        baseline : FreeParameters
+            The model.
+        hold_out : bool
+            Of which records; rows of all others are zero.
+
+        Returns
+        -------
+        ndarray, shape (rows,)
+            Of all records.
+        """
+        found = np.zeros(len(self.start.residual))
+        for trace, stored, here in self.records:
+            if trace.settings.hold_out is hold_out:
+                found[here] = self._rows_of(trace, stored.as_type(np.float64), baseline)
+        return found
+
+    def _fall_as_measured(self, model: Model, *, hold_out: bool) -> None:
+        """Take the rates by which tensions fall as they were measured to along a model's motion."""
+        seen = [stored for trace, stored, _ in self.records if trace.settings.hold_out is hold_out]
+        self.own |= own_models(model, seen, self.final_s, self.start.criteria.motion)
+
+    def _lowered(
+        self, baseline: FreeParameters, rows: FloatArray, slopes: FloatArray
+    ) -> tuple[FreeParameters, FloatArray]:
+        """Steps along slopes, which they mend, until they gain little; where they end, and what is left."""
         units = np.maximum(np.linalg.norm(slopes, axis=0), np.finfo(float).tiny)
-        slopes /= units
         for _ in range(_MOST):
-            better = self._better(baseline, rows, slopes, units)
+            better = self._better(baseline, rows, slopes / units, units)
             if better is None:
                 break
             step, baseline, left = better
-            slopes += np.multiply.outer(rows - left - slopes @ step, step / (step @ step))
-            gained = float(rows @ rows) - float(left @ left)
-            rows = left
+            slopes += np.multiply.outer(rows - left - slopes @ (step / units), step * units / (step @ step))
+            gained, rows = float(rows @ rows) - float(left @ left), left
             if gained < _SETTLED * float(rows @ rows):
                 break
-        return None if baseline is self.start.baseline else baseline
-
-    def rows(self, baseline: FreeParameters) -> FloatArray:
-        """What the model leaves over, (rows,); infinite where a simulation does not finish."""
-        every = ((trace, stored.as_type(np.float64)) for trace, stored, _ in self.records)
-        return np.concatenate([self._rows_of(trace, one, baseline) for trace, one in every])
+        return baseline, rows
 
     def _better(
         self, baseline: FreeParameters, rows: FloatArray, slopes: FloatArray, units: FloatArray
@@ -120,12 +160,13 @@ class SimulatedFit:
         return None
 
     def _slopes(self, baseline: FreeParameters, rows: FloatArray, progress: Progress | None) -> FloatArray:
-        """Slopes of what is shown by the numbers that a record tells, (rows, numbers)."""
+        """Slopes of what is shown by the numbers that a training record tells, (rows, numbers)."""
         found = np.zeros((len(rows), len(self.start.names)))
         moved = [baseline.stepped({name: _DIFFERENCE}) for name in self.start.names]
         for done, (trace, stored, here) in enumerate(self.records):
+            told = np.any(self.start.jacobian[here], axis=0) & (not trace.settings.hold_out)
             measurement = stored.as_type(np.float64)
-            for column in np.flatnonzero(np.any(self.start.jacobian[here], axis=0)).tolist():
+            for column in np.flatnonzero(told).tolist():
                 shown = rows[here] - self._rows_of(trace, measurement, moved[column])
                 found[here, column] = np.nan_to_num(shown / _DIFFERENCE, posinf=0.0, neginf=0.0)
             if progress is not None:

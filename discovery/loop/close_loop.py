@@ -14,7 +14,7 @@ from discovery.loop.free_form_stage import or_free_form
 from discovery.loop.free_refits import FreeRefits
 from discovery.loop.history import LoopHistory
 from discovery.loop.impact_refits import ImpactRefits
-from discovery.loop.motion_stage import with_later_disturbances
+from discovery.loop.motion_stage import settled_at_end, with_later_disturbances
 from discovery.loop.refits import Refits
 from discovery.loop.refitted_numbers import refitted_numbers, with_limits
 from discovery.loop.rest_refits import RestRefits
@@ -83,9 +83,9 @@ def close_loop(
     refits, history = gauged(refits, LoopHistory((refits.start(),), criteria=criteria))
     start = law_first(refits, before_hits(refits, history))
     history = with_later_disturbances(refits, start)
-    history = or_free_form(refits, history, start)
-    history = in_tension(refits, history)
-    return _closure(refits, along_found_law(refits, history))
+    history = settled_at_end(refits, or_free_form(refits, history, start))
+    history = along_found_law(refits, in_tension(refits, history))
+    return _closure(refits, settled_at_end(refits, history))
 
 
 def refits_of(campaign: Campaign, options: Options, law: Law | None = None) -> Refits:
@@ -146,7 +146,7 @@ def _closure(refits: Refits, history: LoopHistory) -> Closure:
     first, last = history.states[0], history.last
     doubts = refits.doubts(history)
     effects = tuple(refits.described(selection, last) for selection in history.selections)
-    refitted = refitted_numbers(last.residual)
+    refitted = refitted_numbers(last.residual.stated)
     labels = ["", *(label_of(selection.best.effect) for selection in history.selections)]
     return Closure(
         verdict=history.verdict(doubts),

@@ -75,3 +75,10 @@ def with_law_numbers(model: Model, numbers: Mapping[str, Parameter]) -> Model:
         return model
     law = tension_law_of(model)
     return model.with_tension_law(replace(law, parameters={**law.parameters, **numbers}))
+
+
+def with_law_of(model: Model, other: Model) -> Model:
+    """The model with the tension law of another one of its structure, and what is known of its scale."""
+    if not model.structure.bolted_links:
+        return model
+    return replace(model.with_tension_law(tension_law_of(other)), rate_uncertainty=other.rate_uncertainty)

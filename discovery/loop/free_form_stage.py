@@ -67,7 +67,7 @@ def _or_nearer(refits: Refits, history: LoopHistory, start: LoopHistory) -> Loop
     named, after = history.last.residual, refitted_beside(refits, start.last, formed)
     if after.record_count < named.record_count:
         return history
-    if not is_significant(between(formed.best, named, after), criteria):
+    if not is_significant(between(formed.best, named.stated, after.stated), criteria):
         return history
     return replace(start.extended(formed, refits.evaluated(after)), screened=history.screened)
 
@@ -77,7 +77,7 @@ def _freed(refits: Refits, history: LoopHistory, beside: Explanation) -> LoopHis
     anew = refits.refit_from(refits.refit_with(history.last, beside), beside.effect)
     if anew is None or cost(anew) >= cost(history.last.residual):
         return history
-    return history.ending(refits.evaluated(anew))
+    return history.ending(refits.evaluated(refits.settled(anew)))
 
 
 def _free_form(refits: Refits, state: State) -> Selection | None:

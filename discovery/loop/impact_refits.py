@@ -30,10 +30,11 @@ from discovery.explain.motion_fit import (
 from discovery.explain.simulated_fit import SimulatedFit
 from discovery.laws.given import given_law
 from discovery.localisation.localise import Localisation, localise
-from discovery.loop.declared_law import tension_law_of, with_law_numbers
+from discovery.loop.declared_law import tension_law_of, with_law_numbers, with_law_of
 from discovery.loop.found_effects import as_first_fitted
 from discovery.loop.history import LoopHistory, misfit_views
 from discovery.loop.refits import CampaignRefits, Probes
+from discovery.loop.refitted_numbers import effect_with_limits
 from discovery.loop.state import State, errors_of
 from discovery.options import Options
 from discovery.residual.base import Residual, cost, level
@@ -178,7 +179,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
     def evaluated(self, residual: Residual, *, law_is_fitted: bool = False) -> State:
         """Learn the tension law anew beside a model's other numbers, and simulate all records."""
         residual = self.own(residual)
-        model = residual.baseline.model
+        model = residual.stated.baseline.model
         if law_is_fitted:
             found = replace(self.identification, model=model)
         elif self.identification.declared is None:
@@ -188,7 +189,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         model = replace(found.model, identification=None)
         evaluations = self._simulated(model)
         errors = errors_of(evaluations)
-        residual = replace(residual, baseline=replace(residual.baseline, model=model))
+        residual = residual.of_models(lambda near: with_law_of(near, model))
         least = self.options.criteria.acceptance.material_error_explained
         return State(model, residual, errors, motion_errors(errors), least, found, evaluations)
 
@@ -221,8 +222,8 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         residual = self.own(state.residual)
         effect, near = explanation.effect, residual.baseline
         if isinstance(effect, LawChange | Reading):  # the motion does not see it
-            model = effect.added_to(with_law_numbers(state.model, explanation.beside))
-            return replace(residual, baseline=replace(near, model=model))
+            numbers = explanation.beside
+            return residual.of_models(lambda model: effect.added_to(with_law_numbers(model, numbers)))
         model, floors = effect.added_to(near.model), None if renew_noise else residual.floors
         if isinstance(effect, Effect) and not renew_noise:  # first along the old model's motion
             near = self._fitted(linearised_start(residual, effect)).baseline
@@ -265,13 +266,17 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
 
     def settled(self, residual: Residual) -> Residual:
         """Refitted beside the noise of bodies struck alone as it is now; by simulation where forces act."""
-        near, options = reestimate_noise(self.own(residual)), self.options
+        if self.own(residual).simulated is not None:
+            return residual
+        near = reestimate_noise(self.own(residual))
         if not near.baseline.model.effects_of("force"):
             return near
-        final_s = self.campaign.settings.windows.final_s
-        fit = SimulatedFit(near, self.measured.records, final_s, options.criteria.motion)
-        found = fit.fitted(options.stage("fitting by simulation"))
-        return near if found is None else min(near, refit(self.followed(found, near.floors)), key=cost)
+        fit = SimulatedFit(near, self.measured.records, self.campaign.settings.windows.final_s)
+        found = fit.fitted(self.options.stage("fitting by simulation"))
+        if found is None:
+            return near
+        along = min(near, refit(self.followed(found.baseline, near.floors)), key=cost)
+        return replace(along, simulated=found)
 
     def along_law(self, state: State) -> State:
         """The state with all records followed along a tension that falls by its present law."""
@@ -324,7 +329,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         A law of the tension is far from linear in its numbers, so where the former leave more than next to
         nothing both are asked.
         """
-        state, residual = history.last, self.own(history.last.residual)
+        state, residual = history.last, self.own(history.last.residual).searched
         limit = self.options.criteria.closing.far_from_structure
         afar = state.level > limit and not history.at_noise_floor
         for from_afar in (True, False) if afar else (False,):
@@ -340,7 +345,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
 
     def free_forms(self, state: State) -> Sequence[Explanation]:
         """The best sparse sum of terms in every link."""
-        return free_form.explain(self.own(state.residual), self.options)
+        return free_form.explain(self.own(state.residual).searched, self.options)
 
     def tension(self, state: State) -> TensionResidual | None:
         """What the model's law leaves over of the tension's histories; the last one asked for is kept."""
@@ -358,7 +363,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
     def meters(self, history: LoopHistory) -> Sequence[Meter]:
         """Effects in the motion, and in the tension and its gauge."""
         last = history.last
-        of_motion = MotionMeter(self.own(last.residual), last.evaluations, history.chance)
+        of_motion = MotionMeter(self.own(last.residual).searched, last.evaluations, history.chance)
         tension = self.tension(last)
         if tension is None or tension.data is None or tension.baseline is None:
             return [of_motion]
@@ -372,15 +377,14 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
 
     def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:
         """Where the residual of the motion lives, and that of the tension's histories."""
-        return localise(self.own(state.residual), *misfit_views(misfit))
+        return localise(self.own(state.residual).stated, *misfit_views(misfit))
 
     def _with_limits(
         self, effect: ModelCorrection, found: ModelCorrection, residual: WhitenedResidual
     ) -> ModelCorrection:
-        if not (isinstance(effect, Effect) and effect.name in CATALOGUE):
-            return as_first_fitted(effect, found)
-        rest = with_effects(residual_without(residual, effect))
-        return explanation(effect, CATALOGUE[effect.name], rest).effect
+        if isinstance(effect, Effect):
+            return effect_with_limits(effect, residual.stated)
+        return as_first_fitted(effect, found)
 
     def _separating_tests(
         self, effect: ModelCorrection, rivals: Sequence[ModelCorrection], residual: WhitenedResidual

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from discovery.decide.acceptance import at_noise_floor, is_accepted
+from discovery.decide.acceptance import at_noise_floor, harms, is_accepted
 from discovery.decide.explanation import Explanation
 from discovery.explain.probes import by_chance
 from discovery.loop.found_effects import screened
@@ -122,6 +122,18 @@ def refitted_beside(refits: Refits, state: State, selection: Selection) -> Resid
     return refits.settled(refits.refit_with(state, selection.best))
 
 
+def settled_at_end(refits: Refits, history: LoopHistory) -> LoopHistory:
+    """The history whose last model is settled where a later stage has moved it since, if nothing is worse."""
+    last = history.last
+    settled = refits.settled(last.residual) if last.model.effects_of("force") else last.residual
+    if settled is last.residual:
+        return history
+    state = refits.evaluated(settled, law_is_fitted=bool(last.model.effects_of("law change")))
+    if state.level > last.level or harms(last.errors, state.errors, history.criteria):
+        return history
+    return history.ending(state)
+
+
 def _most_helpful(
     refits: Refits, history: LoopHistory
 ) -> tuple[Candidate | None, tuple[Screened, ...], FloatArray | None]:
@@ -151,7 +163,8 @@ def _restarted(
     if anew is None or cost(anew) > material * cost(history.last.residual):
         return history, selection
     best = between(selection.best, anew, residual)
-    return history.ending(refits.evaluated(anew)), replace(selection, best=best)
+    settled = refits.evaluated(refits.settled(anew))
+    return history.ending(settled), replace(selection, best=best)
 
 
 def _best_refitted(refits: Refits, state: State, explanations: Sequence[Explanation]) -> Candidate | None:

@@ -7,13 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from discovery.decide.explanation import limited_number
+from discovery.decide.explanation import limited, limited_number
+from discovery.explain.motion_fit import with_effects
 from discovery.residual.base import Residual, level
-from discovery.residual.free_parameters import FreeParameters, size_of
+from discovery.residual.free_parameters import FreeParameters, effect_number, size_of
 from discovery.residual.output_error import WhitenedResidual
 from rom.campaign.channels import FloatArray
 from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
+from rom.effects import Effect, ModelCorrection
 from rom.identification.record_spectra import UNCOUPLED
 from rom.model.laws import Law, Parameter
 from rom.model.model import LinkLaws, Model
@@ -41,6 +43,28 @@ def refitted_numbers(residual: Residual) -> dict[str, Parameter]:
             error = share * size_of(number.value) if share < RULES.undetermined else 0.0
             found[path] = limited_number(number, error)
     return found
+
+
+def effect_with_limits(effect: Effect, residual: WhitenedResidual) -> ModelCorrection:
+    """Return an effect of a model with 95 % limits by slopes of what was fitted: none where hardly told.
+
+    Parameters
+    ----------
+    effect : Effect
+        As the model has it.
+    residual : WhitenedResidual
+        Of the model; the slopes of all numbers that were fitted together count.
+    """
+    beside = with_effects(residual)
+    errors = dict(zip(beside.names, _standard_errors(beside).tolist(), strict=True))
+    shares = {name: errors.get(effect_number(effect, name), 0.0) for name in effect.parameters}
+    return limited(
+        effect,
+        {
+            name: share * size_of(effect.parameters[name].value) if share < RULES.undetermined else 0.0
+            for name, share in shares.items()
+        },
+    )
 
 
 def with_limits(model: Model, numbers: Mapping[str, Parameter]) -> Model:

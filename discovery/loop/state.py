@@ -54,7 +54,7 @@ class State:
 
         At the numbers that it has: those that would suit better are no excuse.
         """
-        return level(self.residual)
+        return level(self.residual.stated)
 
 
 def errors_of(evaluations: Iterable[Evaluation]) -> ErrorsByKind:

@@ -54,6 +54,11 @@ class Residual(ABC):
         return np.asarray(~np.array([held for _, held in self.held_out], dtype=np.bool_)[self.owner])
 
     @property
+    def stated(self) -> Residual:
+        """That of which verdict and numbers are."""
+        return self
+
+    @property
     def record_count(self) -> int:
         """Records that can be simulated or balanced with the model."""
         return len(self.held_out)

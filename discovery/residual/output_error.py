@@ -17,7 +17,7 @@ variables; L. Ljung, System Identification, 1999, section 7.6): where noise alon
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.residual.base import Kind, Residual, cost
+from discovery.residual.base import Kind, Residual, cost, level
 from discovery.residual.effect_forces import lasting_force
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.linearised_record import Part, along_measured, linearised_parts
@@ -68,6 +68,9 @@ class WhitenedResidual(Residual):
         Place in `traces` of every row's record; `training` tells rows that may be fitted to.
     from_afar : bool
         Whether `slopes` are those along the measured motion, right for changes of any size, or `jacobian`.
+    simulated : WhitenedResidual or None
+        What simulations of the whole motion leave over with the numbers that suit these best
+        (`discovery.explain.simulated_fit`); None where none were fitted.
     criteria : Criteria
         The numbers that decide.
     """
@@ -83,6 +86,7 @@ class WhitenedResidual(Residual):
     owner: npt.NDArray[np.int64]
     from_afar: bool = False
     criteria: Criteria = CRITERIA
+    simulated: WhitenedResidual | None = None
 
     @cached_property
     def slopes(self) -> FloatArray:
@@ -100,6 +104,30 @@ class WhitenedResidual(Residual):
     def held_out(self) -> list[tuple[str, bool]]:
         """File of each record, and whether no number may be fitted to it."""
         return [(trace.settings.file, trace.settings.hold_out) for trace in self.traces]
+
+    @property
+    def stated(self) -> WhitenedResidual:
+        """That of simulations where these follow the records to noise, or as closely as forces along them.
+
+        A simulation has no noise of the measured motion in its forces.
+        """
+        most = max(self.criteria.acceptance.noise_level, level(self))
+        return self if self.simulated is None or level(self.simulated) > most else self.simulated
+
+    @property
+    def searched(self) -> WhitenedResidual:
+        """That in which more effects are looked for: of simulations where these leave noise alone.
+
+        Of a missing force they show what the model's other forces make of it, which outputs along the
+        measured motion do not.
+        """
+        return self.stated if level(self.stated) <= self.criteria.acceptance.noise_level else self
+
+    def of_models(self, change: Callable[[Model], Model]) -> WhitenedResidual:
+        """The same of models changed in what the motion does not see."""
+        baseline = replace(self.baseline, model=change(self.baseline.model))
+        simulated = None if self.simulated is None else self.simulated.of_models(change)
+        return replace(self, baseline=baseline, simulated=simulated)
 
     def with_own(self, path: str, own: Mapping[str, Mapping[str, float]]) -> WhitenedResidual:
         """The same with numbers of an effect that are each record's own, by file and name."""

@@ -8,8 +8,11 @@ import pytest
 
 import rom
 from discovery.criteria.criteria import CRITERIA
+from discovery.explain.motion_fit import with_effects
 from discovery.loop.impact_refits import ImpactRefits
+from discovery.loop.refitted_numbers import effect_with_limits
 from discovery.options import Options, no_progress
+from discovery.residual.base import level
 from discovery.residual.output_error import WhitenedResidual
 from experiments.rig.plant import Plant
 from experiments.studies import rig
@@ -32,9 +35,21 @@ def test_a_strongly_nonlinear_mode_no_longer_biases_the_damping(tmp_path: Path, 
     explained = refits.explain(refits.screen(state.residual), state.residual)
     cubic = next(one for one in explained if one.effect.path == "flexure_lo.cubic-stiffness")
     along_measured = refits.own(refits.refit_with(state, cubic))
-    by_simulation = refits.own(refits.settled(along_measured))
+    settled = refits.own(refits.settled(along_measured))
+    by_simulation = settled.stated
+    assert by_simulation is settled.simulated
+    assert level(by_simulation) <= CRITERIA.acceptance.noise_level
     truth = Plant().damping_lo
     assert damping(along_measured) < 0.998 * truth
     assert damping(by_simulation) == pytest.approx(truth, rel=5e-4)
     (effect,) = by_simulation.baseline.model.effects
     assert effect.parameters["k3"].value == pytest.approx(K3, rel=5e-4)
+    k3 = effect_with_limits(effect, by_simulation).parameters["k3"]
+    assert k3.low is not None
+    assert k3.high is not None
+    assert k3.high - k3.low < 2e-3 * K3
+    assert k3.low < K3 < k3.high
+    assert refits.settled(settled) is settled  # once is enough
+    again = with_effects(settled)
+    assert again.names == settled.names
+    assert len(set(again.names)) == again.jacobian.shape[1]  # each number has one slope

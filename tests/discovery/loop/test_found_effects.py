@@ -10,7 +10,7 @@ import pytest
 
 import rom
 from discovery.explain.motion import explanation
-from discovery.explain.motion_fit import refit, residual_without, with_effects
+from discovery.explain.motion_fit import refit
 from discovery.loop.close_loop import _with_their_limits
 from discovery.loop.history import Selection
 from discovery.loop.impact_refits import ImpactRefits
@@ -49,9 +49,7 @@ def test_limits_of_a_force_are_those_about_the_last_model(tmp_path: Path) -> Non
     told = refits.described(Selection(early), State(last.baseline.model, last, nothing)).effect
     (own,) = last.baseline.model.effects
     assert told.parameters["k3"].value == own.parameters["k3"].value
-    beside = with_effects(residual_without(last, cubic))
     width = half_width(told.parameters["k3"])
-    assert width == half_width(explanation(own, member, beside).effect.parameters["k3"])
     assert width < 0.5 * half_width(early.effect.parameters["k3"])
     assert told.parameters["k3"].value == pytest.approx(1e9, rel=0.05)
 
