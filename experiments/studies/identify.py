@@ -18,7 +18,7 @@ from experiments.studies.suspected import suspected, write_without_records
 from experiments.text.floors import loss_floor
 from experiments.text.limits import parameter_line
 from experiments.text.suspicions import suspected_lines
-from experiments.text.wording import mapping
+from experiments.text.wording import mapping, number
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
@@ -312,9 +312,8 @@ def summary(path: Path) -> str:
     if "identification" not in data:  # no record was left
         return "\n".join([data["campaign"], *suspected_lines(data)])
     section = data["identification"]
-    lines = [
-        f"{data['campaign']}: {section['records']} training records, {len(section['set_aside'])} set aside"
-    ]
+    count = "1 training record" if section["records"] == 1 else f"{section['records']} training records"
+    lines = [f"{data['campaign']}: {count}, {len(section['set_aside'])} set aside"]
     lines += _masses(data)
     lines += [line for mode in section.get("modes", ()) for line in _of_mode(mode)]
     for link in data["links"]:
@@ -329,7 +328,8 @@ def summary(path: Path) -> str:
         errors, rival = section["errors"][name], section["errors"]["no_loosening"][name]
         if errors["records"]:
             floor = mapping(mapping(section.get("noise_floor")).get(name))
-            lines.append(f"  {name.replace('_', '-')}: {_percent(errors, rival, floor)}")
+            said = _percent(errors, rival, floor) or "nothing measured to compare with"
+            lines.append(f"  {name.replace('_', '-')}: {said}")
     lines += [f"  note: {text}" for text in section["warnings"] + section["set_aside"]]
     return "\n".join(lines + suspected_lines(data))
 
@@ -377,12 +377,15 @@ def _of_mode(mode: Mapping[str, Any]) -> Iterator[str]:
 
 def _percent(errors: dict[str, Any], rival: dict[str, Any], floor: Mapping[str, Any]) -> str:
     parts = []
-    if errors["motion_nrmse"] is not None:
-        noise = floor.get("motion_nrmse")
-        alone = "" if noise is None else f" (noise alone: {100 * noise:.2f} %)"
-        parts.append(f"motion {100 * errors['motion_nrmse']:.2f} %{alone}")
-    if errors["link_force_nrmse"] is not None:
-        parts.append(f"link force {100 * errors['link_force_nrmse']:.1f} %")
+    for words, key in (("motion", "motion_nrmse"), ("link force", "link_force_nrmse")):
+        if errors[key] is not None:
+            noise = floor.get(key)
+            alone = "" if noise is None else f" (noise alone: {100 * noise:.2f} %)"
+            parts.append(f"{words} {100 * errors[key]:.2f} %{alone}")
+    if errors["final_tension_error_percent_mean"] is None and errors["tension_rmse_n"] is not None:
+        noise = floor.get("tension_rmse_n")
+        alone = "" if noise is None else f" (noise alone: {number(noise, 3)} N)"
+        parts.append(f"tension at rest {number(errors['tension_rmse_n'], 3)} N RMS{alone}")
     if errors["final_tension_error_percent_mean"] is not None:
         parts.append(
             f"final tension mean {errors['final_tension_error_percent_mean']:.2f} %, "

@@ -22,10 +22,22 @@ def loss_floor(floor: Data) -> str:
     return text if both is None else f"{text}, with the variability between tests: {number(both, 3)} %"
 
 
-def motion_floor(floor: Data) -> str:
-    """Return what noise would make of the error of the motion, as a clause; nothing where not known."""
-    noise = floor.get("motion_nrmse")
-    return "" if noise is None else f", where noise alone would give {number(100 * noise, 3)} %"
+def floor_of(floor: Data, key: str, unit: str, factor: float = 1.0) -> str:
+    """Return what noise would make of an error, as a clause; nothing where not known.
+
+    Parameters
+    ----------
+    floor : mapping
+        What noise alone would make of the errors.
+    key : str
+        Which of them.
+    unit : str
+        As shown.
+    factor : float
+        From the file's unit to that.
+    """
+    noise = floor.get(key)
+    return "" if noise is None else f", where noise alone would give {number(factor * noise, 3)} {unit}"
 
 
 def loss_of_right_law(data: Data) -> float | None:

@@ -33,6 +33,7 @@ MEASURES = {
     "records": ("Records compared", "", 1.0),
     "failed": ("Simulations that did not finish", "", 1.0),
 }
+_FINAL = "final_tension_error_percent_median"
 _FLOORS = (
     ("", "– noise alone would give"),
     ("_with_variability", "– noise and the variability between tests would give"),
@@ -83,7 +84,7 @@ def errors_table(data: object, caption: str, floors: object = None) -> Table | N
     floors : object
         What noise alone would give: of the only set, or by name of the set.
     """
-    columns = [(path, errors) for path, errors in error_columns(data) if errors.get("records")]
+    columns = [(path, errors) for path, errors in error_columns(data) if _says_something(path, errors)]
     if not columns:
         return None
     heads = tuple(
@@ -92,6 +93,12 @@ def errors_table(data: object, caption: str, floors: object = None) -> Table | N
     of_sets = [mapping(mapping(floors).get(path[-1])) if path else mapping(floors) for path, _ in columns]
     rows = tuple(error_rows([errors for _, errors in columns], of_sets))
     return Table(caption, ("", *(head[:1].upper() + head[1:] for head in heads)), rows)
+
+
+def _says_something(path: tuple[str, ...], errors: Data) -> bool:
+    """Whether records were compared; no loosening is a rival only where a bolt loosens."""
+    loosens = errors.get(_FINAL) is not None
+    return bool(errors.get("records")) and ("no_loosening" not in path or loosens)
 
 
 def error_rows(columns: Sequence[Data], floors: Sequence[Data] = ()) -> Iterator[tuple[str | Markup, ...]]:
@@ -106,6 +113,8 @@ def error_rows(columns: Sequence[Data], floors: Sequence[Data] = ()) -> Iterator
     """
     for key, (text, unit, factor) in MEASURES.items():
         values = [errors.get(key) for errors in columns]
+        if key == "tension_rmse_n" and all(errors.get(_FINAL) is None for errors in columns):
+            text = "Tension at rest, RMS error"
         if any(value is not None for value in values) and (key != "failed" or any(values)):
             yield f"{text} [{unit}]" if unit else text, *(_scaled(value, factor) for value in values)
             for ending, words in _FLOORS:
@@ -251,7 +260,7 @@ def _tables_of_object(value: Data, caption: str, depth: int) -> Iterator[Table]:
         yield _rows_table([{"": key, **item} for key, item in rest.items()], caption)
         return
     flat = {key: item for key, item in rest.items() if _is_flat(item) or depth >= _DEEPEST}
-    if flat:
+    if any(item is not None for item in flat.values()):
         yield Table(caption, (), tuple((label(key), plain(item)) for key, item in flat.items()))
     for key, item in rest.items():
         if key not in flat:

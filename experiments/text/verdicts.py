@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from experiments.text import closures, experiments, rankings
 from experiments.text.answers import Answer, Headline
-from experiments.text.floors import loss_floor, motion_floor
-from experiments.text.suspicions import describes
+from experiments.text.floors import floor_of, loss_floor
+from experiments.text.suspicions import LARGEST_ERROR, describes
 from experiments.text.wording import mapping, mappings, number
 
 Data = Mapping[str, Any]
@@ -47,24 +47,34 @@ def _of_model(data: Data) -> Answer | None:
         if chosen == "hold_out"
         else "the records it was fitted to (none was held out)"
     )
+    floor = mapping(mapping(found.get("noise_floor")).get(chosen))
     sentences = [
-        f"The model was identified from {number(found.get('records'))} records and checked on {whose}."
+        f"The model was identified from {_count(found.get('records'), 'record')} and checked on {whose}.",
+        *_of_loss(floor, own),
     ]
     if own.get("final_tension_error_percent_median") is not None:
         sentences.append(_final_tension_sentence(own, rest))
-    if own.get("motion_nrmse") is not None:
-        floor = mapping(mapping(found.get("noise_floor")).get(chosen))
-        sentences.append(f"The {_motion(own, floor)}.")
-    sentences += _reservations(found)
-    sentences[1:1] = list(_of_loss(mapping(mapping(found.get("noise_floor")).get(chosen)), own))
-    verdict, good = _loss_verdict(own, rest)
-    return Answer(
-        "Which reduced-order model do these records support, and does it predict how far a bolt loosens?",
-        verdict,
-        tuple(sentences),
-        tuple(_headlines(own, chosen)),
-        good,
-    )
+    clauses = _clauses(own, floor)
+    if own.get("tension_loss_error_percent_median") is not None:
+        question = (
+            "Which reduced-order model do these records support, and does it predict how far a bolt loosens?"
+        )
+        verdict, good = _loss_verdict(own, rest)
+    else:
+        question = "Which reduced-order model do these records support, and how well does it describe them?"
+        verdict, good = _without_loss(clauses, own)
+        clauses = clauses[1:]
+        if any(link.get("law") == "bolted" for link in mappings(data.get("links"))):
+            sentences.append("No loosening record measures the tension of the bolt.")
+    sentences += [f"The {clause}." for clause in clauses] + _reservations(found)
+    return Answer(question, verdict, tuple(sentences), tuple(_headlines(own, chosen)), good)
+
+
+def _without_loss(clauses: Sequence[str], errors: Data) -> tuple[str, bool | None]:
+    """Return the verdict on a model of which no loosening record tells anything."""
+    if not clauses:
+        return "The structure is identified; the records hold nothing to compare it with.", None
+    return f"The {clauses[0]}.", None if describes(errors) and not _misses_force(errors) else False
 
 
 def _of_loss(floor: Data, errors: Data) -> list[str]:
@@ -75,10 +85,31 @@ def _of_loss(floor: Data, errors: Data) -> list[str]:
     return [f"Even the true tension law is not exact on such tests (median error of the loss; {text})."]
 
 
-def _motion(errors: Data, floor: Data) -> str:
-    beyond = "" if describes(errors) else ": the model does not describe the motion"
-    motion = f"{number(100 * errors['motion_nrmse'], 3)} % (NRMSE)"
-    return f"error of the displacements is {motion}{motion_floor(floor)}{beyond}"
+def _clauses(errors: Data, floor: Data) -> list[str]:
+    """Return a clause on each error that needs no loosening, beside what noise alone would give."""
+    said = []
+    if errors.get("motion_nrmse") is not None:
+        said.append(
+            _share("displacements", "motion_nrmse", errors, floor, "" if describes(errors) else "motion")
+        )
+    if errors.get("link_force_nrmse") is not None:
+        missed = "force" if _misses_force(errors) else ""
+        said.append(_share("link force", "link_force_nrmse", errors, floor, missed))
+    if errors.get("tension_rmse_n") is not None and errors.get("final_tension_error_percent_median") is None:
+        noise = floor_of(floor, "tension_rmse_n", "N")
+        said.append(f"error of the tension at rest is {number(errors['tension_rmse_n'], 3)} N (RMS){noise}")
+    return said
+
+
+def _share(words: str, key: str, errors: Data, floor: Data, missed: str) -> str:
+    beyond = f": the model does not describe the {missed}" if missed else ""
+    share = f"{number(100 * errors[key], 3)} % (NRMSE)"
+    return f"error of the {words} is {share}{floor_of(floor, key, '%', 100.0)}{beyond}"
+
+
+def _misses_force(errors: Data) -> bool:
+    force = errors.get("link_force_nrmse")
+    return isinstance(force, float) and force > LARGEST_ERROR
 
 
 def _loss_verdict(own: Data, without: Data) -> tuple[str, bool | None]:
@@ -87,8 +118,6 @@ def _loss_verdict(own: Data, without: Data) -> tuple[str, bool | None]:
         own.get("tension_loss_error_percent_median"),
         without.get("tension_loss_error_percent_median"),
     )
-    if loss is None:
-        return "The structure is identified; no loosening record measures the bolt's tension.", None
     if rest is None:
         return f"The tension law is off by {number(loss, 3)} % of a record's loss of tension (median).", None
     final, rest_final = (errors.get("final_tension_error_percent_median") for errors in (own, without))
@@ -117,6 +146,7 @@ def _headlines(errors: Data, chosen: str) -> list[Headline]:
         ("tension_loss_error_percent_median", "median error of the loss of tension", 1.0),
         ("final_tension_error_percent_median", "median error of the final tension", 1.0),
         ("motion_nrmse", "error of the displacement (NRMSE)", 100.0),
+        ("link_force_nrmse", "error of the link force (NRMSE)", 100.0),
     )
     return [
         Headline(f"{words}, {where}", f"{number(errors[key] * factor, 3)} %", errors[key])
@@ -161,18 +191,18 @@ def _of_prediction(data: Data) -> Answer | None:
     loss = errors.get("tension_loss_error_percent_median")
     compared, failed = errors.get("records") or 0, errors.get("failed") or 0
     floor, of_fit = mapping(data.get("noise_floor")), data.get("fitted_to_this_campaign")
+    clauses = _clauses(errors, floor)
     the = _ON.get(of_fit, "The")
     if loss is not None:
         verdict = f"{the} model is off by {number(loss, 3)} % of a record's loss (median)."
-    elif errors.get("motion_nrmse") is not None:
-        verdict = f"{the} {_motion(errors, floor)}."
+    elif clauses:
+        verdict, clauses = f"{the} {clauses[0]}.", clauses[1:]
     else:
         verdict = "The model was simulated; the records hold nothing to compare it with."
     unfinished = f"{_count(failed, 'simulation')} did not finish" if failed else "every simulation finished"
     sentences = [f"{_count(compared, 'record')} compared; {unfinished}."]
     sentences += _of_loss(floor, errors)
-    if loss is not None and errors.get("motion_nrmse") is not None:
-        sentences.append(f"The {_motion(errors, floor)}.")
+    sentences += [f"The {clause}." for clause in clauses]
     if errors.get("final_tension_error_percent_median") is not None:
         sentences.append(_final_tension_sentence(errors, {}))
     sentences += _bands(data.get("records"))
@@ -200,9 +230,7 @@ def _of_fit(of_fit: object, sets: object) -> list[str]:
     count = unseen.get("records")
     if not count:
         return ["The model was fitted to all of these records."]
-    shown = []
-    if unseen.get("motion_nrmse") is not None:
-        shown.append(f"the {_motion(unseen, floor)}")
+    shown = [f"the {clause}" for clause in _clauses(unseen, floor)]
     if unseen.get("tension_loss_error_percent_median") is not None:
         loss = number(unseen["tension_loss_error_percent_median"], 3)
         shown.append(f"that of the loss of tension {loss} % (median{loss_floor(floor)})")

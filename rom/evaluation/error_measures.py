@@ -18,7 +18,7 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.evaluation.at_rest import held_tension
 from rom.evaluation.bands import NO_BAND, TensionBand, tension_band
-from rom.evaluation.record_noise import RecordNoise, at_rest, noise_of
+from rom.evaluation.record_noise import RecordNoise, from_sample_to_sample, noise_of
 from rom.evaluation.replay import (
     Replay,
     displacements,
@@ -181,9 +181,12 @@ def _of_motion(
         if run is not None and run.response.status != "ok":
             comparison = replace(nothing, finished=False)
         elif run is not None:
-            moved = _with_motion(nothing, model, run.measurement, next(motions))
+            simulated, pair = next(motions), _coupled_pair(model)
+            moved = _with_motion(nothing, pair, run.measurement, simulated)
             comparison = _with_tension(moved, run, windows)
-            own = noise(_coupled_pair(model))
+            own = noise(pair)
+            if not own.motion_nrmse:
+                own = _with_white_noise(own, pair, run.measurement, simulated)
             comparison = replace(
                 comparison,
                 noise=_with_rate(own, model, comparison.initial_tension),
@@ -194,19 +197,44 @@ def _of_motion(
 
 
 def _with_motion(
-    comparison: Comparison, model: Model, measurement: Measurement, simulated: Mapping[str, FloatArray]
+    comparison: Comparison,
+    pair: tuple[str, str] | None,
+    measurement: Measurement,
+    simulated: Mapping[str, FloatArray],
 ) -> Comparison:
+    body, relative = _of_displacements(_nrmse, pair, measurement, simulated)
+    return replace(comparison, motion_nrmse=body, relative_motion_nrmse=relative)
+
+
+def _with_white_noise(
+    noise: RecordNoise,
+    pair: tuple[str, str] | None,
+    measurement: Measurement,
+    simulated: Mapping[str, FloatArray],
+) -> RecordNoise:
+    """Noise of displacements that no filter changes, where no rest before a hit shows it."""
+    unfiltered = measurement.chain.band_hz is None
+    if not unfiltered or any(motion.kind != "displacement" for motion in measurement.motion.values()):
+        return noise
+    body, relative = _of_displacements(_white_share, pair, measurement, simulated)
+    return replace(noise, motion_nrmse=body, relative_motion_nrmse=relative)
+
+
+def _of_displacements(
+    measure: Callable[[FloatArray, FloatArray], float],
+    pair: tuple[str, str] | None,
+    measurement: Measurement,
+    simulated: Mapping[str, FloatArray],
+) -> tuple[dict[str, float], float]:
+    """Return a measure of each body's displacement from the hit on, and of that of a pair."""
     start = int((measurement.impact_s or 0.0) * measurement.rate_hz)
     measured = {body: measurement.displacement(body) for body in measurement.motion}
-    nrmse = {body: _nrmse(simulated[body][start:], measured[body][start:]) for body in measured}
-    pair = _coupled_pair(model)
+    of_body = {body: measure(simulated[body][start:], measured[body][start:]) for body in measured}
     if pair is None or not set(pair) <= set(measured):
-        return replace(comparison, motion_nrmse=nrmse)
+        return of_body, np.nan
     first, second = pair
-    relative = _nrmse(
-        (simulated[first] - simulated[second])[start:], (measured[first] - measured[second])[start:]
-    )
-    return replace(comparison, motion_nrmse=nrmse, relative_motion_nrmse=relative)
+    shown, seen = simulated[first] - simulated[second], measured[first] - measured[second]
+    return of_body, measure(shown[start:], seen[start:])
 
 
 def summarise(comparisons: Iterable[Comparison]) -> Errors:
@@ -235,8 +263,13 @@ def summarise(comparisons: Iterable[Comparison]) -> Errors:
 
 def _of_cycled(comparison: Comparison, model: Model, measurement: Measurement) -> Comparison:
     forces = driven_forces(model, measurement)
-    values = [_nrmse(simulated, measured) for simulated, measured in forces.values()]
-    return replace(comparison, link_force_nrmse=float(np.mean(values)) if values else np.nan)
+    if not forces:
+        return comparison
+    values, noise = (
+        float(np.mean([measure(simulated, measured) for simulated, measured in forces.values()]))
+        for measure in (_nrmse, _white_share)
+    )
+    return replace(comparison, link_force_nrmse=values, noise=RecordNoise(link_force_nrmse=noise))
 
 
 def _of_rest(
@@ -251,7 +284,7 @@ def _of_rest(
         measured_final=tension.final,
         simulated_final=window_mean(shown, tension.rate_hz, windows.final_s),
         tension_rmse=float(np.sqrt(np.mean((shown - tension.samples) ** 2))),
-        noise=at_rest(tension),
+        noise=RecordNoise(tension_rms=from_sample_to_sample(shown - tension.samples)),
     )
 
 
@@ -295,6 +328,12 @@ def _percent(error: float, size: float) -> float:
 def _nrmse(simulated: FloatArray, measured: FloatArray) -> float:
     size = float(np.sqrt(np.mean(measured**2)))
     return float(np.sqrt(np.mean((simulated - measured) ** 2))) / size if size > 0 else np.nan
+
+
+def _white_share(simulated: FloatArray, measured: FloatArray) -> float:
+    """Noise from sample to sample in an error, over the root mean square of the measured."""
+    size = float(np.sqrt(np.mean(measured**2)))
+    return from_sample_to_sample(simulated - measured) / size if size > 0 else np.nan
 
 
 def _finite_mean(values: Sequence[float]) -> float | None:

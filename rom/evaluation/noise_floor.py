@@ -36,6 +36,7 @@ class NoiseFloor(TypedDict):
 
     motion_nrmse: float | None
     relative_motion_nrmse: float | None
+    link_force_nrmse: float | None
     final_tension_error_percent_mean: float | None
     final_tension_error_percent_mean_with_variability: float | None
     final_tension_error_percent_median: float | None
@@ -70,6 +71,9 @@ def noise_floor(comparisons: Iterable[Comparison]) -> NoiseFloor:
         ),
         "relative_motion_nrmse": _of_all(
             [noise.relative_motion_nrmse for c, noise in done if np.isfinite(c.relative_motion_nrmse)]
+        ),
+        "link_force_nrmse": _of_all(
+            [noise.link_force_nrmse for c, noise in done if np.isfinite(c.link_force_nrmse)]
         ),
     }
     loosening = [(c, noise) for c, noise in done if c.test == "loosening" and np.isfinite(c.measured_final)]

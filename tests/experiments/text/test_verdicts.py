@@ -117,3 +117,59 @@ def test_a_ranking_says_which_model_does_not_describe_the_records(kind: str, who
     assert found is not None
     assert found.verdict == f"{whose} does not describe the records: displacements are off by 82.8 %."
     assert found.good is False
+
+
+ALONE = dict.fromkeys(errors(1.0), None) | {"records": 3, "failed": 0}
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "noise", "words"),
+    [
+        (
+            "link_force_nrmse",
+            0.123,
+            0.045,
+            "link force is 12.3 % (NRMSE), where noise alone would give 4.50 %",
+        ),
+        ("link_force_nrmse", 0.7, 0.1, "would give 10.0 %: the model does not describe the force"),
+        ("tension_rmse_n", 12.5, 2.5, "tension at rest is 12.5 N (RMS), where noise alone would give 2.50 N"),
+        (
+            "motion_nrmse",
+            0.034,
+            0.012,
+            "displacements is 3.40 % (NRMSE), where noise alone would give 1.20 %",
+        ),
+    ],
+)
+def test_records_that_loosen_no_bolt_are_judged_by_what_they_measure(
+    key: str, value: float, noise: float, words: str
+) -> None:
+    own, floor = ALONE | {key: value}, {key: noise}
+    section = {
+        "records": 1,
+        "errors": {"training": own, "hold_out": ALONE | {"records": 0}, "no_loosening": {"training": own}},
+        "noise_floor": {"training": floor},
+    }
+    model = answer("model", {"identification": section, "links": [{"law": "linear"}]})
+    prediction = answer("prediction", {"errors": own, "noise_floor": floor})
+    for found in (model, prediction):
+        assert found is not None
+        assert words in found.verdict
+        assert "loosen" not in " ".join((found.question, found.verdict, *found.sentences))
+        assert "nothing to compare" not in found.verdict
+        assert [line.raw for line in found.headlines] == ([value] if key.endswith("nrmse") else [])
+    assert model is not None
+    assert model.good is (False if value == 0.7 else None)
+    assert "1 record and" in model.sentences[0]
+    table = errors_table(section["errors"], "")
+    assert table is not None
+    assert table.columns == ("", "Training")
+    bolted = answer("model", {"identification": section, "links": [{"law": "bolted"}]})
+    assert bolted is not None
+    assert "No loosening record measures the tension of the bolt." in bolted.sentences
+
+
+def test_nothing_to_compare_is_said_where_no_error_is_known() -> None:
+    found = answer("prediction", {"errors": ALONE})
+    assert found is not None
+    assert "nothing to compare it with" in found.verdict

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rom.campaign.channels import Channel
 from rom.evaluation.error_measures import compare, summarise
 from rom.evaluation.noise_floor import noise_floor
+from rom.evaluation.record_noise import from_sample_to_sample
 from rom.evaluation.replay import replay
 from rom.model.rate_uncertainty import RateUncertainty
 from rom.signals.motion import Motion
@@ -54,6 +56,41 @@ def test_the_truth_scores_what_noise_alone_would_make(kind: str, size: float) ->
 def test_a_hit_at_once_leaves_the_noise_unknown() -> None:
     floor = noise_floor([compare(model(), noisy("acceleration", 0.3, 0, impact_s=0.1), WINDOWS)])
     assert floor["motion_nrmse"] is None
+
+
+@pytest.mark.parametrize("share", [0.002, 0.02, 0.2])
+def test_the_noise_of_displacements_without_rest_shows_from_sample_to_sample(share: float) -> None:
+    found = [compare(model(), noisy("displacement", share, seed, impact_s=0.0), WINDOWS) for seed in range(6)]
+    errors, floor = summarise(found), noise_floor(found)
+    assert floor["motion_nrmse"] == pytest.approx(errors["motion_nrmse"], rel=0.1)
+    assert floor["relative_motion_nrmse"] == pytest.approx(errors["relative_motion_nrmse"], rel=0.1)
+
+
+@pytest.mark.parametrize("share", [0.002, 0.02, 0.2])
+def test_the_noise_of_a_cycled_link_shows_from_sample_to_sample(share: float) -> None:
+    """Whatever the model's own error is: friction that it lacks jumps at each reversal, and lasts."""
+    rng, rate_hz = np.random.default_rng(3), 200.0
+    time = np.arange(4000) / rate_hz
+    x = 1e-3 * np.sin(2 * np.pi * 0.5 * time)
+    v = np.gradient(x, 1 / rate_hz)
+    white = share * 100.0 * rng.standard_normal(len(time))
+    floors = []
+    for friction in (0.0, 50.0):
+        force = 2e5 * x + 80.0 * v + friction * np.sign(v) + white
+        link = {
+            "link_displacement_joint": Channel("link_displacement_joint", x, rate_hz),
+            "link_force_joint": Channel("link_force_joint", force, rate_hz),
+        }
+        found = compare(model(), measurement("cycled", {}, force={}, impact_s=None, link=link), WINDOWS)
+        noise = share * 100.0 / np.sqrt(np.mean(force**2))
+        floors.append(noise_floor([found])["link_force_nrmse"])
+        assert floors[-1] == pytest.approx(noise, rel=0.05)
+        assert found.link_force_nrmse == pytest.approx(np.hypot(noise, friction / np.std(force)), rel=0.1)
+
+
+def test_a_channel_too_coarse_to_show_noise_has_no_floor() -> None:
+    assert np.isnan(from_sample_to_sample(np.repeat([0.0, 1.0], 500)))
+    assert np.isnan(from_sample_to_sample(np.zeros(3)))
 
 
 def test_a_floor_stands_for_all_records_or_for_none() -> None:
