@@ -24,6 +24,7 @@ from rom.effects import LawChange, ModelCorrection, Reading, SensorFault
 from rom.model.law_change import prefix_of
 from rom.model.laws import Law, Parameter
 from rom.model.model import Model
+from rom.model.rate_uncertainty import RateUncertainty
 
 _NEVER: Numerical[float] = 1e6  # stands for a course that is lost, in newton
 _PER_BIN: Numerical[int] = 24
@@ -128,6 +129,30 @@ def names_of(effect: ModelCorrection) -> Mapping[str, str]:
     if effect.kind != "law change":
         return {name: name for name in effect.parameters}
     return {name: prefix_of(effect) + name for name in effect.parameters}
+
+
+def rate_uncertainty_of(model: Model, known: RateUncertainty) -> RateUncertainty:
+    """What a fit of a model's law and its changes says of the model's rate: changes' numbers by their paths.
+
+    Parameters
+    ----------
+    model : Model
+        Whose law was fitted (``law_candidate`` without an effect).
+    known : RateUncertainty
+        With the names of the candidate's numbers; those of readings do not count.
+    """
+    law = model.link_laws[model.structure.bolted_links[0]].tension_rate
+    assert law is not None
+    names = {name: name for name in law.parameters}
+    for change in changes_of(model, None):
+        names |= {long: f"{change.path}.{name}" for name, long in names_of(change).items()}
+    kept = [place for place, name in enumerate(known.parameters) if name in names]
+    covariance = np.reshape(known.covariance, (len(known.parameters),) * 2)[np.ix_(kept, kept)]
+    return replace(
+        known,
+        parameters=tuple(names[known.parameters[place]] for place in kept),
+        covariance=tuple(map(tuple, covariance.tolist())),
+    )
 
 
 def law_problem(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray) -> Problem:

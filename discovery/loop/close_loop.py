@@ -143,17 +143,21 @@ def _warnings(refits: Refits, history: LoopHistory, doubts: Iterable[str]) -> It
 
 
 def _closure(refits: Refits, history: LoopHistory) -> Closure:
+    history = refits.with_known_rate(history)
     first, last = history.states[0], history.last
     doubts = refits.doubts(history)
     effects = tuple(refits.described(selection, last) for selection in history.selections)
     refitted = refitted_numbers(last.residual.stated)
     labels = ["", *(label_of(selection.best.effect) for selection in history.selections)]
+    errors = [state.errors for state in history.states]
+    for place in {0, len(errors) - 1}:
+        errors[place] = refits.with_coverage(history.states[place])
     return Closure(
         verdict=history.verdict(doubts),
         effects=effects,
         model=with_limits(_with_their_limits(last.model, effects), refitted),
         refitted=refitted,
-        steps=tuple(Step(label, state.errors) for label, state in zip(labels, history.states, strict=True)),
+        steps=tuple(map(Step, labels, errors)),
         residual_before=refits.localise(first, history.tension[:1]),
         residual_after=refits.localise(last, history.tension[1:]),
         screened=history.screened,

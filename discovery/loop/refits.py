@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
+from discovery.courses.tension_likelihood import rate_uncertainty_of
 from discovery.decide.acceptance import MaterialErrors, is_accepted, motion_errors
 from discovery.decide.explanation import Explanation
 from discovery.detection.limit import Meter
@@ -23,7 +25,7 @@ from discovery.residual.tension import TensionResidual
 from rom.campaign.campaign import Campaign
 from rom.campaign.settings import RecordSettings
 from rom.effects import CATALOGUE, ModelCorrection, SensorFault
-from rom.evaluation.error_measures import ErrorsByKind
+from rom.evaluation.error_measures import Errors, ErrorsByKind
 from rom.evaluation.evaluate import Evaluation, evaluate
 from rom.model.model import Model
 from rom.signals.quality import Doubt
@@ -186,6 +188,24 @@ class CampaignRefits(ABC, Generic[ResidualT]):
         """Compare all sound records with a model."""
         options = self.options
         return evaluate([model], self.campaign, self.sound, options.jobs, options.stage("errors"))
+
+    def with_known_rate(self, history: LoopHistory) -> LoopHistory:
+        """The history whose last model tells how rates differ between tests, where its law was changed."""
+        last, fit = history.last, history.tension[-1].fit if history.tension else None
+        if fit is None or last.model.rate_uncertainty is not None:
+            return history
+        known = rate_uncertainty_of(last.model, fit.fit.rate_uncertainty)
+        model = replace(last.model, rate_uncertainty=known)
+        return history.ending(replace(last, model=model, evaluations=self._simulated(model)))
+
+    def with_coverage(self, state: State) -> ErrorsByKind:
+        """Errors of a state, and for how much of the time held-out tensions lie within their limits."""
+        options = self.options
+        unseen = [one for one in self.sound if one.hold_out and one.test == "loosening"]
+        judged = evaluate([state.model], self.campaign, unseen, options.jobs, bands="hold_out")
+        within = errors_of(judged)["hold_out"]["tension_course_within_band"]
+        of_unseen: Errors = {**state.errors["hold_out"], "tension_course_within_band": within}
+        return {**state.errors, "hold_out": of_unseen}
 
     def _with_limits(
         self, effect: ModelCorrection, found: ModelCorrection, residual: ResidualT

@@ -361,7 +361,7 @@ def _judged(
         def told(done: int, total: int, before: int = place) -> None:
             run.report(run.stages - 1, (before + done / total) / len(campaigns))
 
-        of_bolt = evaluate(models, campaign, records, jobs, told)
+        of_bolt = evaluate(models, campaign, records, jobs, told, bands="hold_out")
         judged += [(j.settings.file in unseen, j.comparisons) for j in of_bolt if j.comparisons]
     kinds = (("training", False), ("hold_out", True))
     found = []

@@ -15,10 +15,10 @@ from experiments.results import fitted_records, plain, results_folder
 from experiments.run.publication import results_into
 from experiments.studies.figure_files import figures_into
 from experiments.studies.suspected import suspected, write_without_records
-from experiments.text.floors import loss_floor
+from experiments.text.error_lines import error_line
 from experiments.text.limits import parameter_line
 from experiments.text.suspicions import suspected_lines
-from experiments.text.wording import mapping, number
+from experiments.text.wording import mapping
 from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
@@ -133,8 +133,8 @@ def examine(
     model = identification.model
     if jobs > 1:
         compile_filters()
-    judged = evaluate([model, without_loosening(model)], campaign, jobs=jobs, progress=report("simulating"))
-    return Outcome(campaign, identification, judged)
+    models, told = [model, without_loosening(model)], report("simulating")
+    return Outcome(campaign, identification, evaluate(models, campaign, None, jobs, told, bands="hold_out"))
 
 
 def _unexplained(found: Identification) -> list[str]:
@@ -328,7 +328,7 @@ def summary(path: Path) -> str:
         errors, rival = section["errors"][name], section["errors"]["no_loosening"][name]
         if errors["records"]:
             floor = mapping(mapping(section.get("noise_floor")).get(name))
-            said = _percent(errors, rival, floor) or "nothing measured to compare with"
+            said = error_line(errors, rival, floor)
             lines.append(f"  {name.replace('_', '-')}: {said}")
     lines += [f"  note: {text}" for text in section["warnings"] + section["set_aside"]]
     return "\n".join(lines + suspected_lines(data))
@@ -373,28 +373,3 @@ def _of_mode(mode: Mapping[str, Any]) -> Iterator[str]:
     numbers = (parameter_line("f", mode["frequency_hz"]), parameter_line("zeta", mode["damping_ratio"]))
     yield f"  {mode['name']}: {', '.join(numbers)}"
     yield "    shape: " + ", ".join(parameter_line(sensor, item) for sensor, item in mode["shape"].items())
-
-
-def _percent(errors: dict[str, Any], rival: dict[str, Any], floor: Mapping[str, Any]) -> str:
-    parts = []
-    for words, key in (("motion", "motion_nrmse"), ("link force", "link_force_nrmse")):
-        if errors[key] is not None:
-            noise = floor.get(key)
-            alone = "" if noise is None else f" (noise alone: {100 * noise:.2f} %)"
-            parts.append(f"{words} {100 * errors[key]:.2f} %{alone}")
-    if errors["final_tension_error_percent_mean"] is None and errors["tension_rmse_n"] is not None:
-        noise = floor.get("tension_rmse_n")
-        alone = "" if noise is None else f" (noise alone: {number(noise, 3)} N)"
-        parts.append(f"tension at rest {number(errors['tension_rmse_n'], 3)} N RMS{alone}")
-    if errors["final_tension_error_percent_mean"] is not None:
-        parts.append(
-            f"final tension mean {errors['final_tension_error_percent_mean']:.2f} %, "
-            f"median {errors['final_tension_error_percent_median']:.2f} % "
-            f"(no loosening: {rival['final_tension_error_percent_mean']:.2f} %, "
-            f"{rival['final_tension_error_percent_median']:.2f} %)"
-        )
-        parts.append(
-            f"loss median {errors['tension_loss_error_percent_median']:.1f} % "
-            f"(no loosening: {rival['tension_loss_error_percent_median']:.1f} %{loss_floor(floor)})"
-        )
-    return "; ".join(parts)

@@ -75,7 +75,7 @@ def run(
         )
     with stored(campaign) as work:
         looked_at = screened(work, jobs)
-        judged = evaluate([model], looked_at, jobs=jobs, progress=progress, bands=True)
+        judged = evaluate([model], looked_at, jobs=jobs, progress=progress, bands="all")
     fitted = _fitted(model_path, campaign)
     compared = [_of_set(j, fitted) for j in judged if j.comparisons]
     errors = summarise(j.comparisons[0] for j in compared)

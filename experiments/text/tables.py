@@ -29,6 +29,7 @@ MEASURES = {
     "final_tension_error_percent_max": ("Final tension, largest error (the paper's measure)", "%", 1.0),
     "tension_loss_error_percent_median": ("Loss of tension, median error", "%", 1.0),
     "tension_rmse_n": ("Tension after the impact, RMS error", "N", 1.0),
+    "tension_course_within_band": ("Time in which tensions lie within their 95 % limits", "%", 100.0),
     "link_force_nrmse": ("Link force, NRMSE", "%", 100.0),
     "records": ("Records compared", "", 1.0),
     "failed": ("Simulations that did not finish", "", 1.0),

@@ -54,6 +54,7 @@ def _of_model(data: Data) -> Answer | None:
     ]
     if own.get("final_tension_error_percent_median") is not None:
         sentences.append(_final_tension_sentence(own, rest))
+    sentences += _coverage([own.get("tension_course_within_band")], "their 95 % limits")
     clauses = _clauses(own, floor)
     if own.get("tension_loss_error_percent_median") is not None:
         question = (
@@ -247,11 +248,16 @@ def _bands(records: object) -> list[str]:
         return []
     inside = sum(t["low"] <= t["measured"] <= t["high"] for t in known)
     said = [f"{inside} of {_count(len(known), 'measured final tension')} lie within their 95 % limits."]
-    shares = [s for row in rows if (s := row.get("tension_course_within_band")) is not None]
-    if shares:
-        share = number(100 * sum(shares) / len(shares), 3)
-        said.append(f"The courses of the tension after the hits lie within theirs for {share} % of the time.")
-    return said
+    return said + _coverage([row.get("tension_course_within_band") for row in rows], "theirs")
+
+
+def _coverage(shares: Sequence[float | None], limits: str) -> list[str]:
+    """Say for how much of the time courses lie within their limits, where that is known."""
+    known = [share for share in shares if share is not None]
+    if not known:
+        return []
+    mean = number(100 * sum(known) / len(known), 3)
+    return [f"The courses of the tension after the hits lie within {limits} for {mean} % of the time."]
 
 
 _ON: Mapping[object, str] = {True: "On the campaign of its fit, the", False: "With nothing fitted, the"}

@@ -102,7 +102,7 @@ def _half_width_of(
     scaled, factor = model.with_effect(own), f"{own.path}.factor"
     initial = max(tension.initial, 0.0)
     names, steps = _steps(model, known)
-    paths = [f"{model.structure.bolted_links[0]}.tension_rate.{name}" for name in names]
+    paths = [_path(model, name) for name in names]
     values = {p: np.full(len(paths) + 2, model.parameter(p).value) for p in paths}
     for place, (path, step) in enumerate(zip(paths, steps, strict=True)):
         values[path][place + 2] += step
@@ -122,14 +122,18 @@ def _half_width_of(
 def _steps(model: Model, known: RateUncertainty) -> tuple[tuple[str, ...], FloatArray]:
     """Numbers of the law that are known only so well, and a standard error of each, into its range."""
     errors = np.sqrt(np.maximum(np.diag(np.reshape(known.covariance, (len(known.parameters),) * 2)), 0.0))
-    link = model.structure.bolted_links[0]
     names, steps = [], []
     for name, error in zip(known.parameters, errors, strict=True):
         if error > 0:
-            number = model.parameter(f"{link}.tension_rate.{name}")
+            number = model.parameter(_path(model, name))
             names.append(name)
             steps.append(error if number.value + error <= number.bounds[1] else -error)
     return tuple(names), np.array(steps)
+
+
+def _path(model: Model, name: str) -> str:
+    """Where a model has a number of its law, or of what changes that."""
+    return name if "." in name else f"{model.structure.bolted_links[0]}.tension_rate.{name}"
 
 
 def _half_width(known: RateUncertainty, tension: float, of_rate: float, of_numbers: FloatArray) -> float:

@@ -58,6 +58,7 @@ class Errors(TypedDict):
     tension_loss_error_percent_median: float | None
     link_force_nrmse: float | None
     tension_rmse_n: float | None
+    tension_course_within_band: float | None
     records: int
     failed: int
 
@@ -141,7 +142,7 @@ def compare_all(
     windows : WindowSettings
         Windows of the initial and the final tension [s].
     bands : bool
-        Whether to simulate the bands of the final tension too.
+        Whether to simulate the bands of the first model's tension too.
 
     Returns
     -------
@@ -154,9 +155,13 @@ def compare_all(
     if measurement.test == "hold":
         return tuple(_of_rest(nothing, model, measurement, windows) for model in models)
     noise = cache(lambda pair: noise_of(measurement, pair))  # the record's, whatever model it is
-    groups = [models[first : first + _SIDE_BY_SIDE] for first in range(0, len(models), _SIDE_BY_SIDE)]
+    starts = range(0, len(models), _SIDE_BY_SIDE)
     return tuple(
-        found for group in groups for found in _of_motion(nothing, group, measurement, windows, bands, noise)
+        found
+        for start in starts
+        for found in _of_motion(
+            nothing, models[start : start + _SIDE_BY_SIDE], measurement, windows, bands and not start, noise
+        )
     )
 
 
@@ -190,7 +195,7 @@ def _of_motion(
             comparison = replace(
                 comparison,
                 noise=_with_rate(own, model, comparison.initial_tension),
-                band=tension_band(run, windows.final_s, own.tension_rms) if bands else NO_BAND,
+                band=tension_band(run, windows.final_s, own.tension_rms) if bands and not place else NO_BAND,
             )
         found.append(comparison)
     return found
@@ -256,6 +261,7 @@ def summarise(comparisons: Iterable[Comparison]) -> Errors:
         tension_loss_error_percent_median=_finite_median([c.loss_error_percent for c in loosening]),
         link_force_nrmse=_finite_mean([c.link_force_nrmse for c in done]),
         tension_rmse_n=_finite_mean([c.tension_rmse for c in tensions]),
+        tension_course_within_band=_finite_mean([c.band.course_within for c in loosening]),
         records=len(every),
         failed=len(every) - len(done),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from joblib import Parallel, delayed
 
@@ -15,6 +16,8 @@ from rom.one_thread import one_threaded
 from rom.progress import Progress, counted
 from rom.signals.measured_records import measured_record
 from rom.signals.quality import Doubt
+
+Bands = Literal["none", "hold_out", "all"]
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ def evaluate(
     records: Sequence[RecordSettings] | None = None,
     jobs: int = 1,
     progress: Progress | None = None,
-    bands: bool = False,
+    bands: Bands = "none",
 ) -> tuple[Evaluation, ...]:
     """Compare models with records (None: all) of a campaign, over `jobs` processes; numbers do not depend on
     `jobs`.
@@ -50,8 +53,8 @@ def evaluate(
         Number of processes; numbers do not depend on it.
     progress : callable
         Called with the number of records done and their total.
-    bands : bool
-        Whether to simulate the bands of the final tensions too.
+    bands : {"none", "hold_out", "all"}
+        Of which records to simulate the bands of the first model's tension too.
 
     Returns
     -------
@@ -75,10 +78,11 @@ def without_loosening(model: Model) -> Model:
 
 
 def _judge_record(
-    models: Sequence[Model], campaign: Campaign, settings: RecordSettings, bands: bool
+    models: Sequence[Model], campaign: Campaign, settings: RecordSettings, bands: Bands
 ) -> Evaluation:
     found = measured_record(campaign, settings)
     if found.doubts:
         return Evaluation(settings, (), found.doubts)
     measurement = found.measurement.with_cutoff(models[0].filter_cutoff_hz)
-    return Evaluation(settings, compare_all(models, measurement, campaign.settings.windows, bands))
+    banded = bands == "all" or (bands == "hold_out" and settings.hold_out)
+    return Evaluation(settings, compare_all(models, measurement, campaign.settings.windows, banded))

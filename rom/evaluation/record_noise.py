@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy import signal, special, stats
+from scipy import fft, signal, special, stats
 
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -139,8 +139,8 @@ def _displacement_lines(
 ) -> npt.NDArray[np.complex128]:
     """Spectrum of the displacement that a chain makes of noise; its squares add up to the mean square."""
     window = signal.windows.hann(len(samples), sym=False)
-    size = _FINER * len(samples)
-    lines = np.fft.rfft(signal.detrend(samples) * window, size)[1:] * np.sqrt(2 / (size * np.sum(window**2)))
+    size = fft.next_fast_len(_FINER * len(samples), real=True)
+    lines = fft.rfft(signal.detrend(samples) * window, size)[1:] * np.sqrt(2 / (size * np.sum(window**2)))
     frequency = np.fft.rfftfreq(size, 1 / rate_hz)[1:]
     if not integrations:  # displacement passes no high-pass
         return np.asarray(lines)

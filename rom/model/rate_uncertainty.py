@@ -24,7 +24,7 @@ class RateUncertainty:
     Parameters
     ----------
     parameters : tuple of str
-        Numbers of the law that were fitted.
+        Numbers that were fitted: of the law by their names, of its changes by their paths in the model.
     covariance : tuple of tuple of float, shape (parameters, parameters)
         Of their values.
     at_100_n, slope : float

@@ -29,6 +29,7 @@ def errors(scale: float, records: int) -> Errors:
         tension_loss_error_percent_median=5.25 * scale if there else None,
         link_force_nrmse=None,
         tension_rmse_n=0.31 * scale if there else None,
+        tension_course_within_band=0.93 if there else None,
         records=records,
         failed=0,
     )

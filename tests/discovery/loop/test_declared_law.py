@@ -12,6 +12,7 @@ import pytest
 
 import discovery
 import rom
+from discovery.courses.tension_likelihood import rate_uncertainty_of
 from discovery.loop.declared_law import declared_law
 from discovery.residual.tension import TensionResidual
 from experiments.studies import rig
@@ -20,6 +21,7 @@ from rom.effects import make
 from rom.identification.identify import identify_campaign
 from rom.model.laws import Parameter, free_form_law
 from rom.model.model import Model
+from rom.model.rate_uncertainty import RateUncertainty
 from tests.rom.sound_campaign import sound_settings
 
 
@@ -45,6 +47,20 @@ def paper() -> dict[str, Any]:
 
 def with_change(model: Model) -> Model:
     return model.with_effect(make("loosening-power", "tension", {"q_v": Parameter(-1.5, "1")}))
+
+
+def test_what_a_fit_knows_of_a_changed_law_has_the_names_of_the_model() -> None:
+    """The numbers of a reading that was fitted beside it are of no rate."""
+    model = with_change(rom.paper_model())
+    names, errors = (
+        ("gamma_d", "A", "loosening_power_q_v"),
+        np.array([[4.0, 0.1, 0.2], [0.1, 9.0, 0.3], [0.2, 0.3, 1.0]]),
+    )
+    found = rate_uncertainty_of(model, RateUncertainty.of(names, errors, (0.3, -0.1), 7))
+    assert found.parameters == ("gamma_d", "tension.loosening-power.q_v")
+    assert found.covariance == ((4.0, 0.2), (0.2, 1.0))
+    assert (found.of_a_test(100.0), found.degrees_of_freedom) == (0.3, 7)
+    assert all(model.parameter(path) for path in found.parameters[1:])
 
 
 def test_the_law_of_a_model_has_the_changes_that_were_found() -> None:

@@ -84,6 +84,7 @@ def test_a_prediction_has_the_keys_that_others_read(prediction: dict[str, Any]) 
         "tension_loss_error_percent_median",
         "link_force_nrmse",
         "tension_rmse_n",
+        "tension_course_within_band",
         "records",
         "failed",
     }
@@ -93,6 +94,17 @@ def test_a_prediction_has_the_keys_that_others_read(prediction: dict[str, Any]) 
     for row in prediction["records"]:
         assert {"file", "initial_tension_n", "final_tension_n", "motion_nrmse"} <= set(row)
         assert set(row["final_tension_n"]) == {"simulated", "low", "high", "measured"}
+
+
+def test_held_out_courses_are_said_to_lie_within_their_limits_as_a_prediction_finds(
+    results: Path, prediction: dict[str, Any]
+) -> None:
+    found = json.loads((results / "model.json").read_text(encoding="utf-8"))["identification"]["errors"]
+    held = [row["tension_course_within_band"] for row in prediction["records"] if row["hold_out"]]
+    known = [share for share in held if share is not None]
+    assert found["hold_out"]["tension_course_within_band"] == pytest.approx(sum(known) / len(known))
+    assert found["training"]["tension_course_within_band"] is None
+    assert 0.5 < prediction["sets"]["errors"]["training"]["tension_course_within_band"] <= 1.0
 
 
 def test_a_prediction_agrees_with_the_errors_it_reports(prediction: dict[str, Any]) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rom.effects import CATALOGUE
 from rom.evaluation.error_measures import Comparison, compare_all
 from rom.evaluation.replay import replay
 from rom.model.model import Model
@@ -72,6 +73,22 @@ def test_a_number_that_is_known_so_well() -> None:
     half = stats.t.ppf(0.975, TESTS) * 0.1
     ends = final(GAMMA * np.exp([half, -half]))
     assert ends_of(found) == pytest.approx(tuple(ends), abs=0.06 * float(np.ptp(ends)))
+
+
+def test_a_number_of_a_change_of_the_law_that_is_known_so_well() -> None:
+    """Another power of the velocity: both ends of the band are simulated with it at its limits."""
+    change = CATALOGUE["loosening-power"].at("tension").with_values(q_v=0.0)
+    changed = change.added_to(model(GAMMA))
+    uncertain = RateUncertainty.of((f"{change.path}.q_v",), [[0.2**2]], (0.0, 0.0), TESTS)
+    record = measurement("loosening", seen("displacement"), tension=tension(np.full(SAMPLES, TENSION_N)))
+    found = compare_all([replace(changed, rate_uncertainty=uncertain)], record, WINDOWS, bands=True)[0]
+    half = stats.t.ppf(0.975, TESTS) * 0.2
+    ends = [
+        compare_all([changed.with_values({f"{change.path}.q_v": end})], record, WINDOWS)[0].simulated_final
+        for end in (-half, half)
+    ]
+    assert ends_of(found) == pytest.approx(sorted(ends), abs=0.1 * float(np.ptp(ends)))
+    assert np.ptp(ends) > 1.0
 
 
 def test_drawn_rates_lie_within_the_band_as_often_as_it_says() -> None:
