@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from discovery.explain.motion_fit import DAMPINGS, with_effects
-from discovery.residual.free_parameters import FreeParameters
+from discovery.residual.free_parameters import FreeParameters, is_of_effect
 from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import (
     MeasuredTrajectory,
@@ -39,8 +39,10 @@ from rom.signals.processing import Measurement
 
 _ROUNDS: Numerical[int] = 3  # of slopes
 _MOST: Numerical[int] = 8  # steps by the slopes of one round
-_DIFFERENCE: Numerical[float] = 1e-4  # of a number's size
-_SETTLED: Numerical[float] = 1e-3  # of the cost
+_DIFFERENCE: Numerical[float] = 1e-4  # of a number's size: a mode that rings soon shows more than its slope
+_OF_EFFECT: Numerical[float] = 1e-3  # of an effect's: a gap opens and closes between a simulation's steps
+_LITTLE: Numerical[float] = 1e-3  # of the cost, gained by a step
+_SETTLED: Numerical[float] = 1e-4  # of the cost, gained in a round
 _SAME: Numerical[float] = 1e-9  # of the largest singular value
 
 
@@ -141,7 +143,7 @@ class SimulatedFit:
             step, baseline, left = better
             slopes += np.multiply.outer(rows - left - slopes @ (step / units), step * units / (step @ step))
             gained, rows = float(rows @ rows) - float(left @ left), left
-            if gained < _SETTLED * float(rows @ rows):
+            if gained < _LITTLE * float(rows @ rows):
                 break
         return baseline, rows
 
@@ -162,13 +164,14 @@ class SimulatedFit:
     def _slopes(self, baseline: FreeParameters, rows: FloatArray, progress: Progress | None) -> FloatArray:
         """Slopes of what is shown by the numbers that a training record tells, (rows, numbers)."""
         found = np.zeros((len(rows), len(self.start.names)))
-        moved = [baseline.stepped({name: _DIFFERENCE}) for name in self.start.names]
+        steps = [_OF_EFFECT if is_of_effect(name) else _DIFFERENCE for name in self.start.names]
+        moved = [baseline.stepped({name: step}) for name, step in zip(self.start.names, steps, strict=True)]
         for done, (trace, stored, here) in enumerate(self.records):
             told = np.any(self.start.jacobian[here], axis=0) & (not trace.settings.hold_out)
             measurement = stored.as_type(np.float64)
             for column in np.flatnonzero(told).tolist():
                 shown = rows[here] - self._rows_of(trace, measurement, moved[column])
-                found[here, column] = np.nan_to_num(shown / _DIFFERENCE, posinf=0.0, neginf=0.0)
+                found[here, column] = np.nan_to_num(shown / steps[column], posinf=0.0, neginf=0.0)
             if progress is not None:
                 progress(done + 1, len(self.records))
         return found

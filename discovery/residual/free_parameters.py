@@ -31,6 +31,11 @@ def effect_number(effect: ModelCorrection, parameter: str) -> str:
     return f"{_OF_EFFECT}{effect.enters}|{effect.name}|{parameter}"
 
 
+def is_of_effect(name: str) -> bool:
+    """Whether a name is that of an effect's number."""
+    return name.startswith(_OF_EFFECT)
+
+
 def size_of(value: float) -> float:
     """What steps of a number are counted in."""
     return max(abs(value), _TINY)
@@ -121,7 +126,7 @@ class FreeParameters:
             if name.startswith(CORNER):
                 old = corners.get(name, corners.get(CORNER, step_unit(CORNER, 0.0)))
                 corners[name] = max(old + step * step_unit(CORNER, old), _LEAST_CORNER)
-            elif name.startswith(_OF_EFFECT):
+            elif is_of_effect(name):
                 model = _with_effect_step(model, name, step)
             else:
                 model = _with_step(model, name, step)
