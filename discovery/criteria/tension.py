@@ -62,7 +62,9 @@ class Tension(Group):
     noise_from_hz: float = number(4.0, "Hz", "lower end of the band in which the gauge's noise is estimated")
     noise_to_hz: float = number(300.0, "Hz", "upper end of the band in which the gauge's noise is estimated")
     misfit_chance: float = number(
-        1e-3, "1", "probability of a larger misfit by noise, below which histories are not explained"
+        1e-3,
+        "1",
+        "probability of a larger misfit by noise, below which few rows are not explained",
     )
     misfit_floor: float = number(
         1.5, "1", "mean square that counts as noise: a motion known to a few per cent shifts as much",

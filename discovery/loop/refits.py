@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
+from scipy import stats
+
 from discovery.courses.tension_likelihood import rate_uncertainty_of
 from discovery.decide.acceptance import MaterialErrors, is_accepted, motion_errors
 from discovery.decide.explanation import Explanation
@@ -245,7 +247,9 @@ class FixedTensionRefits(CampaignRefits[ResidualT]):
         errors = errors_of(evaluations)
         least = self.options.criteria.acceptance.material_error
         material = self._material_errors(own, errors)
-        return State(model, own, errors, material, least, None, evaluations, warnings, self._by_chance)
+        rows = int(own.training.sum())
+        by_chance = float(stats.chi2.isf(self.options.criteria.tension.misfit_chance, rows)) / rows
+        return State(model, own, errors, material, least, None, evaluations, warnings, by_chance)
 
     @abstractmethod
     def _model_of(self, residual: ResidualT) -> tuple[Model, tuple[str, ...]]:
@@ -254,11 +258,6 @@ class FixedTensionRefits(CampaignRefits[ResidualT]):
     def _material_errors(self, residual: ResidualT, errors: ErrorsByKind) -> MaterialErrors:
         """The errors that an effect in the motion must lower."""
         return motion_errors(errors)
-
-    @property
-    def _by_chance(self) -> float:
-        """Mean square that noise alone leaves of the rows at times; 1 of many."""
-        return 1.0
 
     def refit_with(self, state: State, explanation: Explanation, *, renew_noise: bool = False) -> Residual:
         """See ``CampaignRefits.refit_with``."""

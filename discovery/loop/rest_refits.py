@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from scipy import stats
-
 from discovery.decide.acceptance import MaterialErrors
 from discovery.decide.explanation import Explanation
 from discovery.detection.at_rest import RestMeter
@@ -83,12 +81,6 @@ class RestRefits(FixedTensionRefits[RestResidual]):
         """Errors of the slow tension on hold-out and on training records."""
         slow = residual.slow_errors()
         return tuple({"slow_tension_n": slow[kind]} for kind in ("hold_out", "training"))
-
-    @property
-    def _by_chance(self) -> float:
-        """Mean square of slow lines that noise alone hardly exceeds: they are few."""
-        rows = int(self.residual.training.sum())
-        return float(stats.chi2.isf(self.options.criteria.tension.misfit_chance, rows)) / rows
 
     def _fitted_with(self, residual: RestResidual, effect: ModelCorrection) -> RestResidual:
         """All effects fitted together, beside the noise as it then is."""

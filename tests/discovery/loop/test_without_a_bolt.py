@@ -67,6 +67,14 @@ def test_nothing_is_found_where_a_cycled_link_lacks_nothing(tmp_path: Path) -> N
 
 
 @pytest.mark.usefixtures("without_detection_limits")
+@pytest.mark.parametrize("seed", [1, 2])
+def test_few_cycles_leave_a_multiple_of_the_noise_at_times(tmp_path: Path, seed: int) -> None:
+    """Eight rows: their mean square is 1.3 times the noise for the first seed."""
+    found = close_loop(twins.cycled(tmp_path / "clean", friction=0.0, seconds=8.0, seed=seed))
+    assert (found.verdict, found.effects) == ("no-effect", ())
+
+
+@pytest.mark.usefixtures("without_detection_limits")
 def test_cubic_stiffness_of_a_driven_oscillator_is_named(tmp_path: Path) -> None:
     found = close_loop(twins.driven(tmp_path / "cubic", extra=cubic))
     assert [(one.effect.name, one.effect.enters) for one in found.effects] == [("cubic-stiffness", "guide")]
