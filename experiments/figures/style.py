@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -12,13 +11,13 @@ from typing import Any, ParamSpec, TypeVar
 import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
-from fontTools.subset import Options
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter, LogFormatter, LogLocator, NullFormatter, StrMethodFormatter
 
 from experiments.figures.description import Drawn, describe, plain_text
+from experiments.figures.pdf_fonts import fonts_cut_once
 from rom.campaign.record import replacing
 
 FloatArray = npt.NDArray[np.float64]
@@ -156,7 +155,7 @@ def save(figure: Figure, path: str | Path) -> Path:
     if kind == "svg" and (shown := describe(figure)) is not None:
         metadata[kind] |= {"Description": json.dumps(shown, separators=(",", ":"), allow_nan=False)}
     _lay_out(figure)
-    with replacing(path) as temporary, _lean_fonts():
+    with replacing(path) as temporary, fonts_cut_once():
         figure.savefig(temporary, format=kind, dpi=300, metadata=metadata[kind])
     return path
 
@@ -188,18 +187,3 @@ def _lay_out(figure: Figure) -> None:
         FigureCanvasSVG(figure)  # whose measures of text the engine takes
         engine.execute(figure)
         figure.set_layout_engine(None)
-
-
-@contextmanager
-def _lean_fonts() -> Iterator[None]:
-    """Embed fonts without tables for setting text, which a PDF has no use for and which take longest to read.
-
-    matplotlib passes no options to fontTools; where the default has another name nothing is lost but time.
-    """
-    name = "_drop_tables_default"
-    default = getattr(Options, name, [])
-    setattr(Options, name, [*default, "GDEF", "GPOS", "GSUB", "kern"])
-    try:
-        yield
-    finally:
-        setattr(Options, name, default)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from experiments.figures import identification as figures
 from experiments.figures.curves import damped_frequencies
-from experiments.figures.style import COLUMN_MM, panels, tension_axis
+from experiments.figures.style import COLUMN_MM, panels, save, tension_axis
 from experiments.figures.tensions import thinned
 from rom.campaign.campaign import WindowSettings
 from rom.evaluation.error_measures import Comparison, simulate_measurement
@@ -311,3 +311,18 @@ def test_the_same_figure_is_the_same_file_and_a_wrong_suffix_is_refused(
     with pytest.raises(ValueError, match="is written as"):
         figures.save(Figure(), tmp_path / "a.jpeg")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0.svg", "1.svg"]
+
+
+def test_a_pdf_holds_its_letters_whatever_figures_were_written_before(tmp_path: Path) -> None:
+    def written(name: str, label: str) -> bytes:
+        figure, axes = panels()
+        axes[0, 0].set_xlabel(label)
+        with mpl.rc_context({"pdf.compression": 0}):
+            return save(figure, tmp_path / f"{name}.pdf").read_bytes()
+
+    first = written("first", "Tension $T$ [N]")
+    rare = written("rare", "Zug Ж [N]")
+    assert written("again", "Tension $T$ [N]") == first
+    assert b"<0416>" in rare  # the letter's code beside its glyph: text can be copied
+    assert b"<0416>" not in first
+    assert b"<0054>" in first
