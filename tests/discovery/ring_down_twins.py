@@ -16,7 +16,7 @@ from rom.model.laws import constant_damping, constant_stiffness
 from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
 
-RATE_HZ, SECONDS = 200.0, 2.0
+RATE_HZ, SECONDS = 200.0, 1.5
 MASS, STIFFNESS, DAMPING = 1.5, 900.0, 0.7
 AMPLITUDES = (0.02, 0.028, 0.017)  # the last one is held out
 EFFECTS = {

@@ -10,7 +10,7 @@ import rom
 from rom.campaign.channels import FloatArray
 from tests.discovery.driven_twins import campaign_of
 
-RATE_HZ, LEAD_S, SECONDS = 200.0, 3.0, 4.0
+RATE_HZ, LEAD_S, SECONDS = 200.0, 3.0, 3.0
 STROKES = ((0.6, False), (1.0, False), (0.8, True), (1.4, False))  # of 10 mm, and whether held out
 KINDS = ("nothing", "slip", "backlash", "friction", "stiffness")
 
@@ -74,7 +74,7 @@ def bursts(
     """
     rng, records, substeps = np.random.default_rng(seed), {}, 10
     for number in range(3):
-        count = int(8.0 * RATE_HZ)
+        count = int(6.0 * RATE_HZ)
         heights = np.repeat(rng.normal(0, 3.0, count // 20), 20)
         heights[-count // 4 :] = 0.0
         rise = np.exp(-np.arange(0, 0.1, 1 / (RATE_HZ * substeps)) / 0.01)

@@ -14,12 +14,12 @@ from discovery.courses.tension_likelihood import course, law_candidate, resimula
 from discovery.decide.explanation import limited
 from discovery.explain.strain_gauge import explained_by_gauge
 from discovery.explain.tension import explain
-from discovery.explain.tension_gain import at_bounds
+from discovery.explain.tension_gain import TensionGain, at_bounds
 from discovery.explain.tension_law import LawSearch
 from discovery.laws.candidate import baseline
 from discovery.laws.factors import velocity_power
 from discovery.options import Options
-from discovery.residual.course_fit import CourseFits, Misfit
+from discovery.residual.course_fit import CourseFit, CourseFits, Misfit
 from discovery.residual.tension import TensionResidual
 from discovery.residual.tension_data import TensionData
 from discovery.residual.tension_records import Drift, TensionObservation, thinned
@@ -139,28 +139,33 @@ def test_what_changes_the_law_is_found_beside_the_refitted_law() -> None:
     assert effect.parameters["g_x"].value == pytest.approx(0.5, rel=0.5)
 
 
+@cache
+def explained_of_few(jobs: int) -> tuple[list[TensionGain], CourseFit, int]:
+    """What four changes explain, the law alone, and how many were fitted."""
+    names = ("loosening-displacement", "relaxation-log", "loosening-ratchet", "tension-drift")
+    pairs = [(CATALOGUE[name], CATALOGUE[name].at("tension")) for name in names]
+    search, done = LawSearch(replace(few(), drift=Drift(0.0, 0.02)), jobs), []
+    gained, base = search.explained(pairs, search.fits.law_alone(), lambda: done.append(1))
+    return gained, base, len(done)
+
+
 @pytest.mark.usefixtures("few_starts")
 def test_fits_do_not_depend_on_the_number_of_jobs() -> None:
-    of = few()
-    names = ("loosening-displacement", "relaxation-log", "loosening-threshold", "tension-drift")
-    pairs = [(CATALOGUE[name], CATALOGUE[name].at("tension")) for name in names]
-    told, done = [], []
+    told = []
     for jobs in (1, 3):
-        search = LawSearch(replace(of, drift=Drift(0.0, 0.02)), jobs)
-        gained, base = search.explained(pairs, search.fits.law_alone(), lambda: done.append(1))
+        gained, base, fitted = explained_of_few(jobs)
         told.append([(one.effect, one.p_value, *one.gains) for one in gained] + [(base.training,)])
+        assert fitted == 3  # a drift is not fitted: its size is each record's own
     assert told[0] == told[1]
-    assert len(done) == 2 * 3  # a drift is not fitted: its size is each record's own
 
 
 @pytest.mark.usefixtures("few_starts")
 def test_between_two_laws_a_hit_is_named_that_would_tell_them_apart_and_none_beside_a_reading() -> None:
-    search = LawSearch(few())
-    members = [CATALOGUE[n] for n in ("loosening-displacement", "loosening-ratchet", "relaxation-log")]
-    pairs = [(member, member.at("tension")) for member in members]
-    base = search.fits.law_alone()
-    found = {one.effect.name: one.slow for one in search.explained(pairs, base, lambda: None)[0]}
-    law, rival, reading = (found[member.name] for member in members)
+    gained, base, _ = explained_of_few(1)
+    found = {one.effect.name: one.slow for one in gained}
+    law, rival, reading = (
+        found[name] for name in ("loosening-displacement", "loosening-ratchet", "relaxation-log")
+    )
     told = separating_hits(law, rival)
     assert "at a preload of" in told or "none of the hits" in told
     assert separating_hits(law, reading) == separating_hits(reading, law) == separating_hits(law, None) == ""

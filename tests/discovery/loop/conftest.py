@@ -9,5 +9,5 @@ import pytest
 
 @pytest.fixture
 def without_detection_limits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Up to half of a loop; loops that find nothing have them, and `tests/discovery/detection`."""
+    """Up to half of a loop; others have them, as the tutorial's has, and `tests/discovery/detection`."""
     monkeypatch.setattr(import_module("discovery.loop.close_loop"), "_detection_limits", lambda *_: ())

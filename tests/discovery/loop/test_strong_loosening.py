@@ -49,6 +49,7 @@ def test_the_loop_starts_at_the_noise_where_nothing_is_missing(
     assert np.log10(-tension.rate(6.0, 0.0, 1.0) / 6.0) < 9  # of gamma, 8 in truth
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_missing(tmp_path: Path) -> None:
     rig.run(tmp_path / "c", cases=6, noise=1.0, seed=106, duration_s=2.5, plant=PLANT)

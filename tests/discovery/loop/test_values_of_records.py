@@ -40,6 +40,7 @@ def one_body(folder: Path, test: str, own: bool = True) -> Campaign:
     return campaign(folder, {"m": 2.0}, [("s", ("m", "ground"), "linear", 0.0, 0.0)], records, rate)
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.parametrize("test", ["driven", "free"])
 def test_nothing_is_found_where_added_masses_and_other_springs_are_given(tmp_path: Path, test: str) -> None:
     found = close_loop(one_body(tmp_path / "c", test))

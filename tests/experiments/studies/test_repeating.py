@@ -76,7 +76,8 @@ def test_results_do_not_depend_on_jobs(
 def test_a_ranking_does_not_depend_on_jobs(
     discovered: tuple[Path, Ran], rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
 ) -> None:
-    ran = boltlaw("discover", rig_campaign, "--out", tmp_path / "1", "--jobs", 1, "--seed", 7, "--quiet")
+    where = ("--out", tmp_path / "1", "--jobs", 1, "--seed", 7, "--quiet")
+    ran = boltlaw("discover", rig_campaign, *where, figures=True)
     assert (ran.code, ran.out, ran.err) == (0, "", "")
     same(tmp_path / "1", discovered[0], "ranking.json")
 
