@@ -61,7 +61,7 @@ def driven(
     noise_m: float = 2e-6,
     kind: str = "displacement",
     force_noise_n: float = 0.02,
-    seconds: float = 8.0,
+    seconds: float = 5.0,
 ) -> rom.Campaign:
     """A body of 2 kg, 6 N s/m and some stiffness under multisines of 1 to 40 Hz.
 

@@ -59,9 +59,14 @@ def accelerations(force: np.ndarray, start: np.ndarray, cubic: tuple[float, ...]
 
 
 def campaign(
-    folder: Path, noise: float = 0.005, seed: int = 0, cubic: tuple[float, ...] = (0, 0, 0), count: int = 2
+    folder: Path,
+    noise: float = 0.005,
+    seed: int = 0,
+    cubic: tuple[float, ...] = (0, 0, 0),
+    count: int = 2,
+    each: int = 2,
 ) -> Campaign:
-    """Write and read two driven records, two decays, and one of each held out.
+    """Write and read driven records, as many decays, and one of each held out.
 
     Parameters
     ----------
@@ -75,6 +80,8 @@ def campaign(
         Cubic stiffness of each mode at the tip [N/m3].
     count : int
         Modes that are declared.
+    each : int
+        Driven records, and decays, that are not held out.
     """
     rng, samples = np.random.default_rng(seed), int(SECONDS * RATE_HZ)
     (folder / "records").mkdir(parents=True)
@@ -82,7 +89,7 @@ def campaign(
             "[band]", f"low_hz = {BAND[0]}", f"high_hz = {BAND[1]}",
             "[sampling]", f"motion_rate_hz = {RATE_HZ}", "pretrigger_s = 0"]  # fmt: skip
     sections = signal.butter(4, (2.0, 70.0), "bandpass", fs=RATE_HZ, output="sos")
-    for place, kind in enumerate(("driven", "driven", "free", "free", "driven", "free")):
+    for place, kind in enumerate((*each * ["driven"], *each * ["free"], "driven", "free")):
         force, start = np.zeros(samples), np.zeros(3)
         if kind == "driven":
             force = signal.sosfiltfilt(sections, rng.normal(size=samples)) * signal.windows.tukey(
@@ -99,6 +106,6 @@ def campaign(
             folder / "records" / f"{place}.h5", {n: Channel(n, x, RATE_HZ) for n, x in channels.items()}
         )
         text += ["[[record]]", f'file = "records/{place}.h5"', f'test = "{kind}"',
-                 f"hold_out = {str(place > 3).lower()}"]  # fmt: skip
+                 f"hold_out = {str(place >= 2 * each).lower()}"]  # fmt: skip
     (folder / "campaign.toml").write_text("\n".join(text) + "\n")
     return rom.read_campaign(folder)

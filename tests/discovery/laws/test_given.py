@@ -156,7 +156,7 @@ def test_its_fit_is_that_of_the_same_law_by_terms_from_far_away() -> None:
 @pytest.mark.parametrize(
     ("hidden", "seeds"),
     [
-        ("slip work", 5),
+        ("slip work", 3),
         *(
             pytest.param(name, 10, marks=pytest.mark.variant)
             for name in ("slip work", "quartic", "threshold")
@@ -164,7 +164,7 @@ def test_its_fit_is_that_of_the_same_law_by_terms_from_far_away() -> None:
     ],
 )
 def test_the_true_law_is_first_or_not_told_apart(hidden: str, seeds: int) -> None:
-    """In nine seeds of ten, in each of five."""
+    """In nine seeds of ten, in each of three."""
     laws, right, held = literature(), 0, []
     for seed in range(seeds):
         courses = measured(
@@ -182,7 +182,7 @@ def test_the_true_law_is_first_or_not_told_apart(hidden: str, seeds: int) -> Non
             assert parameter.high is not None
             held.append(parameter.low < laws[hidden].parameters[name].value < parameter.high)
     assert right >= 0.9 * seeds
-    assert np.mean(held) >= 0.8  # of 5 to 20, for limits of 95 %
+    assert np.mean(held) >= 0.8  # of 3 to 20, for limits of 95 %
 
 
 def literature() -> dict[str, GivenLaw]:

@@ -30,7 +30,7 @@ def test_friction_is_named_by_an_accelerometer(tmp_path: Path) -> None:
     def friction(_x: twins.FloatArray, v: twins.FloatArray) -> twins.FloatArray:
         return np.asarray(0.8 * np.tanh(v / 1e-3))
 
-    rubbed = {"kind": "acceleration", "extra": friction, "sizes": (1.0, 1.0), "seconds": 4.0}
+    rubbed = {"kind": "acceleration", "extra": friction, "sizes": (1.0, 1.0), "seconds": 2.0}
     found = close_loop(twins.driven(tmp_path / "rubs", **rubbed))
     assert found.verdict == "closed"
     (first,) = found.effects

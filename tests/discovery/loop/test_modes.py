@@ -14,7 +14,7 @@ CUBIC = 3e5  # [N/m3]: a twentieth of the first mode's stiffness and more, at th
 
 @pytest.mark.slow
 def test_nothing_is_found_where_modes_lack_nothing(tmp_path: Path) -> None:
-    found = close_loop(beams.campaign(tmp_path / "clean"))
+    found = close_loop(beams.campaign(tmp_path / "clean", each=1))
     assert found.verdict == "no-effect"
     assert set(found.model.structure.body_names) == {"mode_1", "mode_2"}
 
@@ -22,7 +22,7 @@ def test_nothing_is_found_where_modes_lack_nothing(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
 def test_a_cubic_spring_in_one_mode_is_found_there(tmp_path: Path) -> None:
-    found = close_loop(beams.campaign(tmp_path / "cubic", cubic=(CUBIC, 0.0, 0.0)))
+    found = close_loop(beams.campaign(tmp_path / "cubic", cubic=(CUBIC, 0.0, 0.0), each=1))
     first = found.effects[0].effect
     assert (first.name, first.enters) == ("cubic-stiffness", "mode_1")
     assert first.parameters["k3"].value == pytest.approx(CUBIC, rel=0.02)

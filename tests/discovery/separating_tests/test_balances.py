@@ -32,7 +32,8 @@ def cubic(x: FloatArray, _v: FloatArray) -> FloatArray:
 
 def fits_of(folder: Path, sizes: Sequence[float]) -> Fits:
     """Each effect fitted to a twin with a cubic spring beside all numbers of the model."""
-    declared = BalanceRefits.of(twins.driven(folder, extra=cubic, sizes=sizes), Options()).start().residual
+    twin = twins.driven(folder, extra=cubic, sizes=sizes, seconds=8.0)
+    declared = BalanceRefits.of(twin, Options()).start().residual
     assert isinstance(declared, ForceBalanceResidual)
     probes = {probed[0].effect.name: probed for probed in screen(declared, Options())}
     found: Fits = {}
