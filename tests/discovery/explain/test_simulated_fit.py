@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,13 @@ def test_a_strongly_nonlinear_mode_no_longer_biases_the_damping(tmp_path: Path, 
     assert k3.high - k3.low < 2e-3 * K3
     assert k3.low < K3 < k3.high
     assert refits.settled(settled) is settled  # once is enough
+    assert settled.searched is by_simulation
+    astray = replace(by_simulation, residual=2 * by_simulation.residual)
+    loud = replace(settled, simulated=astray)
+    assert loud.stated is loud  # what drifts out of phase states nothing
+    louder = replace(loud, residual=3 * settled.residual)
+    assert louder.stated is astray
+    assert louder.searched is louder  # more than noise is left: outputs are those along the measured motion
     again = with_effects(settled)
     assert again.names == settled.names
     assert len(set(again.names)) == again.jacobian.shape[1]  # each number has one slope
