@@ -91,7 +91,7 @@ def once(name: str, work: Callable[..., Any], shared: Shared, *, few: bool) -> C
 
 @contextmanager
 def few_preloads(config: pytest.Config) -> Iterator[None]:
-    """Campaigns of the virtual rig are small ones: that every line runs is seen on them too."""
+    """Small campaigns of the virtual rig, hits tried at few tensions: that every line runs is seen too."""
     plain = rig.run
 
     def run_few(new_dir: Path, cases: int | None = None, *others: Any, **options: Any) -> Path:
@@ -100,6 +100,7 @@ def few_preloads(config: pytest.Config) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         if not config.getoption("every"):
             patch.setattr(rig, "run", run_few)
+            patch.setattr("discovery.separating_tests.hits._PRELOADS", 3)  # at which hits are tried
         yield
 
 

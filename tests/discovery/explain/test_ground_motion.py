@@ -29,7 +29,7 @@ SHAKEN = Undeclared("ground-motion", "body:lo", {"F_a": 0.02, "F_b": 0.0, "f": 1
 @once_per_run
 def evidence(*undeclared: Undeclared) -> WhitenedResidual:
     with TemporaryDirectory() as scratch:
-        rig.run(Path(scratch) / "c", 5, 1.0, 4, 1, duration_s=2.5, hold_out_every=4, undeclared=undeclared)
+        rig.run(Path(scratch) / "c", 4, 1.0, 4, 1, duration_s=2.5, hold_out_every=4, undeclared=undeclared)
         campaign = rom.read_campaign(Path(scratch) / "c")
         found = identify_campaign(campaign)
         return refit(
