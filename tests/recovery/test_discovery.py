@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -24,12 +25,14 @@ import pytest
 
 from benchmarks.discovery import contenders, race_of_forms
 from benchmarks.discovery_scores import SURE, Trial, score
-from benchmarks.discovery_specimens import STRENGTHS, Setting, Specimen, specimen
+from benchmarks.discovery_specimens import PRELOADS, STRENGTHS, Setting, Specimen, specimen
 from benchmarks.discovery_truth import LAWS, curve_error, held_out_error, same_motion, truth_of
 from discovery.courses.fit import refine
 from discovery.laws.candidate import Candidate, baseline
 from discovery.ranking.confidence_sets import exponent_profile
-from rom.identification.identify import Identification
+from experiments.studies.rig import run as measure
+from rom.campaign.campaign import read_campaign
+from rom.identification.identify import Identification, identify_campaign
 from tests.recovery.plants import plants
 from tests.shared import Shared
 
@@ -248,9 +251,11 @@ def test_hits_of_one_strength_tell_the_exponent_as_well_as_they_say(
 
 
 @pytest.mark.variant  # about these tests alone, whose laws share a plant
-def test_the_plant_of_a_seed_is_found_alike_under_every_law(shared: Shared) -> None:
+def test_the_plant_of_a_seed_is_found_alike_under_every_law(shared: Shared, tmp_path: Path) -> None:
     """What makes one identification do for all laws of a seed: a soft hit loosens next to nothing."""
-    paper, own = plant_of(shared, 0).model, specimen("power-3", 0, ONE_STRENGTH).identified.model
+    like_the_paper_s = {"duration_s": 3.0, "scatter": 0.0, "hold_out_every": 0}
+    measure(tmp_path / "c", PRELOADS, 1.0, 0, 1, law="power-3", **like_the_paper_s)
+    paper, own = plant_of(shared, 0).model, identify_campaign(read_campaign(tmp_path / "c")).model
     names = [name for name in paper.parameters if "tension_rate" not in name]
     assert len(names) > 10
     for name in names:
