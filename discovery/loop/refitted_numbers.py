@@ -114,7 +114,8 @@ def _standard_errors(residual: WhitenedResidual) -> FloatArray:
     one record alone no other can tell: that has the first error only.
     """
     slopes, rows = residual.jacobian[residual.training], residual.residual[residual.training]
-    unit = np.maximum(np.linalg.norm(slopes, axis=0), 1e-300)
+    unit = np.linalg.norm(slopes, axis=0)
+    unit[unit == 0.0] = 1.0  # of what no row tells the eigenvalue is zero
     size, direction = np.linalg.eigh((slopes / unit).T @ (slopes / unit))
     by_column = direction / np.sqrt(np.maximum(size, _UNTOLD * size.max(initial=0.0))) / unit[:, None]
     orthonormal, owner = slopes @ by_column, residual.owner[residual.training]

@@ -86,7 +86,9 @@ def test_what_no_record_tells_has_no_limits_and_a_number_at_its_bound_one() -> N
     left, _ = fitted(0, 0.0, of=model(beta=2.0))
     blind = left.jacobian.copy()
     blind[:, 1] = blind[:, 3]  # stiffness and damping do the same
+    blind[:, 0] = 0.0  # a mass changes nothing
     found = refitted_numbers(replace(left, jacobian=blind))
+    assert found["body.lo.mass"].limits == (None, None)
     assert found["flexure_lo.stiffness.k"].limits == found["flexure_lo.damping.c"].limits == (None, None)
     low, high = found["joint.stiffness.beta"].limits
     assert found["joint.stiffness.beta"].at_bound
