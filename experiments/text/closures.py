@@ -170,10 +170,16 @@ def _error_tables(data: Data) -> Iterator[Table]:
     rows = tuple(error_rows([errors for _, errors, _ in columns], [floor for *_, floor in columns]))
     if rows:
         heads = tuple(head[:1].upper() + head[1:] for head, *_ in columns)
-        note = (
-            "NRMSE: root mean square of simulated minus measured over that of the measured, both through one "
-            "filter chain. No fit has seen a hold-out record."
+        shares = (
+            "NRMSE: root mean square of simulated minus measured over that of the measured, both through "
         )
+        notes = [f"{shares}one filter chain."] if any("NRMSE" in str(first) for first, *_ in rows) else []
+        notes += (
+            ["No fit has seen a hold-out record."]
+            if any(_SETS["hold_out"] in head for head, *_ in columns)
+            else []
+        )
+        note = " ".join(notes)
         yield Table("", ("", *heads), rows, note=note)
     steps = mappings(data.get("steps"))
     if len(steps) > 2:  # of one effect the table above says it all

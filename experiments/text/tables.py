@@ -198,12 +198,8 @@ def parameters_table(model: Data, name: str = "model", refitted: Sequence[Data] 
     for effect in mappings(model.get("effects")):
         rows += parameter_rows(f"{effect.get('name')} at {effect.get('enters')}", effect.get("parameters"))
     heads = ("", "Where", "Value", "95 % limits", "Unit", "Source")
-    fitted_again = any(effect.get("parameters") for effect in mappings(model.get("effects")))
-    note = (
-        "Numbers of links were fitted again beside the effects; a dash: no limits are known."
-        if fitted_again
-        else ""
-    )
+    again = "Numbers of links were fitted again beside the effects. " if refitted else ""
+    note = f"{again}A dash: no limits are known." if any(row[3] == NONE for row in rows) else again.strip()
     return Table(f"Parameters of the {name}", heads, tuple(rows), note=note) if rows else None
 
 
