@@ -15,6 +15,7 @@ from discovery.views.closure_prose import place_words, view_words
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
 from experiments.text.closure_labels import CORRELATED, LEGEND, SINGLE
+from experiments.text.floors import beside
 from experiments.text.tables import MEASURES, Table, error_rows, parameter_rows, unit_shown
 from experiments.text.wording import NONE, label, mapping, mappings, number, trimmed, with_limits
 
@@ -141,7 +142,8 @@ def _headlines(data: Data) -> Iterator[Headline]:
         if isinstance(before, float) and isinstance(after, float):
             words, unit, factor = MEASURES[key]
             shown = f"{number(factor * before, 3)} → {number(factor * after, 3)} {unit}"
-            yield Headline(f"{words[:1].lower()}{words[1:]}, {_SETS[str(kind)]}", shown, after)
+            alone = beside(mapping(mapping(data.get("noise_floor")).get(str(kind))), key, unit, factor)
+            yield Headline(f"{words[:1].lower()}{words[1:]}, {_SETS[str(kind)]}{alone}", shown, after)
 
 
 def _errors(data: Data, kind: str, when: str) -> Data:

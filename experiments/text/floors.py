@@ -40,6 +40,25 @@ def floor_of(floor: Data, key: str, unit: str, factor: float = 1.0) -> str:
     return "" if noise is None else f", where noise alone would give {number(factor * noise, 3)} {unit}"
 
 
+def beside(floor: Data, key: str, unit: str, factor: float = 1.0) -> str:
+    """Return what the right model would score, for a headline: "; noise and variability: 36.3 %".
+
+    Parameters
+    ----------
+    floor : mapping
+        What noise, and how tests differ, would make of the errors.
+    key : str
+        Which of them.
+    unit : str
+        As shown.
+    factor : float
+        From the file's unit to that.
+    """
+    both, noise = floor.get(f"{key}_with_variability"), floor.get(key)
+    known, words = (noise, "noise alone") if both is None else (both, "noise and variability")
+    return "" if known is None else f"; {words}: {number(factor * known, 3)} {unit}"
+
+
 def loss_of_right_law(data: Data) -> float | None:
     """Return the median error of the loss [%] that noise and the variability between tests make of a law that
     is right in the mean of all tests: of a ranking's cases, None where they or the variability are not known.

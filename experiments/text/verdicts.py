@@ -7,7 +7,7 @@ from typing import Any
 
 from experiments.text import closures, experiments, rankings
 from experiments.text.answers import Answer, Headline
-from experiments.text.floors import floor_of, loss_floor
+from experiments.text.floors import beside, floor_of, loss_floor
 from experiments.text.suspicions import LARGEST_ERROR, describes
 from experiments.text.wording import mapping, mappings, number
 
@@ -55,6 +55,7 @@ def _of_model(data: Data) -> Answer | None:
     if own.get("final_tension_error_percent_median") is not None:
         sentences.append(_final_tension_sentence(own, rest))
     sentences += _coverage([own.get("tension_course_within_band")], "their 95 % limits")
+    where = "hold-out" if chosen == "hold_out" else "training"
     clauses = _clauses(own, floor)
     if own.get("tension_loss_error_percent_median") is not None:
         question = (
@@ -68,7 +69,7 @@ def _of_model(data: Data) -> Answer | None:
         if any(link.get("law") == "bolted" for link in mappings(data.get("links"))):
             sentences.append("No loosening record measures the tension of the bolt.")
     sentences += [f"The {clause}." for clause in clauses] + _reservations(found)
-    return Answer(question, verdict, tuple(sentences), tuple(_headlines(own, chosen)), good)
+    return Answer(question, verdict, tuple(sentences), tuple(_headlines(own, floor, where)), good)
 
 
 def _without_loss(clauses: Sequence[str], errors: Data) -> tuple[str, bool | None]:
@@ -141,8 +142,7 @@ def _final_tension_sentence(own: Data, rest: Data) -> str:
     return f"{text}. Where a loss is a small share of the tension, this measure is small for any law."
 
 
-def _headlines(errors: Data, chosen: str) -> list[Headline]:
-    where = "hold-out" if chosen == "hold_out" else "training"
+def _headlines(errors: Data, floor: Data, where: str) -> list[Headline]:
     listed = (
         ("tension_loss_error_percent_median", "median error of the loss of tension", 1.0),
         ("final_tension_error_percent_median", "median error of the final tension", 1.0),
@@ -150,7 +150,11 @@ def _headlines(errors: Data, chosen: str) -> list[Headline]:
         ("link_force_nrmse", "error of the link force (NRMSE)", 100.0),
     )
     return [
-        Headline(f"{words}, {where}", f"{number(errors[key] * factor, 3)} %", errors[key])
+        Headline(
+            f"{words}, {where}{beside(floor, key, '%', factor)}",
+            f"{number(errors[key] * factor, 3)} %",
+            errors[key],
+        )
         for key, words, factor in listed
         if isinstance(errors.get(key), float)
     ]
@@ -212,10 +216,7 @@ def _of_prediction(data: Data) -> Answer | None:
         _PREDICTED.get(of_fit, "Does the model predict this campaign?"),
         verdict,
         tuple(sentences),
-        tuple(
-            Headline(h.words.replace(", training", ", all records"), h.shown, h.raw)
-            for h in _headlines(errors, "training")
-        ),
+        tuple(_headlines(errors, floor, "all records")),
     )
 
 
