@@ -51,8 +51,8 @@ APART = {  # what each hidden law must be told from, beside the four laws that a
 TEN = 10
 NEAR = ("velocity", "velocity-threshold", "dissipated-power")  # what could beat the paper's law by chance
 RACES = {"eq13": NEAR, **APART}
-VARIANTS = (  # simulated courses of ten seeds have them all
-    "displacement-2", "power-3", "power-5", "constant-quadratic", "constant-quartic",
+VARIANTS = (  # simulated courses have them all
+    "displacement-2", "power-2", "power-3", "power-5", "constant-quadratic", "constant-quartic",
     "velocity-and-displacement", "threshold-30",
 )  # fmt: skip
 

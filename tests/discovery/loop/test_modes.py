@@ -12,6 +12,7 @@ from tests.rom import beams
 CUBIC = 3e5  # [N/m3]: a twentieth of the first mode's stiffness and more, at the amplitudes of the records
 
 
+@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
 def test_nothing_is_found_where_modes_lack_nothing(tmp_path: Path) -> None:
     found = close_loop(beams.campaign(tmp_path / "clean", each=1))
