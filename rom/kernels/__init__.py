@@ -7,13 +7,9 @@ again. Kernels trust their input: it is checked where a model is made or called.
 
 from __future__ import annotations
 
-import gc
 import hashlib
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
-
-from numba.core.event import Listener, register
 
 
 def _drop_stale_cache(folder: Path) -> None:
@@ -30,28 +26,6 @@ def _drop_stale_cache(folder: Path) -> None:
     stamp.parent.mkdir(exist_ok=True)
     stamp.write_text(digest, encoding="ascii")
 
-
-class _Uncollected(Listener):
-    """No garbage collection while kernels are compiled: it goes through all that the compiler holds, again
-    and again, which is a quarter of the time.
-    """
-
-    def __init__(self) -> None:
-        self.under_way, self.was_on = 0, False
-
-    def on_start(self, _event: Any) -> None:
-        if not self.under_way:
-            self.was_on = gc.isenabled()
-            gc.disable()
-        self.under_way += 1
-
-    def on_end(self, _event: Any) -> None:
-        self.under_way -= 1
-        if not self.under_way and self.was_on:
-            gc.enable()
-
-
-register("numba:compile", _Uncollected())  # type: ignore[no-untyped-call]
 
 with suppress(OSError):  # a read-only installation has no cache here
     _drop_stale_cache(Path(__file__).parent)
