@@ -29,3 +29,15 @@ CORRELATED = {
     **{f"line_correlation_{test}": f"Lines side by side, {test}" for test in TESTS},
     "repeatability": "Tests that repeat each other",
 }
+OF_FORCE = (
+    ("level", "Mean square over that of noise [1]", 1.0),
+    ("explained", "A function of displacement and velocity [%]", 100.0),
+    ("explained_p", "Chance of so much from noise [1]", 1.0),
+    ("elastic", "Even in velocity, of that function [%]", 100.0),
+    ("rest", "Memory, or differs from record to record [%]", 100.0),
+    ("work_per_cycle_j", "Work in a cycle, first three [mJ]", 1e3),
+    ("cosine_displacement", "Cosine of the angle to displacement [1]", 1.0),
+    ("cosine_velocity", "Cosine of the angle to velocity [1]", 1.0),
+    ("cosine_chance", "What noise exceeds in one case of {rare} [1]", 1.0),
+)
+"""Key, words with the unit shown, and factor to it of every number of a lacking force."""

@@ -14,7 +14,7 @@ from discovery.views.closure_figure import class_words, forces, sides
 from discovery.views.closure_prose import place_words, view_words
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
-from experiments.text.closure_labels import CORRELATED, LEGEND, SINGLE
+from experiments.text.closure_labels import CORRELATED, LEGEND, OF_FORCE, SINGLE
 from experiments.text.floors import beside
 from experiments.text.tables import MEASURES, Table, error_rows, parameter_rows, unit_shown
 from experiments.text.wording import NONE, label, mapping, mappings, number, trimmed, with_limits
@@ -28,17 +28,6 @@ _HEADLINES = ("motion_nrmse", "relative_motion_nrmse", "tension_loss_error_perce
 _HYPHEN = "\u2011"  # at which no line breaks
 _SHOWN_BELOW = ("numbers", "links")
 _OF_LIMIT = (("value", 1.0), ("worst_value", 1.0), ("share_of_default", 100.0), ("felt_percent", 1.0))
-_OF_FORCE = (
-    ("level", "Mean square over that of noise [1]", 1.0),
-    ("explained", "A function of displacement and velocity [%]", 100.0),
-    ("explained_p", "Chance of so much from noise [1]", 1.0),
-    ("elastic", "Even in velocity, of that function [%]", 100.0),
-    ("rest", "Memory, or differs from record to record [%]", 100.0),
-    ("work_per_cycle_j", "Work in a cycle, first three [mJ]", 1e3),
-    ("cosine_displacement", "Cosine of the angle to displacement [1]", 1.0),
-    ("cosine_velocity", "Cosine of the angle to velocity [1]", 1.0),
-    ("cosine_chance", "What noise exceeds in one case of {rare} [1]", 1.0),
-)
 
 
 @dataclass(frozen=True)
@@ -226,7 +215,7 @@ def force_table(data: Data) -> Table:
         return Table("", (), ())
     rows = tuple(
         (words.format(**_rare(data)), *(_scaled(one.get(key), factor) for one in both))
-        for key, words, factor in _OF_FORCE
+        for key, words, factor in OF_FORCE
         if both[0].get(key) is not None
     )
     note = "Equation error of the training records, in the band of their spectra, back in time."
