@@ -80,7 +80,10 @@ class LawSearch:
         screened.sort(key=lambda pair: pair[1].training)
         if screened:
             base = self._without_effect(screened[0][1], base)
-        gained = [self._drift(effect, base) for _, effect in effects if per_record_names(effect)]
+        gained = []
+        for drifting in (effect for _, effect in effects if per_record_names(effect)):
+            gained.append(self._drift(drifting, base))
+            report()
         fits = [fit for _, fit in screened]
         final = self._each(
             self._final,
