@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -161,20 +161,21 @@ def _error_tables(data: Data) -> Iterator[Table]:
     rows = tuple(error_rows([errors for _, errors, _ in columns], [floor for *_, floor in columns]))
     if rows:
         heads = tuple(head[:1].upper() + head[1:] for head, *_ in columns)
-        shares = (
-            "NRMSE: root mean square of simulated minus measured over that of the measured, both through "
-        )
-        notes = [f"{shares}one filter chain."] if any("NRMSE" in str(first) for first, *_ in rows) else []
-        notes += (
-            ["No fit has seen a hold-out record."]
-            if any(_SETS["hold_out"] in head for head, *_ in columns)
-            else []
-        )
-        note = " ".join(notes)
-        yield Table("", ("", *heads), rows, note=note)
+        yield Table("", ("", *heads), rows, note=" ".join(_notes(rows, heads)))
     steps = mappings(data.get("steps"))
     if len(steps) > 2:  # of one effect the table above says it all
         yield _steps(steps)
+
+
+def _notes(rows: Iterable[Sequence[object]], heads: Iterable[str]) -> Iterator[str]:
+    """What to know of a table of errors, of what stands in it."""
+    if any("NRMSE" in str(row[0]) for row in rows):
+        yield (
+            "NRMSE: root mean square of simulated minus measured over that of the measured, both through one "
+            "filter chain."
+        )
+    if any(head.startswith("Hold-out") for head in heads):
+        yield "No fit has seen a hold-out record."
 
 
 def _steps(steps: Sequence[Data]) -> Table:
