@@ -21,9 +21,9 @@ from rom.campaign.checks import moving_bodies
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.reduce import reduce_records, reduce_sound, tension_courses
 from rom.model.model import Model
-from rom.signals.evidence import Evidence
 from rom.signals.measured_records import MeasuredRecord
 from rom.signals.processing import process
+from rom.signals.suspicion_evidence import Evidence
 from rom.signals.tension_bins import TensionCourse
 
 PRELOADS = 20

@@ -14,7 +14,7 @@ import pytest
 import rom
 from discovery.laws.candidate import rivals_always_in_the_race
 from discovery.ranking.result import Ranking
-from rom.identification.gamma import GammaEstimate
+from rom.identification.gamma_per_case import GammaEstimate
 from rom.identification.identify import Identification
 from rom.identification.joint import JointEstimate
 from rom.model.laws import Parameter, constant_damping, constant_stiffness

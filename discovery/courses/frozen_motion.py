@@ -30,7 +30,7 @@ from discovery.laws.factors import Factor
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import in_record
-from rom.identification.gamma import LooseningCase, matching_gammas
+from rom.identification.gamma_per_case import LooseningCase, matching_gammas
 from rom.model.laws import power_loosening
 from rom.model.model import Model
 from rom.signals.tension_bins import TensionCourse

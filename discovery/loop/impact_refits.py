@@ -48,7 +48,7 @@ from discovery.separating_tests.effects import separating_tests
 from rom.campaign.campaign import Campaign
 from rom.effects import CATALOGUE, Effect, LawChange, ModelCorrection, Reading, SensorFault, with_stiffness
 from rom.identification.identify import Identification, identify_campaign
-from rom.identification.noise_spectrum import Group, NoiseFloor
+from rom.identification.noise_spectrum import Group, NoiseDensity
 from rom.identification.spectral_model import SpectralRecord
 from rom.identification.uncoupled_priors import as_uncoupled, unlikely
 from rom.model.laws import Law
@@ -157,7 +157,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         return refit_from_afar(self.followed(other.baseline))
 
     def followed(
-        self, parameters: FreeParameters, floors: Mapping[Group, NoiseFloor] | None = None
+        self, parameters: FreeParameters, floors: Mapping[Group, NoiseDensity] | None = None
     ) -> WhitenedResidual:
         """All sound records followed along a model, and what it leaves over.
 

@@ -12,7 +12,7 @@ from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.tension_error import beside_tension_error
 from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
-from rom.identification.noise_spectrum import NoiseFloor
+from rom.identification.noise_spectrum import NoiseDensity
 from rom.identification.spectral_model import (
     STRUCTURAL,
     Linearised,
@@ -29,7 +29,7 @@ Part = tuple[SpectralRecord, Linearised, Slopes]
 """A part of a record with the forces along its motion, linearised."""
 
 
-def linearised_parts(trace: MeasuredTrajectory, baseline: FreeParameters, floor: NoiseFloor) -> list[Part]:
+def linearised_parts(trace: MeasuredTrajectory, baseline: FreeParameters, floor: NoiseDensity) -> list[Part]:
     """Return the parts of a record, whitened.
 
     Parameters
@@ -38,7 +38,7 @@ def linearised_parts(trace: MeasuredTrajectory, baseline: FreeParameters, floor:
         The record.
     baseline : FreeParameters
         The model.
-    floor : NoiseFloor
+    floor : NoiseDensity
         Of the record's kind of test and moving bodies.
     """
     found = []

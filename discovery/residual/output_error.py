@@ -28,17 +28,17 @@ import numpy.typing as npt
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.residual.base import Kind, Residual, cost, level
+from discovery.residual.block_qr import triangle
 from discovery.residual.effect_forces import lasting_force
 from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.linearised_record import Part, along_measured, linearised_parts
-from discovery.residual.tall import triangle
 from discovery.residual.trajectory import MeasuredTrajectory, Measurements, trace_records
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
 from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
 from rom.identification.identify import Identification
-from rom.identification.noise_spectrum import Group, NoiseFloor, before_hit, noise_floors, quiet_seconds
+from rom.identification.noise_spectrum import Group, NoiseDensity, before_hit, noise_floors, quiet_seconds
 from rom.identification.record_spectra import HIGHEST_HZ
 from rom.identification.spectral_model import (
     CORNER,
@@ -78,7 +78,7 @@ class WhitenedResidual(Residual):
     kind: ClassVar[Kind] = "output error"
     traces: tuple[MeasuredTrajectory, ...]
     baseline: FreeParameters
-    floors: Mapping[Group, NoiseFloor]
+    floors: Mapping[Group, NoiseDensity]
     parts: tuple[tuple[MeasuredTrajectory, SpectralRecord, Linearised], ...]
     residual: FloatArray
     jacobian: FloatArray
@@ -260,7 +260,7 @@ def whitened_residual_of(
     campaign: Campaign,
     baseline: FreeParameters,
     measurements: Measurements,
-    floors: Mapping[Group, NoiseFloor] | None = None,
+    floors: Mapping[Group, NoiseDensity] | None = None,
     progress: Progress | None = None,
     criteria: Criteria = CRITERIA,
 ) -> WhitenedResidual:
@@ -301,7 +301,7 @@ def starting(found: Identification, model: Model) -> FreeParameters:
 
 def noise_of(
     baseline: FreeParameters, traces: Sequence[MeasuredTrajectory], criteria: Criteria
-) -> Mapping[Group, NoiseFloor]:
+) -> Mapping[Group, NoiseDensity]:
     """Floors from before the hits; a body struck alone gets what its own residual asks for, if more.
 
     There a hit accelerates the sensor's body at once, faster than samples follow, and no joint is seen.
@@ -338,7 +338,7 @@ def noise_of(
 def whiten(
     traces: Sequence[MeasuredTrajectory],
     baseline: FreeParameters,
-    floors: Mapping[Group, NoiseFloor],
+    floors: Mapping[Group, NoiseDensity],
     criteria: Criteria = CRITERIA,
 ) -> WhitenedResidual:
     """Return the whitened residual and its slopes at a baseline.
@@ -349,7 +349,7 @@ def whiten(
         The records.
     baseline : FreeParameters
         The model.
-    floors : mapping of tuple to NoiseFloor
+    floors : mapping of tuple to NoiseDensity
         By kind of test and moving bodies.
     criteria : Criteria
         The numbers that decide.
@@ -367,7 +367,7 @@ def _joined(
     traces: Sequence[MeasuredTrajectory],
     of_records: Sequence[Sequence[Part]],
     baseline: FreeParameters,
-    floors: Mapping[Group, NoiseFloor],
+    floors: Mapping[Group, NoiseDensity],
     criteria: Criteria,
 ) -> WhitenedResidual:
     """Rows of all parts, records in order."""

@@ -19,15 +19,15 @@ from rom.campaign.settings import CampaignSettings
 from rom.criteria.number import Numerical
 from rom.effects import SensorFault
 from rom.evaluation.replay import Replay, replay
-from rom.identification.gamma import LooseningCase, matching_factors, matching_gammas, own_rate
+from rom.identification.gamma_per_case import LooseningCase, matching_factors, matching_gammas, own_rate
 from rom.identification.noise_spectrum import Group
 from rom.identification.record_spectra import HIGHEST_HZ, STRIDES, spectral_records
 from rom.identification.spectral_model import CORNER, ComplexArray, SpectralRecord
 from rom.model.laws import QUARTIC, power_loosening
 from rom.model.model import Model
 from rom.progress import Progress, counted
-from rom.signals.band import in_band
 from rom.signals.filters import ac_coupled
+from rom.signals.frequency_band import in_band
 from rom.signals.measured_records import measured_record
 from rom.signals.per_record_parameters import per_record_names
 from rom.signals.processing import Measurement

@@ -14,7 +14,7 @@ from experiments.figures.curves import law_band
 from experiments.figures.description import name_points
 from experiments.figures.style import FloatArray, panels, styled, tension_axis
 from rom.identification.curve_fits import LawFit
-from rom.identification.gamma import GammaEstimate
+from rom.identification.gamma_per_case import GammaEstimate
 from rom.model.laws import Z95
 
 REGIME_SPLIT_N = 850.0  # He et al. (2025), Section 3.4

@@ -23,7 +23,7 @@ from rom.campaign.campaign import Campaign, read_campaign
 from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import Evaluation, evaluate, without_loosening
 from rom.evaluation.noise_floor import floors_by_kind
-from rom.identification.gamma import GammaEstimate
+from rom.identification.gamma_per_case import GammaEstimate
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.joint import JointEstimate
 from rom.identification.modal_model import IdentifiedMode

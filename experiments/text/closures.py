@@ -15,7 +15,7 @@ from discovery.views.closure_prose import place_words, view_words
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
 from experiments.text.closure_labels import CORRELATED, LEGEND, OF_FORCE, SINGLE
-from experiments.text.floors import beside
+from experiments.text.noise_floors import beside
 from experiments.text.tables import MEASURES, Table, error_rows, parameter_rows, unit_shown
 from experiments.text.wording import NONE, label, mapping, mappings, number, trimmed, with_limits
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from experiments.text.floors import loss_floor
+from experiments.text.noise_floors import loss_floor
 from experiments.text.wording import number
 
 Data = Mapping[str, Any]

@@ -14,7 +14,7 @@ from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.views.ranking_figure import evidence_words, is_law, law_name, ranked, row_name
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
-from experiments.text.floors import loss_of_right_law
+from experiments.text.noise_floors import loss_of_right_law
 from experiments.text.ranking_verdict import ranking_verdict
 from experiments.text.tables import Table, parameter_rows
 from experiments.text.wording import NONE, mapping, mappings, number, set_words, trimmed

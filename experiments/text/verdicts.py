@@ -7,7 +7,7 @@ from typing import Any
 
 from experiments.text import closures, experiments, rankings
 from experiments.text.answers import Answer, Headline
-from experiments.text.floors import beside, floor_of, loss_floor
+from experiments.text.noise_floors import beside, floor_of, loss_floor
 from experiments.text.suspicions import LARGEST_ERROR, describes
 from experiments.text.wording import mapping, mappings, number
 

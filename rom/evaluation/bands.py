@@ -19,7 +19,7 @@ from scipy import stats
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.evaluation.replay import Replay, shown_tension, window_mean
-from rom.identification.gamma import own_rate
+from rom.identification.gamma_per_case import own_rate
 from rom.model.laws import Z95
 from rom.model.model import Model
 from rom.model.rate_uncertainty import RateUncertainty

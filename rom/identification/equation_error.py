@@ -24,7 +24,7 @@ from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect
-from rom.signals.band import Band, edge_samples, in_band
+from rom.signals.frequency_band import Band, edge_samples, in_band
 
 TESTS = ("driven", "free", "cycled")
 # widths on each side: beyond, a Gaussian is below the digits of a displacement

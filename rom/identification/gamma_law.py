@@ -19,7 +19,7 @@ from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
 from rom.identification.curve_fits import LawFit, covariance_of, fit_law, gamma_curve, upright, with_limits
 from rom.identification.few_cases import few_cases
-from rom.identification.gamma import GammaEstimate, LooseningCase, final_tensions, identify_gamma
+from rom.identification.gamma_per_case import GammaEstimate, LooseningCase, final_tensions, identify_gamma
 from rom.identification.joint import tension_levels
 from rom.model.expressions import is_linear_in
 from rom.model.laws import Law, logistic_loosening, power_loosening

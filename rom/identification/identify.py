@@ -18,8 +18,8 @@ from rom.identification.at_rest import STILL, model_at_rest
 from rom.identification.curve_fits import LawFit
 from rom.identification.force_balance import balances_of, declared_model, is_driven, noise_share
 from rom.identification.free_decay import fit_free_decay, free_model, is_free, ring_downs
-from rom.identification.gamma import GammaEstimate, LooseningCase
 from rom.identification.gamma_law import fitted_numbers, loosening_law
+from rom.identification.gamma_per_case import GammaEstimate, LooseningCase
 from rom.identification.joint import JointEstimate, given_curves, joint_curves, joint_estimates
 from rom.identification.link_laws import bolted_laws, linear_laws, mean_laws
 from rom.identification.modal_model import IdentifiedMode, identify_modes

@@ -12,7 +12,7 @@ from rom.criteria.number import Numerical
 from rom.effects import in_record
 from rom.model.assembly import Response
 from rom.model.model import Model
-from rom.signals.band import Band
+from rom.signals.frequency_band import Band
 from rom.signals.processing import Measurement
 
 _ABOVE_BAND: Numerical[float] = 1.2  # times its upper end

@@ -37,7 +37,7 @@ SHORTEST_S: Numerical[float] = 0.2
 
 
 @dataclass(frozen=True)
-class NoiseFloor:
+class NoiseDensity:
     """Power densities of sensor noise R, (channels,), and of ambient forces Q, (lines, bodies, bodies)."""
 
     bodies: tuple[str, ...]
@@ -45,7 +45,7 @@ class NoiseFloor:
     frequency: FloatArray
     ambient: ComplexArray
 
-    def raised(self, factor: float) -> NoiseFloor:
+    def raised(self, factor: float) -> NoiseDensity:
         """Return the same with all powers so many times as large."""
         return replace(self, sensor=self.sensor * factor, ambient=self.ambient * factor)
 
@@ -197,7 +197,7 @@ def quiet_seconds(measurements: Sequence[Measurement]) -> float:
     return longest if longest >= SHORTEST_S else 0.0
 
 
-def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseFloor]:
+def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseDensity]:
     """Return the floor of every group; ambient forces of a body come from a group of quiet sensors."""
     groups: dict[Group, list[Quiet]] = {}
     for one in quiet:
@@ -218,7 +218,7 @@ def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseFloor]:
             [one.share for one in ones],
         )
         density = ambient[:, place][:, :, place] / ones[0].seconds
-        found[group] = NoiseFloor(group[1], sensors[group], ones[0].frequency, density)
+        found[group] = NoiseDensity(group[1], sensors[group], ones[0].frequency, density)
     return found
 
 

@@ -20,7 +20,7 @@ from rom.identification.frequency_response import (
     fit_modes,
     frequency_response,
 )
-from rom.identification.gamma import LooseningCase
+from rom.identification.gamma_per_case import LooseningCase
 from rom.identification.modal import average_period_frequency, logarithmic_decrement
 from rom.identification.record_spectra import LINEAR_TESTS, spectral_records
 from rom.identification.spectral_model import SpectralRecord

@@ -269,7 +269,7 @@ def simulate(
     tolerance: float,
 ) -> Response:
     """See ``Model.simulate``."""
-    from rom.kernels.exponential import Task, integrate
+    from rom.kernels.exponential_integrator import Task, integrate
     from rom.kernels.runge_kutta import integrate_links
 
     structure = assembly.structure

@@ -13,7 +13,7 @@ from rom.model.assembly import DENSE_BODIES, TOLERANCE, Assembly, finite, fixed,
 from rom.model.link_force import equilibrium
 
 if TYPE_CHECKING:
-    from rom.kernels.exponential import Task
+    from rom.kernels.exponential_integrator import Task
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -70,7 +70,7 @@ def _means(
     tolerance: float,
 ) -> FloatArray:
     """Mean tensions, shape (cases, bins, bolted links), over bins of samples."""
-    from rom.kernels.exponential import Task
+    from rom.kernels.exponential_integrator import Task
 
     structure, cases = assembly.structure, len(force)
     tension = _starts(len(structure.bolted_links), cases, initial_tension)
@@ -131,7 +131,7 @@ def _cases(assembly: Assembly, coefficients: FloatArray, tasks: Task) -> FloatAr
     Effects with memory bend too sharply for long blocks: unless more is asked for, they go link by link.
     """
     from rom.kernels.bins import means
-    from rom.kernels.exponential import REACHED, integrate
+    from rom.kernels.exponential_integrator import REACHED, integrate
     from rom.kernels.runge_kutta import integrate_links
 
     program = assembly.program

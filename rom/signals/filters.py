@@ -12,7 +12,7 @@ from scipy import integrate, ndimage, signal
 
 from rom.criteria.number import Numerical
 from rom.model.laws import Z95
-from rom.signals.band import Band, in_band
+from rom.signals.frequency_band import Band, in_band
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from scipy import fft, signal
 from rom.campaign.channels import FloatArray
 from rom.campaign.channels import Motion as MotionKind
 from rom.criteria.number import Numerical
-from rom.signals.band import Band
 from rom.signals.filters import INTEGRATIONS
+from rom.signals.frequency_band import Band
 
 _STRONGEST_S: Numerical[float] = 4.0
 _LONGEST_S: Numerical[float] = 30.0

@@ -13,8 +13,8 @@ from scipy.constants import g
 
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import FloatArray
-from rom.signals.evidence import Evidence, Suspicion
 from rom.signals.momentum import HitBalance
+from rom.signals.suspicion_evidence import Evidence, Suspicion
 
 _LENGTHS = {"acceleration": "mm/s2", "velocity": "mm/s", "displacement": "mm"}
 

@@ -16,9 +16,9 @@ from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import default_rate
 from rom.criteria.criteria import RECORD_CRITERIA
 from rom.criteria.suspicions import Suspicions
-from rom.signals.evidence import OF_DOUBTS, Evidence, Suspicion, evidence
 from rom.signals.quality import Doubt
 from rom.signals.slips import delay_of, late, slips
+from rom.signals.suspicion_evidence import OF_DOUBTS, Evidence, Suspicion, evidence
 
 __all__ = ["Evidence", "Suspicion", "causes", "doubts_of", "evidence", "suspicions"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from discovery.residual.tall import triangle
+from discovery.residual.block_qr import triangle
 
 
 @pytest.mark.parametrize("rows", [3, 100, 512, 1300])

@@ -19,7 +19,7 @@ from rom.campaign.campaign import WindowSettings
 from rom.evaluation.error_measures import Comparison, simulate_measurement
 from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
 from rom.identification.frequency_response import Estimate, Mode, frequency_response
-from rom.identification.gamma import GammaEstimate
+from rom.identification.gamma_per_case import GammaEstimate
 from rom.identification.identify import Identification
 from rom.identification.joint import JointEstimate
 from rom.identification.reduce import FirstMode, UncoupledTest

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from experiments.studies import identify, reproduce
-from rom.identification.gamma import GammaEstimate
+from rom.identification.gamma_per_case import GammaEstimate
 
 Boltlaw = Callable[..., Any]
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rom.identification.gamma import LooseningCase, final_tensions
 from rom.identification.gamma_law import fitted_numbers, loosening_law
+from rom.identification.gamma_per_case import LooseningCase, final_tensions
 from rom.model.laws import Law, Parameter, free_form_law, logistic_loosening
 from tests.rom.identification.test_gamma import MODEL, TRUE, WINDOW_S, case, with_true_losses
 

@@ -11,7 +11,8 @@ from scipy import optimize, stats
 from rom.criteria.identification import RULES
 from rom.effects import CATALOGUE
 from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
-from rom.identification.gamma import (
+from rom.identification.gamma_law import refine_gamma_law
+from rom.identification.gamma_per_case import (
     GammaEstimate,
     LooseningCase,
     final_tensions,
@@ -19,7 +20,6 @@ from rom.identification.gamma import (
     matching_factors,
     own_rate,
 )
-from rom.identification.gamma_law import refine_gamma_law
 from rom.model.laws import logistic_loosening, no_loosening, power_loosening
 from rom.model.model import Model
 from rom.parameters import he_2025
@@ -161,7 +161,7 @@ def test_a_case_that_cannot_be_simulated_is_flagged_after_few_simulations(
         asked.append(len(cases))
         return np.full(len(cases), np.nan)
 
-    monkeypatch.setattr("rom.identification.gamma.final_tensions", diverged)
+    monkeypatch.setattr("rom.identification.gamma_per_case.final_tensions", diverged)
     found, at_bound = matching_factors(MODEL, [case(152.7, 147.0)] * 3, WINDOW_S)
     assert at_bound.all()
     np.testing.assert_allclose(found, RULES.gamma_bound)

@@ -10,7 +10,7 @@ import pytest
 from numba import njit
 
 from rom.kernels.block import advance, free_motion, linearise, restart
-from rom.kernels.exponential import Task, parts
+from rom.kernels.exponential_integrator import Task, parts
 from rom.kernels.propagators import NODES, SAMPLE, TICKS, allocate, build
 from rom.kernels.start import clear, empty_block, enter
 from rom.kernels.sweeps import solve, solve_laws

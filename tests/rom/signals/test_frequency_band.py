@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rom.signals.band import edge_samples, in_band
 from rom.signals.filters import FilterChain, displacement
+from rom.signals.frequency_band import edge_samples, in_band
 from rom.signals.motion import Motion, dominant_frequency
 
 RATE_HZ, BAND_HZ = 1000.0, (2.0, 40.0)
