@@ -53,7 +53,7 @@ def boltlaw(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--seeds", type=int, default=2, help="campaigns of the virtual rig for every law to recover"
+        "--seeds", type=int, default=3, help="campaigns of the virtual rig for every law to recover"
     )
     parser.addoption("--every", action="store_true", help="variants too whose statement a cheaper test makes")
 

@@ -8,9 +8,9 @@ number free; the form is told by races of a few with the four that are always in
 thousands is measured by ``python -m benchmarks.discovery``: docs/recovery.md.
 
 A law's campaign of a seed is one test, which processes of a run share out among them, and what was found
-under all seeds is judged by the tests after it. ``--seeds`` says how many there are: two, or the ten that
-the limits were set for. "Nine of ten" asks for every one of two. `test_simulated_courses` has more
-seeds, and every law; of those here some are variants.
+under all seeds is judged by the tests after it. ``--seeds`` says how many there are: three, or the ten that
+the limits were set for. "Nine of ten" asks for every one of three. `test_simulated_courses` always has ten,
+and every law; of those here some are variants.
 """
 
 from __future__ import annotations
