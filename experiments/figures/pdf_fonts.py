@@ -1,5 +1,5 @@
-"""Fonts in PDF figures, cut to letters once in a process: matplotlib does so for every figure, which takes a
-quarter of the time of a PDF.
+"""Fonts in PDF figures, cut to letters once in a process: matplotlib does so for every figure, which takes
+half of the time of a PDF.
 
 It has no option for this. Where another matplotlib has other names nothing is lost but time.
 """

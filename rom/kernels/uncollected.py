@@ -10,7 +10,7 @@ from numba.core.event import Listener, register
 
 class _Uncollected(Listener):
     """No garbage collection while kernels are compiled: it goes through all that the compiler holds, again
-    and again, which is a quarter of the time.
+    and again.
     """
 
     def __init__(self) -> None:
