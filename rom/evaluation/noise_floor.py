@@ -20,9 +20,8 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.evaluation.error_measures import Comparison, Kind
 from rom.evaluation.evaluate import Evaluation
-from rom.evaluation.record_noise import RecordNoise
+from rom.evaluation.record_noise import MEDIAN, RecordNoise
 
-_MEDIAN: Numerical[float] = float(stats.norm.ppf(0.75))  # of the size of a normal number, over its deviation
 _MEAN: Numerical[float] = float(np.sqrt(2 / np.pi))
 _QUANTILES: Numerical[int] = 400  # of a normal number, over which a mean is taken
 _FARTHEST: Numerical[float] = 6.0  # standard deviations
@@ -101,9 +100,9 @@ def _of_tensions(loosening: Sequence[tuple[Comparison, RecordNoise]]) -> dict[st
         of_final = 100 * _over(size, final)
         found |= {
             f"final_tension_error_percent_mean{ending}": _known(np.mean, of_final, _MEAN),
-            f"final_tension_error_percent_median{ending}": _known(np.median, of_final, _MEDIAN),
+            f"final_tension_error_percent_median{ending}": _known(np.median, of_final, MEDIAN),
             f"final_tension_error_percent_max{ending}": _known(_largest, of_final),
-            f"tension_loss_error_percent_median{ending}": _known(np.median, 100 * _over(size, loss), _MEDIAN),
+            f"tension_loss_error_percent_median{ending}": _known(np.median, 100 * _over(size, loss), MEDIAN),
             f"tension_rmse_n{ending}": _known(np.mean, _mean_size(rms, spread * lost)),
         }
     return found

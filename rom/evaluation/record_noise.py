@@ -27,7 +27,7 @@ from rom.signals.processing import Measurement, TensionRecord, non_oscillatory
 _FINER: Numerical[int] = 8  # lines of the spectrum for each that the samples resolve
 _SEED: Numerical[int] = 0
 _ORDER: Numerical[int] = 4  # of differences: slow errors are left out
-_MEDIAN: Numerical[float] = float(stats.norm.ppf(0.75))  # of the size of a normal number, over its deviation
+MEDIAN: Numerical[float] = float(stats.norm.ppf(0.75))  # of the size of a normal number, over its deviation
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def from_sample_to_sample(error: FloatArray) -> float:
         In that unit; not a number where the samples are too few, or too coarse to show noise.
     """
     steps = np.abs(np.diff(error, _ORDER))
-    size = float(np.median(steps)) / _MEDIAN if len(steps) else 0.0
+    size = float(np.median(steps)) / MEDIAN if len(steps) else 0.0
     return size / float(np.sqrt(special.binom(2 * _ORDER, _ORDER))) if size > 0 else np.nan
 
 
