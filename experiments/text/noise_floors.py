@@ -56,7 +56,7 @@ def beside(floor: Data, key: str, unit: str, factor: float = 1.0) -> str:
     """
     both, noise = floor.get(f"{key}_with_variability"), floor.get(key)
     known, words = (noise, "noise alone") if both is None else (both, "noise and variability")
-    return "" if known is None else f"; {words}: {number(factor * known, 3)} {unit}"
+    return "" if known is None else f"; {words}: {number(factor * known, 3)}\u00a0{unit}"
 
 
 def loss_of_right_law(data: Data) -> float | None:

@@ -238,8 +238,8 @@ def test_headlines_are_the_errors_on_records_that_no_fit_has_seen() -> None:
     data["noise_floor"] = {"hold_out": {"motion_nrmse": 0.011, "tension_loss_error_percent_median": 2.0}}
     data["noise_floor"]["hold_out"]["tension_loss_error_percent_median_with_variability"] = 36.3
     words = [line.words for line in closures.answer(data).headlines]
-    assert words[0] == "displacement, NRMSE, hold-out; noise alone: 1.10 %"
-    assert words[-1] == "loss of tension, median error, hold-out; noise and variability: 36.3 %"
+    assert words[0] == "displacement, NRMSE, hold-out; noise alone: 1.10\u00a0%"
+    assert words[-1] == "loss of tension, median error, hold-out; noise and variability: 36.3\u00a0%"
     unseen = closures.answer(content(closure(friction(), hold_out=0))).headlines[0]
     assert unseen.words.endswith("training")
 
