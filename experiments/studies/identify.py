@@ -28,7 +28,6 @@ from rom.identification.identify import Identification, identify_campaign
 from rom.identification.joint import JointEstimate
 from rom.identification.modal_model import IdentifiedMode
 from rom.model.laws import Z95, Parameter
-from rom.signals.filters import compile_filters
 from rom.signals.measured_records import NothingLeftError, screened, stored
 
 if TYPE_CHECKING:
@@ -131,8 +130,6 @@ def examine(
     campaign = screened(campaign, jobs)
     identification = identify_campaign(campaign, jobs, report("identifying"))
     model = identification.model
-    if jobs > 1:
-        compile_filters()
     models, told = [model, without_loosening(model)], report("simulating")
     return Outcome(campaign, identification, evaluate(models, campaign, None, jobs, told, bands="hold_out"))
 

@@ -14,6 +14,7 @@ from rom.model.laws import no_loosening
 from rom.model.model import Model
 from rom.one_thread import one_threaded
 from rom.progress import Progress, counted
+from rom.signals.filters import compile_filters
 from rom.signals.measured_records import measured_record
 from rom.signals.quality import Doubt
 
@@ -63,6 +64,8 @@ def evaluate(
     """
     chosen = campaign.settings.record if records is None else tuple(records)
     bare = [replace(model, identification=None) for model in models]
+    if jobs > 1:
+        compile_filters()
     tasks = (delayed(_judge_record)(bare, campaign, record, bands) for record in chosen)
     results = Parallel(n_jobs=jobs, return_as="generator", pre_dispatch="2*n_jobs")(tasks)
     return tuple(counted(results, len(chosen), progress))
