@@ -25,6 +25,7 @@ from rom.evaluation.replay import (
 )
 from rom.model.model import Model
 from rom.progress import counted
+from rom.signals.motion import time_factor
 from rom.signals.processing import Measurement
 
 _PIECES = 300  # of a trace, drawn as their extremes: half a page is about as many pixels wide
@@ -200,7 +201,8 @@ def _window(measurement: Measurement, rate_hz: float, after_s: float) -> tuple[i
     impact = measurement.impact_s
     if impact is None:
         return 0, None
-    return int(max(impact - 0.05, 0.0) * rate_hz), int((impact + after_s) * rate_hz)
+    times = time_factor(measurement.strongest_hz)
+    return int(max(impact - 0.05 * times, 0.0) * rate_hz), int((impact + after_s * times) * rate_hz)
 
 
 @styled

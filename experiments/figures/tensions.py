@@ -15,6 +15,7 @@ from rom.campaign.campaign import WindowSettings
 from rom.evaluation.error_measures import Comparison
 from rom.model.assembly import Response
 from rom.signals.filters import displacement
+from rom.signals.motion import time_factor
 from rom.signals.processing import Measurement, TensionRecord
 
 _LINES = 500  # a trace is drawn as the extremes of so many pieces: no wider than a printer's line
@@ -176,8 +177,8 @@ def _motion_overlay(ax: Axes, measurement: Measurement, response: Response) -> N
     motion, rate = measurement.motion[body], measurement.rate_hz
     quantity = getattr(response, motion.kind)[body]
     simulated = displacement(motion.kind, quantity, rate, measurement.chain)
-    impact = measurement.impact_s or 0.0
-    start, stop = int(max(impact - 0.05, 0.0) * rate), int((impact + _SHOWN_S) * rate)
+    impact, shown_s = measurement.impact_s or 0.0, _SHOWN_S * time_factor(measurement.strongest_hz)
+    start, stop = int(max(impact - shown_s / 12, 0.0) * rate), int((impact + shown_s) * rate)
     time = np.arange(measurement.samples)[start:stop] / rate - impact
     scale, unit = (1e6, "µm") if np.abs(measurement.displacement(body)).max() < 1e-4 else (1e3, "mm")
     ax.plot(
@@ -198,8 +199,8 @@ def _tension_overlay(ax: Axes, measurement: Measurement, response: Response) -> 
     if tension is None or not isinstance(response.tension, np.ndarray) or not response.tension.size:
         ax.set_axis_off()
         return
-    impact = measurement.impact_s or 0.0
-    stop = int((impact + 5 * _SHOWN_S) * tension.rate_hz)
+    impact, shown_s = measurement.impact_s or 0.0, 5 * _SHOWN_S * time_factor(measurement.strongest_hz)
+    stop = int((impact + shown_s) * tension.rate_hz)
     time = np.arange(len(tension.samples))[:stop] / tension.rate_hz - impact
     ax.plot(*thinned(time, tension.samples[:stop]), color=BACKGROUND, lw=0.3, alpha=0.6)
     ax.plot(*thinned(time, tension.non_oscillatory[:stop]), color=MEASURED, lw=0.9)

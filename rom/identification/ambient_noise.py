@@ -16,6 +16,7 @@ from rom.identification.small_matrices import inverse, inverse_root, positive_pa
 from rom.identification.spectral_model import ComplexArray, FloatArray, Linearised
 
 _SMOOTHING_HZ: Numerical[float] = 2.0
+_SMOOTHING_SHARE: Numerical[float] = 0.125  # of the lines, at most: those of a slow structure are dense
 _REWEIGHTED: Numerical[int] = 5
 _LEAST_LEFT: Numerical[float] = 0.05  # of the noise: less tells none
 
@@ -97,7 +98,8 @@ def ambient_forces(
     inverses = [inverse(part.gain) for part in parts]
     noises = [product(back * sensor, back.conj().swapaxes(1, 2)) for back in inverses]
     forces = [product(b, p.unweighted[:, :, None])[:, :, 0] for b, p in zip(inverses, parts, strict=True)]
-    half = max(2, round(_SMOOTHING_HZ / (frequency[1] - frequency[0])))
+    wide = _SMOOTHING_HZ / (frequency[1] - frequency[0])
+    half = max(2, round(min(wide, _SMOOTHING_SHARE * len(frequency))))
     squares = [force[:, :, None] * force.conj()[:, None, :] for force in forces]
     count = _running_sum(np.full(len(frequency), float(len(parts))), half).reshape(-1, 1, 1)
     ambient = _running_sum(np.sum(squares, axis=0), half) / count

@@ -145,7 +145,7 @@ class Balances:
 
     def weighed(self, values: Mapping[str, float]) -> Balances:
         """The same with the noise that the sensors make through a model of these numbers."""
-        noise = []
+        noise, strongest = [], float(np.sqrt(np.mean(self.force**2)))
         for record in self.records:
             here = {**values, **_masses(record.settings, self.settings), **record.settings.given}
             for balance in record.balances:
@@ -157,7 +157,7 @@ class Balances:
                     balance.motion_noise * record.smoothing.gain(terms, record.rate_hz),
                     balance.force_noise * record.smoothing.gain((1.0,), record.rate_hz),
                 )
-                least = _LEAST_NOISE * float(np.sqrt(np.mean(balance.terms["force"] ** 2)))
+                least = _LEAST_NOISE * (float(np.sqrt(np.mean(balance.terms["force"] ** 2))) or strongest)
                 noise.append(np.full(len(balance.terms["force"]), max(float(level), least, 1e-300)))
         return replace(self, noise=np.concatenate(noise))
 

@@ -37,6 +37,7 @@ _EVALUATIONS: Numerical[int] = 40
 _MASSES: Numerical[tuple[float, float]] = (1e-3, 1e3)  # of its start, as far as a mass may go
 _LEAST: Numerical[float] = 1e-9  # of a stiffness or damping's start
 _STEP: Numerical[float] = 1e-6
+_UNTOLD: Numerical[float] = 1e-150  # of the largest slope: a number that no row depends on
 
 
 def is_followed(campaign: Campaign) -> bool:
@@ -181,7 +182,7 @@ def _of_spectra(
     rings: Sequence[RingDown], settings: CampaignSettings, scale: Scale, simple: Mapping[str, float]
 ) -> dict[str, float]:
     """Values by the balance of forces in the records' spectra."""
-    parts = [spectra_of(ring.measurement, settings) for ring in rings]
+    parts = [part for ring in rings if (part := spectra_of(ring.measurement, settings))]
     terms = {term.name: term.value for part in with_starts(parts, settings) for term in part.terms}
     found = dict(simple)
     for link in settings.link:
@@ -202,6 +203,8 @@ def _frequency_and_damping(rings: Sequence[RingDown], ends: Sequence[str]) -> tu
     for ring in rings:
         for body in set(ring.bodies) & set(ends):
             x = ring.measurement.displacement(body)
+            if not np.ptp(x):
+                continue
             analytic = signal.hilbert(x - x.mean())
             envelope = np.abs(analytic)
             edge = len(x) // 50
@@ -295,7 +298,9 @@ def _fitted(
     jacobian = jacobian / np.maximum(length, 1e-300)
     values_, vectors = np.linalg.eigh(jacobian.T @ jacobian)
     inverse = (vectors / np.maximum(values_, 1e-12)) @ vectors.T
-    errors = np.sqrt(np.diag(inverse) * spread) / np.maximum(length, 1e-300)
+    told = length > _UNTOLD * length.max(initial=0.0)
+    errors = np.full(len(names), np.inf)
+    errors[told] = np.sqrt(np.diag(inverse) * spread)[told] / length[told]
     values = {**start, **dict(zip(names, (at * size).tolist(), strict=True))}
     return values, dict(zip(names, errors.tolist(), strict=True)), float(found.cost)
 

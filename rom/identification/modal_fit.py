@@ -203,7 +203,7 @@ def _start(
         found = np.zeros((n, m, d + 2))
         for s in range(n):
             table = np.concatenate([rows[s].reshape(m * (d + 2), -1), followed[s]])
-            length = np.maximum(np.linalg.norm(table, axis=1), 1e-300)
+            length = _lengths(table)
             solved = np.linalg.lstsq((table / length[:, None]).T, target[s], rcond=1e-12)[0] / length
             found[s] = solved[: m * (d + 2)].reshape(m, d + 2)
             at_once[s] += solved[m * (d + 2) :] / len(records)
@@ -216,6 +216,12 @@ def _start(
     residues /= weights
     shown, inverse = _participations(shapes, residues, sensors, forces)
     return _scaled(Modes(omega, ratio, inverse, np.concatenate([shapes, shown]), at_once), sensors, forces)
+
+
+def _lengths(rows: FloatArray) -> FloatArray:
+    """Lengths of rows; 1 of one that is zero, such as of a force that a record does not have."""
+    length = np.linalg.norm(rows, axis=1)
+    return np.where(length > 0, length, 1.0)
 
 
 def _participations(
@@ -262,7 +268,7 @@ def _linearised(record: ModalRecord, modes: Modes, free: Modes, count: int) -> t
     followed = record.at_once()
     forced = np.einsum("si,sir->sr", phi, acting) + np.einsum("sd,sdr->sr", modes.at_once, followed)
     basis = np.einsum("si,sikr->srik", phi, rows[:, :, d:]).reshape(n * rows.shape[3], -1)
-    length = np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
+    length = _lengths(basis.T)
     q, triangle = np.linalg.qr(basis / length)
     left = (record.whitened - forced).ravel()
     along = q.T @ left

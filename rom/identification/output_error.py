@@ -284,7 +284,8 @@ def _estimate(
     """Return the fit at the place where its steps have ended."""
     rows = sum(len(part.residual) for part in state.parts) - len(names)
     cost = sum(float(part.residual @ part.residual) for part in state.parts)
-    values = np.array([max(state.values[name], _TINY) for name in names])
+    least = {name: _TINY if name.startswith(CORNER) else np.finfo(float).tiny for name in names}
+    values = np.array([max(state.values[name], least[name]) for name in names])
     share = np.array([step_unit(name, value) / value for name, value in zip(names, values, strict=True)])
     return OutputErrorFit(
         names,

@@ -26,6 +26,7 @@ from rom.identification.spectral_model import (
     Term,
     spectrum,
 )
+from rom.signals.motion import time_factor
 from rom.signals.processing import Measurement
 
 LINEAR_TESTS = ("uncoupled", "coupled", "free", "driven")
@@ -91,7 +92,7 @@ def spectral_records(
     Returns
     -------
     tuple
-        The parts of the record.
+        The parts of the record that hold a line.
     """
     bodies = tuple(body for body in settings.body_names if body in measurement.motion)
     rate, start, stop = measurement.rate_hz, 0, measurement.samples
@@ -100,11 +101,12 @@ def spectral_records(
     low, high = _band(force, rate, within)
     parts = [(stop, (low, high))]
     if measurement.impact_s is not None:
-        start = max(0, int((measurement.impact_s - _BEFORE_IMPACT_S) * rate))
+        times = max(time_factor(measurement.strongest_hz), 1.0)
+        start = max(0, int((measurement.impact_s - times * _BEFORE_IMPACT_S) * rate))
         if start_s is not None:
             start = min(int(start_s * rate), stop - 16)
             low, high = _band(np.zeros_like(force), rate, within)
-        parts = [(start + _fast(min(stop - start, int(_LENGTH_S * rate))), (low, high))]
+        parts = [(start + _fast(min(stop - start, int(times * _LENGTH_S * rate))), (low, high))]
         strongest = measurement.strongest_hz
         if strongest is not None and _SPLIT * strongest < high:
             split, brief = _SPLIT * strongest, max(_BRIEF_S, _BRIEF_PERIODS / strongest)
@@ -114,7 +116,8 @@ def spectral_records(
             ]
     if settings.band is not None:
         parts = list(_within(parts, settings.band.low_hz, settings.band.high_hz))
-    return tuple(_part(measurement, settings, bodies, force, start, end, band) for end, band in parts)
+    found = (_part(measurement, settings, bodies, force, start, end, band) for end, band in parts)
+    return tuple(part for part in found if len(part.frequency))
 
 
 def _within(
@@ -151,7 +154,9 @@ def _part(
     motion = np.stack([measurement.motion[body].samples[start:stop] for body in bodies], axis=1)
     frequency, force_spectrum = spectrum(force[start:stop], measurement.rate_hz, band)
     _, motion_spectrum = spectrum(motion - motion.mean(axis=0), measurement.rate_hz, band)
-    terms, local = _terms(settings, bodies, measurement.test, {m.kind for m in measurement.motion.values()})
+    kinds = {m.kind for m in measurement.motion.values()}
+    corner = _FIRST_CORNER / max(time_factor(measurement.strongest_hz), 1.0)
+    terms, local = _terms(settings, bodies, measurement.test, kinds, corner)
     terms = tuple(_as_given(term, measurement.given) for term in terms)
     orders = tuple(DERIVATIVE_ORDER[measurement.motion[body].kind] for body in bodies)
     group = f"{measurement.test}:{','.join(bodies)}:{stop - start}"
@@ -213,7 +218,11 @@ def _band(force: FloatArray, rate_hz: float, within_hz: tuple[float, float]) -> 
 
 
 def _terms(
-    settings: CampaignSettings, bodies: Sequence[str], test: str, kinds: Collection[str]
+    settings: CampaignSettings,
+    bodies: Sequence[str],
+    test: str,
+    kinds: Collection[str],
+    first_corner: float = _FIRST_CORNER,
 ) -> tuple[tuple[Term, ...], frozenset[str]]:
     bolted_in = test != UNCOUPLED or settings.bolt is None
     terms: list[Term] = []
@@ -235,7 +244,7 @@ def _terms(
             local |= {LinearNames.stiffness(link.name), LinearNames.damping(link.name)}
     if "acceleration" in kinds:
         name = f"{CORNER}.{test}" if test == "loosening" else CORNER  # large hits want sensors of their own
-        terms.append(Term(name, "corner", np.zeros(len(bodies)), _FIRST_CORNER))
+        terms.append(Term(name, "corner", np.zeros(len(bodies)), first_corner))
     return tuple(terms), frozenset(local)
 
 

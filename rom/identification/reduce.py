@@ -27,6 +27,7 @@ from rom.identification.spectral_model import SpectralRecord
 from rom.model.effect import SensorFault
 from rom.progress import Progress, counted
 from rom.signals.measured_records import MeasuredRecord, measured_record
+from rom.signals.motion import time_factor
 from rom.signals.processing import Measurement, TensionRecord, driven_displacement
 from rom.signals.quality import Doubt
 from rom.signals.sensor_correction import without_faults
@@ -37,7 +38,6 @@ _PERIOD_MARGIN: Numerical[float] = (
 )  # the paper drops what lies above 17 Hz, its first mode being at most 15.78 Hz
 _LONGEST_PERIOD: Numerical[float] = 1.5  # of that of the strongest line: half-way to a peak that is missing
 _FILTER_REACH_S: Numerical[float] = 0.2
-_SIMULATED_S: Numerical[float] = 30.0
 _SMOOTH_S: Numerical[float] = 0.01
 _SHORTEST_LOSS_S: Numerical[float] = 0.02
 _LONGEST_LOSS_S: Numerical[float] = 1.0
@@ -288,16 +288,17 @@ def _spectra(measurement: Measurement, settings: CampaignSettings) -> tuple[Spec
     tension, start = measurement.tension, None
     loosens = measurement.test == "loosening" and all(body.mass_kg is not None for body in settings.body)
     if loosens and tension is not None and abs(tension.loss) > RULES.small_loss * abs(tension.initial):
-        start = _settled(tension, measurement.impact_s or 0.0)
+        start = _settled(tension, measurement.impact_s or 0.0, time_factor(measurement.strongest_hz))
     return spectral_records(measurement, settings, start_s=start)
 
 
-def _settled(tension: TensionRecord, impact_s: float) -> float:
+def _settled(tension: TensionRecord, impact_s: float, times: float) -> float:
     """Return when [s] the tension after a hit has come within 1 % of the final one, or within its noise."""
-    smooth = ndimage.uniform_filter1d(tension.samples, max(1, int(_SMOOTH_S * tension.rate_hz)))
-    first = int((impact_s + _SHORTEST_LOSS_S) * tension.rate_hz)
+    rate = times * tension.rate_hz
+    smooth = ndimage.uniform_filter1d(tension.samples, max(1, int(_SMOOTH_S * rate)))
+    first = int(impact_s * tension.rate_hz + _SHORTEST_LOSS_S * rate)
     noise = float(np.std(smooth[-(len(smooth) // 4) :]))
-    window = smooth[first : first + int(_LONGEST_LOSS_S * tension.rate_hz)]
+    window = smooth[first : first + int(_LONGEST_LOSS_S * rate)]
     off = np.flatnonzero(
         np.abs(window - tension.final) > max(RULES.small_loss * abs(tension.final), 4 * noise)
     )
@@ -316,8 +317,8 @@ def _tensions(tension: TensionRecord) -> Tensions:
 def _force(measurement: Measurement, settings: CampaignSettings, struck: str) -> FloatArray | None:
     if not struck:
         return None
-    stop = int(min(settings.windows.final_s[1], _SIMULATED_S) * measurement.rate_hz)
-    return measurement.applied_force[struck][:stop].copy()
+    force = measurement.applied_force[struck]
+    return force[: int(min(settings.windows.final_s[1] * measurement.rate_hz, len(force)))].copy()
 
 
 def _first_mode(measurement: Measurement) -> FirstMode | None:

@@ -16,6 +16,10 @@ from rom.signals.frequency_band import Band
 
 _STRONGEST_S: Numerical[float] = 4.0
 _LONGEST_S: Numerical[float] = 30.0
+_FEWEST: Numerical[int] = 2048  # samples in place of those seconds, where a slow structure is sampled slowly
+_DRIFT_HZ: Numerical[float] = 0.5  # an accelerometer drifts below; as a share of the rate where that is low
+_DRIFT_SHARE: Numerical[float] = 1 / 400
+_USUAL_HZ: Numerical[tuple[float, float]] = (1.0, 100.0)
 _LARGEST_NOISE: Numerical[float] = 30.0  # medians of a density; the largest of 10^6 lines of noise has 20
 
 
@@ -27,6 +31,15 @@ class Motion:
 
     kind: MotionKind
     samples: FloatArray
+
+
+def time_factor(strongest_hz: float | None) -> float:
+    """Return the factor on times that are meant for structures of 1 to 100 Hz.
+
+    Slower ones need longer, faster ones shorter times in proportion.
+    """
+    low, high = _USUAL_HZ
+    return 1.0 if not strongest_hz else max(low / strongest_hz, 1.0) * min(high / strongest_hz, 1.0)
 
 
 def dominant_frequency(
@@ -51,7 +64,8 @@ def dominant_frequency(
         Frequency [Hz]; None where nothing moves.
     """
     start = int((impact_s or 0.0) * rate_hz)
-    stop = start + int((_STRONGEST_S if impact_s is not None else _LONGEST_S) * rate_hz)
+    length = int((_STRONGEST_S if impact_s is not None else _LONGEST_S) * rate_hz)
+    stop = start + max(length, _FEWEST)
     power, frequency = 0.0, None
     for channel in motion.values():
         if len(channel.samples[start:stop]) < 16:
@@ -75,7 +89,8 @@ def _velocity_lines(motion: Motion, rate_hz: float, *, from_rest: bool) -> tuple
     samples, order = motion.samples - motion.samples.mean(), INTEGRATIONS[motion.kind]
     size, resolution = fft.next_fast_len(len(samples), real=True), rate_hz / len(samples)
     lines, window = fft.rfftfreq(size, 1 / rate_hz), signal.windows.hann(len(samples))
-    inside = lines > (max(0.5, 4 * resolution) if order == 2 else 1.5 * resolution)
+    drift = min(_DRIFT_HZ, _DRIFT_SHARE * rate_hz)
+    inside = lines > (max(drift, 4 * resolution) if order == 2 else 1.5 * resolution)
     density, above = _above_noise(samples * window, size)
     if from_rest and not np.any(above[inside]):
         window[: len(samples) // 2] = 1.0

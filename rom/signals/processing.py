@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy import fft, ndimage, signal
 
 from rom.campaign.campaign import CampaignSettings, Record, WindowSettings
@@ -37,6 +38,8 @@ _FAST_HZ: Numerical[float] = 100.0
 _CUTOFF_OF_FAST: Numerical[float] = 0.1
 _BATCHES: Numerical[int] = 8
 _FLANK_S: Numerical[float] = 5e-4
+_FLANK_CONTACTS: Numerical[int] = 4  # of the longest contact: what half a millisecond is at a very high rate
+_LEAST_PER_CUTOFF: Numerical[float] = 4.0  # samples in a period of the high-pass, where nothing moves
 _FEWEST_BEFORE_HIT: Numerical[int] = 8
 
 
@@ -180,7 +183,9 @@ def process(record: Record, settings: CampaignSettings) -> Measurement:
         strongest_hz=first_mode,
         motion={body: Motion(m.kind, m.samples[:samples]) for body, m in motions.items()},
         impact_s=impact,
-        chain=FilterChain(_cutoff(settings, test, first_mode), band_hz=settings.band_hz),
+        chain=FilterChain(
+            min(_cutoff(settings, test, first_mode), rate / _LEAST_PER_CUTOFF), band_hz=settings.band_hz
+        ),
         tension=_tension(record, settings, impact, first_mode),
         link={name: c for name, c in record.channels.items() if name.startswith(("link_", "normal_force_"))},
         still_force=still,
@@ -233,11 +238,16 @@ def gated_force(force: FloatArray, rate_hz: float, pretrigger_s: float) -> tuple
     noise = 1.4826 * float(np.median(np.abs(force - offset)))
     contact = np.abs(force - offset) > max(6 * noise, 2e-3 * float(np.abs(force - offset).max()))
     shortest = min(3, max(1, int(_FLANK_S * rate_hz)))  # a lone spike is no contact, where pulses are longer
-    wide = ndimage.binary_dilation(
-        ndimage.binary_opening(contact, np.ones(shortest, bool)),
-        np.ones(2 * max(1, int(_FLANK_S * rate_hz)) + 1, bool),
-    )
+    contact = ndimage.binary_opening(contact, np.ones(shortest, bool))
+    flank = min(max(1, int(_FLANK_S * rate_hz)), _FLANK_CONTACTS * _longest_run(contact))
+    wide = ndimage.binary_dilation(contact, np.ones(2 * flank + 1, bool))
     return np.where(wide, force - offset, 0.0), noise
+
+
+def _longest_run(marked: npt.NDArray[np.bool_]) -> int:
+    """Return the number of samples of the longest run that is marked."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], marked.astype(np.int8), [0]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def _at_rate(channel: Channel, rate_hz: float) -> FloatArray:

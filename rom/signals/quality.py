@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+import numpy as np
+
 from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.channels import BOLT_CHANNELS
 from rom.criteria.criteria import RECORD_CRITERIA
@@ -16,7 +18,7 @@ from rom.criteria.records import Records
 from rom.signals.clipping import flat_top
 from rom.signals.hits import Hit, first_hit, second_hit, signs
 
-Kind: TypeAlias = Literal["clipped", "second-hit", "polarity", "suspicion"]
+Kind: TypeAlias = Literal["still", "clipped", "second-hit", "polarity", "suspicion"]
 
 HIT_TESTS = ("uncoupled", "coupled", "loosening")
 
@@ -36,26 +38,38 @@ def assess(
 ) -> tuple[Doubt, ...]:
     """Name every reason to doubt a record; none for a good one.
 
-    Clipped: the channel's extreme is a flat top whose flanks point well above it. Polarity: the struck body
-    accelerates against the force during the contact, or two bodies move against each other across a bolted
-    link in their lowest mode. Second hit: ``F - sum m_i a_i``, in which all forces within the structure
-    cancel, shows one more pulse like the first where the force shows nothing.
+    Still: no channel of the motion ever changes. Clipped: the channel's extreme is a flat top whose flanks
+    point well above it. Polarity: the struck body accelerates against the force during the contact, or two
+    bodies move against each other across a bolted link in their lowest mode. Second hit: ``F - sum m_i a_i``,
+    in which all forces within the structure cancel, shows one more pulse like the first where the force shows
+    nothing.
 
     Parameters
     ----------
     record
-        The record; of `cycled` and `hold` records none is doubted, of `driven` and `free` ones clipping only.
+        The record; of `cycled` and `hold` records none is doubted, of `driven` and `free` ones only that
+        nothing moves, and clipping.
     settings
         The campaign's, for its links.
     rules
         The numbers that decide.
     """
+    if still := tuple(_still(record)):
+        return still
     clipped = tuple(_clipped(record, rules))
     hit = first_hit(record, rules) if record.test in HIT_TESTS and not clipped else None
     if hit is None:
         return clipped
     flipped = tuple(_flipped(record, settings, hit))
     return flipped or tuple(_second_hit(record, hit))
+
+
+def _still(record: Record) -> Iterator[Doubt]:
+    """Yield a doubt where bodies are to move and no channel of theirs shows anything."""
+    motions = [record.motion(body)[1] for body in record.bodies]
+    if motions and not any(np.ptp(channel.samples) for channel in motions):
+        names = ", ".join(channel.name for channel in motions)
+        yield Doubt(record.file, motions[0].name, "still", f"nothing moves in the record: constant {names}")
 
 
 def _clipped(record: Record, rules: Records) -> Iterator[Doubt]:

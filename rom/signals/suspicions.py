@@ -96,7 +96,9 @@ def _of_doubts(records: Sequence[Evidence]) -> Iterator[Suspicion]:
             if turned and not force and (struck in against or not record.pushed) and len(record.doubts) == 1:
                 channel, force = struck, True
             sign = "force sign" if force else f"{channel.partition('_')[0]} sign"
-            likely = {"clipped": "overload", "second-hit": "second hit", "polarity": sign}[doubt.kind]
+            likely = {"polarity": sign, "clipped": "overload", "second-hit": "second hit"}.get(
+                doubt.kind, "nothing moves"
+            )
             yield Suspicion(record.file, channel, doubt.message, -1.0 if turned else None, likely, OF_DOUBTS)
 
 

@@ -1,0 +1,39 @@
+"""A record in which nothing moves is set aside by name; where no other is left the command says so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rom
+from rom.campaign.campaign import Campaign
+from rom.identification.identify import identify_campaign
+from rom.signals.measured_records import NothingLeftError
+from tests.rom import lumped
+
+RATE_HZ = 256.0
+LINK: lumped.LinkRow = ("foot", ("a", "ground"), "linear", 6000.0, 3.0)
+
+
+def driven(folder: Path, *sizes: float) -> Campaign:
+    """Records of one body under forces of some sizes; of size 0 nothing moves."""
+    rng, records = np.random.default_rng(1), []
+    for place, size in enumerate(sizes):
+        force = size * lumped.random_force(rng, 1024, RATE_HZ, 30.0)
+        moved = lumped.respond({"a": 2.0}, [LINK], {"a": force}, RATE_HZ)
+        channels = {"displacement_a": moved["displacement_a"], "force_a": force}
+        records.append(({"file": f"{place}.h5", "test": "driven"}, channels))
+    return lumped.campaign(folder, {"a": 2.0}, [LINK], records, RATE_HZ)
+
+
+def test_a_still_record_is_set_aside_and_changes_no_number(tmp_path: Path) -> None:
+    found = identify_campaign(driven(tmp_path / "with", 1.0, 0.0))
+    assert [doubt.file for doubt in found.set_aside] == ["1.h5"]
+    assert float(found.model.link_laws["foot"].stiffness(0.0)) == pytest.approx(6000.0, rel=1e-3)
+
+
+def test_nothing_but_still_records_is_said(tmp_path: Path) -> None:
+    with pytest.raises(NothingLeftError, match="nothing moves"):
+        rom.identify(driven(tmp_path / "still", 0.0), jobs=1)
