@@ -381,15 +381,15 @@ def _plausible(term: Term, value: float, record: SpectralRecord) -> float:
 
 
 def _shared_start(records: Sequence[tuple[SpectralRecord, ...]]) -> dict[str, float]:
-    """Return the median over the records that have the fewest unknowns beside a shared term."""
-    found: dict[str, list[tuple[int, float]]] = {}
+    """Return the median over records with a force, which alone tell more than ratios, and fewest unknowns."""
+    found: dict[str, list[tuple[tuple[bool, int], float]]] = {}
     for parts in records:
-        estimate = equation_error_fit(parts)
+        estimate, unforced = equation_error_fit(parts), not any(np.any(part.force) for part in parts)
         for name, value in estimate.items():
             if name not in parts[0].local:
-                found.setdefault(name, []).append((len(estimate), value))
+                found.setdefault(name, []).append(((unforced, len(estimate)), value))
     return {
-        name: float(np.median([value for count, value in pairs if count == min(pairs)[0]]))
+        name: float(np.median([value for rank, value in pairs if rank == min(pairs)[0]]))
         for name, pairs in found.items()
     }
 

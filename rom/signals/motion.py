@@ -103,3 +103,9 @@ def _above_noise(samples: FloatArray, size: int) -> tuple[FloatArray, FloatArray
     """Return a spectrum, and by how much each of its lines exceeds the largest of noise."""
     density = np.abs(fft.rfft(samples, size)) ** 2
     return density, np.maximum(density - _LARGEST_NOISE * float(np.median(density)), 0.0)
+
+
+def stands_out(samples: FloatArray) -> bool:
+    """Return whether some line of a signal's spectrum stands above its noise."""
+    whole = samples - samples.mean()
+    return bool(np.any(_above_noise(whole * signal.windows.hann(len(whole)), len(whole))[1]))

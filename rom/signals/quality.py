@@ -17,6 +17,7 @@ from rom.criteria.criteria import RECORD_CRITERIA
 from rom.criteria.records import Records
 from rom.signals.clipping import flat_top
 from rom.signals.hits import Hit, first_hit, second_hit, signs
+from rom.signals.motion import stands_out
 
 Kind: TypeAlias = Literal["still", "clipped", "second-hit", "polarity", "suspicion"]
 
@@ -65,11 +66,24 @@ def assess(
 
 
 def _still(record: Record) -> Iterator[Doubt]:
-    """Yield a doubt where bodies are to move and no channel of theirs shows anything."""
+    """Yield a doubt where bodies are to move and no channel of theirs shows anything.
+
+    Where no force acts either noise is nothing: no line of a spectrum stands above it.
+    """
     motions = [record.motion(body)[1] for body in record.bodies]
-    if motions and not any(np.ptp(channel.samples) for channel in motions):
-        names = ", ".join(channel.name for channel in motions)
-        yield Doubt(record.file, motions[0].name, "still", f"nothing moves in the record: constant {names}")
+    if not motions:
+        return
+    names, first = ", ".join(channel.name for channel in motions), motions[0].name
+    forces = [channel for name, channel in record.channels.items() if name.startswith("force_")]
+    unforced = record.test in ("free", "driven") and not record.relative
+    if not any(np.ptp(channel.samples) for channel in motions):
+        yield Doubt(record.file, first, "still", f"nothing moves in the record: constant {names}")
+    elif (
+        unforced
+        and not any(np.any(force.samples) for force in forces)
+        and not any(stands_out(channel.samples) for channel in motions)
+    ):
+        yield Doubt(record.file, first, "still", f"nothing moves in the record: noise alone in {names}")
 
 
 def _clipped(record: Record, rules: Records) -> Iterator[Doubt]:
