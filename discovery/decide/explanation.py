@@ -117,15 +117,23 @@ def standard_errors(inverse: FloatArray, scores: FloatArray, spread: float = 1.0
 
 
 def limited(effect: ModelCorrection, errors: Mapping[str, float]) -> ModelCorrection:
-    """The effect with 95 % limits, within the ranges."""
-    numbers = effect.parameters.items()
-    return replace(effect, parameters={name: limited_number(p, errors.get(name, 0.0)) for name, p in numbers})
+    """The effect with 95 % limits, within the ranges; of numbers without an entry, which were held, none."""
+    fitted = {
+        name: limited_number(p, errors[name]) for name, p in effect.parameters.items() if name in errors
+    }
+    held = {name: replace(p, low=None, high=None) for name, p in effect.parameters.items()}
+    return replace(effect, parameters=held | fitted)
 
 
 def limited_number(number: Parameter, error: float) -> Parameter:
-    """The number with 95 % limits from its standard error, within its range; none where no error is known."""
+    """The fitted number with 95 % limits from its standard error, within its range.
+
+    None where no error is known; at an end of the range the other end, if there is one, is all that is known.
+    """
     low, high = number.bounds
     half = Z95 * error
-    if not (half > 0 and np.isfinite(half)):
+    if half > 0 and np.isfinite(half):
+        return replace(number, low=max(number.value - half, low), high=min(number.value + half, high))
+    if number.value not in number.bounds:
         return replace(number, low=None, high=None)
-    return replace(number, low=max(number.value - half, low), high=min(number.value + half, high))
+    return replace(number, low=low if np.isfinite(low) else None, high=high if np.isfinite(high) else None)

@@ -21,6 +21,7 @@ from discovery.explain.motion import free_numbers
 from discovery.explain.probes import Probe, fit_promising
 from discovery.options import Options
 from discovery.residual.base import Residual, cost
+from discovery.residual.ends_of_ranges import on_ends
 from discovery.residual.force_balance import ForceBalanceResidual, sees_stiffness
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -201,9 +202,7 @@ def _fitted(state: ForceBalanceResidual, new: Sequence[ModelCorrection], evaluat
     steps = np.full(len(at), _STEP)
     found = optimize.least_squares(remainder, inside, bounds=(low, high), x_scale="jac", diff_step=steps,
                                    max_nfev=evaluations, ftol=1e-5)  # fmt: skip
-    at = np.where(np.abs(found.x - low) < _AT_END * np.maximum(np.abs(low), 1.0), low, found.x)
-    at = np.where(np.abs(at - high) < _AT_END * np.abs(high), high, at)
-    values, effects = _at(state, new, numbers, at)
+    values, effects = _at(state, new, numbers, on_ends(found.x, low, high, _AT_END))
     errors = _errors(found, int(rows.sum())) * [n.size for n in numbers]
     limited = tuple(_limited(effect, place, numbers, errors) for place, effect in enumerate(effects))
     after = replace(state, values=values, effects=(*state.effects, *limited))

@@ -17,6 +17,7 @@ from scipy import optimize
 
 from discovery.decide.explanation import limited
 from discovery.residual.at_rest import RestResidual
+from discovery.residual.ends_of_ranges import on_ends
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
@@ -119,7 +120,7 @@ def _solved(
     errors: list[dict[str, float]] = [{} for _ in effects]
     for number, value, deviation in zip(numbers, found.x.tolist(), deviations.tolist(), strict=True):
         errors[number.effect][number.name] = number.error(value, deviation)
-    return at(found.x), errors
+    return at(on_ends(found.x, low, high)), errors
 
 
 def _limited(effect: ModelCorrection, errors: dict[str, float], residual: RestResidual) -> ModelCorrection:

@@ -57,7 +57,8 @@ def effect_with_limits(effect: Effect, residual: WhitenedResidual) -> ModelCorre
     """
     beside = with_effects(residual)
     errors = dict(zip(beside.names, _standard_errors(beside).tolist(), strict=True))
-    shares = {name: errors.get(effect_number(effect, name), 0.0) for name in effect.parameters}
+    numbers = {name: effect_number(effect, name) for name in effect.parameters}
+    shares = {name: errors[number] for name, number in numbers.items() if number in errors}
     return limited(
         effect,
         {

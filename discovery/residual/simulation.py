@@ -20,6 +20,7 @@ from scipy import linalg, optimize
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.residual.base import Kind, ProjectedResidual
+from discovery.residual.ends_of_ranges import on_ends
 from discovery.residual.modal_slopes import ModalSlopes
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -236,7 +237,7 @@ def refitted(
         rows, np.clip(start, low + margin, high - margin), jac=slopes, bounds=(low, high), x_scale="jac",
         max_nfev=evaluations, ftol=_SETTLED, xtol=1e-8,
     )  # fmt: skip
-    after = at(found.x)
+    after = at(on_ends(found.x, low, high))
     slopes_there = np.asarray(found.jac) / _sizes(numbers, len(found.x))
     return Fit(_with_held_out(after), paths, slopes_there, _trained_rows(after))
 
