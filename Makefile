@@ -1,8 +1,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 DEMO := demo
-# bytecode of tests is kept too: half of the time in which they are collected goes into it
-PYTEST := PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --durations 25
+# bytecode is made of what is imported, and kept: that of all that is installed takes half of an installation
+export PYTHONDONTWRITEBYTECODE :=
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist worksteal --durations 25
 
 .PHONY: demo test test-all docs notebooks style compiled clean
 
@@ -38,25 +39,23 @@ style:
 
 compiled: .venv/compiled
 
-# bytecode too, which PYTHONDONTWRITEBYTECODE keeps from staying: tests start many processes
 .venv/compiled: .venv/installed-test tests/compile.py $(shell find rom discovery experiments -name '*.py')
-	$(BIN)/python -m compileall -q rom discovery experiments
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.compile
 	touch $@
 
 .venv/installed: pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --editable .
+	$(BIN)/pip install --quiet --no-compile --editable .
 	touch $@
 
 .venv/installed-test: pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --editable '.[test]'
+	$(BIN)/pip install --quiet --no-compile --editable '.[test]'
 	touch $@ .venv/installed
 
 .venv/installed-docs: pyproject.toml
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --editable '.[docs]'
+	$(BIN)/pip install --quiet --no-compile --editable '.[docs]'
 	touch $@ .venv/installed
 
 clean:
