@@ -6,11 +6,16 @@ import numpy as np
 from scipy import optimize
 
 from discovery.courses.marginal_likelihood import Problem, State
+from discovery.courses.variability import tau
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 
 _NO_GAIN: Numerical[float] = 1e-3  # of the deviance, foreseen: not worth a trial
 _LENGTHENED_GAIN: Numerical[float] = 1e-3  # of the deviance: for less no number is to run far
+_SHARED: Numerical[float] = 2.0  # standard errors of the deviations' mean: more is not by chance
+_SHIFT: Numerical[float] = 0.5  # of the log rate at a time: numbers of a law follow it about linearly
+_SCALES: Numerical[float] = 0.999  # squared cosine of a number that scales a law: beyond finite differences
+_SHIFTS: Numerical[int] = 40  # from the largest deviation that there can be
 
 
 def climbed(
@@ -38,7 +43,7 @@ def climbed(
     """
     damping = 1e-3
     for _ in range(most):
-        state = problem.scattered(state, restricted)
+        state = problem.scattered(levelled(problem, state), restricted)
         trial, damping = step(problem, state, damping)
         if trial is None:
             return problem.scattered(state, restricted), True
@@ -46,6 +51,51 @@ def climbed(
         if gain < settled:
             return problem.scattered(state, restricted), True
     return problem.scattered(state, restricted), False
+
+
+def levelled(problem: Problem, state: State) -> State:
+    """The place whose law has what the deviations of all tests share.
+
+    A law 20 times too fast, all tests 20 times slower than it, has the courses of the right one; where these
+    are off by far more than noise their scatter grows with it, and steps see next to nothing to gain.
+
+    Parameters
+    ----------
+    problem : Problem
+        The fit.
+    state : State
+        The place; it is kept where deviations share no more than by chance, or the law has no scale.
+    """
+    for _ in range(_SHIFTS if state.u.size else 0):
+        weight = 1 / tau(state.scatter, problem.frozen.initial, problem.rules) ** 2
+        mean = float(weight @ state.u / weight.sum())
+        if abs(mean) * np.sqrt(weight.sum()) <= _SHARED:
+            break
+        shift = float(np.clip(mean, -_SHIFT, _SHIFT))
+        per_unit, place = _scale(problem, state)
+        if per_unit is None:
+            break
+        theta = state.theta.copy()
+        theta[place] += shift * per_unit
+        trial = problem.solve(problem.clipped(theta), state.scatter, state.u - shift)
+        if not trial.deviance < state.deviance:
+            break
+        state = trial
+    return state
+
+
+def _scale(problem: Problem, state: State) -> tuple[float | None, int]:
+    """How far a number that scales the law moves for a unit of the log rate, and its place; None without one.
+
+    Courses follow it as they follow the deviations of all tests together.
+    """
+    columns, slope = problem.jacobian(state).reshape(state.residual.size, -1), state.slope.ravel()
+    along, size = slope @ columns, (columns**2).sum(axis=0) * (slope @ slope)
+    share = np.where(size > 0, along**2 / np.where(size > 0, size, 1.0), 0.0)
+    if not share.size or share.max() < _SCALES:
+        return None, 0
+    place = int(np.argmax(share))
+    return float(slope @ slope / along[place]), place
 
 
 def step(problem: Problem, state: State, damping: float) -> tuple[State | None, float]:

@@ -6,7 +6,7 @@ baseline is; the best few are corrected by full re-simulation of their own (`dis
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -36,6 +36,7 @@ from rom.model.laws import Parameter
 from rom.signals.per_record_parameters import per_record_names
 
 _COARSE: Numerical[int] = 3  # nodes that one stands for where starts are compared
+_UNTOLD: Numerical[float] = 1e6  # times a number: an error that large is that of a direction without rows
 _STRENGTHS: Numerical[tuple[float, ...]] = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times a default
 
 
@@ -166,18 +167,17 @@ class LawSearch:
     def _gain(self, effect: ModelCorrection, fit: CourseFit, base: CourseFit) -> TensionGain:
         if fit.training > base.training:  # as the full simulation has it, the law alone does better
             return TensionGain(_without_strength(effect), np.zeros_like(base.costs))
-        names, numbers, errors = names_of(effect), fit.candidate.parameters, _errors(fit)
-        fitted = effect.with_values(**{name: numbers[path].value for name, path in names.items()})
-        with_limits = limited(fitted, {name: float(errors[path]) for name, path in names.items()})
+        numbers = numbers_of(fit)
+        own = {name: numbers[path] for name, path in names_of(effect).items()}
+        fitted = replace(effect, parameters=own)
         return TensionGain(
-            with_limits, base.costs - fit.costs, at_bounds(with_limits), self._beside(fit, errors),
-            fit.misfit.level, slow=fit,
-        )  # fmt: skip
+            fitted, base.costs - fit.costs, at_bounds(fitted), self._beside(fit), fit.misfit.level, slow=fit
+        )
 
-    def _beside(self, fit: CourseFit, errors: Mapping[str, float]) -> dict[str, Parameter]:
+    def _beside(self, fit: CourseFit) -> dict[str, Parameter]:
         """Numbers of the model's own law as the fit has them."""
-        numbers = fit.candidate.parameters
-        return {name: limited_number(numbers[name], errors.get(name, 0.0)) for name in self.data.free}
+        numbers = numbers_of(fit)
+        return {name: numbers[name] for name in self.data.free if name in numbers}
 
     def _drift(self, effect: ModelCorrection, base: CourseFit) -> TensionGain:
         """A reading of its own size in every record: a part of the courses' noise about what all share."""
@@ -190,9 +190,7 @@ class LawSearch:
         low, high = effect.parameters[name].bounds
         mean = effect.with_values(**{name: float(np.clip(drift.mean, low, high))})
         typical = limited(mean, {name: drift.spread})
-        return TensionGain(
-            typical, base.costs - fit.costs, (), self._beside(fit, _errors(fit)), fit.misfit.level
-        )
+        return TensionGain(typical, base.costs - fit.costs, (), self._beside(fit), fit.misfit.level)
 
 
 def _directions(fit: CourseFit, base: CourseFit) -> FloatArray:
@@ -213,10 +211,17 @@ def _directions(fit: CourseFit, base: CourseFit) -> FloatArray:
     return np.vstack([(base.state.residual - fit.state.residual).ravel(), own.T])
 
 
-def _errors(fit: CourseFit) -> dict[str, float]:
-    """Standard errors of all free numbers of a fit."""
-    found = np.sqrt(np.maximum(np.diag(fit.problem.covariance(fit.state)), 0.0))
-    return dict(zip(fit.candidate.free, found.tolist(), strict=True))
+def numbers_of(fit: CourseFit) -> dict[str, Parameter]:
+    """Return the numbers that a fit moved, by name, with 95 % limits; without where the courses tell nothing.
+
+    Where more than noise is left of the courses, the limits are as much wider.
+    """
+    variance = np.maximum(np.diag(fit.problem.covariance(fit.state)), 0.0) * max(fit.misfit.level, 1.0)
+    numbers, found = fit.candidate.parameters, {}
+    for name, error in zip(fit.candidate.free, np.sqrt(variance).tolist(), strict=True):
+        told = error < _UNTOLD * max(abs(numbers[name].value), 1.0)
+        found[name] = limited_number(numbers[name], error if told else 0.0)
+    return found
 
 
 def _starts(member: Member, effect: ModelCorrection) -> list[dict[str, float]]:

@@ -6,7 +6,9 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
+from discovery.courses.tension_likelihood import changes_of, names_of
 from rom.campaign.campaign import Campaign
+from rom.effects import LawChange
 from rom.model.law_change import change_law
 from rom.model.laws import Law, Parameter, free_form_law
 from rom.model.model import Model
@@ -70,11 +72,19 @@ def tension_law_of(model: Model) -> Law:
 
 
 def with_law_numbers(model: Model, numbers: Mapping[str, Parameter]) -> Model:
-    """The model with other numbers in its tension law."""
+    """The model with other numbers in its tension law and in what changes it, by their names in a fit."""
     if not numbers:
         return model
     law = tension_law_of(model)
-    return model.with_tension_law(replace(law, parameters={**law.parameters, **numbers}))
+    own = {name: numbers.get(name, number) for name, number in law.parameters.items()}
+    model = model.with_tension_law(replace(law, parameters=own))
+    changed = {change.path: _with_numbers(change, numbers) for change in changes_of(model, None)}
+    return replace(model, effects=tuple(changed.get(effect.path, effect) for effect in model.effects))
+
+
+def _with_numbers(change: LawChange, numbers: Mapping[str, Parameter]) -> LawChange:
+    own = {name: numbers.get(long, change.parameters[name]) for name, long in names_of(change).items()}
+    return replace(change, parameters=own)
 
 
 def with_law_of(model: Model, other: Model) -> Model:

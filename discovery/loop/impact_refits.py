@@ -51,7 +51,7 @@ from rom.identification.identify import Identification, identify_campaign
 from rom.identification.noise_spectrum import Group, NoiseDensity
 from rom.identification.spectral_model import SpectralRecord
 from rom.identification.uncoupled_priors import as_uncoupled, unlikely
-from rom.model.laws import Law
+from rom.model.laws import Law, Parameter
 from rom.model.model import Model
 from rom.signals.per_record_parameters import per_record_names
 from rom.signals.quality import Doubt
@@ -278,9 +278,9 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         along = min(near, refit(self.followed(found.baseline, near.floors)), key=cost)
         return replace(along, simulated=found)
 
-    def along_law(self, state: State) -> State:
-        """The state with all records followed along a tension that falls by its present law."""
-        near = self.own(state.residual)
+    def along_law(self, state: State, numbers: Mapping[str, Parameter] | None = None) -> State:
+        """The state with all records followed along a tension that falls by its law, with these numbers."""
+        near = self.own(state.residual).of_models(lambda model: with_law_numbers(model, numbers or {}))
         return self.evaluated(refit(self.followed(near.baseline, near.floors)), law_is_fitted=True)
 
     def without(self, history: LoopHistory, place: int) -> Residual | None:
@@ -384,7 +384,7 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
     ) -> ModelCorrection:
         if isinstance(effect, Effect):
             return effect_with_limits(effect, residual.stated)
-        return as_first_fitted(effect, found)
+        return effect if isinstance(effect, LawChange) else as_first_fitted(effect, found)
 
     def _separating_tests(
         self, effect: ModelCorrection, rivals: Sequence[ModelCorrection], residual: WhitenedResidual

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
@@ -29,6 +29,7 @@ from rom.campaign.settings import RecordSettings
 from rom.effects import CATALOGUE, ModelCorrection, SensorFault
 from rom.evaluation.error_measures import Errors, ErrorsByKind
 from rom.evaluation.evaluate import Evaluation, evaluate
+from rom.model.laws import Parameter
 from rom.model.model import Model
 from rom.signals.quality import Doubt
 
@@ -138,8 +139,8 @@ class CampaignRefits(ABC, Generic[ResidualT]):
         """Refitted beside the noise as it is with the model's effects, as closely as the records allow."""
         return residual
 
-    def along_law(self, state: State) -> State:
-        """The state with its motion followed along a tension that falls by its present law."""
+    def along_law(self, state: State, numbers: Mapping[str, Parameter] | None = None) -> State:
+        """The state with its motion followed along a tension that falls by its law, with these numbers."""
         return state
 
     @abstractmethod

@@ -10,12 +10,17 @@ from discovery.decide.acceptance import harms, is_accepted
 from discovery.decide.acceptance import in_tension as is_in_tension
 from discovery.decide.explanation import Explanation
 from discovery.explain import free_rate, tension
+from discovery.explain.tension_law import numbers_of
 from discovery.loop.history import LoopHistory, Selection, best_explanation
 from discovery.loop.redundant import without_redundant, without_redundant_in_tension
 from discovery.loop.refits import Refits
 from discovery.loop.state import State
 from discovery.residual.course_fit import Misfit
+from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
+
+_TURNS: Numerical[int] = 4  # of following the records along a law and fitting it along these
+_SETTLED: Numerical[float] = 0.02  # of what is left of the courses: for less there is no further turn
 
 
 def in_tension(refits: Refits, history: LoopHistory) -> LoopHistory:
@@ -162,12 +167,25 @@ def law_first(refits: Refits, history: LoopHistory) -> LoopHistory:
 
 
 def _followed(refits: Refits, state: State) -> State:
-    """The state along its law; again where it leaves more than noise, for stiffnesses have moved by then."""
+    """The state along its law, whose numbers are then those of the courses along that motion.
+
+    They were fitted along the motion of the law before. Each moves the other, so both are done in turn for
+    as long as that leaves less of the courses, and the simulated errors are no worse.
+    """
     followed = refits.along_law(state)
-    if followed.level <= refits.options.criteria.acceptance.noise_level:
-        return followed
-    again = refits.along_law(followed)
-    return again if again.level < followed.level else followed
+    residual = refits.tension(followed)
+    for _ in range(_TURNS):
+        if residual is None or residual.baseline is None:
+            break
+        again = refits.along_law(followed, numbers_of(residual.baseline))
+        before, residual = residual.misfit.level, refits.tension(again)
+        left = before if residual is None else residual.misfit.level
+        if left > before or harms(followed.errors, again.errors, refits.options.criteria):
+            break
+        followed = again
+        if left > (1 - _SETTLED) * before:
+            break
+    return followed
 
 
 def along_found_law(refits: Refits, history: LoopHistory) -> LoopHistory:
@@ -180,9 +198,9 @@ def along_found_law(refits: Refits, history: LoopHistory) -> LoopHistory:
     if not any(explanation.effect.kind == "law change" for explanation in best):
         return history
     if all(is_in_tension(explanation) for explanation in best):
-        followed = refits.along_law(history.last)
+        followed = _followed(refits, history.last)
         nearer = followed.level < history.last.level
         worse = harms(history.last.errors, followed.errors, history.criteria)
         return history.ending(followed) if nearer and not worse else history
-    after = without_redundant(refits, history.ending(refits.along_law(history.last)))
+    after = without_redundant(refits, history.ending(_followed(refits, history.last)))
     return after if len(after.selections) < len(history.selections) and after.is_explained else history

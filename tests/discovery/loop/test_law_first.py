@@ -47,16 +47,48 @@ def test_a_law_comes_first_where_the_histories_or_the_motion_say_so(
     named = History(start.last, (SimpleNamespace(best=SimpleNamespace(effect=SimpleNamespace(kind=kind))),))
     monkeypatch.setattr(tension_stage, "_named", lambda *_, **__: named)
     levels = iter(along_law)
-    refits: Any = SimpleNamespace(
-        options=SimpleNamespace(criteria=CRITERIA),
-        tension=lambda _: SimpleNamespace(misfit=SimpleNamespace(level=histories, is_noise=False)),
-        along_law=lambda _: SimpleNamespace(level=next(levels)),
-    )
+    refits = without_harm(monkeypatch)
+    refits.tension = lambda _: of_level(histories)
+    refits.along_law = lambda *_: SimpleNamespace(level=next(levels), errors={})
     found: Any = tension_stage.law_first(refits, start)  # type: ignore[arg-type]
     assert (found is not start) == is_taken
     if is_taken:
         assert found.selections == named.selections
         assert found.last.level == min(along_law)
+
+
+def without_harm(monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setattr(tension_stage, "harms", lambda *_: False)
+    monkeypatch.setattr(tension_stage, "numbers_of", lambda fit: fit)
+    return SimpleNamespace(options=SimpleNamespace(criteria=CRITERIA))
+
+
+def of_level(level: float) -> SimpleNamespace:
+    misfit = SimpleNamespace(level=level, is_noise=False)
+    return SimpleNamespace(misfit=misfit, baseline=f"fit that leaves {level:g}")
+
+
+@pytest.mark.parametrize(
+    ("left", "last"),
+    [
+        ((231.0, 5.4, 1.6, 1.59), 3),  # until the courses have settled
+        ((231.0, 5.4, 6.0), 1),  # what leaves more is not kept
+        ((231.0, 200.0, 150.0, 100.0, 50.0), 4),  # not for ever
+    ],
+)
+def test_a_law_is_fitted_along_the_motion_that_follows_it(
+    monkeypatch: pytest.MonkeyPatch, left: tuple[float, ...], last: int
+) -> None:
+    refits, given = without_harm(monkeypatch), []
+
+    def along_law(state: Any, numbers: str = "") -> SimpleNamespace:
+        given.append(numbers)
+        return SimpleNamespace(turn=state.turn + 1, errors={})
+
+    refits.along_law, refits.tension = along_law, lambda state: of_level(left[state.turn])
+    found: Any = tension_stage._followed(refits, SimpleNamespace(turn=-1))  # type: ignore[arg-type]
+    assert found.turn == last
+    assert given == ["", *(f"fit that leaves {level:g}" for level in left[: len(given) - 1])]
 
 
 @pytest.mark.parametrize(
@@ -75,7 +107,7 @@ def test_the_motion_is_followed_along_a_law_that_was_found_after_it(
     history = LoopHistory((last,)).extended(Selection(explained(name)), last)
     refits = FakeRefits(rom.paper_model())  # type: ignore[arg-type]
     followed = fake_state(FakeResidual(level), tension=tension)
-    refits.along_law = lambda _: followed  # type: ignore[method-assign]
+    refits.along_law = lambda *_: followed  # type: ignore[method-assign]
     found = tension_stage.along_found_law(refits, history)
     assert found.names == history.names
     assert (found.last is followed) == is_taken
