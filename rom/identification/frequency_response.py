@@ -96,7 +96,8 @@ def frequency_response(
 
     Every hit is cut from its onset to the record's end, so that a ring that has not died out changes the
     residues only, not the poles (:func:`fit_modes`). The force is set to zero 10 ms after its onset, where it
-    is noise. Give the raw response: filters of Section 2.3 on the response alone bend the FRF.
+    is noise, and in the latter half of a record that is shorter. Give the raw response: filters of Section
+    2.3 on the response alone bend the FRF.
 
     Parameters
     ----------
@@ -127,7 +128,7 @@ def frequency_response(
         raise ValueError(f"Record {onsets.index(None) + 1} of {len(onsets)} has no hit in its force channel.")
     starts = [max(0, round((onset - _LEAD_S) * rate_hz)) for onset in onsets if onset is not None]
     size = force.shape[1] - max(starts)
-    pulse = np.arange(size) < (_LEAD_S + _PULSE_S) * rate_hz
+    pulse = np.arange(size) < min((_LEAD_S + _PULSE_S) * rate_hz, size / 2)
     window = window_end ** (np.arange(size) / size)
     cut = [slice(start, start + size) for start in starts]
     inputs = np.stack([row[part] - np.median(row) for row, part in zip(force, cut, strict=True)])

@@ -82,3 +82,17 @@ def test_a_hit_at_a_rate_of_a_gigahertz_is_windowed_by_its_own_length(tmp_path: 
     found = identify_campaign(campaign).model
     for name, _, _, stiffness, _ in chain:
         assert float(found.link_laws[name].stiffness(0.0)) == pytest.approx(stiffness, rel=5e-3)
+
+
+def test_an_uncoupled_test_of_a_record_shorter_than_ten_milliseconds(tmp_path: Path) -> None:
+    rate, samples, chain = 1e6, 4096, [("foot", ("a", "ground"), "linear", 4e8, 300.0)]
+    force = lumped.pulse(500.0, samples, rate, 2e-4, 2e-5)
+    moved = lumped.respond({"a": 1.0}, chain, {"a": force}, rate)
+    channels = {"acceleration_a": moved["acceleration_a"], "force_a": force}
+    sampling = {"motion_rate_hz": rate, "tension_rate_hz": rate, "pretrigger_s": 1.5e-4}
+    record = {"file": "0.h5", "test": "uncoupled"}
+    campaign = lumped.campaign(
+        tmp_path / "c", {"a": 1.0}, chain, [(record, channels)], rate, sampling=sampling
+    )
+    (test,) = identify_campaign(campaign).uncoupled
+    assert np.isfinite(test.response.force_error)
