@@ -43,6 +43,7 @@ _DIFFERENCE: Numerical[float] = 1e-4  # of a number's size: a mode that rings so
 _OF_EFFECT: Numerical[float] = 1e-3  # of an effect's: a gap opens and closes between a simulation's steps
 _LITTLE: Numerical[float] = 1e-3  # of the cost, gained by a step
 _SETTLED: Numerical[float] = 1e-4  # of the cost, gained in a round
+_TOLERANCE: Numerical[float] = 1e-8  # of simulations: a stiff gap shows in a fit what 1.5e-6 leaves out
 _SAME: Numerical[float] = 1e-9  # of the largest singular value
 
 
@@ -181,7 +182,7 @@ class SimulatedFit:
     ) -> FloatArray:
         parts, own = self.parts[trace.settings.file], self.own.get(trace.settings.file)
         model = baseline.model if own is None else falling_as(baseline.model, own)
-        run = replay(model, measurement)
+        run = replay(model, measurement, _TOLERANCE)
         if run.response.status != "ok":
             return np.full(sum(len(linear.residual) for _, linear in parts), np.inf)
         values = baseline.values(parts[0][0], trace.level)

@@ -20,7 +20,7 @@ from rom.effects import in_record
 from rom.effects.observation import motion_of
 from rom.identification.modal_sensors import as_sensors_show, forces_of
 from rom.identification.ring_down import fitted_state, of_moving, ring_down
-from rom.model.assembly import Response
+from rom.model.assembly import TOLERANCE, Response
 from rom.model.model import Model
 from rom.signals.filters import displacement
 from rom.signals.per_record_parameters import at_rest, own_numbers
@@ -45,12 +45,26 @@ class Replay:
     response: Response
 
 
-def replay(model: Model, measurement: Measurement) -> Replay:
+def replay(model: Model, measurement: Measurement, tolerance: float = TOLERANCE) -> Replay:
     """Run a record again from its measured force and initial tension.
 
     The initial state of a free record is fitted to it. A driven record may have been cut from a longer run:
     where its displacement was measured and a force acts, its state is fitted to its first samples, else to
     the whole record. Others, and all with a bolt, start at rest.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    measurement : Measurement
+        The record.
+    tolerance : float
+        That of ``Model.simulate``, of records that start at rest.
+
+    Returns
+    -------
+    Replay
+        The record without faults, the model as it is there, and its response.
 
     Raises
     ------
@@ -73,8 +87,8 @@ def replay(model: Model, measurement: Measurement) -> Replay:
         return Replay(model, seen, ring.response(model, fitted_state(ring, model, tension=tension), tension))
     if _may_start_moving(model, seen):
         return Replay(model, seen, _from_first_samples(model, seen, force, tension, _FIRST))
-    start = (state.displacement, state.velocity) if state is not None else (None, None)
-    return Replay(model, seen, model.simulate(force, seen.rate_hz, tension, *start))
+    at, moving = (state.displacement, state.velocity) if state is not None else (None, None)
+    return Replay(model, seen, model.simulate(force, seen.rate_hz, tension, at, moving, tolerance))
 
 
 def simulate_measurement(model: Model, measurement: Measurement) -> Response:

@@ -55,6 +55,18 @@ def test_the_steps_in_which_a_tension_falls_pass_the_split_of_the_measured_tensi
     assert np.abs(steady - measured.non_oscillatory).max() < 0.2 * differs
 
 
+def test_a_knee_that_a_mode_crosses_for_long_asks_for_a_finer_tolerance() -> None:
+    model = CATALOGUE["two-sided-gap"].at("joint").with_values(k_g=3.5e5, delta=2.2e-5).added_to(MODEL)
+    shown = record(MODEL)
+
+    def motion(*tolerance: float) -> np.ndarray:
+        return np.asarray(replay(model, shown, *tolerance).response.displacement["lo"])
+
+    finest = motion(1e-10)
+    default, fine = (np.abs(motion(*one) - finest).max() for one in ((), (1e-8,)))
+    assert 0.0 < fine < 0.1 * default
+
+
 def test_no_strength_is_no_reading() -> None:
     silent = CATALOGUE["relaxation-log"].at("tension").with_values(A=0.0).added_to(MODEL)
     shown = record(MODEL)
