@@ -153,11 +153,10 @@ class Candidate:
         return replace(self, terms=tuple(terms), coefficients=tuple(coefficients))
 
 
-def baseline() -> Candidate:
-    """Return He et al. (2025), Eqs. 12-13: ``-gamma(T) |v|^4 T`` with the logistic exponent."""
-    return Candidate(
-        BASELINE, (Term(velocity_power().held(n=4.0), tension_logistic()),), (6.2e11,), "baseline"
-    )
+def baseline(unit: float = 1.0) -> Candidate:
+    """Return He et al. (2025), Eqs. 12-13: ``-gamma(T) |v|^4 T`` with the logistic exponent, T in a unit."""
+    logistic = tension_logistic(8.0, -0.0036 / unit, unit)
+    return Candidate(BASELINE, (Term(velocity_power().held(n=4.0), logistic),), (6.2e11,), "baseline")
 
 
 def constant_power(exponent: float, name: str) -> Candidate:
@@ -175,10 +174,10 @@ def no_loosening() -> Candidate:
     return Candidate(NO_LOOSENING, (), (), "baseline")
 
 
-def rivals_always_in_the_race() -> Sequence[Candidate]:
+def rivals_always_in_the_race(unit: float = 1.0) -> Sequence[Candidate]:
     """Return what every ranking holds: baseline, constant gamma with powers 2 and 4, no loosening."""
     return (
-        baseline(),
+        baseline(unit),
         constant_power(2.0, CONSTANT_QUADRATIC),
         constant_power(4.0, CONSTANT_QUARTIC),
         no_loosening(),

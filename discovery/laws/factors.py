@@ -6,6 +6,7 @@ which people read and which is compiled, and the powers of base quantities that 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -16,6 +17,7 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.model.laws import Parameter, Place, free_form_law
 
+_USUAL_N: Numerical[tuple[float, float]] = (3.0, 3000.0)
 _BASE_UNITS = {
     "v": {"m": 1.0, "s": -1.0},
     "x": {"m": 1.0},
@@ -237,17 +239,34 @@ def tension_power(r: float = 1.0, *, free: bool = False) -> Factor:
     return Factor("max(T, 0) ** r", inner, (("T", "r"),))
 
 
-def tension_exponential(T_s: float = 300.0) -> Factor:
-    """``T exp(-T / T_s)``: loosening fades above the tension T_s [N]."""
-    grid = (10.0, 30.0, 100.0, 200.0, 300.0, 500.0, 1000.0, 2000.0)
-    inner = {"T_s": Inner(T_s, 1.0, 1e5, "N", grid=grid)}
+def usual_unit(tension: float) -> float:
+    """Return the power of ten [N] in which a tension [N] is that of a usual bolt: 1 from 3 N to 3 kN."""
+    low, high = _USUAL_N
+    return 1.0 if low <= tension <= high else float(10.0 ** round(math.log10(max(tension, 1e-300) / 100.0)))
+
+
+def tension_exponential(T_s: float = 300.0, unit: float = 1.0) -> Factor:
+    """``T exp(-T / T_s)``: loosening fades above the tension T_s [N]; range and grid are in ``unit`` [N]."""
+    grid = tuple(unit * T for T in (10.0, 30.0, 100.0, 200.0, 300.0, 500.0, 1000.0, 2000.0))
+    inner = {"T_s": Inner(T_s, unit, 1e5 * unit, "N", grid=grid)}
     return Factor("max(T, 0) * exp(-max(T, 0) / T_s)", inner, (("T", 1.0),))
 
 
-def tension_logistic(gamma_i: float = 8.0, rho: float = -0.0036) -> Factor:
-    """``T 10^(-gamma_i / (1 + exp(rho T)))``: the shape of He et al. (2025), Eq. 13."""
+def tension_logistic(gamma_i: float = 8.0, rho: float = -0.0036, unit: float = 1.0) -> Factor:
+    """``T 10^(-gamma_i / (1 + exp(rho T)))``: the shape of He et al. (2025), Eq. 13.
+
+    Parameters
+    ----------
+    gamma_i : float
+        Decades by which the rate falls, twice.
+    rho : float
+        Rate of the logistic [1/N].
+    unit : float
+        Tension [N] in which the range and the grid of rho are.
+    """
+    grid = tuple(value / unit for value in (-0.02, -0.007, -0.0025, -0.001))
     inner = {
         "gamma_i": Inner(gamma_i, -20.0, 40.0, "1", grid=(2.0, 4.5, 7.0, 11.0)),
-        "rho": Inner(rho, -0.1, -1e-5, "1/N", grid=(-0.02, -0.007, -0.0025, -0.001)),
+        "rho": Inner(rho, -0.1 / unit, -1e-5 / unit, "1/N", grid=grid),
     }
     return Factor("max(T, 0) * 10 ** (-gamma_i / (1 + exp(rho * max(T, 0))))", inner, (("T", 1.0),))

@@ -15,7 +15,7 @@ from discovery.laws.plug_in_laws import plug_in_laws, usable
 from discovery.ranking.confidence_sets import exponent_profile, motion_profile
 from discovery.ranking.pairwise import compare_laws, not_told_apart
 from discovery.ranking.population import population_of
-from discovery.ranking.race import race
+from discovery.ranking.race import race, unit_of
 from discovery.ranking.result import RankedLaw, Ranking
 from discovery.ranking.specimens import Specimens, specimens
 from discovery.search.selection import select
@@ -104,7 +104,7 @@ def discover(
     data = specimens(campaign, jobs, stage, tightening, criteria)
     check_given(given, data.frozen)
     plugged, notes = usable(plugged, data.frozen.nodes)
-    first = refine(baseline(), data.frozen)
+    first = refine(baseline(unit_of(data.frozen)), data.frozen)
     proposals = propose(data.frozen, first, seed, tightening, jobs, stage("proposing laws"), selection)
     return _ranking(data, (*given, *plugged), proposals, seed, jobs, stage, notes)
 

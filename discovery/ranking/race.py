@@ -14,6 +14,7 @@ from discovery.courses.fit import ROUNDS, Fit, correction, fit, fit_losses, unch
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import ALWAYS_LISTED, BASELINE, Candidate, rivals_always_in_the_race
+from discovery.laws.factors import usual_unit
 from discovery.laws.names import names_of
 from discovery.ranking import cross_validation as validation
 from discovery.ranking import ordering
@@ -80,9 +81,9 @@ def race(
     validating = (rules.validated_least, rules.validated_most, rules.validated_reach)
     folds = validation.folds_of(frozen, groups, seed)
     run = _Runner(jobs, progress, 3 if campaign is None else 4)
-    standing = rivals_always_in_the_race()
+    standing = rivals_always_in_the_race(unit_of(frozen))
     same = same_equations(candidates, standing, frozen)
-    starts = [*_baseline_starts(), *standing]
+    starts = [*_baseline_starts(standing), *standing]
     starts += [*candidates, *started_alike(starts, same, frozen)]
     first = _lowest(run(0, _fit_some, starts, frozen))
     refined = run(1, _refine_some, _best(first, frozen, refining), frozen)
@@ -138,9 +139,14 @@ class _Runner:
             self.progress(round(100 * (stage + share) / self.stages), 100)
 
 
-def _baseline_starts() -> list[Candidate]:
+def unit_of(frozen: FrozenMotion) -> float:
+    """Return the tension [N] in which ranges and grids of tension laws are."""
+    return usual_unit(float(np.median(frozen.initial)))
+
+
+def _baseline_starts(standing: Sequence[Candidate]) -> list[Candidate]:
     """The baseline from other numbers: what all are compared with must not stop in a side valley."""
-    first = next(rival for rival in rivals_always_in_the_race() if rival.name == BASELINE)
+    first = next(rival for rival in standing if rival.name == BASELINE)
     inner = first.terms[0].tension.inner
     return [
         first.with_values({"gamma_i": gamma_i, "rho": rho})
@@ -226,7 +232,8 @@ def _resimulated(found: Fit, frozen: FrozenMotion) -> Fit:
 
 def _of_losses(candidate: Candidate, frozen: FrozenMotion) -> Fit:
     """Fit a law whose courses are not those measured to the losses alone, corrected by full re-simulation."""
-    start = next((c for c in rivals_always_in_the_race() if c.name == candidate.name), candidate)
+    standing = rivals_always_in_the_race(unit_of(frozen))
+    start = next((c for c in standing if c.name == candidate.name), candidate)
     found = fit_losses(start, frozen)
     for _ in range(ROUNDS):
         offsets = _finite(correction(found, frozen))

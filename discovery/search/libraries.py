@@ -29,6 +29,7 @@ from discovery.laws.factors import (
     tension_exponential,
     tension_logistic,
     tension_power,
+    usual_unit,
     velocity_displacement,
     velocity_power,
     velocity_threshold,
@@ -58,6 +59,11 @@ class Scales:
         x, v, force, damping = np.maximum(np.median(sizes, axis=0), 1e-12)
         tension = float(np.median(np.maximum(frozen.initial, 1e-3)))
         return cls(float(v), float(x), float(force), float(damping), tension)
+
+    @property
+    def unit(self) -> float:
+        """Power of ten [N] in which the tensions are those of a usual bolt."""
+        return usual_unit(self.tension)
 
     def of_factor(self, factor: Factor) -> float:
         """The factor's value at these scales, in its SI unit."""
@@ -257,8 +263,12 @@ LIBRARIES: dict[str, Library] = {
     "rate-free": Library("motion", lambda *_: tuple(velocity_displacement(1.0, q) for q in (0.5, 1.5, 2.5))),
     "proportional to the tension": Library("tension", lambda *_: grid(tension_power())),
     "power of the tension": Library("tension", lambda *_: grid(tension_power(free=True))),
-    "exponential in the tension": Library("tension", lambda *_: grid(tension_exponential())),
-    "logistic in the tension": Library("tension", lambda *_: grid(tension_logistic())),
+    "exponential in the tension": Library(
+        "tension", lambda scales, _: grid(tension_exponential(300.0 * scales.unit, scales.unit))
+    ),
+    "logistic in the tension": Library(
+        "tension", lambda scales, _: grid(tension_logistic(8.0, -0.0036 / scales.unit, scales.unit))
+    ),
 }
 """Name -> family of factors; every motion factor is tried with every tension factor."""
 

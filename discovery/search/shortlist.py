@@ -219,7 +219,12 @@ def _guide(frozen: FrozenMotion, baseline_fit: Fit, scales: Scales) -> Fit:
     from discovery.courses.fit import fit, refine
 
     motions = motion_factors(scales, frozen.criteria.search)
-    tensions = (tension_power(), tension_exponential(2 * scales.tension), tension_logistic())
+    unit = scales.unit
+    exponential, logistic = (
+        tension_exponential(2 * scales.tension, unit),
+        tension_logistic(8, -0.0036 / unit, unit),
+    )
+    tensions = (tension_power(), exponential, logistic)
     library = TermLibrary("first", scales, motions, tensions, int(frozen.criteria.search.degree))
     roots = whitener(frozen, smoothed(baseline_fit, frozen))
     rows = weighted(integrals(library, frozen), frozen, roots)

@@ -80,3 +80,18 @@ def test_a_value_beyond_its_range_is_refused() -> None:
 def test_an_unknown_inner_parameter_is_refused() -> None:
     with pytest.raises(KeyError):
         factors.velocity_power().with_values(q=2.0)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1.0, 1e3, 1e6])
+def test_ranges_of_the_tension_go_with_the_bolts_own(scale: float) -> None:
+    """A bolt of 100 kN, or of 0.1 mN, has the grids of one of 100 N."""
+    unit = factors.usual_unit(100.0 * scale)
+    exponential = factors.tension_exponential(200.0 * scale, unit)
+    logistic = factors.tension_logistic(8.0, -0.0036 / unit, unit)
+    assert unit == pytest.approx(scale)
+    assert np.allclose(
+        exponential.inner["T_s"].grid, scale * np.array(factors.tension_exponential().inner["T_s"].grid)
+    )
+    assert np.allclose(
+        scale * np.array(logistic.inner["rho"].grid), factors.tension_logistic().inner["rho"].grid
+    )
