@@ -41,9 +41,19 @@ def climbed(
     tuple of (State, bool)
         The place, with the scatter that suits it, and whether no more is to be gained.
     """
+    found = _ended(problem, state, settled, most, restricted)
+    start = levelled(problem, found[0])
+    if start is found[0]:
+        return found
+    again = _ended(problem, start, settled, most, restricted)
+    return again if again[0].deviance < found[0].deviance else found
+
+
+def _ended(problem: Problem, state: State, settled: float, most: int, restricted: bool) -> tuple[State, bool]:
+    """Where steps from a state end, and whether no more is to be gained."""
     damping = 1e-3
     for _ in range(most):
-        state = problem.scattered(levelled(problem, state), restricted)
+        state = problem.scattered(state, restricted)
         trial, damping = step(problem, state, damping)
         if trial is None:
             return problem.scattered(state, restricted), True
