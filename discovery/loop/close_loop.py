@@ -23,9 +23,8 @@ from discovery.loop.result import Closure, FoundEffect, Step
 from discovery.loop.tension_stage import along_found_law, in_tension, law_first
 from discovery.options import Options, Stages, no_progress
 from rom.campaign.campaign import Campaign
-from rom.criteria.identification import RULES
 from rom.evaluation.noise_floor import floors_by_kind
-from rom.identification.force_balance import balances_of, is_driven, noise_share
+from rom.identification.force_balance import is_driven
 from rom.identification.free_decay import is_followed, is_free
 from rom.jobs import processes
 from rom.model.laws import Law
@@ -112,16 +111,11 @@ def refits_of(campaign: Campaign, options: Options, law: Law | None = None) -> R
         return FreeRefits.of_modes(campaign, options)
     if is_free(campaign):
         return FreeRefits.of(campaign, options)
-    if is_driven(campaign) and not (is_followed(campaign) and _spoils_balance(campaign)):
+    if is_driven(campaign):
         return BalanceRefits.of(campaign, options)
     if is_followed(campaign):
         return FreeRefits.of_driven(campaign, options)
     return ImpactRefits.of(campaign, options, law=law)
-
-
-def _spoils_balance(campaign: Campaign) -> bool:
-    """Whether noise of displacements, twice differentiated, outdoes what a balance of forces tells."""
-    return noise_share(balances_of(campaign)[0]) > RULES.noise_spoils
 
 
 def _detection_limits(refits: Refits, history: LoopHistory) -> tuple[DetectionLimit, ...]:

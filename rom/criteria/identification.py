@@ -58,11 +58,6 @@ class Identifying(Group):
     noise_bias: float = number(
         1e-3, "1", "share of noise in a term behind the filter, from which its number is too small"
     )
-    noise_spoils: float = number(
-        0.02, "1", "the same, from which a balance of forces is given up and records are simulated",
-        "two masses, displacements with 1 % of noise: 0.36, and motion errors of 146 % by the balance; "
-        "measured sets: at most 3e-4",
-    )  # fmt: skip
     broad_force: float = number(
         0.1, "1", "white part of a force over its size, above which it drives the top of the band itself",
         "0.001 for a multisine to 40 Hz beside 0.02 N of noise; 1 for white excitation",

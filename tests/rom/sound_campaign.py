@@ -57,10 +57,11 @@ def sound_channels(file: str, factor: float = 1.0) -> dict[str, Channel]:
     }.get(file, FORCED)
     random = np.random.default_rng(len(file))
     rates = {name: TENSION_RATE_HZ if name in ("strain", "tension") else MOTION_RATE_HZ for name in names}
-    return {
-        name: Channel(name, factor * random.standard_normal(round(rate * DURATION_S)), rate)
-        for name, rate in rates.items()
-    }
+    noise = {name: factor * random.standard_normal(round(rate * DURATION_S)) for name, rate in rates.items()}
+    if file == FREE:  # in which something moves
+        time = np.arange(round(MOTION_RATE_HZ * DURATION_S)) / MOTION_RATE_HZ
+        noise["displacement_lo"] += 10 * factor * np.exp(-time) * np.cos(2 * np.pi * 5 * time)
+    return {name: Channel(name, samples, rates[name]) for name, samples in noise.items()}
 
 
 def write_sound_campaign(folder: Path, factor: float = 1.0) -> None:
