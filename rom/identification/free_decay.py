@@ -10,7 +10,7 @@ which is fixed by a given mass or stiffness.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
 from rom.identification.free_scale import Scale, mass_of, scale_of
+from rom.identification.modal_starts import of_modes
 from rom.identification.record_spectra import LinearNames, with_starts
 from rom.identification.record_spectra import spectral_records as spectra_of
 from rom.identification.ring_down import RingDown, ring_down
@@ -37,6 +38,8 @@ _EVALUATIONS: Numerical[int] = 40
 _MASSES: Numerical[tuple[float, float]] = (1e-3, 1e3)  # of its start, as far as a mass may go
 _LEAST: Numerical[float] = 1e-9  # of a stiffness or damping's start
 _STEP: Numerical[float] = 1e-6
+_UNSEEN: Numerical[float] = 1e-9  # of what the state shows most
+_AT_NOISE: Numerical[float] = 1.2  # mean square of what is left over the noise: no other start leaves less
 _UNTOLD: Numerical[float] = 1e-150  # of the largest slope: a number that no row depends on
 
 
@@ -139,9 +142,18 @@ def _left_over(
         if not np.isfinite(part).all():
             found.append(1e3 * target)
             continue
-        basis = np.linalg.qr(part)[0]
+        basis = _basis(part)
         found.append(target - basis @ (basis.T @ target))
     return np.concatenate(found)
+
+
+def _basis(table: FloatArray) -> FloatArray:
+    """Orthonormal columns that span a table's: a state that no channel shows, such as a place of a structure
+    without ground behind a high-pass, adds none.
+    """
+    q, r = np.linalg.qr(table)
+    left, size, _ = np.linalg.svd(r)
+    return np.asarray(q @ left[:, size > _UNSEEN * size[0]])
 
 
 def _cut(ring: RingDown, periods: float) -> int:
@@ -152,15 +164,20 @@ def _cut(ring: RingDown, periods: float) -> int:
     return min(max(int(periods * ring.row_rate_hz / strongest), 16 * len(ring.bodies)), whole)
 
 
-def _starts(rings: Sequence[RingDown], settings: CampaignSettings, scale: Scale) -> list[dict[str, float]]:
-    """Starting values: by the spectra's balance of forces, and from every body's own frequency and decay."""
+def _starts(
+    rings: Sequence[RingDown], settings: CampaignSettings, scale: Scale
+) -> Iterator[dict[str, float]]:
+    """Yield starting values: by the records' modes, each body's own decay, the spectra's balance of forces."""
     simple = _own_decays(rings, settings, scale)
-    return [simple, *([_of_spectra(rings, settings, scale, simple)] if len(settings.body) > 1 else [])]
+    yield of_modes(rings, settings, scale, simple)
+    yield simple
+    if len(settings.body) > 1:
+        yield _of_spectra(rings, settings, scale, simple)
 
 
 def _own_decays(rings: Sequence[RingDown], settings: CampaignSettings, scale: Scale) -> dict[str, float]:
     """Values as if every link held its bodies alone; where a stiffness is held the masses follow it."""
-    simple = dict(scale.values)
+    simple = {**scale.values, **_likely_masses(rings, settings, scale)}
     for link in settings.link:
         masses = [simple[mass_of(b)] for b in link.between if b != GROUND]
         omega, ratio = _frequency_and_damping(rings, link.between)
@@ -176,6 +193,15 @@ def _own_decays(rings: Sequence[RingDown], settings: CampaignSettings, scale: Sc
                 if body != GROUND and mass_of(body) in scale.free:
                     simple[mass_of(body)] = simple[f"{link.name}.stiffness.k"] / omega**2
     return simple
+
+
+def _likely_masses(rings: Sequence[RingDown], settings: CampaignSettings, scale: Scale) -> dict[str, float]:
+    """Masses that are sought: that of a record where one gives it, else the geometric mean of all given."""
+    known = {mass_of(b.name): b.mass_kg for b in settings.body if b.mass_kg is not None}
+    known |= {path: m for ring in rings for path, m in ring.measurement.given.items() if path in scale.values}
+    known = {path: m for path, m in known.items() if path.endswith(".mass")}
+    mean = float(np.exp(np.mean(np.log(list(known.values()))))) if known else 1.0
+    return {path: known.get(path, mean) for path in scale.free if path.endswith(".mass")}
 
 
 def _of_spectra(
@@ -246,21 +272,38 @@ def fit_free_decay(rings: Sequence[RingDown], campaign: Campaign) -> FreeDecayFi
     if not rings:
         raise ValueError(f"{campaign.path}: found no sound training record of a motion, expected one")
     scale = scale_of(settings, [ring.measurement.given for ring in rings])
-    fits = [_fitted(rings, settings, scale, start) for start in _starts(rings, settings, scale)]
-    best = min(fits, key=lambda fit: fit[2])
-    values, errors, _ = best
+    values, errors = _best(rings, settings, scale)
+    simple = _own_decays(rings, settings, scale)
     open_ = [n for n in scale.free if n.endswith(".mass") and not errors[n] < RULES.undetermined]
     open_ += [n for n in scale.free if n.endswith(".mass") and n not in open_
-              and _at_end(values[n], _starts(rings, settings, scale)[0][n])]  # fmt: skip
+              and _at_end(values[n], simple[n])]  # fmt: skip
     lines = list(scale.lines)
     if open_:
-        held = replace(scale, free=tuple(n for n in scale.free if n not in open_))
-        start = _starts(rings, settings, held)[0]
-        values, errors, _ = _fitted(rings, settings, held, start)
+        held = replace(
+            scale,
+            values={**scale.values, **{n: simple[n] for n in open_}},
+            free=tuple(n for n in scale.free if n not in open_),
+        )
+        values, errors = _best(rings, settings, held)
         scale = held
         lines += [f"{n.removesuffix('.mass').removeprefix('body.')}: free decay leaves its mass open; "
                   f"{values[n]:.4g} kg stands in" for n in open_]  # fmt: skip
     return FreeDecayFit(values, errors if scale.known else {}, scale.free, tuple(lines))
+
+
+def _best(
+    rings: Sequence[RingDown], settings: CampaignSettings, scale: Scale
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Values and errors of the fit that leaves least; others are not tried once one leaves noise alone."""
+    noise = 0.5 * sum(ring.measured.size for ring in rings)
+    best: tuple[dict[str, float], dict[str, float], float] | None = None
+    for start in _starts(rings, settings, scale):
+        fit = _fitted(rings, settings, scale, start)
+        best = fit if best is None or fit[2] < best[2] else best
+        if best[2] < _AT_NOISE * noise:
+            break
+    assert best is not None
+    return best[:2]
 
 
 def _at_end(value: float, start: float) -> bool:
