@@ -167,7 +167,7 @@ def _cut(ring: RingDown, periods: float) -> int:
 def _starts(
     rings: Sequence[RingDown], settings: CampaignSettings, scale: Scale
 ) -> Iterator[dict[str, float]]:
-    """Yield starting values: by the records' modes, each body's own decay, the spectra's balance of forces."""
+    """Yield starting values: by the records' modes, each body's own decay, the balance of forces."""
     simple = _own_decays(rings, settings, scale)
     yield of_modes(rings, settings, scale, simple)
     yield simple

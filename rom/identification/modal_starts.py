@@ -25,18 +25,24 @@ from rom.identification.ring_down import RingDown
 ComplexArray = npt.NDArray[np.complex128]
 _BLOCK: Numerical[int] = 400  # rows of all channels that are realised together: slow modes need long ones
 _ORDERS: Numerical[dict[str, int]] = {"displacement": 0, "velocity": 1, "acceleration": 2}
+_WINDOWS: Numerical[int] = 4000  # that are looked at, more or less
+_STEPS: Numerical[int] = 1000
 _LEAST_DAMPED: Numerical[float] = -0.05  # by noise a pole may grow a little
 _MOST_DAMPED: Numerical[float] = 0.3  # what a high-pass leaves of noise looks like a mode damped more
 
 
 @dataclass(frozen=True, eq=False)
 class _Modes:
-    """Poles [rad/s] and, by mode, displacements of the bodies, as large as they are over the noise."""
+    """Poles [rad/s], and by mode the bodies' displacements.
+
+    Times omega to the `order` of what was measured, they are as large as the mode stands above the noise.
+    """
 
     bodies: tuple[str, ...]
     given: Mapping[str, float]
     poles: ComplexArray
     shapes: ComplexArray
+    order: float
 
 
 def of_modes(
@@ -67,8 +73,12 @@ def of_modes(
     matrix = np.concatenate([block for block, _ in blocks])
     size = np.linalg.norm(matrix, axis=0)
     told = size > 0
+    if not told.any():
+        return dict(simple)
     matrix = matrix[:, told] / size[told]
-    solution = optimize.nnls(matrix, np.concatenate([right for _, right in blocks]))[0] / size[told]
+    solution = (
+        optimize.nnls(matrix, np.concatenate([right for _, right in blocks]), maxiter=_STEPS)[0] / size[told]
+    )
     values = zip(np.array(names)[told].tolist(), solution.tolist(), strict=True)
     return {**simple, **{name: value for name, value in values if value > 0}}
 
@@ -77,36 +87,38 @@ def _modes(rings: Sequence[RingDown]) -> _Modes | None:
     """Modes of records of one setting; None where they are too short."""
     first = rings[0]
     n = len(first.channels)
-    records = [ring.measured / ring.noise.mean() for ring in rings]
+    noise = np.sqrt(np.mean([ring.noise**2 for ring in rings], axis=0))
+    records = [ring.measured / noise[:, None] for ring in rings]
     rows = min(_BLOCK // n, min(record.shape[1] for record in records) // 2)
     if rows < 4 * n:
         return None
-    step, vectors, seen = _realised(records, rows, 2 * n)
-    poles = np.log(step.astype(np.complex128)) * first.row_rate_hz
-    ratio = -poles.real / np.maximum(np.abs(poles), 1e-300)
+    step, shapes = _realised(records, rows, 2 * n)
+    poles = np.asarray(first.row_rate_hz * np.log(step), dtype=np.complex128)
+    ratio = -poles.real / np.maximum(np.abs(poles), np.finfo(float).tiny)
     kept = (poles.imag > 0) & (ratio > _LEAST_DAMPED) & (ratio < _MOST_DAMPED)
     if not kept.any():
         return None
-    shapes = (seen @ vectors) * _amplitudes(records, step, seen @ vectors)
+    step, shapes, poles = step[kept], shapes[:, kept], poles[kept]
+    shapes = shapes * _amplitudes(records, step / np.maximum(np.abs(step), 1.0), shapes)
     orders = np.array([_ORDERS[kind] for kind in first.kinds])
-    shapes = shapes[:, kept] / poles[kept] ** orders[:, None]
-    return _Modes(first.bodies, first.measurement.given, poles[kept], np.asarray(shapes.T, dtype=complex))
+    displacements: ComplexArray = shapes * noise[:, None] / noise.mean() / poles ** orders[:, None]
+    return _Modes(first.bodies, first.measurement.given, poles, displacements.T, float(orders.mean()))
 
 
-def _realised(
-    records: Sequence[FloatArray], rows: int, order: int
-) -> tuple[ComplexArray, ComplexArray, FloatArray]:
-    """Eigenvalues and eigenvectors of the step from row to row, and what the channels show of its state."""
+def _realised(records: Sequence[FloatArray], rows: int, order: int) -> tuple[ComplexArray, ComplexArray]:
+    """Eigenvalues of the step from row to row, none of them zero, and what the channels show of each."""
     n = len(records[0])
     gram = np.zeros((rows * n, rows * n))
+    stride = 1 + sum(record.shape[1] for record in records) // _WINDOWS
     for record in records:
-        windows = np.lib.stride_tricks.sliding_window_view(record, rows, axis=1)
+        windows = np.lib.stride_tricks.sliding_window_view(record, rows, axis=1)[:, ::stride]
         hankel = windows.transpose(2, 0, 1).reshape(rows * n, -1)
         gram += hankel @ hankel.T
     seen = np.linalg.eigh(gram)[1][:, -order:]
     step = np.linalg.lstsq(seen[:-n], seen[n:], rcond=None)[0]
-    values, vectors = np.linalg.eig(step)
-    return values, vectors, seen[:n]
+    values, vectors = np.linalg.eig(step.astype(np.complex128))
+    alive = values != 0
+    return values[alive], seen[:n] @ vectors[:, alive]
 
 
 def _amplitudes(records: Sequence[FloatArray], step: ComplexArray, shapes: ComplexArray) -> FloatArray:
@@ -114,17 +126,18 @@ def _amplitudes(records: Sequence[FloatArray], step: ComplexArray, shapes: Compl
     total = np.zeros(len(step))
     for record in records:
         decays = step ** np.arange(record.shape[1])[:, None]
-        table = (shapes.T[None] * decays[:, :, None]).transpose(2, 0, 1).reshape(record.size, len(step))
-        state = np.linalg.lstsq(table, record.ravel().astype(np.complex128), rcond=None)[0]
-        total += np.sum(np.abs(decays * state) ** 2, axis=0)
-    return np.sqrt(total)
+        modes = np.einsum("cm,tm->ctm", shapes, decays).reshape(record.size, len(step))
+        table = np.concatenate([modes.real, modes.imag], axis=1)
+        state = np.linalg.lstsq(table, record.ravel(), rcond=None)[0].reshape(2, -1)
+        total += np.sum(np.abs(decays) ** 2, axis=0) * np.sum(state**2, axis=0)
+    return np.asarray(np.sqrt(total))
 
 
 def _balance(
     modes: _Modes, settings: CampaignSettings, values: Mapping[str, float], names: Sequence[str]
 ) -> tuple[FloatArray, FloatArray]:
     """Real rows of the modes' balance of forces over omega^2, by what is sought, and right-hand side."""
-    bodies, weight = modes.bodies, 1 / np.abs(modes.poles) ** 2
+    bodies, weight = modes.bodies, np.abs(modes.poles) ** (modes.order - 2)
     columns: dict[str, ComplexArray] = {}
     for i, body in enumerate(bodies):
         inertia = np.zeros_like(modes.shapes)
