@@ -1,7 +1,8 @@
 """Where a fit to ring-downs starts: masses, springs and dampers that go with the modes of its records.
 
-    (lambda_r^2 M + lambda_r C + K) phi_r = 0   for every mode r of every setting of the structure,
+    phi_s^T (lambda_r^2 M + lambda_r C + K) phi_r / (|lambda_r|^2 + |lambda_s|^2) = 0
 
+for all modes r, s of every setting of the structure,
 linear in what is not given, by non-negative least squares; a mode counts as much as it stands above noise.
 Poles and shapes are those of the eigensystem realisation of all records of one setting together (J.-N. Juang
 and R. S. Pappa, J. Guidance 8, 620, 1985): white noise, alike in all rows, leaves its subspace alone.
@@ -25,6 +26,8 @@ from rom.identification.ring_down import RingDown
 ComplexArray = npt.NDArray[np.complex128]
 _BLOCK: Numerical[int] = 400  # rows of all channels that are realised together: slow modes need long ones
 _ORDERS: Numerical[dict[str, int]] = {"displacement": 0, "velocity": 1, "acceleration": 2}
+# a period of the slowest strongest line, at least: faster modes are to be told too
+_SAMPLES: Numerical[float] = 96.0
 _WINDOWS: Numerical[int] = 4000  # that are looked at, more or less
 _STEPS: Numerical[int] = 1000
 _LEAST_DAMPED: Numerical[float] = -0.05  # by noise a pole may grow a little
@@ -43,6 +46,20 @@ class _Modes:
     poles: ComplexArray
     shapes: ComplexArray
     order: float
+
+    def directions(self) -> tuple[FloatArray, FloatArray]:
+        """Directions that forces are balanced in, (bodies, bodies), and weights, (modes, bodies).
+
+        Those of the modes, where what noise adds to a shape from another mode does not outweigh its own
+        spring, as it does at the bodies where links are stiff; then those that no mode has.
+        """
+        largest = np.take_along_axis(self.shapes, np.abs(self.shapes).argmax(axis=1)[:, None], axis=1)
+        shapes = (self.shapes / largest).real.T
+        others = np.linalg.svd(shapes)[0][:, shapes.shape[1] :]
+        own = np.abs(self.poles) ** 2
+        of_direction = np.concatenate([own, np.zeros(others.shape[1])])
+        weight = np.sqrt(own)[:, None] ** self.order / (own[:, None] + of_direction)
+        return np.concatenate([shapes, others], axis=1), weight
 
 
 def of_modes(
@@ -63,7 +80,8 @@ def of_modes(
     """
     groups: dict[tuple[object, ...], list[RingDown]] = {}
     for ring in rings:
-        setting = (tuple(sorted(ring.measurement.given.items())), ring.channels, ring.kinds, ring.row_rate_hz)
+        seen = ring.measurement
+        setting = (tuple(sorted(seen.given.items())), ring.channels, ring.kinds, seen.rate_hz)
         groups.setdefault(setting, []).append(ring)
     found = [_modes(group) for group in groups.values()]
     names = list(scale.free)
@@ -87,13 +105,17 @@ def _modes(rings: Sequence[RingDown]) -> _Modes | None:
     """Modes of records of one setting; None where they are too short."""
     first = rings[0]
     n = len(first.channels)
+    slowest = min(ring.measurement.strongest_hz or np.inf for ring in rings)
+    rate = first.measurement.rate_hz
+    rate /= max(1, int(rate / (_SAMPLES * slowest)))
+    rings = [ring.at_rate(rate) for ring in rings]
     noise = np.sqrt(np.mean([ring.noise**2 for ring in rings], axis=0))
     records = [ring.measured / noise[:, None] for ring in rings]
     rows = min(_BLOCK // n, min(record.shape[1] for record in records) // 2)
     if rows < 4 * n:
         return None
     step, shapes = _realised(records, rows, 2 * n)
-    poles = np.asarray(first.row_rate_hz * np.log(step), dtype=np.complex128)
+    poles = np.asarray(rate * np.log(step), dtype=np.complex128)
     ratio = -poles.real / np.maximum(np.abs(poles), np.finfo(float).tiny)
     kept = (poles.imag > 0) & (ratio > _LEAST_DAMPED) & (ratio < _MOST_DAMPED)
     if not kept.any():
@@ -137,7 +159,7 @@ def _balance(
     modes: _Modes, settings: CampaignSettings, values: Mapping[str, float], names: Sequence[str]
 ) -> tuple[FloatArray, FloatArray]:
     """Real rows of the modes' balance of forces over omega^2, by what is sought, and right-hand side."""
-    bodies, weight = modes.bodies, np.abs(modes.poles) ** (modes.order - 2)
+    bodies, (directions, weight) = modes.bodies, modes.directions()
     columns: dict[str, ComplexArray] = {}
     for i, body in enumerate(bodies):
         inertia = np.zeros_like(modes.shapes)
@@ -150,13 +172,10 @@ def _balance(
         columns[f"{link.name}.damping.c"] = modes.poles[:, None] * spring
     real = {}
     for path, column in columns.items():
-        rows = (column * weight[:, None]).ravel()
+        rows = (column @ directions * weight).ravel()
         real[path] = np.concatenate([rows.real, rows.imag])
+    empty = np.zeros(2 * weight.size)
     held = [path for path in real if path in modes.given or path not in names]
-    right = -sum(
-        (real[path] * modes.given.get(path, values[path]) for path in held),
-        np.zeros(2 * modes.shapes.size),
-    )
-    empty = np.zeros(2 * modes.shapes.size)
+    right = -sum((real[path] * modes.given.get(path, values[path]) for path in held), empty)
     block = np.stack([empty if n in held or n not in real else real[n] for n in names], axis=1)
     return block, right
