@@ -11,7 +11,7 @@ and R. S. Pappa, J. Guidance 8, 620, 1985): white noise, alike in all rows, leav
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -108,7 +108,7 @@ def _modes(rings: Sequence[RingDown]) -> _Modes | None:
     slowest = min(ring.measurement.strongest_hz or np.inf for ring in rings)
     rate = first.measurement.rate_hz
     rate /= max(1, int(rate / (_SAMPLES * slowest)))
-    rings = [ring.at_rate(rate) for ring in rings]
+    rings = [_at_rate(ring, rate) for ring in rings]
     noise = np.sqrt(np.mean([ring.noise**2 for ring in rings], axis=0))
     records = [ring.measured / noise[:, None] for ring in rings]
     rows = min(_BLOCK // n, min(record.shape[1] for record in records) // 2)
@@ -125,6 +125,16 @@ def _modes(rings: Sequence[RingDown]) -> _Modes | None:
     orders = np.array([_ORDERS[kind] for kind in first.kinds])
     displacements: ComplexArray = shapes * noise[:, None] / noise.mean() / poles ** orders[:, None]
     return _Modes(first.bodies, first.measurement.given, poles, displacements.T, float(orders.mean()))
+
+
+def _at_rate(ring: RingDown, rate_hz: float) -> RingDown:
+    """A record with rows at another rate [Hz]."""
+    motion, noise = ring.measurement.motion, ring.noise * np.sqrt(rate_hz / ring.row_rate_hz)
+    other = replace(ring, noise=noise, row_rate_hz=rate_hz)
+    rows = [
+        other.compared(kind, motion[c].samples) for kind, c in zip(ring.kinds, ring.channels, strict=True)
+    ]
+    return replace(other, measured=np.stack(rows))
 
 
 def _realised(records: Sequence[FloatArray], rows: int, order: int) -> tuple[ComplexArray, ComplexArray]:

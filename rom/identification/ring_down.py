@@ -177,14 +177,6 @@ class RingDown:
             tolerance=tolerance,
         )
 
-    def at_rate(self, rate_hz: float) -> RingDown:
-        """The record with rows at another rate [Hz], at most that of its samples."""
-        seen = self.measurement
-        kinds = ((seen.motion[channel].kind, seen.motion[channel].samples) for channel in self.channels)
-        measured = [_compared(seen, *one, rate_hz) for one in kinds]
-        noise = self.noise * np.sqrt(rate_hz / self.row_rate_hz)
-        return replace(self, measured=np.stack(measured), noise=noise, row_rate_hz=rate_hz)
-
     def parts(self, periods: float) -> tuple[RingDown, ...]:
         """The record cut into equal parts of at least some periods of its strongest line."""
         seen, strongest = self.measurement, self.measurement.strongest_hz
