@@ -37,12 +37,12 @@ from rom.model.model import Model
 from rom.progress import Progress
 from rom.signals.processing import Measurement
 
-_ROUNDS: Numerical[int] = 3  # of slopes
+_ROUNDS: Numerical[int] = 6  # of slopes
 _MOST: Numerical[int] = 8  # steps by the slopes of one round
 _DIFFERENCE: Numerical[float] = 1e-4  # of a number's size: a mode that rings soon shows more than its slope
 _OF_EFFECT: Numerical[float] = 1e-3  # of an effect's: a gap opens and closes between a simulation's steps
-_LITTLE: Numerical[float] = 1e-3  # of the cost, gained by a step
-_SETTLED: Numerical[float] = 1e-4  # of the cost, gained in a round
+_LITTLE: Numerical[float] = 0.1  # gained by a step, in squares of noise: a number at its limit loses four
+_SETTLED: Numerical[float] = 0.5  # gained in a round
 _TOLERANCE: Numerical[float] = 1e-8  # of simulations: a stiff gap shows in a fit what 1.5e-6 leaves out
 _SAME: Numerical[float] = 1e-9  # of the largest singular value
 
@@ -96,7 +96,7 @@ class SimulatedFit:
                 return None
             slopes, before = self._slopes(baseline, rows, progress), float(rows @ rows)
             baseline, rows = self._lowered(baseline, rows, slopes)
-            if before - float(rows @ rows) < _SETTLED * float(rows @ rows):
+            if before - float(rows @ rows) < _SETTLED * self._square_of_noise(rows):
                 break
         self._fall_as_measured(baseline.model, hold_out=True)
         rows += self.rows(baseline, hold_out=True)
@@ -144,9 +144,13 @@ class SimulatedFit:
             step, baseline, left = better
             slopes += np.multiply.outer(rows - left - slopes @ (step / units), step * units / (step @ step))
             gained, rows = float(rows @ rows) - float(left @ left), left
-            if gained < _LITTLE * float(rows @ rows):
+            if gained < _LITTLE * self._square_of_noise(rows):
                 break
         return baseline, rows
+
+    def _square_of_noise(self, rows: FloatArray) -> float:
+        """Mean square of what is left of a row: a share of the whole cost can be far from its minimum."""
+        return float(rows @ rows) / max(int(np.count_nonzero(self.start.training)), 1)
 
     def _better(
         self, baseline: FreeParameters, rows: FloatArray, slopes: FloatArray, units: FloatArray

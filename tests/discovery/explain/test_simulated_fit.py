@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
+import numpy as np
 import pytest
+from scipy import optimize
 
 import rom
 from discovery.criteria.criteria import CRITERIA
 from discovery.explain.motion_fit import with_effects
+from discovery.explain.simulated_fit import SimulatedFit
 from discovery.loop.impact_refits import ImpactRefits
 from discovery.loop.refitted_numbers import effect_with_limits
 from discovery.options import Options, no_progress
 from discovery.residual.base import level
+from discovery.residual.free_parameters import FreeParameters
 from discovery.residual.output_error import WhitenedResidual
 from experiments.rig.plant import Plant
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
+from rom.campaign.channels import FloatArray
 
 K3 = 8e9  # the flexure is twice as stiff at the largest deflection
 
@@ -61,3 +69,51 @@ def test_a_strongly_nonlinear_mode_no_longer_biases_the_damping(tmp_path: Path, 
     again = with_effects(settled)
     assert again.names == settled.names
     assert len(set(again.names)) == again.jacobian.shape[1]  # each number has one slope
+
+
+class _Decay(SimulatedFit):
+    """Two numbers of a decay in unit noise, in place of simulations of records."""
+
+    def __init__(self, seed: int) -> None:
+        self.time = np.linspace(0, 1, 40_000)
+        self.seen = self.shown(np.ones(2)) + np.random.default_rng(seed).standard_normal(len(self.time))
+        self.start = cast(
+            "WhitenedResidual",
+            SimpleNamespace(names=("a", "b"), training=np.ones(len(self.time), dtype=bool)),
+        )
+
+    def shown(self, numbers: FloatArray) -> FloatArray:
+        """Amplitude and rate; the size is such that noise alone moves either by some parts in a hundred."""
+        return np.asarray(numbers[0] * np.sin(60 * numbers[1] * self.time) * np.exp(-3 * self.time))
+
+    def rows(self, baseline: FreeParameters, *, hold_out: bool = False) -> FloatArray:
+        assert not hold_out
+        return np.asarray(self.seen - self.shown(cast("_Numbers", baseline).numbers))
+
+    def ended(self, numbers: FloatArray) -> FloatArray:
+        """Where steps end along slopes at a start, which they mend."""
+        start, small = _Numbers(numbers), 1e-6
+        slopes = [(self.shown(numbers + small * one) - self.shown(numbers)) / small for one in np.eye(2)]
+        at = cast("FreeParameters", start)
+        return cast("_Numbers", self._lowered(at, self.rows(at), np.stack(slopes, axis=1))[0]).numbers
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    numbers: FloatArray
+
+    def stepped(self, steps: Mapping[str, float]) -> _Numbers:
+        return _Numbers(self.numbers + np.array([steps["a"], steps["b"]]))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_steps_end_where_noise_would_not_tell_the_numbers_from_the_best(seed: int) -> None:
+    """Steps that ended at a thousandth of the cost, 40 squares of noise, were two standard errors off."""
+    fit = _Decay(seed)
+
+    def left(numbers: FloatArray) -> FloatArray:
+        return np.asarray(fit.seen - fit.shown(numbers))
+
+    best = optimize.least_squares(left, np.ones(2), xtol=1e-12)
+    found = fit.ended(np.array([1.5, 1.02]))
+    assert 2 * best.cost < np.sum(left(found) ** 2) < 2 * best.cost + 0.1
