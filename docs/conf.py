@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import sys
+from dataclasses import is_dataclass
 from importlib.metadata import version as version_of
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 DOCS = Path(__file__).parent
 sys.path.insert(0, str(DOCS.parent))
@@ -43,8 +45,9 @@ ROOT_PAGES = {"index": "README.md", "contributing": "CONTRIBUTING.md", "changelo
 
 
 def setup(app: Sphinx) -> None:
-    """Have Sphinx call what completes the text of pages."""
+    """Have Sphinx call what completes the text of pages and shortens signatures."""
     app.connect("source-read", complete)
+    app.connect("autodoc-process-signature", short_defaults)
 
 
 def complete(_app: Sphinx, page: str, source: list[str]) -> None:
@@ -61,3 +64,29 @@ def complete(_app: Sphinx, page: str, source: list[str]) -> None:
     for name in ("CONTRIBUTING", "CHANGELOG"):
         text = re.sub(rf"\]\((?:\.\./)?{name}\.md", f"]({name.lower()}.md", text)
     source[0] = text.replace("](docs/", "](").replace('src="docs/', 'src="')
+
+
+def short_defaults(
+    _app: Sphinx, _what: str, _name: str, member: object, _options: object, signature: str, returns: str
+) -> tuple[str, str]:
+    """Name the class of a dataclass's default instead of all its fields: those of criteria fill a screen."""
+    if not (isinstance(member, type) and is_dataclass(member)):
+        return signature, returns
+    told = inspect.signature(member)
+    fields = [
+        field.replace(annotation=field.empty, default=ByName(field.default))
+        if is_dataclass(field.default)
+        else field.replace(annotation=field.empty)
+        for field in told.parameters.values()
+    ]
+    return str(told.replace(parameters=fields, return_annotation=told.empty)), returns
+
+
+class ByName:
+    """A default that is shown as a call of its class."""
+
+    def __init__(self, default: Any) -> None:
+        self.shown = f"{type(default).__name__}()"
+
+    def __repr__(self) -> str:
+        return self.shown

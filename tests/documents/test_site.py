@@ -98,6 +98,9 @@ def test_public_names_are_explained_and_pictures_shown(site: Path) -> None:
     api = (site / "api.html").read_text(encoding="utf-8")
     names = [f"rom.{one}" for one in rom.__all__] + [f"discovery.{one}" for one in discovery.__all__]
     assert [one for one in names if f'id="{one}"' not in api] == []
+    signatures = re.findall(r'<dt class="sig .*?</dt>', api, flags=re.DOTALL)
+    assert len(signatures) > len(names)
+    assert max(len(re.sub("<[^>]+>", "", one)) for one in signatures) < 600  # no default fills a screen
     gallery = (site / "gallery.html").read_text(encoding="utf-8")
     assert [one.name for one in (DOCS / "images").iterdir() if f"_images/{one.name}" not in gallery] == []
 
