@@ -98,6 +98,10 @@ class Identifying(Group):
     unexplained_peak: float = number(
         5.0, "1", "height of a resonance over its neighbours' level, below which it may be noise"
     )
+    unmet_record: float = number(
+        0.5, "1", "share of a ring-down's RMS that a fit to all leaves, from which the record is named",
+        "as of all records together, at exit code 3",
+    )  # fmt: skip
     calibration_slack: float = number(
         0.01, "1", "share of the calibrated range beyond which a tension is extrapolated"
     )

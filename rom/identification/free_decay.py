@@ -288,7 +288,22 @@ def fit_free_decay(rings: Sequence[RingDown], campaign: Campaign) -> FreeDecayFi
         scale = held
         lines += [f"{n.removesuffix('.mass').removeprefix('body.')}: free decay leaves its mass open; "
                   f"{values[n]:.4g} kg stands in" for n in open_]  # fmt: skip
+    lines += _unmet(rings, settings, values)
     return FreeDecayFit(values, errors if scale.known else {}, scale.free, tuple(lines))
+
+
+def _unmet(
+    rings: Sequence[RingDown], settings: CampaignSettings, values: Mapping[str, float]
+) -> Iterator[str]:
+    """Yield a line for every record that is left over: its own values may be others."""
+    for ring in rings:
+        rest = _left_over([ring], settings, values, _periods(ring) + 1)
+        left, whole = float(np.sum(rest**2)), float(np.sum(ring.whitened**2))
+        if left > max(RULES.unmet_record**2 * whole, 2 * _AT_NOISE * ring.measured.size):
+            yield (
+                f"{ring.file}: the fit to all records leaves {100 * np.sqrt(left / whole):.3g} % of its "
+                "motion: masses or springs that campaign.toml gives may not be its own"
+            )
 
 
 def _best(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,11 @@ CHAIN: list[LinkRow] = [
     ("ga", ("a", "ground"), "linear", 900.0, 0.4),
     ("ab", ("a", "b"), "linear", 15000.0, 3.0),
     ("bc", ("b", "c"), "linear", 5200.0, 2.0),
+]
+STIFF = {"a": 0.6, "b": 6.0}
+LINK: list[LinkRow] = [
+    ("ga", ("a", "ground"), "linear", 390.0, 0.5),
+    ("ab", ("a", "b"), "linear", 18000.0, 9.0),
 ]
 ONE = {"m": 2.6}
 SPRING: list[LinkRow] = [("s", ("m", "ground"), "linear", 1900.0, 0.8)]
@@ -55,7 +61,7 @@ def decays(
 STRUCTURES = {
     "two without ground": (TWO_FREE, BETWEEN, {"a": None, "b": 0.7}, "velocity", ""),
     "one, in half of the records 20 % heavier": (ONE, SPRING, {"m": None}, "displacement", "m"),
-    "three of which one is given": (THREE, CHAIN, {"a": None, "b": None, "c": 1.4}, "displacement", ""),
+    "two on a stiff link": (STIFF, LINK, dict.fromkeys("ab"), "acceleration", "a"),
     "three of which none is given": (THREE, CHAIN, dict.fromkeys("abc"), "acceleration", "b"),
 }
 
@@ -73,6 +79,16 @@ def test_masses_that_are_not_given(tmp_path: Path, name: str) -> None:
         assert number.low is not None
         assert number.high is not None
         assert 1e-5 < (number.high - number.low) / k < 0.1, link
+
+
+def test_a_record_whose_own_mass_is_not_stated_is_named(tmp_path: Path) -> None:
+    stated = decays(tmp_path / "c", ONE, SPRING, ONE, "displacement", heavier="m")
+    settings = stated.settings.model_dump(exclude_none=True)
+    settings["record"][1].pop("mass_kg")
+    blind = replace(stated, settings=type(stated.settings).model_validate(settings))
+    lines = [rom.identify(each).identification.warnings for each in (stated, blind)]  # type: ignore[union-attr]
+    assert [line.split(":")[0] for line in lines[1]] == ["1.h5"]
+    assert not lines[0]
 
 
 def test_modes_tell_a_start_near_the_structure(tmp_path: Path) -> None:
