@@ -13,6 +13,7 @@ import typer
 
 from experiments.errors import INTERRUPTED, UNFIT, a_model, existing, show_warnings_plainly, tell, terminated
 from experiments.options import (
+    Bootstrap,
     CampaignPath,
     Campaigns,
     Cluster,
@@ -22,6 +23,7 @@ from experiments.options import (
     Quiet,
     RecordJobs,
     Seed,
+    StartModel,
     Unseeded,
 )
 from experiments.results import results_folder, writable
@@ -298,12 +300,8 @@ def compare(
 @app.command(epilog="Example: boltlaw close rig-campaign")
 def close(
     campaign: CampaignPath,
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL.json", help="Start from the tension law of this model.", callback=a_model
-        ),
-    ] = None,
+    model: StartModel = None,
+    bootstrap: Bootstrap = 0,
     out: Out = None,
     seed: Seed = 0,
     jobs: Jobs = _CORES,
@@ -311,10 +309,13 @@ def close(
     quiet: Quiet = False,
 ) -> None:
     """Trace what the model leaves to a missing effect, add it, and report the errors before and after."""
+    from experiments.studies import bootstrap as replicates
     from experiments.studies import close as study
 
+    replicates.refuse(campaign, bootstrap)
     with progress_bars(quiet) as report, execution(cluster):
         path = study.run(campaign, results_folder(campaign, out), seed, jobs, report, _command(), model=model)
+        replicates.run(campaign, path.parent, bootstrap, seed, jobs, report, model=model)
     _finish(path, study.summary(path), ", the refined model.json and figures beside it", quiet)
 
 

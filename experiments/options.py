@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.errors import a_campaign, campaigns
+from experiments.errors import a_campaign, a_model, campaigns
 from rom.jobs import CORES, processes_for
 
 CampaignPath = Annotated[
@@ -19,6 +19,19 @@ Campaigns = Annotated[
         metavar="CAMPAIGN",
         help="Campaign folder, or those of several bolts of one kind, which share the law.",
         callback=campaigns,
+    ),
+]
+StartModel = Annotated[
+    Path | None,
+    typer.Option(metavar="MODEL.json", help="Start from the tension law of this model.", callback=a_model),
+]
+Bootstrap = Annotated[
+    int,
+    typer.Option(
+        metavar="N",
+        min=0,
+        help="Also close N campaigns simulated with the refined model: limits with bias removed. "
+        "A killed run goes on.",
     ),
 ]
 Out = Annotated[

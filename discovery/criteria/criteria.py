@@ -8,6 +8,7 @@ from typing import Any
 
 from discovery.criteria.acceptance import Acceptance
 from discovery.criteria.at_rest import AtRest
+from discovery.criteria.bootstrap import Bootstrap
 from discovery.criteria.chance import Chance
 from discovery.criteria.closing import Closing
 from discovery.criteria.courses import Courses
@@ -42,6 +43,7 @@ class Criteria(RecordCriteria):
     tension: Tension = field(default_factory=Tension)
     at_rest: AtRest = field(default_factory=AtRest)
     detection: Detection = field(default_factory=Detection)
+    bootstrap: Bootstrap = field(default_factory=Bootstrap)
     localisation: Localising = field(default_factory=Localising)
     search: Search = field(default_factory=Search)
     courses: Courses = field(default_factory=Courses)

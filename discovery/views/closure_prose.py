@@ -63,7 +63,7 @@ _UNCHANGED: Numerical[float] = 0.005  # of an error: what three digits show
 
 def sections(data: Data) -> dict[str, str]:
     """Return what was ``missing``, its ``numbers``, those of the ``links`` beside it, the ``evidence``, what
-    ``changed``, what ``remains`` and what is ``excluded``.
+    ``changed``, what ``remains``, what is ``excluded`` and what a ``bootstrap`` says.
 
     Of several effects each has a line in its section; one about which there is nothing to say is left out.
     """
@@ -75,6 +75,7 @@ def sections(data: Data) -> dict[str, str]:
         "changed": ("What changed: ", _changed),
         "remains": ("What remains: ", _remains),
         "excluded": ("What is excluded: ", _excluded),
+        "bootstrap": ("Bootstrap: ", _bootstrap),
     }
     said = {key: (head, "\n".join(say(data))) for key, (head, say) in parts.items()}
     return {key: head + text for key, (head, text) in said.items() if text}
@@ -272,6 +273,27 @@ def _excluded(data: Data) -> Iterator[str]:
         yield f"Not excluded at the strengths that the catalogue takes as usual: {_from_limits(hidden)}."
     if untold:
         yield f"Strengths of which no limit is known: {untold}; closure.json says why of each."
+
+
+def _bootstrap(data: Data) -> Iterator[str]:
+    """Say how often campaigns simulated with the refined model name its effects, and what limits follow."""
+    found = data.get("bootstrap")
+    if not found:
+        return
+    count, failed = found["replicates"], found["failed"]
+    of = f"of {count} campaigns simulated with the refined model and closed anew"
+    if not found["effects"]:
+        yield f"{of}, {found['named_any']} name an effect where none is (false alarms)."
+    for effect in found["effects"]:
+        yield f"{of}, {effect['named']} name {_with_place(effect)}, {effect['first']} of them first."
+        for name, row in effect["parameters"].items():
+            if row["low"] is None:
+                yield f"Too few of them have limits of {name} ({row['replicates']})."
+            else:
+                unit = "" if row["unit"] == "1" else f" {row['unit']}"
+                yield f"{_with_limits(name, row)}, a bias of {_number(row['bias'], 2)}{unit} taken out."
+    if failed:
+        yield f"Not closed: {failed}."
 
 
 def _from_limits(rows: Sequence[Data]) -> str:

@@ -48,7 +48,7 @@ _SHOWN = {
     "ranking": {"laws", "cases", "considered", "indistinguishable", "proposals", "exponent_profile",
                 "motion_profile", "inclusion", "chosen_terms", "considered_laws", "scatter"},
     "closure": {"verdict", "summary", "effects", "steps", "residual", "screened", "refitted",
-                "detection_limits"},
+                "detection_limits", "bootstrap"},
     "prediction": {"model_digest", "fitted_to_this_campaign"},
 }  # fmt: skip
 _OF_RANKING = ("law-", "exponent-profile", "accuracy-complexity", "term-inclusion")

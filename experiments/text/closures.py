@@ -14,6 +14,7 @@ from discovery.views.closure_figure import class_words, forces, sides
 from discovery.views.closure_prose import place_words, view_words
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
+from experiments.text.bootstrap_table import bootstrap_table
 from experiments.text.closure_labels import CORRELATED, LEGEND, OF_FORCE, SINGLE
 from experiments.text.noise_floors import beside
 from experiments.text.tables import MEASURES, Table, error_rows, parameter_rows, unit_shown
@@ -292,7 +293,10 @@ def details(data: Data, model_shown: bool = False) -> list[Table]:
 
     The numbers that were fitted again are those of the refined model, where that is shown.
     """
-    found = (() if model_shown else (_refitted(data),), (_residual(data), _screened(data), _limits(data)))
+    found = (
+        () if model_shown else (_refitted(data),),
+        (_residual(data), _screened(data), _limits(data), bootstrap_table(data)),
+    )
     return [table for part in found for table in part if table.rows]
 
 

@@ -44,7 +44,7 @@ def as_sensors_show(
         if measurement.test == "driven" and "acceleration" in shown:
             shown["acceleration"] = {
                 **shown["acceleration"],
-                **_by_measured_force(model, response, measurement),
+                **by_measured_force(model, response, measurement),
             }
         return shown
     motion: dict[str, Mapping[str, FloatArray]] = {kind: getattr(response, kind) for kind in kinds}
@@ -52,8 +52,8 @@ def as_sensors_show(
     return model.shapes.seen(motion, measurement.applied_force, measurement.rate_hz, sensors)
 
 
-def _by_measured_force(model: Model, response: Response, measurement: Measurement) -> dict[str, FloatArray]:
-    """Accelerations of the bodies that forces act on."""
+def by_measured_force(model: Model, response: Response, measurement: Measurement) -> dict[str, FloatArray]:
+    """Accelerations of the bodies that forces act on, with the forces as they were sampled."""
     applied, masses = measurement.applied_force, in_record(model, measurement.given).structure.bodies
     return {
         body.name: response.acceleration[body.name]
