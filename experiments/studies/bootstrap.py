@@ -101,16 +101,17 @@ def run(
     told = json.loads(path.read_text(encoding="utf-8"))
     if not count or told.get("unfit"):  # what does not describe the records cannot stand in for them
         return path
-    _keep_what_belongs(place, _digest(folder / "model.json", told))
     again = closer or partial(_closed, seed=seed, model=model, criteria=criteria)
     report = progress("bootstrap") if progress is not None else None
-    due = [k for k in range(count) if not (place / _name(k)).is_dir()]
-    _make(due, count, (campaign_path, folder, seed, again), jobs, report)
-    replicates = [closed for k in range(count) if (closed := _replicate(place / _name(k))) is not None]
-    told["bootstrap"] = plain(bootstrap_limits(told, replicates, count - len(replicates), criteria.bootstrap))
-    told["summary"] = sections(told)
-    with results_into(folder) as new, replacing(new / "closure.json") as temporary:
-        temporary.write_text(json.dumps(told, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    with results_into(folder) as new:
+        _keep_what_belongs(place, _digest(folder / "model.json", told))
+        due = [k for k in range(count) if not (place / _name(k)).is_dir()]
+        _make(due, count, (campaign_path, folder, seed, again), jobs, report)
+        closed = [one for k in range(count) if (one := _replicate(place / _name(k))) is not None]
+        told["bootstrap"] = plain(bootstrap_limits(told, closed, count - len(closed), criteria.bootstrap))
+        told["summary"] = sections(told)
+        text = json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False)
+        (new / "closure.json").write_text(text + "\n", encoding="utf-8")
     return path
 
 

@@ -53,7 +53,22 @@ def as_sensors_show(
 
 
 def by_measured_force(model: Model, response: Response, measurement: Measurement) -> dict[str, FloatArray]:
-    """Accelerations of the bodies that forces act on, with the forces as they were sampled."""
+    """Return accelerations of the bodies that forces act on, with the forces as they were sampled.
+
+    Parameters
+    ----------
+    model : Model
+        What was simulated.
+    response : Response
+        Of its bodies.
+    measurement : Measurement
+        The record, for its forces.
+
+    Returns
+    -------
+    dict of str to ndarray
+        By body [m/s2].
+    """
     applied, masses = measurement.applied_force, in_record(model, measurement.given).structure.bodies
     return {
         body.name: response.acceleration[body.name]

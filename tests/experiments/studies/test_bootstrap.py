@@ -13,6 +13,7 @@ import pytest
 
 from experiments.run.execution import execution
 from experiments.studies import bootstrap, close
+from experiments.text.bootstrap_table import bootstrap_table
 from rom.campaign.campaign import CampaignSettings, read_campaign, write_campaign
 from rom.campaign.record import Channel
 from rom.parameters.he_2025 import nominal_impact, paper_model
@@ -110,6 +111,8 @@ def test_limits_and_a_sentence_are_added_and_jobs_change_nothing(
     assert (effect["named"], effect["first"], number["replicates"]) == (8, 8, 8)
     assert number["low"] < number["value"] < number["high"]
     assert "of 8 campaigns simulated" in close.summary(results / "closure.json")
+    (row,) = bootstrap_table(one).rows
+    assert row[:4] == ("coulomb-friction, link joint", "8 of 8", "8", "mu")
     values = [json.loads(p.read_text())["effects"][0] for p in (results / "bootstrap").glob("*/closure.json")]
     assert len({row["parameters"]["mu"]["value"] for row in values}) == 8  # each has noise of its own
     assert not list((results / "bootstrap").glob("*/campaign"))
