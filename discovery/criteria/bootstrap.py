@@ -15,6 +15,6 @@ class Bootstrap(Group):
         8,
         "1",
         "replicates that name an effect, from which its numbers get limits",
-        "simulated: six distributions of errors, 8 to 40 replicates: limits hold 93 to 96 %",
+        "simulated: six distributions of errors, 8 to 40 replicates: limits hold 95 to 97 %",
     )
     level: float = number(0.95, "1", "probability of the limits from replicates", "convention")

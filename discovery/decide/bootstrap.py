@@ -10,7 +10,9 @@ have mean m and standard deviation s over n replicates. Bias is h m, and the lim
     p - h m +- t_(n-1) s (1 + 1 / n)^(1/2) h:
 
 what half-widths lack is made up by s, as in the first step of prepivoting (R. Beran, Biometrika 74, 457,
-1987). Student's t stands for the quantiles of z*: of 40 replicates the outermost are no 95 % limits.
+1987). They are never narrower than the closure's own, p +- h: records differ by more than is drawn, such as
+errors of the measured hits, and these show in h, not in z*. Student's t stands for the quantiles of z*: of 40
+replicates the outermost are no 95 % limits.
 """
 
 from __future__ import annotations
@@ -89,7 +91,7 @@ def _of_number(parameter: Data, found: Sequence[Data | None], rules: Bootstrap) 
         return row | {"replicates": len(errors)}
     count, bias = len(errors), half * float(errors.mean())
     quantile = float(stats.t.ppf((1 + rules.level) / 2, count - 1)) * np.sqrt(1 + 1 / count)
-    width = half * float(errors.std(ddof=1)) * quantile
+    width = half * max(float(errors.std(ddof=1)) * quantile, 1.0)
     best = value - bias
     limits = {"value": best, "low": best - width, "high": best + width, "bias": bias}
     return row | limits | {"replicates": count}

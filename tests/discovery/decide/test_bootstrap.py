@@ -47,6 +47,12 @@ def test_bias_is_told_with_its_sign_and_taken_out() -> None:
     assert number["low"] < 9.5 < number["high"]
 
 
+def test_limits_are_never_narrower_than_those_of_the_closure() -> None:
+    replicates = [closed(10.0 + e, 0.5) for e in (-0.01, 0.01) * 4]
+    number = bootstrap_limits(closed(10.0, 1.0), replicates)["effects"][0]["parameters"]["k3"]
+    assert (number["low"], number["high"]) == pytest.approx((9.0, 11.0))
+
+
 def test_replicates_count_where_they_name_the_effect_first_among_others_or_not() -> None:
     other = closed(1.0, 0.1, "coulomb-friction")["effects"]
     first, second = closed(2.0, 0.1), {"effects": other + closed(2.0, 0.1)["effects"]}
