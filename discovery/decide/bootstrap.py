@@ -10,8 +10,8 @@ have mean m and standard deviation s over n replicates. Bias is h m, and the lim
     p - h m +- t_(n-1) s (1 + 1 / n)^(1/2) h:
 
 what half-widths lack is made up by s, as in the first step of prepivoting (R. Beran, Biometrika 74, 457,
-1987). They are never narrower than the closure's own, p +- h: records differ by more than is drawn, such as
-errors of the measured hits, and these show in h, not in z*. Student's t stands for the quantiles of z*: of 40
+1987). They are never narrower than the closure's own, p +- h: records differ by more than is drawn, which
+shows in h, not in z*. Student's t stands for the quantiles of z*: of 40
 replicates the outermost are no 95 % limits.
 """
 

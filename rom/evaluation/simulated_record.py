@@ -1,7 +1,7 @@
 """A record as a model would have it measured: simulated from the measured hit, with noise drawn anew.
 
-The hit and the initial tension are those of the record. Noise is drawn in the raw channels, so that it passes
-through all processing: white noise e_j convolved with what channels showed before the hits of K tests of the
+The hit and the initial tension are those of the record. Noise is drawn in the raw channels, the force's too, so
+that it passes through all processing: white noise e_j convolved with what channels showed before the hits of K tests of the
 kind, q_j,
 
     n(t) = K^(-1/2) sum_j sum_s w(s) q_j(s) e_j(t - s) / (sum_s w(s)^2)^(1/2),
@@ -94,7 +94,7 @@ def simulated_record(
     run = replay(_of_a_test(model, measurement, generator), measurement, _TOLERANCE)
     if run.response.status != "ok":
         raise ValueError(f"{record.file}: found a simulation that does not finish, expected one that does")
-    clean = _shown(run, record, settings)
+    clean = {**_hits(record, measurement), **_shown(run, record, settings)}
     alike = [q for q in quiet if q.test == record.test and q.bodies == record.bodies]
     shown = dict(record.channels)
     for rate_hz in dict.fromkeys(record.channels[name].rate_hz for name in clean):
@@ -104,6 +104,16 @@ def simulated_record(
             samples = clean[name] + noise[name][: len(clean[name])]
             shown[name] = Channel(name, samples, rate_hz)
     return shown
+
+
+def _hits(record: Record, measurement: Measurement) -> dict[str, FloatArray]:
+    """The forces that the model takes, by channel: of those measured the contacts alone, without noise."""
+    return {
+        f"force_{body}": np.interp(
+            record.channels[f"force_{body}"].time, np.arange(len(force)) / measurement.rate_hz, force
+        )
+        for body, force in measurement.force.items()
+    }
 
 
 def _of_a_test(model: Model, measurement: Measurement, generator: np.random.Generator) -> Model:
