@@ -1,8 +1,8 @@
 """A record as a model would have it measured: simulated from the measured hit, with noise drawn anew.
 
-The hit and the initial tension are those of the record. Noise is drawn in the raw channels, the force's too, so
-that it passes through all processing: white noise e_j convolved with what channels showed before the hits of K tests of the
-kind, q_j,
+The hit and the initial tension are those of the record. Noise is drawn in the raw channels, the force's too,
+so that it passes through all processing: white noise e_j convolved with what channels showed before the hits
+of K tests of the kind, q_j,
 
     n(t) = K^(-1/2) sum_j sum_s w(s) q_j(s) e_j(t - s) / (sum_s w(s)^2)^(1/2),
 
