@@ -9,6 +9,7 @@ import numpy as np
 
 from rom.campaign.campaign import CampaignSettings, write_campaign
 from rom.campaign.record import Channel
+from rom.parameters.he_2025 import nominal_impact, paper_model
 
 MOTION_RATE_HZ, TENSION_RATE_HZ, DURATION_S = 400, 100, 3.0
 UNCOUPLED, COUPLED, LOOSENING = "records/uncoupled.h5", "records/coupled.mat", "records/loosening.h5"
@@ -68,3 +69,21 @@ def write_sound_campaign(folder: Path, factor: float = 1.0) -> None:
     """Write the sound campaign to a new folder."""
     settings = CampaignSettings.model_validate(sound_settings())
     write_campaign(folder, settings, ((file, sound_channels(file, factor)) for file in FILES))
+
+
+def write_loosening_campaign(folder: Path, rate_hz: float, noise: float = 0.0) -> None:
+    """One loosening record of the paper's model, with noise of one size in all channels."""
+    force = nominal_impact(1600.0, rate_hz, 3.0)
+    response = paper_model().simulate({"lo": force}, rate_hz, 60.0)
+    samples = {"force_lo": force, "tension": np.asarray(response.tension)}
+    samples |= {f"acceleration_{body}": response.acceleration[body] for body in ("lo", "so")}
+    random = np.random.default_rng(1)
+    settings = sound_settings() | {
+        "record": [{"file": LOOSENING, "test": "loosening", "preload_n": 60.0}],
+        "sampling": {"motion_rate_hz": rate_hz, "tension_rate_hz": rate_hz, "pretrigger_s": 0.5},
+    }
+    channels = {
+        name: Channel(name, values + noise * random.standard_normal(len(values)), rate_hz)
+        for name, values in samples.items()
+    }
+    write_campaign(folder, CampaignSettings.model_validate(settings), [(LOOSENING, channels)])

@@ -8,16 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from experiments.run.execution import execution
 from experiments.studies import bootstrap, close
 from experiments.text.bootstrap_table import bootstrap_table
-from rom.campaign.campaign import CampaignSettings, read_campaign, write_campaign
-from rom.campaign.record import Channel
-from rom.parameters.he_2025 import nominal_impact, paper_model
-from tests.rom.sound_campaign import LOOSENING, sound_settings
+from rom.campaign.campaign import read_campaign
+from rom.parameters.he_2025 import paper_model
+from tests.rom.sound_campaign import write_loosening_campaign
 
 Boltlaw = Callable[..., Any]
 RATE_HZ = 4800.0
@@ -26,21 +24,8 @@ RATE_HZ = 4800.0
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A loosening record of the paper's model, with noise."""
-    force = nominal_impact(1600.0, RATE_HZ, 3.0)
-    response = paper_model().simulate({"lo": force}, RATE_HZ, 60.0)
-    samples = {"force_lo": force, "tension": np.asarray(response.tension)}
-    samples |= {f"acceleration_{body}": response.acceleration[body] for body in ("lo", "so")}
-    noise = np.random.default_rng(1)
-    channels = {
-        name: Channel(name, values + 0.01 * noise.standard_normal(len(values)), RATE_HZ)
-        for name, values in samples.items()
-    }
-    settings = sound_settings() | {
-        "record": [{"file": LOOSENING, "test": "loosening", "preload_n": 60.0}],
-        "sampling": {"motion_rate_hz": RATE_HZ, "tension_rate_hz": RATE_HZ, "pretrigger_s": 0.5},
-    }
     place = tmp_path_factory.mktemp("bootstrap") / "campaign"
-    write_campaign(place, CampaignSettings.model_validate(settings), [(LOOSENING, channels)])
+    write_loosening_campaign(place, RATE_HZ, noise=0.01)
     return place
 
 

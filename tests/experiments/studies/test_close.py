@@ -16,8 +16,7 @@ import discovery
 from discovery.loop.result import Closure
 from experiments.studies import close
 from experiments.studies.effect_curves import effect_curves
-from rom.campaign.campaign import CampaignError, CampaignSettings, read_campaign, write_campaign
-from rom.campaign.record import Channel
+from rom.campaign.campaign import CampaignError, read_campaign
 from rom.effects import CATALOGUE
 from rom.identification.identify import identify
 from rom.model.model import Model
@@ -25,7 +24,7 @@ from rom.model_file import load_model
 from rom.parameters.he_2025 import nominal_impact, paper_model
 from tests.discovery import driven_twins as twins
 from tests.discovery.sound_closure import closure, friction, skew, threshold, unknown_force
-from tests.rom.sound_campaign import LOOSENING, sound_settings, write_sound_campaign
+from tests.rom.sound_campaign import sound_settings, write_loosening_campaign, write_sound_campaign
 
 Boltlaw = Callable[..., Any]
 Finding = Callable[[Closure], list[tuple[Any, ...]]]
@@ -43,17 +42,8 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def moving(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A loosening record of the paper's model, without noise."""
-    force = nominal_impact(1600.0, RATE_HZ, 3.0)
-    response = paper_model().simulate({"lo": force}, RATE_HZ, 60.0)
-    samples = {"force_lo": force, "tension": np.asarray(response.tension)}
-    samples |= {f"acceleration_{body}": response.acceleration[body] for body in ("lo", "so")}
-    settings = sound_settings() | {
-        "record": [{"file": LOOSENING, "test": "loosening", "preload_n": 60.0}],
-        "sampling": {"motion_rate_hz": RATE_HZ, "tension_rate_hz": RATE_HZ, "pretrigger_s": 0.5},
-    }
-    channels = {name: Channel(name, values, RATE_HZ) for name, values in samples.items()}
     place = tmp_path_factory.mktemp("moving") / "campaign"
-    write_campaign(place, CampaignSettings.model_validate(settings), [(LOOSENING, channels)])
+    write_loosening_campaign(place, RATE_HZ)
     return place
 
 
