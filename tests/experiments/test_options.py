@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from typer import Typer
 from typer.testing import CliRunner
 
+import discovery
+import rom
 from experiments import options
 from experiments.options import CampaignPath, Cluster, RecordJobs
 from rom import jobs
@@ -36,3 +40,8 @@ def test_few_records_take_one_process_where_none_are_asked_for(
     assert said("--cluster", "tcp://host:1") == "campaign 8 tcp://host:1"
     monkeypatch.setattr(jobs, "_FEW_BYTES", 10_000)
     assert said() == "campaign 8 None"
+
+
+@pytest.mark.parametrize("work", [rom.identify, discovery.discover, discovery.compare, discovery.close_loop])
+def test_python_and_the_commands_use_all_cores_by_default(work: Callable[..., object]) -> None:
+    assert inspect.signature(work).parameters["jobs"].default is None
