@@ -40,6 +40,18 @@ def test_a_stage_that_knows_no_total_shows_its_time_and_no_question_mark() -> No
     assert "?" not in shown.replace("[?25", "")
 
 
+def test_a_stage_that_knows_its_total_shows_the_time_that_is_left() -> None:
+    now = [0.0]
+    console = Console(file=io.StringIO(), force_terminal=True, width=100, get_time=lambda: now[0])
+    with progress_bars(False, console) as report:
+        move = report("fitting effects")
+        assert move is not None
+        for done in range(11):
+            now[0] = 2.0 * done
+            move(done, 40)
+    assert "0:01:00" in console.file.getvalue()  # type: ignore[attr-defined]
+
+
 def _wait() -> None:
     sleep(0.3)  # the bars are drawn ten times a second
 
