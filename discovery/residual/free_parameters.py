@@ -94,6 +94,8 @@ class FreeParameters:
             if step == 0.0:
                 moved = _within(law, parameter, value.value - _DIFFERENCE * size)
                 step = moved.parameters[parameter].value - value.value
+            if step == 0.0:  # its bounds give it
+                continue
             found[f"{term}:{parameter}"] = (float(moved(tension)) - here) / here * size / step
         return found
 

@@ -19,7 +19,12 @@ class Identifying(Group):
         0.2, "1", "largest damping ratio of a mode at which the paper's Eq. 7 is to be trusted"
     )
     curve_levels: int = number(2, "1", "levels of tension that tell a curve")
-    curve_span: float = number(3.0, "1", "factor that tensions span at least to tell a curve")
+    curve_span: float = number(
+        3.0, "1", "factor of tensions below which the form of a curve is the simplest that they allow"
+    )
+    curve_chance: float = number(
+        0.01, "1", "p-value below which a number more of a curve over such tensions is told", "convention"
+    )
     level_step: float = number(0.1, "1", "logarithm of tension by which two levels differ")
     left_open: float = number(
         0.3, "1", "relative error of a shared number, from which joints are put on their curve"

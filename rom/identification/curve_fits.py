@@ -125,6 +125,32 @@ def fit_law(
     return LawFit(limited, tuple(free), covariance, scatter, r_squared, tuple(records), curve)
 
 
+def least_misfit(
+    fit: LawFit, scatter: float, tension: FloatArray, values: FloatArray, log_covariance: FloatArray
+) -> float:
+    """Return the least weighted square that a fit's form leaves of values if they scatter so much.
+
+    Parameters
+    ----------
+    fit : LawFit
+        The form, and where to start.
+    scatter : float
+        Standard deviation of ln y beyond the covariance.
+    tension, values : ndarray, shape (n,)
+        Tensions [N] and positive values.
+    log_covariance : ndarray, shape (n, n)
+        Covariance of the logarithms of the values.
+
+    Returns
+    -------
+    float
+        About n less the free parameters where form and scatter are right.
+    """
+    whitener = _whitener(log_covariance, scatter)
+    _, left = _least_squares(fit.law, fit.free, tension, values, whitener, fit.curve)
+    return float(left @ left)
+
+
 def covariance_of(jacobian: FloatArray) -> FloatArray:
     """Return (J^T J)^-1 of a whitened Jacobian (values, parameters); what no value tells has a huge variance.
 

@@ -33,9 +33,7 @@ def few_cases(
     numbers, cases, levels = len(fit.free), len(fit.records), tension_levels(tension)
     positive = tension[tension > 0]
     if not levels and not declared and cases > 1 and positive.size:
-        span = f"tensions from {positive.min():.4g} to {positive.max():.4g} N are too near to each other"
-        found = span if positive.size > 1 else "found one tension above zero, too few"
-        return (f"{curve}: {found} for a curve: a constant stands for it",)
+        return (f"{curve}: {_of_near(fit, positive)}",)
     bends = levels == RULES.curve_levels and not declared
     assumed = ", and where between them it bends is assumed" if bends else ""
     if cases <= numbers:
@@ -45,6 +43,15 @@ def few_cases(
         text = f"{curve}: {numbers} numbers from {levels} levels of tension{assumed}"
         return (f"{text}: no level is left to test its form; its limits hold for this form alone",)
     return ()
+
+
+def _of_near(fit: LawFit, tension: FloatArray) -> str:
+    if tension.size == 1:
+        return "found one tension above zero, too few for a curve: a constant stands for it"
+    span = f"tensions from {tension.min():.4g} to {tension.max():.4g} N, which are near to each other"
+    if len(fit.free) == 1:
+        return f"{span}, tell no change: a constant stands for it"
+    return f"{span}, tell {len(fit.free)} numbers ({fit.law.name}): beyond them it is extrapolated"
 
 
 def _count(count: int, what: str) -> str:

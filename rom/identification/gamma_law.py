@@ -21,6 +21,7 @@ from rom.identification.curve_fits import LawFit, covariance_of, fit_law, gamma_
 from rom.identification.few_cases import few_cases
 from rom.identification.gamma_per_case import GammaEstimate, LooseningCase, final_tensions, identify_gamma
 from rom.identification.joint import tension_levels
+from rom.identification.told_form import Form, fit_told, reference_tension, with_given
 from rom.model.expressions import is_linear_in
 from rom.model.laws import Law, logistic_loosening, power_loosening
 from rom.model.model import Model
@@ -135,15 +136,33 @@ def _fit_to_cases(usable: Sequence[GammaEstimate]) -> LawFit:
     values = np.array([g.gamma for g in usable])
     covariance = np.diag([_case_error(g) ** 2 for g in usable])
     files, levels = [g.file for g in usable], tension_levels(tension)
+    scales = tension.max() * np.geomspace(0.01, 1.0, 6)
+    free: tuple[str, ...] = ("gamma_d", "gamma_i", "rho")
     if not levels:
-        start = power_loosening(float(np.exp(np.log(values).mean())))
-        return fit_law([start], ["gamma"], tension, values, covariance, files, gamma_curve)
-    top, bottom = float(np.log10(values.max())), float(np.log10(values.min()))
-    scales, free = tension.max() * np.geomspace(0.01, 1.0, 6), ["gamma_d", "gamma_i", "rho"]
+        forms = _near_forms(tension, values, Form(_logistic_starts(scales, values), free))
+        return fit_told(forms, tension, values, covariance, files, gamma_curve)
     if levels == RULES.curve_levels:  # two levels tell two parameters
         scales, free = np.sqrt([tension.min() * tension.max()]) / 2, free[:2]
-    starts = [logistic_loosening(2 * top - bottom, 2 * (top - bottom), -1 / scale) for scale in scales]
+    starts = _logistic_starts(scales, values)
     return fit_law(starts, free, tension, values, covariance, files, gamma_curve)
+
+
+def _near_forms(tension: FloatArray, values: FloatArray, logistic: Form) -> list[Form]:
+    """Return the forms of gamma(T) that tensions near to each other may tell: a constant, Eq. 13 with its
+    steepness given, all of it.
+    """
+    constant = Form([power_loosening(float(np.exp(np.log(values).mean())))], ("gamma",))
+    middle = reference_tension(tension)
+    if middle is None:
+        return [constant]
+    (start,) = _logistic_starts(np.array([middle / 2]), values)
+    return [constant, Form([with_given(start, "rho")], logistic.free[:2]), logistic]
+
+
+def _logistic_starts(scales: FloatArray, values: FloatArray) -> list[Law]:
+    """Return Eq. 13 between values of gamma, changing over scales of the tension [N]."""
+    top, bottom = float(np.log10(values.max())), float(np.log10(values.min()))
+    return [logistic_loosening(2 * top - bottom, 2 * (top - bottom), -1 / scale) for scale in scales]
 
 
 def _case_error(case: GammaEstimate) -> float:

@@ -17,8 +17,10 @@ from rom.identification.output_error import OutputErrorFit
 from rom.identification.record_spectra import LinearNames, given_value
 from rom.identification.reduce import FirstMode, ReducedRecord
 from rom.identification.spectral_model import CORNER, SpectralRecord
+from rom.identification.told_form import Form, fit_told, reference_tension
 from rom.identification.uncoupled_priors import fit_near
-from rom.model.laws import constant_damping, constant_stiffness, logistic_damping, logistic_stiffness
+from rom.model.laws import Law, constant_damping, constant_stiffness, logistic_damping, logistic_stiffness
+from rom.model.power_of_tension import power_damping, power_stiffness
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,7 @@ def _heaviest_damping_ratio(
 def joint_curves(
     joint: Sequence[JointEstimate], linear: OutputErrorFit | None, settings: CampaignSettings
 ) -> tuple[LawFit | None, LawFit | None]:
-    """Fit Eqs. 5 and 11 to the estimates; constants where there are too few tensions for a curve.
+    """Fit Eqs. 5 and 11 to the estimates; simpler forms where tensions lie too near to tell these.
 
     Parameters
     ----------
@@ -222,27 +224,62 @@ def joint_curves(
         [f"{LinearNames.stiffness(link)}@{file}" for file in files]
     )
     damping, damping_covariance = linear.block([f"{LinearNames.damping(link)}@{file}" for file in files])
+    of_k, of_c = (stiffness, stiffness_covariance), (damping, damping_covariance)
     levels = tension_levels(tension)
     if not levels:
-        k, c = float(np.exp(np.log(stiffness).mean())), float(np.exp(np.log(damping).mean()))
-        return (
-            fit_law([constant_stiffness(k)], ["k"], tension, stiffness, stiffness_covariance, files),
-            fit_law([constant_damping(c)], ["c"], tension, damping, damping_covariance, files),
-        )
+        forms_k, forms_c = near_forms(tension, stiffness, damping)
+        return fit_told(forms_k, tension, *of_k, files), fit_told(forms_c, tension, *of_c, files)
     scales = np.geomspace(tension[tension > 0].min(), tension.max(), 7)
     free_k, free_c = ["k_i", "alpha", "beta"], ["c_d", "c_i", "eta"]
     if levels == RULES.curve_levels:  # two levels tell two parameters: the shape between them is given
         scales = np.sqrt(scales[:1] * scales[-1:]) / 2
         free_k, free_c = ["k_i", "beta"], ["c_d", "c_i"]
-    plateau = float(stiffness.max())
-    starts_k = [
-        logistic_stiffness(plateau, -1 / scale, beta * scale) for scale in scales for beta in (0.0, 0.5, 1.0)
-    ]
-    low, high = float(damping[tension.argmax()]), float(damping[tension.argmin()])
-    starts_c = [logistic_damping(2 * high - low, 2 * (high - low), -1 / scale) for scale in scales]
+    starts_k, starts_c = _logistic_starts(scales, tension, stiffness, damping)
     return (
-        fit_law(starts_k, free_k, tension, stiffness, stiffness_covariance, files),
-        fit_law(starts_c, free_c, tension, damping, damping_covariance, files),
+        fit_law(starts_k, free_k, tension, *of_k, files),
+        fit_law(starts_c, free_c, tension, *of_c, files),
+    )
+
+
+def near_forms(
+    tension: FloatArray, stiffness: FloatArray, damping: FloatArray
+) -> tuple[list[Form], list[Form]]:
+    """Return the forms that tensions near to each other may tell: constants, powers, Eqs. 5 and 11."""
+    k, c = float(np.exp(np.log(stiffness).mean())), float(np.exp(np.log(damping).mean()))
+    of_k, of_c = [Form([constant_stiffness(k)], ("k",))], [Form([constant_damping(c)], ("c",))]
+    reference = reference_tension(tension)
+    if reference is None:
+        return of_k, of_c
+    scales = np.geomspace(tension[tension > 0].min(), tension.max(), 7)
+    starts_k, starts_c = _logistic_starts(scales, tension, stiffness, damping)
+    return (
+        [
+            *of_k,
+            Form([power_stiffness(k, _slope(tension, stiffness, reference), reference)], ("k_r", "m")),
+            Form(starts_k, ("k_i", "alpha", "beta")),
+        ],
+        [
+            *of_c,
+            Form([power_damping(c, _slope(tension, damping, reference), reference)], ("c_r", "m")),
+            Form(starts_c, ("c_d", "c_i", "eta")),
+        ],
+    )
+
+
+def _slope(tension: FloatArray, values: FloatArray, reference: float) -> float:
+    """Return the exponent of a power of the tension through values."""
+    return float(np.polyfit(np.log(np.maximum(tension, 0.01 * reference)), np.log(values), 1)[0])
+
+
+def _logistic_starts(
+    scales: FloatArray, tension: FloatArray, stiffness: FloatArray, damping: FloatArray
+) -> tuple[list[Law], list[Law]]:
+    """Return Eqs. 5 and 11 that change over scales of the tension [N]."""
+    plateau = float(stiffness.max())
+    low, high = float(damping[tension.argmax()]), float(damping[tension.argmin()])
+    return (
+        [logistic_stiffness(plateau, -1 / scale, b * scale) for scale in scales for b in (0.0, 0.5, 1.0)],
+        [logistic_damping(2 * high - low, 2 * (high - low), -1 / scale) for scale in scales],
     )
 
 

@@ -23,6 +23,7 @@ from discovery.residual.output_error import WhitenedResidual
 from rom.effects import CATALOGUE
 from rom.identification.priors import PriorConstraint
 from rom.model.laws import constant_stiffness
+from rom.model.power_of_tension import power_stiffness
 
 ROWS = 4000
 NAMES = ("flexure_lo.stiffness", "flexure_so.stiffness")
@@ -71,6 +72,16 @@ def test_a_damping_is_one_number_with_the_bolt_in_or_without() -> None:
     assert link.damping.values[0] == without.damping.values[0] == pytest.approx(0.5 * c)
     assert link.stiffness == model.link_laws["flexure_lo"].stiffness
     assert without.stiffness.values[0] == pytest.approx(1.1 * 8148.7)
+
+
+def test_a_number_that_its_bounds_give_is_not_free() -> None:
+    model = rom.paper_model()
+    joint = replace(model.link_laws["joint"], stiffness=power_stiffness(9e5, 0.4, 950.0))
+    numbers = FreeParameters(replace(model, link_laws={**model.link_laws, "joint": joint}), {})
+    slopes = numbers.slopes("joint.stiffness@a", 1200.0)
+    assert slopes["joint.stiffness:k_r"] == pytest.approx(1.0)
+    assert slopes["joint.stiffness:m"] == pytest.approx(0.4 * np.log(1200.0 / 950.0), rel=1e-3)
+    assert set(slopes) == {"joint.stiffness:k_r", "joint.stiffness:m"}
 
 
 def test_ties_say_nothing_where_noise_alone_is_left() -> None:

@@ -10,7 +10,7 @@ import pytest
 from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
 from rom.identification.few_cases import few_cases
 from rom.identification.gamma_law import loosening_law
-from rom.model.laws import logistic_loosening
+from rom.model.laws import logistic_loosening, power_loosening
 from tests.rom.identification.test_curve_fits import LAWS, starts
 from tests.rom.identification.test_gamma import MODEL, WINDOW_S, with_true_losses
 
@@ -40,7 +40,7 @@ LEVELS = np.array([6.0, 120.0, 2400.0])
         (np.repeat(LEVELS, 4), "3 numbers from 3 levels of tension: no level is left to test its form"),
         (
             np.array([600.0, 800.0, 1100.0, 1500.0]),
-            "from 600 to 1500 N are too near to each other for a curve",
+            "from 600 to 1500 N, which are near to each other, tell 3 numbers (logistic loosening)",
         ),
     ],
 )
@@ -49,6 +49,17 @@ def test_what_a_curve_rests_on_is_told(tension: np.ndarray, line: str | None) ->
     lines = few_cases("gamma(T)", fit, tension)
     assert len(lines) == (line is not None)
     assert line is None or line in lines[0]
+
+
+def test_near_tensions_that_tell_no_change_are_told() -> None:
+    near = np.array([600.0, 800.0, 1100.0])
+    one = fit_law(
+        [power_loosening(1e4)], ["gamma"], near, np.ones(3), np.eye(3), ["a", "b", "c"], gamma_curve
+    )
+    (line,) = few_cases("gamma(T)", one, near)
+    assert "tell no change: a constant stands for it" in line
+    (line,) = few_cases("gamma(T)", one, np.array([0.0, 0.0, 600.0]))
+    assert "one tension above zero" in line
 
 
 def test_three_tests_of_a_bolt_tell_no_limits_of_its_law() -> None:

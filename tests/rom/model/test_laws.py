@@ -16,12 +16,15 @@ from rom.model.laws import (
     no_loosening,
     power_loosening,
 )
+from rom.model.power_of_tension import power_damping, power_stiffness
 
 LINK_LAWS = [
     constant_stiffness(8963.6),
     constant_damping(8.2),
     logistic_stiffness(9.763e5, -0.0608, 2.003),
     logistic_damping(1853.0, 1717.4, -0.00922),
+    power_stiffness(9.763e5, 0.5, 950.0),
+    power_damping(140.0, -0.3, 950.0),
 ]
 TENSION_LAWS = [
     no_loosening(),
