@@ -48,10 +48,10 @@ def few_cases(
 def _of_near(fit: LawFit, tension: FloatArray) -> str:
     if tension.size == 1:
         return "found one tension above zero, too few for a curve: a constant stands for it"
-    span = f"tensions from {tension.min():.4g} to {tension.max():.4g} N, which are near to each other"
+    span = f"from {tension.min():.4g} to {tension.max():.4g} N the records tell"
     if len(fit.free) == 1:
-        return f"{span}, tell no change: a constant stands for it"
-    return f"{span}, tell {len(fit.free)} numbers ({fit.law.name}): beyond them it is extrapolated"
+        return f"{span} no change: a constant stands for it"
+    return f"{span} {len(fit.free)} numbers ({fit.law.name}); beyond these tensions it is extrapolated"
 
 
 def _count(count: int, what: str) -> str:

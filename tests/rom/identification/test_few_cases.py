@@ -40,7 +40,7 @@ LEVELS = np.array([6.0, 120.0, 2400.0])
         (np.repeat(LEVELS, 4), "3 numbers from 3 levels of tension: no level is left to test its form"),
         (
             np.array([600.0, 800.0, 1100.0, 1500.0]),
-            "from 600 to 1500 N, which are near to each other, tell 3 numbers (logistic loosening)",
+            "from 600 to 1500 N the records tell 3 numbers (logistic loosening)",
         ),
     ],
 )
@@ -57,7 +57,7 @@ def test_near_tensions_that_tell_no_change_are_told() -> None:
         [power_loosening(1e4)], ["gamma"], near, np.ones(3), np.eye(3), ["a", "b", "c"], gamma_curve
     )
     (line,) = few_cases("gamma(T)", one, near)
-    assert "tell no change: a constant stands for it" in line
+    assert "from 600 to 1100 N the records tell no change: a constant stands for it" in line
     (line,) = few_cases("gamma(T)", one, np.array([0.0, 0.0, 600.0]))
     assert "one tension above zero" in line
 
