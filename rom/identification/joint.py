@@ -244,7 +244,20 @@ def joint_curves(
 def near_forms(
     tension: FloatArray, stiffness: FloatArray, damping: FloatArray
 ) -> tuple[list[Form], list[Form]]:
-    """Return the forms that tensions near to each other may tell: constants, powers, Eqs. 5 and 11."""
+    """Return the forms that tensions near to each other may tell: constants, powers, Eqs. 5 and 11.
+
+    Parameters
+    ----------
+    tension : ndarray, shape (n,)
+        Tensions of the records [N].
+    stiffness, damping : ndarray, shape (n,)
+        The joint's of every record [N/m], [N s/m].
+
+    Returns
+    -------
+    tuple
+        Forms of k_C(T) and of c_C(T).
+    """
     k, c = float(np.exp(np.log(stiffness).mean())), float(np.exp(np.log(damping).mean()))
     of_k, of_c = [Form([constant_stiffness(k)], ("k",))], [Form([constant_damping(c)], ("c",))]
     reference = reference_tension(tension)
