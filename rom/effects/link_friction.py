@@ -34,8 +34,8 @@ def _jenkins(
     force = spring * z
     over = abs(force) - limit
     ds[0] = 0.0
-    if v * z > 0.0:  # towards slip: the last fiftieth of the limit is reached smoothly
-        u = min(max(1.0 + 50.0 * over / max(limit, 1e-12), 0.0), 1.0)
+    if v * z > 0.0:  # towards slip: the last two-hundredth of the limit is reached smoothly
+        u = min(max(1.0 + 200.0 * over / max(limit, 1e-12), 0.0), 1.0)
         ds[0] = v * u * u * (3.0 - 2.0 * u)
     if over > 0.0:  # the limit fell below the force: the slider gives way within 0.2 ms
         ds[0] += math.copysign(over / spring, z) / 2e-4
@@ -111,7 +111,7 @@ MEMBERS = (
         "jenkins-slip",
         ("joint", "ground"),
         "L = max(F_s + mu * T, kappa * k * 3e-7); f = kappa * k * (x - z1); "
-        "u = min(max(1 + 50 * (abs(f) - L) / L, 0), 1); F = min(max(f, -L), L) - kappa * k * x; "
+        "u = min(max(1 + 200 * (abs(f) - L) / L, 0), 1); F = min(max(f, -L), L) - kappa * k * x; "
         "dz1/dt = v * step(v * f) * u * u * (3 - 2 * u) + sign(f) * max(abs(f) - L, 0) / (kappa * k * 2e-4)",
         {
             "kappa": parameter(0.6, "1", 0.0, 0.95),

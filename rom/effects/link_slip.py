@@ -22,8 +22,8 @@ def _backlash_slip(
     force = spring * max(abs(z) - 0.5 * p[3], 0.0)
     over = force - limit
     ds[0] = 0.0
-    if v * z > 0.0:  # towards slip: the last fiftieth of the limit is reached smoothly
-        u = min(max(1.0 + 50.0 * over / limit, 0.0), 1.0)
+    if v * z > 0.0:  # towards slip: the last two-hundredth of the limit is reached smoothly
+        u = min(max(1.0 + 200.0 * over / limit, 0.0), 1.0)
         ds[0] = v * u * u * (3.0 - 2.0 * u)
     if over > 0.0:  # the limit fell below the force: the slider gives way within 0.2 ms
         ds[0] += math.copysign(over / spring, z) / 2e-4
@@ -39,7 +39,7 @@ def _elastic_slip(
     over = force - limit
     ds[0] = 0.0
     if v * z > 0.0:
-        u = min(max(1.0 + 50.0 * over / limit, 0.0), 1.0)
+        u = min(max(1.0 + 200.0 * over / limit, 0.0), 1.0)
         ds[0] = v * u * u * (3.0 - 2.0 * u)
     if over > 0.0:
         ds[0] += math.copysign(over / spring, z) / 2e-4
@@ -47,7 +47,7 @@ def _elastic_slip(
 
 
 _SLIDER = (
-    "u = min(max(1 + 50 * (f - L) / L, 0), 1); F = min(f, L) * sign(x - z1); "
+    "u = min(max(1 + 200 * (f - L) / L, 0), 1); F = min(f, L) * sign(x - z1); "
     "dz1/dt = v * step(v * (x - z1)) * u * u * (3 - 2 * u) + sign(x - z1) * max(f - L, 0) / (k_t * 2e-4)"
 )
 _NUMBERS = {
