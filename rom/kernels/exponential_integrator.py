@@ -119,8 +119,11 @@ def _finite(block: Block, error: float) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _account(program: Program, block: Block, impulse: float, tension: float, report: Any) -> None:
-    """Add a block to the report, and keep the peaks at its end."""
+def _account(program: Program, block: Block, impulse: float, tension: float, scale: Any, report: Any) -> None:
+    """Add a block to the report, keep the peaks at its end, and foresee those of states.
+
+    The scale of a state's errors is its peak so far, as much larger as the velocity is still to become.
+    """
     n = program.size[0]
     report[STEPS] += 1.0
     report[MOTION_ERROR] += impulse
@@ -129,8 +132,10 @@ def _account(program: Program, block: Block, impulse: float, tension: float, rep
         report[PEAK] = max(report[PEAK], abs(block.y[NODES - 1, i]))
     for b in range(block.start.size):
         report[LOSS] = max(report[LOSS], abs(block.z[NODES - 1, b]))
+    ahead = max(scale[0] / max(report[PEAK], 1e-9 * scale[0]), 1.0)
     for i in range(program.size[2]):
         report[STATES + i] = max(report[STATES + i], abs(block.z[NODES - 1, block.start.size + i]))
+        scale[2 + i] = max(ahead * report[STATES + i], 1e-300)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "nsz"})
@@ -247,7 +252,7 @@ def run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
         bin = add(at.add, (block, level, tick, d, task.edges, task.every, sums, bin, total))
         if out.size:
             fill(at.fill, (block, tables, task.force, level, tick, d, out))
-        _account(program, block, impulse * mobility, tension, report)
+        _account(program, block, impulse * mobility, tension, scale, report)
         report[REACHED] = tick // TICKS
         advance(block)
         if drifted(block, DRIFT):
@@ -283,7 +288,7 @@ def _expected(program: Program, p: Any, task: Task, scale: Any) -> None:
         loss = 1e-3
     scale[0], scale[1] = max(velocity, 1e-12), loss
     for i in range(program.size[2]):
-        scale[2 + i] = np.inf  # no state is known before the first run
+        scale[2 + i] = 1e-300  # no state is known before the first block
 
 
 @njit(nogil=True, **ALLOCATES_NOTHING)  # type: ignore[untyped-decorator]
@@ -308,11 +313,8 @@ def _cases(
             motion = report[MOTION_ERROR] > 20.0 * MOTION * task.tolerance * report[PEAK]
             loss = max(report[LOSS], least)
             tension = report[TENSION_ERROR] > 20.0 * task.tolerance * loss
-            unknown = program.size[2] > 0 and np.isinf(scale[-1])
-            if report[REACHED] < task.edges[-1] or not (motion or tension or unknown):
+            if report[REACHED] < task.edges[-1] or not (motion or tension):
                 break
-            for i in range(program.size[2]):
-                scale[2 + i] = max(report[STATES + i], 1e-300)
             if motion:
                 scale[0] = min(scale[0], report[PEAK])
             if tension:
