@@ -93,16 +93,16 @@ def _fault(data: TensionData, member: Member, effect: SensorFault) -> tuple[Tens
     coarse = np.concatenate([-sizes[::-1], sizes] if low < 0 else [sizes])
     gains, _ = _fault_gains(data, member, effect, coarse)
     best = int(np.argmax(gains[: data.training].sum(axis=0)))
-    ends = coarse[[max(best - 1, 0), min(best + 1, len(coarse) - 1)]]
-    grid = np.union1d(coarse, np.linspace(*ends, _FINER))
+    first, last = (float(coarse[k]) for k in (max(best - 1, 0), min(best + 1, len(coarse) - 1)))
+    grid = np.union1d(coarse, np.linspace(first, last, _FINER))
     gains, before = _fault_gains(data, member, effect, grid)
     own = gains[: data.training]
     best = int(np.argmax(own.sum(axis=0)))
     slopes = np.gradient(own, grid, axis=1)
     scores, bend = slopes[:, best] / 2, -np.gradient(slopes.sum(axis=0), grid)[best] / 2
     inverse = np.full((1, 1), 1 / max(bend, 1e-300))
-    step = float(np.clip(scores.sum() * inverse[0, 0], *(ends - grid[best])))  # to the top between two sizes
-    found = effect.with_values(**{name: float(np.clip(grid[best] + step, low, high))})
+    top, near = grid[best] + scores.sum() * inverse[0, 0], grid[max(best - 1, 0) : best + 2]
+    found = effect.with_values(**{name: float(np.clip(top, near[0], near[-1]))})
     with_limits = limited(found, {name: float(standard_errors(inverse, scores[:, None])[0])})
     return TensionGain(with_limits, gains[:, best], at_bounds(with_limits)), before
 
