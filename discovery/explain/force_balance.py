@@ -8,7 +8,7 @@ ends where its range does away from zero is fitted again in a wider one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +34,8 @@ _SHORT: Numerical[int] = 4  # evaluations that tell which start is best
 _WIDENINGS: Numerical[int] = 2
 _AT_END: Numerical[float] = 1e-4  # of a number's size
 _STEP: Numerical[float] = 1e-3
+_SEEN: Numerical[float] = 1e-2  # of the effects' force: what less is made of by a number is hardly seen
+_TENFOLDS: Numerical[int] = 9
 _WORST: Numerical[float] = 1e6  # of a row where an effect is no number
 
 
@@ -199,14 +201,53 @@ def _fitted(state: ForceBalanceResidual, new: Sequence[ModelCorrection], evaluat
                  for bounds in ([n.low for n in numbers], [n.high for n in numbers]))  # fmt: skip
     margin = 1e-9 * np.minimum(high - low, 1.0)
     inside = np.clip(at, low + margin, high - margin)
-    steps = np.full(len(at), _STEP)
-    found = optimize.least_squares(remainder, inside, bounds=(low, high), x_scale="jac", diff_step=steps,
+    acting = float(np.linalg.norm(_acting(state, new)[rows] / noise))
+
+    def slopes(x: FloatArray) -> FloatArray:
+        here = remainder(x)
+        columns = (_slope(remainder, here, x, place, (low, high), acting) for place in range(len(x)))
+        return np.stack(list(columns), axis=1)
+
+    found = optimize.least_squares(remainder, inside, jac=slopes, bounds=(low, high), x_scale="jac",
                                    max_nfev=evaluations, ftol=1e-5)  # fmt: skip
     values, effects = _at(state, new, numbers, on_ends(found.x, low, high, _AT_END))
     errors = _errors(found, int(rows.sum())) * [n.size for n in numbers]
     limited = tuple(_limited(effect, place, numbers, errors) for place, effect in enumerate(effects))
     after = replace(state, values=values, effects=(*state.effects, *limited))
     return _settled(after, own), limited
+
+
+def _acting(state: ForceBalanceResidual, new: Sequence[ModelCorrection]) -> FloatArray:
+    """The force of all effects, (rows,)."""
+    return np.asarray(
+        sum((state.force_of(effect, training=True) for effect in new), np.zeros(len(state.force)))
+    )
+
+
+def _slope(
+    remainder: Callable[[FloatArray], FloatArray],
+    here: FloatArray,
+    x: FloatArray,
+    place: int,
+    bounds: tuple[FloatArray, FloatArray],
+    acting: float,
+) -> FloatArray:
+    """Slope of what is left over by one number.
+
+    A number that may be zero can be far smaller than what it is added to, as a constant part of a limit of
+    friction is: a step of a share of itself would tell rounding alone. Its step is as large as can be seen.
+    """
+    low, high = (float(ends[place]) for ends in bounds)
+    step = _STEP * max(abs(x[place]), _STEP)
+    for _ in range(_TENFOLDS):
+        moved = x.copy()
+        moved[place] += step if x[place] + step <= high else -step
+        change = remainder(moved) - here
+        of_all = np.linalg.norm(change) * max(abs(x[place]) / step, 1.0)
+        if low * high > 0 or of_all > _SEEN * acting:
+            break
+        step *= 10
+    return np.asarray(change / (moved[place] - x[place]))
 
 
 def _errors(found: optimize.OptimizeResult, rows: int) -> FloatArray:
