@@ -34,7 +34,7 @@ _SHORT: Numerical[int] = 4  # evaluations that tell which start is best
 _WIDENINGS: Numerical[int] = 2
 _AT_END: Numerical[float] = 1e-4  # of a number's size
 _STEP: Numerical[float] = 1e-3
-_SEEN: Numerical[float] = 1e-2  # of the effects' force: what less is made of by a number is hardly seen
+_SEEN: Numerical[float] = 1e-2  # of the effects' force: a number that makes less of it is hardly seen
 _TENFOLDS: Numerical[int] = 9
 _WORST: Numerical[float] = 1e6  # of a row where an effect is no number
 
@@ -244,7 +244,7 @@ def _slope(
         moved[place] += step if x[place] + step <= high else -step
         change = remainder(moved) - here
         of_all = np.linalg.norm(change) * max(abs(x[place]) / step, 1.0)
-        if low * high > 0 or of_all > _SEEN * acting:
+        if low * high > 0 or not of_all <= _SEEN * acting:
             break
         step *= 10
     return np.asarray(change / (moved[place] - x[place]))

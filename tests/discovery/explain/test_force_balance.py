@@ -11,7 +11,7 @@ import rom
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.acceptance import is_accepted
 from discovery.decide.chance import p_value
-from discovery.explain.force_balance import explain
+from discovery.explain.force_balance import _slope, explain
 from discovery.explain.force_balance_screen import screen
 from discovery.explain.probes import by_chance
 from discovery.loop.balance_refits import BalanceRefits
@@ -98,3 +98,17 @@ def test_false_alarms_of_the_whole_catalogue_in_noise_are_as_many_as_are_asked()
         assert largest is not None
         alarms += p_value(probes[0][0].gain, largest) <= CRITERIA.chance.false_alarms
     assert alarms <= 4  # binomial: more come with a chance below 1 %
+
+
+def test_a_number_far_below_what_it_is_added_to_is_stepped_by_what_is_seen() -> None:
+    """A limit of friction of 1 mN + 0.4 N, told to 0.1 mN: a step of a thousandth of 1 mN tells nothing."""
+    normal = np.linspace(1.0, 5.0, 50)
+
+    def left(x: FloatArray) -> FloatArray:
+        return np.round(x[0] + x[1] * normal, 4)
+
+    at, ends = np.array([1e-3, 0.4]), (np.zeros(2), np.full(2, np.inf))
+    here = left(at)
+    slopes = [_slope(left, here, at, place, ends, float(np.linalg.norm(here))) for place in range(2)]
+    np.testing.assert_allclose(slopes[0], 1.0, rtol=0.01)
+    np.testing.assert_allclose(slopes[1], normal, rtol=0.3)  # by a step of a thousandth, as ever
