@@ -33,7 +33,7 @@ def noisy(curve: Callable[[FloatArray], FloatArray], scatter: float, seed: int =
 @pytest.mark.parametrize(("scatter", "error"), [(1e-3, 1e-3), (0.1, 1e-3)])
 def test_a_constant_with_noise_or_scatter_stays_one(scatter: float, error: float) -> None:
     fits = [told(noisy(np.ones_like, scatter, seed), error) for seed in range(10)]
-    assert sum(len(fit.free) > 1 for fit in fits) <= 1  # of two questions at 1 % each
+    assert sum(len(fit.free) > 1 for fit in fits) <= 3  # of two questions at 5 % each; 4 and 8 of 120 seeds
 
 
 @pytest.mark.parametrize("error", [1e-4, 1e-2])
