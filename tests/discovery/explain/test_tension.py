@@ -253,31 +253,32 @@ def test_what_follows_the_motion_is_found_and_its_size() -> None:
     assert all(one.gains.sum() < 10 for one in nothing)
 
 
-@pytest.mark.parametrize("tau", [5e-4, -1e-3])
-def test_a_late_gauge_is_found_from_the_step_of_the_loss(tau: float) -> None:
+def found_in_late_gauge(tau: float) -> TensionGain:
+    """The fault found where the gauge is late by `tau` seconds."""
     of, member = data(), CATALOGUE["tension-skew"]
     fault = member.at("sensor:tension")
     assert isinstance(fault, SensorFault)
     late = fault.with_values(tau=tau)
     shown = [late.apply(seen.tension, seen.rate_hz) for seen in of.records]
     (one,) = explained_by_gauge(with_samples(of, shown), [(member, fault)])[0]
+    return one
+
+
+@pytest.mark.parametrize("tau", [5e-4, -1e-3])
+def test_a_late_gauge_is_found_from_the_step_of_the_loss(tau: float) -> None:
+    one = found_in_late_gauge(tau)
     number = one.effect.parameters["tau"]
     assert number.low is not None
     assert number.high is not None
     assert number.low < tau < number.high
     assert number.value == pytest.approx(tau, rel=0.25)  # of another power of the velocity it is told apart
-    assert one.gains[of.training :].sum() > 20
+    assert one.gains[data().training :].sum() > 20
 
 
 @pytest.mark.parametrize("tau", [-4e-3, 4e-3])
 def test_a_gauge_that_is_late_by_many_samples_is_found_within_two_percent(tau: float) -> None:
     """Five directions of all sizes at once left it up to 5 % off; sizes are 1 % from each other."""
-    of, member = data(), CATALOGUE["tension-skew"]
-    fault = member.at("sensor:tension")
-    assert isinstance(fault, SensorFault)
-    late = fault.with_values(tau=tau)
-    shown = [late.apply(seen.tension, seen.rate_hz) for seen in of.records]
-    (one,) = explained_by_gauge(with_samples(of, shown), [(member, fault)])[0]
+    one = found_in_late_gauge(tau)
     assert one.effect.parameters["tau"].value == pytest.approx(tau, rel=0.02)
 
 
