@@ -52,20 +52,20 @@ def load_model(path: str | Path) -> Model:
         raise ModelFileError(f"{path}: format must be {FORMAT!r}, got {found!r}")
     read: dict[str, Any] = {}
     for section, values in _SECTIONS.items():
-        read |= _told(path, section, partial(values, data))
-    structure = _told(path, "bodies and links", lambda: Structure(read.pop("bodies"), read.pop("links")))
-    return _told(path, "links", lambda: Model(structure=structure, **read))
+        read |= _read_part(path, section, partial(values, data))
+    structure = _read_part(path, "bodies and links", lambda: Structure(read.pop("bodies"), read.pop("links")))
+    return _read_part(path, "links", lambda: Model(structure=structure, **read))
 
 
-def _told(path: Path, section: str, read: Callable[[], T]) -> T:
+def _read_part(path: Path, section: str, read: Callable[[], T]) -> T:
     """What a part of the file holds; a fault in it is said with the part's name."""
     try:
         return read()
     except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise ModelFileError(f"{path}: {section}: must be as a command writes it, {_came(error)}") from error
+        raise ModelFileError(f"{path}: {section}: must be as a command writes it, {_cause(error)}") from error
 
 
-def _came(error: Exception) -> str:
+def _cause(error: Exception) -> str:
     """What was found, for people who know the file and not Python."""
     if isinstance(error, KeyError):
         return f'found no "{error.args[0]}"'

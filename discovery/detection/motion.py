@@ -69,7 +69,7 @@ class MotionMeter:
         return [float(one) for one in np.sum(few.beyond(outputs_of(effects, few)) ** 2, axis=0)]
 
     @cached_property
-    def left(self) -> FloatArray:
+    def unexplained(self) -> FloatArray:
         """What is left, the model's numbers at their best, (rows,)."""
         return self.residual.left_over(self.residual.residual)
 
@@ -98,7 +98,7 @@ class MotionMeter:
     def background(self) -> Background:
         """What is left of the motion, and the errors of its simulations."""
         residual, criteria = self.residual, self.residual.criteria
-        trained, _ = by_kind(residual.costs(self.left), residual.hold_out)
+        trained, _ = by_kind(residual.costs(self.unexplained), residual.hold_out)
         cost, rules = float(trained.sum()), criteria.acceptance
         chance = np.zeros(0) if self.chance is None else self.chance
         least = (rules.training_gain_motion, rules.hold_out_gain_motion)
@@ -118,7 +118,7 @@ class MotionMeter:
         if not np.isfinite(beyond).all():
             return None
         trained, unseen = by_kind(residual.costs(beyond), residual.hold_out)
-        scores, others = by_kind(residual.sums(beyond * self.left), residual.hold_out)
+        scores, others = by_kind(residual.sums(beyond * self.unexplained), residual.hold_out)
         shares = self._shares(beyond, {file for terms in self._terms.values() for file, _ in terms})
         changes, phases = (
             {

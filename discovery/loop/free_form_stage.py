@@ -63,7 +63,7 @@ def _or_nearer(refits: Refits, history: LoopHistory, start: LoopHistory) -> Loop
     formed = _free_form(refits, start.last)
     if formed is None:
         return history
-    history = _freed(refits, history, max(beside, key=penalised_gain))
+    history = _refitted_from(refits, history, max(beside, key=penalised_gain))
     named, after = history.last.residual, refitted_beside(refits, start.last, formed)
     if after.record_count < named.record_count:
         return history
@@ -72,7 +72,7 @@ def _or_nearer(refits: Refits, history: LoopHistory, start: LoopHistory) -> Loop
     return replace(start.extended(formed, refits.evaluated(after)), screened=history.screened)
 
 
-def _freed(refits: Refits, history: LoopHistory, beside: Explanation) -> LoopHistory:
+def _refitted_from(refits: Refits, history: LoopHistory, beside: Explanation) -> LoopHistory:
     """The history, its last model refitted from where one beside another term ended, if that leaves less."""
     anew = refits.refit_from(refits.refit_with(history.last, beside), beside.effect)
     if anew is None or cost(anew) >= cost(history.last.residual):

@@ -365,10 +365,10 @@ def _judged(
             with_law(frozen.bolt_models[place] if frozen.bolt_models else frozen.model, law) for law in listed
         ]
 
-        def told(done: int, total: int, before: int = place) -> None:
+        def report(done: int, total: int, before: int = place) -> None:
             run.report(run.stages - 1, (before + done / total) / len(campaigns))
 
-        of_bolt = evaluate(models, campaign, records, jobs, told, bands="hold_out")
+        of_bolt = evaluate(models, campaign, records, jobs, report, bands="hold_out")
         judged += [(j.settings.file in unseen, j.comparisons) for j in of_bolt if j.comparisons]
     kinds = (("training", False), ("hold_out", True))
     found = []

@@ -167,7 +167,7 @@ def _of_grid(at: _Guided, baseline_fit: Fit, scales: Scales, rng: np.random.Gene
     singles = single_terms(plain, _SINGLE, signed=at.tightening)
     groups = _groups(library, singles, int(rules.shared))
     search = at.sums((plain, damped), singles, credited=at.selection.optimizers is not None)
-    found, dropped = search.found(library.names(), groups, rng)
+    found, dropped = search.distinct(library.names(), groups, rng)
     kept, scores = _merged(library, found, plain.target.size, rules)
     inclusion = _inclusion(library, next(iter(groups.values())), damped, rules, rng)
     return Proposals(kept, len(found), inclusion, dropped, scores)
@@ -179,7 +179,7 @@ def _of_own(at: _Guided, name: str, given: object, rng: np.random.Generator) -> 
     rows = at.rows(library.integrals)
     singles = single_terms(rows[0], f"pysindy:{name}/single term", signed=at.tightening)
     members = {name: range(len(library.texts))}
-    found, dropped = at.sums(rows, singles, credited=True).found(library.texts, members, rng)
+    found, dropped = at.sums(rows, singles, credited=True).distinct(library.texts, members, rng)
     price = float(np.log(rows[0].target.size))
     scored = [(one.deviance + price * len(one.columns), library.law(one)) for one in found]
     kept, scores = _shortened(scored, lambda law: len(law.scales), rules)

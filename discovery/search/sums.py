@@ -31,7 +31,7 @@ class Sums:
     optimizers: Mapping[str, Path] | None = None
     credited: bool = False
 
-    def found(
+    def distinct(
         self, names: Sequence[str], libraries: Mapping[str, Sequence[int]], rng: np.random.Generator
     ) -> tuple[list[Found], tuple[str, ...]]:
         """Find every distinct sum on the paths of the sparse fits, and the best pairs.

@@ -160,10 +160,10 @@ def propose_tests(
         pairs, tests = _plan(rivals, rates, replace(frozen, model=model), grid, most)
         name = bolts[place] if bolts else f"bolt {place + 1}"
         plans.append((pairs, tuple(replace(test, bolt=name) for test in tests)))
-    return max(plans, key=lambda plan: _worth(plan[0], plan[1], aim))[1]
+    return max(plans, key=lambda plan: _preference(plan[0], plan[1], aim))[1]
 
 
-def _worth(pairs: int, tests: Sequence[Proposal], aim: float) -> tuple[float, ...]:
+def _preference(pairs: int, tests: Sequence[Proposal], aim: float) -> tuple[float, ...]:
     """More pairs told apart, the aim reached, by fewer hits, at higher odds."""
     odds = tests[-1].odds if tests else 0.0
     return pairs, min(odds, aim), -float(sum(test.hits for test in tests)), odds

@@ -42,7 +42,7 @@ MOST_CUT = 0.01  # of a record: the tail in which the slower amplifier has stopp
 
 
 @dataclass
-class _Told:
+class _Notes:
     """What was seen on the way, for the notes."""
 
     used: set[str] = field(default_factory=set)
@@ -59,7 +59,7 @@ class _Told:
         if abs(rate_hz / usual_hz - 1) > _SAME:
             self.other_rates.add(f"{channel} {rate_hz:.6g} Hz (not {usual_hz:g})")
 
-    def notes(self) -> tuple[str, ...]:
+    def lines(self) -> tuple[str, ...]:
         """Return a line for each kind of thing that people should know."""
         lines = [
             ("files that no [[record]] of the map matches", self.unmatched),
@@ -98,11 +98,11 @@ def collect(source: Path, form: str, map_path: Path | None) -> Collected:
     path = map_path or folder / FILE
     if not path.is_file():
         raise SourceError(_without_map(path, files[0], form))
-    channel_map, told = read_map(path), _Told()
-    records, sources = _matched(files, folder, channel_map, told)
+    channel_map, notes = read_map(path), _Notes()
+    records, sources = _matched(files, folder, channel_map, notes)
     settings = channel_map.settings(records)
-    channels = _records(sources, form, channel_map, settings.sampling, told)
-    return Collected(settings, channels, told.notes)
+    channels = _records(sources, form, channel_map, settings.sampling, notes)
+    return Collected(settings, channels, notes.lines)
 
 
 def files_of(source: Path, form: str) -> list[Path]:
@@ -122,7 +122,7 @@ def files_of(source: Path, form: str) -> list[Path]:
 
 
 def _matched(
-    files: list[Path], folder: Path, channel_map: ChannelMap, told: _Told
+    files: list[Path], folder: Path, channel_map: ChannelMap, notes: _Notes
 ) -> tuple[list[dict[str, Any]], Sources]:
     """Return the records, and file and rules of each: the first [[record]] that matches a file takes it."""
     sources: dict[str, tuple[Path, Mapping[str, Rule]]] = {}
@@ -132,7 +132,7 @@ def _matched(
         found = ((entry, record_of(entry, name)) for entry in channel_map.entries)
         entry, record = next(((e, r) for e, r in found if r is not None), (None, None))
         if entry is None or record is None:
-            told.unmatched.append(name)
+            notes.unmatched.append(name)
         elif record["file"] in sources:
             other = sources[record["file"]][0].name
             raise SourceError(
@@ -150,18 +150,18 @@ def _matched(
 
 
 def _records(
-    sources: Sources, form: str, channel_map: ChannelMap, sampling: SamplingSettings, told: _Told
+    sources: Sources, form: str, channel_map: ChannelMap, sampling: SamplingSettings, notes: _Notes
 ) -> Iterator[tuple[str, dict[str, Channel]]]:
     for record, (path, rules) in sources.items():
-        signals, page = in_code_page(signals_of(path, form, told.said), rules.keys())
-        told.names |= {signal.name for signal in signals}
-        told.pages |= {page} - {""}
-        yield record, _cut(path.name, _channels(path.name, signals, rules, sampling, told), told)
-    if missing := {name for entry in channel_map.entries for name in entry.rules} - told.used:
+        signals, page = in_code_page(signals_of(path, form, notes.said), rules.keys())
+        notes.names |= {signal.name for signal in signals}
+        notes.pages |= {page} - {""}
+        yield record, _cut(path.name, _channels(path.name, signals, rules, sampling, notes), notes)
+    if missing := {name for entry in channel_map.entries for name in entry.rules} - notes.used:
         raise SourceError(
             *(
                 f'{channel_map.path.name}: channels."{name}": found this signal in no file, '
-                f"expected {one_of(name, sorted(told.names))}"
+                f"expected {one_of(name, sorted(notes.names))}"
                 for name in sorted(missing)
             )
         )
@@ -203,25 +203,29 @@ def signals_of(path: Path, form: str, said: list[str]) -> list[Signal]:
 
 
 def _channels(
-    file: str, signals: list[Signal], rules: Mapping[str, Rule], sampling: SamplingSettings, told: _Told
+    file: str,
+    signals: list[Signal],
+    rules: Mapping[str, Rule],
+    sampling: SamplingSettings,
+    notes: _Notes,
 ) -> dict[str, Channel]:
     given = {name: TimeRule(rule.unit, rule.scale) for name, rule in rules.items() if rule.channel == TIME}
     clocks = Clocks(file, signals, given, rules)
-    told.used |= {time.name for time in clocks.times} & given.keys()
+    notes.used |= {time.name for time in clocks.times} & given.keys()
     channels: dict[str, Channel] = {}
     starts: dict[str, float | None] = {}
     for signal in clocks.signals:
         rule = rules.get(signal.name)
         if rule is None:
             continue
-        told.used.add(signal.name)
+        notes.used.add(signal.name)
         if rule.channel in channels:
             raise SourceError(
                 f'{file}: {rule.channel}: found "{signal.name}" and another signal, expected one'
             )
         usual_hz = default_rate(rule.channel, sampling.motion_rate_hz, sampling.tension_rate_hz)
         rate_hz, starts[rule.channel] = _rate_and_start(file, signal, rule, clocks, usual_hz)
-        told.rates(rule.channel, rate_hz, usual_hz)
+        notes.rates(rule.channel, rate_hz, usual_hz)
         if signal.samples.dtype.kind in "Mm":
             raise SourceError(f"{file}: {signal.name}: found dates, expected the numbers of a {rule.channel}")
         with np.errstate(all="ignore"):  # what is not finite is told by the check of the campaign
@@ -234,7 +238,7 @@ def _channels(
     if not channels:
         held = _held(signals)
         raise SourceError(f"{file}: found no signal of [channels], expected one; the file holds {held}")
-    _require_one_start(file, channels, starts, told)
+    _require_one_start(file, channels, starts, notes)
     return channels
 
 
@@ -290,7 +294,7 @@ def _start_beside(signal: Signal, rate_hz: float, clocks: Clocks) -> float | Non
 
 
 def _require_one_start(
-    file: str, channels: Mapping[str, Channel], starts: Mapping[str, float | None], told: _Told
+    file: str, channels: Mapping[str, Channel], starts: Mapping[str, float | None], notes: _Notes
 ) -> None:
     """Compare starts that are stated on one clock: of the day, or of the record."""
     stated = {name: start for name, start in starts.items() if start is not None}
@@ -304,7 +308,7 @@ def _require_one_start(
                 f"{file}: found {last} to start {late:g} s after {first}, expected one start for all channels"
             )
     if all(kinds):
-        told.clocks.append(file)
+        notes.clocks.append(file)
 
 
 def _factor(file: str, signal: Signal, rule: Rule) -> float:
@@ -321,7 +325,7 @@ def _factor(file: str, signal: Signal, rule: Rule) -> float:
     return factor
 
 
-def _cut(file: str, channels: dict[str, Channel], told: _Told) -> dict[str, Channel]:
+def _cut(file: str, channels: dict[str, Channel], notes: _Notes) -> dict[str, Channel]:
     """Cut channels to the time that all of them cover where little is lost; else the reader tells of it."""
     shortest = min(channel.duration_s for channel in channels.values())
     longest = max(channel.duration_s for channel in channels.values())
@@ -332,7 +336,7 @@ def _cut(file: str, channels: dict[str, Channel], told: _Told) -> dict[str, Chan
         for name, channel in channels.items()
     }
     if any(len(cut[name].samples) < len(channel.samples) for name, channel in channels.items()):
-        told.cut.append(f"{file} ({longest - shortest:.3g} s)")
+        notes.cut.append(f"{file} ({longest - shortest:.3g} s)")
     return cut
 
 

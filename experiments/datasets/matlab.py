@@ -65,7 +65,7 @@ def read(path: Path) -> list[Signal]:
             warnings.warn(text, stacklevel=2)
     rates = {name[8:]: _rate(path, name, value) for name, value in content.items() if name[:8] == "rate_hz_"}
     fields = {name: value for name, value in content.items() if not name.startswith("__")}
-    common = _told(fields) or _told_apart(fields)
+    common = _rate_field(fields) or _rate_beside(fields)
     header_rate = _common_rate(content.get("File_Header"))
     signals = [Signal(name, np.empty(0), fault=f"{what}, {_REMEDY}") for name, what in objects.items()]
     for name, value in content.items():
@@ -120,7 +120,7 @@ def _text(value: Any) -> str:
 
 
 @dataclass(frozen=True)
-class _Told:
+class _RateField:
     """Rate [Hz] that a field of a structure tells, its other meanings, the lengths of vectors beside."""
 
     rate_hz: float
@@ -134,29 +134,31 @@ class _Told:
         return {"readings": tuple(self.rate_hz * length / other for other in sorted(self.lengths))}
 
 
-def _told(fields: Mapping[str, Any]) -> _Told | None:
+def _rate_field(fields: Mapping[str, Any]) -> _RateField | None:
     """Return the rate that a field of a structure tells for the vectors in it."""
     arrays = [value for value in fields.values() if isinstance(value, np.ndarray)]
     lengths = frozenset(max(a.shape) for a in arrays if a.dtype.kind in "iuf" and a.ndim and a.size > 1)
     for name, value in fields.items():
         number = _number(value)
         if isinstance(value, str) and _RATE.fullmatch(name) and (found := stated_rate(value)):
-            return _Told(*found, lengths)
+            return _RateField(*found, lengths)
         if number is not None and number > 0 and _RATE.fullmatch(name):
-            return _Told(number, () if name.lower().endswith("hz") else (1e3 * number,), lengths)
+            return _RateField(number, () if name.lower().endswith("hz") else (1e3 * number,), lengths)
         if number is not None and number > 0 and _STEP.fullmatch(name):
-            return _Told(1 / number, unstated(1 / number), lengths)
+            return _RateField(1 / number, unstated(1 / number), lengths)
     return None
 
 
-def _told_apart(fields: Mapping[str, Any]) -> _Told | None:
+def _rate_beside(fields: Mapping[str, Any]) -> _RateField | None:
     """Return the one rate that structures without vectors tell, such as `info.fs`."""
     inner = [value for value in fields.values() if isinstance(value, Mapping)]
-    found = {told for value in inner if (told := _told(value) or _told_apart(value)) and not told.lengths}
+    found = {
+        told for value in inner if (told := _rate_field(value) or _rate_beside(value)) and not told.lengths
+    }
     return found.pop() if len(found) == 1 else None
 
 
-def _vectors(name: str, value: Any, told: _Told | None) -> Iterator[Signal]:
+def _vectors(name: str, value: Any, told: _RateField | None) -> Iterator[Signal]:
     """Yield the vectors in a variable, in the fields of a structure and in cells, with MATLAB's names."""
     if isinstance(value, Mapping):
         length = _structures(value)
@@ -164,7 +166,7 @@ def _vectors(name: str, value: Any, told: _Told | None) -> Iterator[Signal]:
             one = {field: items[index] for field, items in value.items()}
             yield from _vectors(f"{name}({index + 1})", one, told)
         for field, item in ({} if length else value).items():
-            yield from _vectors(f"{name}.{field}", item, _told(value) or told)
+            yield from _vectors(f"{name}.{field}", item, _rate_field(value) or told)
     elif isinstance(value, list):
         for index, item in enumerate(value, start=1):
             yield from _vectors(f"{name}{{{index}}}", item, told)
@@ -178,7 +180,7 @@ def _structures(value: Mapping[str, Any]) -> int:
     return lengths.pop() if len(lengths) == 1 and value else 0
 
 
-def _of_array(name: str, value: npt.NDArray[Any], told: _Told | None) -> Iterator[Signal]:
+def _of_array(name: str, value: npt.NDArray[Any], told: _RateField | None) -> Iterator[Signal]:
     own = told.of(max(value.shape)) if told else {}
     if value.dtype.kind == "O":
         for index, item in enumerate(value.ravel(), start=1):

@@ -110,7 +110,7 @@ def _in_one_unit(found: Mapping[str, Sequence[Course]]) -> dict[str, list[Course
     for course in (course for courses in found.values() for course in courses):
         largest[course.name] = max(largest.get(course.name, 0.0), float(np.abs(course.measured).max()))
 
-    def told(course: Course) -> Course:
+    def in_unit(course: Course) -> Course:
         if course.unit != "m":
             return course
         scale, unit = (1e6, "µm") if largest[course.name] < _MICRO else (1e3, "mm")
@@ -120,7 +120,7 @@ def _in_one_unit(found: Mapping[str, Sequence[Course]]) -> dict[str, list[Course
         )
         return Course(course.name, unit, course.time, scale * course.measured, modelled, left)
 
-    return {title: [told(course) for course in courses] for title, courses in found.items()}
+    return {title: [in_unit(course) for course in courses] for title, courses in found.items()}
 
 
 def _time_words(found: Mapping[str, Sequence[Course]]) -> str:

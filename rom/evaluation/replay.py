@@ -101,7 +101,7 @@ def simulate_measurement(model: Model, measurement: Measurement) -> Response:
         return run.response
     motion = {kind: getattr(run.response, kind) for kind in ("displacement", "velocity", "acceleration")}
     seen = run.measurement
-    shown = run.model.shapes.seen(motion, seen.applied_force, seen.rate_hz, tuple(seen.motion))
+    shown = run.model.shapes.sensed(motion, seen.applied_force, seen.rate_hz, tuple(seen.motion))
     x, v, a = (shown[kind] for kind in motion)
     return replace(run.response, displacement=x, velocity=v, acceleration=a)
 

@@ -338,12 +338,12 @@ def _fitted(
     periods = min(_PERIODS, longest)
     while True:
 
-        def left(x: FloatArray, periods: float = periods) -> FloatArray:
+        def residuals(x: FloatArray, periods: float = periods) -> FloatArray:
             values = {**start, **dict(zip(names, (x * size).tolist(), strict=True))}
             return _left_over(rings, settings, values, periods)
 
         found = optimize.least_squares(
-            left, np.clip(at, low * 1.001, high), bounds=(low, high), x_scale="jac",
+            residuals, np.clip(at, low * 1.001, high), bounds=(low, high), x_scale="jac",
             diff_step=np.full(len(names), _STEP), max_nfev=_EVALUATIONS,
         )  # fmt: skip
         at = found.x

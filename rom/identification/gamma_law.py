@@ -19,9 +19,9 @@ from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
 from rom.identification.curve_fits import LawFit, covariance_of, fit_law, gamma_curve, upright, with_limits
 from rom.identification.few_cases import few_cases
+from rom.identification.form_selection import Form, fit_form, reference_tension, with_given
 from rom.identification.gamma_per_case import GammaEstimate, LooseningCase, final_tensions, identify_gamma
 from rom.identification.joint import tension_levels
-from rom.identification.told_form import Form, fit_told, reference_tension, with_given
 from rom.model.expressions import is_linear_in
 from rom.model.laws import Law, logistic_loosening, power_loosening
 from rom.model.model import Model
@@ -140,7 +140,7 @@ def _fit_to_cases(usable: Sequence[GammaEstimate]) -> LawFit:
     free: tuple[str, ...] = ("gamma_d", "gamma_i", "rho")
     if not levels:
         forms = _near_forms(tension, values, Form(_logistic_starts(scales, values), free))
-        return fit_told(forms, tension, values, covariance, files, gamma_curve)
+        return fit_form(forms, tension, values, covariance, files, gamma_curve)
     if levels == RULES.curve_levels:  # two levels tell two parameters
         scales, free = np.sqrt([tension.min() * tension.max()]) / 2, free[:2]
     starts = _logistic_starts(scales, values)

@@ -12,12 +12,12 @@ from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import FloatArray
 from rom.criteria.identification import RULES
 from rom.identification.curve_fits import LawFit, fit_law
+from rom.identification.form_selection import Form, fit_form, reference_tension
 from rom.identification.modal import joint_damping, joint_stiffness
 from rom.identification.output_error import OutputErrorFit
 from rom.identification.record_spectra import LinearNames, given_value
 from rom.identification.reduce import FirstMode, ReducedRecord
 from rom.identification.spectral_model import CORNER, SpectralRecord
-from rom.identification.told_form import Form, fit_told, reference_tension
 from rom.identification.uncoupled_priors import fit_near
 from rom.model.laws import Law, constant_damping, constant_stiffness, logistic_damping, logistic_stiffness
 from rom.model.power_of_tension import power_damping, power_stiffness
@@ -228,7 +228,7 @@ def joint_curves(
     levels = tension_levels(tension)
     if not levels:
         forms_k, forms_c = near_forms(tension, stiffness, damping)
-        return fit_told(forms_k, tension, *of_k, files), fit_told(forms_c, tension, *of_c, files)
+        return fit_form(forms_k, tension, *of_k, files), fit_form(forms_c, tension, *of_c, files)
     scales = np.geomspace(tension[tension > 0].min(), tension.max(), 7)
     free_k, free_c = ["k_i", "alpha", "beta"], ["c_d", "c_i", "eta"]
     if levels == RULES.curve_levels:  # two levels tell two parameters: the shape between them is given

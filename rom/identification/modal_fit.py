@@ -112,7 +112,7 @@ def fit_modes(records: Sequence[ModalRecord], count: int, band_hz: tuple[float, 
         whole, moved = matrix / np.outer(scale, scale), False
         while damping < 1e8:
             step = np.linalg.solve(whole + damping * np.eye(len(scale)), right / scale) / scale
-            trial = _moved(modes, free, step)
+            trial = _stepped(modes, free, step)
             found = _normal(records, trial, free)
             if found[0] < cost:
                 moved = True
@@ -177,7 +177,7 @@ def _free(modes: Modes, sensors: Sequence[str], forces: Sequence[str]) -> Modes:
     )  # fmt: skip
 
 
-def _moved(modes: Modes, free: Modes, step: FloatArray) -> Modes:
+def _stepped(modes: Modes, free: Modes, step: FloatArray) -> Modes:
     taken = np.append(step, 0.0)  # a held number's column is the last one: no step
     limited = np.clip(taken, -_LARGEST_STEP, _LARGEST_STEP)
     return Modes(

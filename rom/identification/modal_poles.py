@@ -57,20 +57,20 @@ def starting_poles(records: Sequence[ModalRecord], count: int, band_hz: tuple[fl
         left = [k for k in range(len(pool)) if k not in chosen and _is_other(pool, k, chosen)]
         if not left:
             left = [k for k in range(len(pool)) if k not in chosen]
-        chosen.append(min(left, key=lambda k: shares.left([*chosen, k])))
+        chosen.append(min(left, key=lambda k: shares.misfit([*chosen, k])))
     return sorted(pool[k] for k in _exchanged(chosen, pool, shares))
 
 
 def _exchanged(chosen: list[int], pool: Sequence[Pole], shares: _Shares) -> list[int]:
     """The set after single exchanges that leave less: the first choice was made without the others."""
-    best, least = list(chosen), shares.left(chosen)
+    best, least = list(chosen), shares.misfit(chosen)
     for place in range(len(best)):
         others = [k for i, k in enumerate(best) if i != place]
         for k in range(len(pool)):
             if k in best or not _is_other(pool, k, others):
                 continue
             trial = [*others, k]
-            if (cost := shares.left(trial)) < least:
+            if (cost := shares.misfit(trial)) < least:
                 best, least = [*best[:place], k, *best[place + 1 :]], cost
                 others = [one for i, one in enumerate(best) if i != place]
     return best
@@ -91,7 +91,7 @@ class _Shares:
         self._rows = [record.of_modes(*zip(*pool, strict=True)) for record in records]
         self._at_once = [record.at_once() for record in records]
 
-    def left(self, chosen: Sequence[int]) -> float:
+    def misfit(self, chosen: Sequence[int]) -> float:
         """Sum of squares over the noise that a set leaves."""
         total = 0.0
         for record, target, rows, at_once in zip(

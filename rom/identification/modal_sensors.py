@@ -49,7 +49,7 @@ def as_sensors_show(
         return shown
     motion: dict[str, Mapping[str, FloatArray]] = {kind: getattr(response, kind) for kind in kinds}
     sensors = tuple(measurement.motion)
-    return model.shapes.seen(motion, measurement.applied_force, measurement.rate_hz, sensors)
+    return model.shapes.sensed(motion, measurement.applied_force, measurement.rate_hz, sensors)
 
 
 def by_measured_force(model: Model, response: Response, measurement: Measurement) -> dict[str, FloatArray]:

@@ -98,7 +98,7 @@ class ModeShapes:
         rows = self.at(tuple(force)).T @ np.stack([np.asarray(f, dtype=np.float64) for f in force.values()])
         return dict(zip(self.modes, rows, strict=True))
 
-    def seen(
+    def sensed(
         self, motion: Mapping[str, ByBody], force: ByBody, rate_hz: float, places: Sequence[str]
     ) -> dict[str, dict[str, FloatArray]]:
         """What sensors show of the motion of modal bodies, by quantity and sensor.

@@ -56,7 +56,7 @@ def run_cell(cell: Cell, out: Path, jobs: int = 1) -> None:
         except Exception as error:  # the other cells go on
             if not folder.is_dir():  # a later run of the experiment has swept this one away
                 raise
-            content = {"status": "failed", "message": _told(error, cell.source, out)}
+            content = {"status": "failed", "message": _message(error, cell.source, out)}
         write_result(
             folder / RESULT, "cell", {**_settings(cell), **content, **used}, campaign=cell.source.name,
             seed=cell.seed, elapsed_s=time.perf_counter() - started,
@@ -84,7 +84,7 @@ def _settings(cell: Cell) -> dict[str, Any]:
     return {"cell": cell.digest, "command": cell.command, "settings": cell.settings}
 
 
-def _told(error: Exception, source: Source, out: Path) -> str:
+def _message(error: Exception, source: Source, out: Path) -> str:
     """A line about an error, the same wherever results go; of a fault of the program, where it was."""
     if of_the_input(error):
         text = "; ".join(in_words(error).splitlines())

@@ -9,9 +9,9 @@ import pytest
 
 from rom.campaign.channels import FloatArray
 from rom.identification.curve_fits import LawFit
+from rom.identification.form_selection import Form, fit_form, reference_tension
 from rom.identification.gamma_law import loosening_law
 from rom.identification.joint import near_forms
-from rom.identification.told_form import Form, fit_told, reference_tension
 from rom.model.power_of_tension import power_stiffness
 from tests.rom.identification.test_curve_fits import DAMPING, STIFFNESS
 from tests.rom.identification.test_gamma import MODEL, WINDOW_S, with_true_losses
@@ -22,7 +22,7 @@ CONTACTS = power_stiffness(8e5, 0.5, 1000.0)
 
 def told(values: FloatArray, error: float, tension: FloatArray = TENSION, *, damping: bool = False) -> LawFit:
     forms = near_forms(tension, values, values)[damping]
-    return fit_told(forms, tension, values, error**2 * np.eye(len(values)), ["one.h5"] * len(values))
+    return fit_form(forms, tension, values, error**2 * np.eye(len(values)), ["one.h5"] * len(values))
 
 
 def noisy(curve: Callable[[FloatArray], FloatArray], scatter: float, seed: int = 1) -> FloatArray:
@@ -97,5 +97,5 @@ def test_losses_of_near_tensions_tell_more_of_gamma_the_better_they_are_known(
 def test_forms_with_as_many_numbers_as_values_are_not_asked() -> None:
     forms = [Form([power_stiffness(1.0, 0.0, 1e3)], ("k_r",)), Form([CONTACTS], ("k_r", "m"))]
     tension = np.array([600.0, 1500.0])
-    found = fit_told(forms, tension, CONTACTS(tension), 1e-8 * np.eye(2), ["a.h5", "b.h5"])
+    found = fit_form(forms, tension, CONTACTS(tension), 1e-8 * np.eye(2), ["a.h5", "b.h5"])
     assert found.free == ("k_r",)

@@ -1,4 +1,4 @@
-"""The form of a curve over tension that values tell, where tensions lie near to each other.
+"""Selection of the form of a curve over tension, where tensions lie near to each other.
 
 The forms are a constant, then two numbers, then three. One with more numbers is taken where what it takes
 from the misfit of the others is not chance: by the F ratio where values scatter beyond their errors, by
@@ -42,7 +42,7 @@ def reference_tension(tension: FloatArray) -> float | None:
     return float(f"{np.sqrt(held.min() * held.max()):.3g}")
 
 
-def fit_told(
+def fit_form(
     forms: Sequence[Form],
     tension: FloatArray,
     values: FloatArray,
@@ -50,7 +50,7 @@ def fit_told(
     records: Sequence[str],
     curve: Curve = link_curve,
 ) -> LawFit:
-    """Fit the form that the values tell.
+    """Fit the simplest form that the values do not contradict.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def fit_told(
         return fit_law(form.starts, form.free, *data, records, curve)
 
     constant, *others = forms
-    told = fitted(constant)
+    selected = fitted(constant)
     for numbers in sorted({len(form.free) for form in others}):
         if numbers >= len(values):  # no value is left to contradict it
             break
@@ -86,9 +86,9 @@ def fit_told(
             continue
         least = min(fit.scatter for fit in rivals)
         richer = min(rivals, key=lambda fit: least_misfit(fit, least, *data))
-        if _chance(told, richer, *data) < RULES.curve_chance:
-            told = richer
-    return told
+        if _chance(selected, richer, *data) < RULES.curve_chance:
+            selected = richer
+    return selected
 
 
 def _is_positive(fit: LawFit) -> bool:
