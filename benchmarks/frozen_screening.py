@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from rom.kernels.calling import invoke, pointer
+from rom.kernels.function_addresses import invoke, pointer
 from rom.model.laws import Law
 from rom.model.model import Model
 

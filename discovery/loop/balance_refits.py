@@ -23,7 +23,7 @@ from discovery.options import Options
 from discovery.residual.base import Residual
 from discovery.residual.course_fit import Misfit
 from discovery.residual.force_balance import ForceBalanceResidual
-from discovery.separating_tests.balances import separating_runs
+from discovery.separating_tests.driven_runs import separating_runs
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
 from rom.effects import ModelCorrection

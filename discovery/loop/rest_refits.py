@@ -21,7 +21,7 @@ from discovery.residual.at_rest import RestResidual
 from discovery.residual.base import Residual
 from discovery.residual.course_fit import Misfit
 from discovery.residual.rest_records import rest_record
-from discovery.separating_tests.rests import longer_rests
+from discovery.separating_tests.holds import longer_rests
 from rom.campaign.campaign import Campaign
 from rom.effects import ModelCorrection
 from rom.evaluation.at_rest import held_tension

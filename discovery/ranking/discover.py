@@ -20,7 +20,7 @@ from discovery.ranking.result import RankedLaw, Ranking
 from discovery.ranking.specimens import Specimens, specimens
 from discovery.search.selection import select
 from discovery.search.shortlist import Proposals, propose
-from discovery.separating_tests.hits import propose_tests
+from discovery.separating_tests.impacts import propose_tests
 from rom.campaign.campaign import Campaign
 from rom.criteria.number import Numerical
 from rom.jobs import processes

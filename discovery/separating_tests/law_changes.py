@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from discovery.residual.course_fit import CourseFit
-from discovery.separating_tests.hits import propose_tests
+from discovery.separating_tests.impacts import propose_tests
 
 
 def separating_hits(best: CourseFit | None, rival: CourseFit | None) -> str:
-    """Return in words how often to hit, how hard and at which tension; `discovery.separating_tests.hits`
+    """Return in words how often to hit, how hard and at which tension; `discovery.separating_tests.impacts`
     tells how.
 
     Parameters

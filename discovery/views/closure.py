@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from discovery.loop.result import Closure
-from discovery.views.closure_figure import (
+from discovery.views.closure_file import closure_section
+from discovery.views.closure_plot import (
     FORCE_HEIGHT_MM,
     draw_force,
     draw_residual,
@@ -13,7 +14,6 @@ from discovery.views.closure_figure import (
     residual_height_mm,
     views,
 )
-from discovery.views.closure_section import closure_section
 from discovery.views.palette import INCH_PER_MM, WIDTH
 from rom import result_views
 

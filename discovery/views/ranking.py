@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
 from discovery.ranking.population import Population
 from discovery.ranking.result import RankedLaw, Ranking
-from discovery.views.closure_section import parameter_row
-from discovery.views.course_figure import courses_height_mm, draw_courses
+from discovery.views.closure_file import parameter_row
 from discovery.views.palette import INCH_PER_MM, WIDTH
 from discovery.views.ranking_cases import with_drawn_cases
-from discovery.views.ranking_figure import (
+from discovery.views.ranking_file import ranking_section
+from discovery.views.ranking_plot import (
     draw_front,
     draw_leader_board,
     evidence_words,
     leader_board_height_mm,
 )
-from discovery.views.ranking_section import ranking_section
+from discovery.views.tension_plot import courses_height_mm, draw_courses
 from rom import result_views
 from rom.criteria.number import Numerical
 from rom.views.model import with_limits

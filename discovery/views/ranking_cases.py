@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from discovery.views.course_figure import drawn_laws, nearest_cases
+from discovery.views.tension_plot import drawn_laws, nearest_cases
 from rom.campaign.channels import FloatArray
 from rom.signals.tension_bins import TensionCourse
 

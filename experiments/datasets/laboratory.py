@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.datasets import catman, json_signals, matlab, spreadsheet, tables, tdms, universal
+from experiments.datasets import catman, json_signals, matlab, spreadsheet, tables, tdms, uff
 from experiments.datasets.channel_map import FILE, TIME, ChannelMap, Rule, read_map, record_of
 from experiments.datasets.code_pages import in_code_page
 from experiments.datasets.collected import Collected, SourceError, unreadable
@@ -27,7 +27,7 @@ Sources = Mapping[str, tuple[Path, Mapping[str, Rule]]]
 FORMATS: dict[str, tuple[str, tuple[str, ...], Read]] = {
     "catman": ("catman file", catman.ENDINGS, catman.read),
     "matlab": ("MATLAB file", matlab.ENDINGS, matlab.read),
-    "uff": ("universal file", universal.ENDINGS, universal.read),
+    "uff": ("universal file", uff.ENDINGS, uff.read),
     "tdms": ("TDMS file", tdms.ENDINGS, tdms.read),
     "csv": ("table in text", tables.ENDINGS, tables.read),
     "xlsx": ("spreadsheet", spreadsheet.ENDINGS, spreadsheet.read),

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from discovery.criteria.criteria import used_in
 from discovery.detection.limit import NEVER
-from discovery.views.closure_figure import (
+from discovery.views.closure_plot import (
     FORCE_HEIGHT_MM,
     draw_before,
     draw_force,
@@ -22,8 +22,8 @@ from discovery.views.closure_figure import (
     residual_height_mm,
     views,
 )
-from discovery.views.closure_prose import MEASURES, Measure, place_words
-from discovery.views.force import units_of
+from discovery.views.closure_summary import MEASURES, Measure, place_words
+from discovery.views.force_plot import units_of
 from discovery.views.palette import AFTER, BACKGROUND, BLACK, BLUE, GREEN, GREY, PURPLE, SKY, VERMILLION
 from experiments.figures.style import blank, panels, styled
 from experiments.text.closures import correlations, effects_of

@@ -11,17 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from discovery.criteria.criteria import percent, used_in
-from discovery.views.course_figure import (
-    course_choices,
-    courses_height_mm,
-    draw_case,
-    draw_courses,
-    drawn_with_colours,
-    nearest_cases,
-    tension_of,
-)
 from discovery.views.palette import BACKGROUND, BLUE, SKY, VERMILLION
-from discovery.views.ranking_figure import (
+from discovery.views.ranking_plot import (
     LONGEST,
     draw_front,
     draw_leader_board,
@@ -30,6 +21,15 @@ from discovery.views.ranking_figure import (
     leader_board_height_mm,
     plain_decades,
     ranked,
+)
+from discovery.views.tension_plot import (
+    course_choices,
+    courses_height_mm,
+    draw_case,
+    draw_courses,
+    drawn_with_colours,
+    nearest_cases,
+    tension_of,
 )
 from experiments.figures.description import name_points
 from experiments.figures.style import FloatArray, blank, panels, styled, tension_axis

@@ -14,7 +14,7 @@ import jinja2
 from markupsafe import Markup
 
 from discovery.criteria.criteria import used_in
-from discovery.views.closure_prose import place_words
+from discovery.views.closure_summary import place_words
 from experiments.figures.captions import caption, order
 from experiments.report.comparisons import comparison_tables, identification_of
 from experiments.report.interactive import (

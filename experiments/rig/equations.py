@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from experiments.rig.calling import call, pointer
 from experiments.rig.excitation import FLOOR_RATE_HZ, FloatArray
+from experiments.rig.function_addresses import call, pointer
 
 LN10 = log(10.0)
 JOINT, FLEXURE_LO, FLEXURE_SO, BODY_LO, BODY_SO = range(5)

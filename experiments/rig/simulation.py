@@ -4,9 +4,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.rig.calling import FORCE, RATE, address_of
 from experiments.rig.equations import Floor, Pulse, Table, derivative, integrate, relative_rate, scratch
 from experiments.rig.excitation import STEP_RATE_HZ, FloatArray, Hit, floor_motion
+from experiments.rig.function_addresses import FORCE, RATE, address_of
 from experiments.rig.plant import LooseningTerm, Plant
 from experiments.rig.undeclared import Undeclared
 

@@ -19,7 +19,7 @@ from joblib import Parallel, delayed
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.bootstrap import bootstrap_limits
-from discovery.views.closure_prose import sections
+from discovery.views.closure_summary import sections
 from experiments.errors import in_words, of_the_input
 from experiments.results import plain
 from experiments.run.execution import execution

@@ -87,7 +87,7 @@ def run(
         If the campaign cannot be used, or the model is none or of another structure.
     """
     import discovery
-    from discovery.views.closure_section import closure_section
+    from discovery.views.closure_file import closure_section
     from experiments.figures.closure import closure_figures
 
     started = time.perf_counter()

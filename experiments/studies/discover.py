@@ -222,7 +222,7 @@ def left_for_laws(campaign: Campaign) -> None:
 
 def summary(path: Path) -> str:
     """Return a few lines for people: which law, how sure, what it beats, and the leader board."""
-    from discovery.views.ranking_figure import ranked, row_name
+    from discovery.views.ranking_plot import ranked, row_name
     from experiments.text import rankings
     from experiments.text.wording import number, trimmed
 
@@ -252,14 +252,14 @@ def summary(path: Path) -> str:
 def ranking_content(ranking: Ranking) -> dict[str, Any]:
     """Return what ranking.json says, but for its header: the section, and the tests by the laws drawn."""
     from discovery.views.ranking_cases import with_cases
-    from discovery.views.ranking_section import ranking_section
+    from discovery.views.ranking_file import ranking_section
 
     return with_cases(ranking_section(ranking), ranking)
 
 
 def model_section(content: dict[str, Any]) -> dict[str, Any]:
     """Return what model.json says of how the first law was found: its errors, and those without loosening."""
-    from discovery.views.ranking_figure import is_law
+    from discovery.views.ranking_plot import is_law
 
     first, floors = content["laws"][0]["errors"], content["laws"][0]["noise_floor"]
     still = next(law["errors"] for law in content["laws"] if is_law(law, NO_LOOSENING))

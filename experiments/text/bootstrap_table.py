@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from discovery.views.closure_prose import place_words
+from discovery.views.closure_summary import place_words
 from experiments.text.tables import Table, unit_shown
 from experiments.text.wording import mapping, mappings, with_limits
 

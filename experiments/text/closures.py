@@ -10,8 +10,8 @@ from typing import Any
 from markupsafe import Markup
 
 from discovery.criteria.criteria import percent, used_in
-from discovery.views.closure_figure import class_words, forces, sides
-from discovery.views.closure_prose import place_words, view_words
+from discovery.views.closure_plot import class_words, forces, sides
+from discovery.views.closure_summary import place_words, view_words
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
 from experiments.text.bootstrap_table import bootstrap_table

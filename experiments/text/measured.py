@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from discovery.views.closure_prose import place_words, sections
+from discovery.views.closure_summary import place_words, sections
 from experiments.text import closures
 from experiments.text.closures import effects_of
 from experiments.text.tables import MEASURES, Table, error_rows

@@ -7,7 +7,7 @@ from typing import Any
 
 from discovery.criteria.criteria import used_in
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
-from discovery.views.ranking_figure import is_law, row_name
+from discovery.views.ranking_plot import is_law, row_name
 from experiments.text.wording import mappings, number, trimmed
 
 Data = Mapping[str, Any]

@@ -11,7 +11,7 @@ from markupsafe import Markup
 from discovery.criteria.criteria import percent, used_in
 from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import BASELINE, NO_LOOSENING
-from discovery.views.ranking_figure import evidence_words, is_law, law_name, ranked, row_name
+from discovery.views.ranking_plot import evidence_words, is_law, law_name, ranked, row_name
 from experiments.text import equations
 from experiments.text.answers import Answer, Headline
 from experiments.text.noise_floors import loss_of_right_law

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from rom.campaign.campaign import Campaign, CampaignSettings
 from rom.criteria.identification import RULES
 from rom.effects import CATALOGUE
-from rom.identification import left_open
+from rom.identification import undetermined
 from rom.identification.at_rest import STILL, model_at_rest
 from rom.identification.curve_fits import LawFit
 from rom.identification.force_balance import balances_of, declared_model, is_driven, noise_share
@@ -251,14 +251,14 @@ def _of_impacts(campaign: Campaign, records: Sequence[ReducedRecord]) -> Identif
     joint = joint_estimates(records, linear, settings)
     stiffness_fit, damping_fit = joint_curves(joint, linear, settings)
     doubtful = (
-        *left_open.undetermined(linear, settings),
-        *left_open.few_joints(joint, (stiffness_fit, damping_fit)),
+        *undetermined.of_links(linear, settings),
+        *undetermined.few_joints(joint, (stiffness_fit, damping_fit)),
     )
     if linear is not None and stiffness_fit is not None and damping_fit is not None:
         linear = given_curves(parts, linear, joint, (stiffness_fit, damping_fit))
     model, missing = _model(campaign, records, linear, (stiffness_fit, damping_fit))
     far_off = unsettled(model, linear) if linear is not None else ()
-    model, unlimited = left_open.without_conditional_limits(model, linear, bool(far_off))
+    model, unlimited = undetermined.without_conditional_limits(model, linear, bool(far_off))
     noise = course_noise(
         [r.bins for r in records if r.bins and r.settings.test == "coupled"],
         [r.bins_before for r in records if r.bins_before],
@@ -273,8 +273,8 @@ def _of_impacts(campaign: Campaign, records: Sequence[ReducedRecord]) -> Identif
         courses=tension_courses(records, noise, settings),
         course_noise=noise,
         warnings=(
-            *missing, *left_open.vanished(model, settings), *doubtful, *far_off, *unlimited,
-            *left_open.untensioned(records, settings), *losses_of_small_impacts(records)
+            *missing, *undetermined.vanished(model, settings), *doubtful, *far_off, *unlimited,
+            *undetermined.untensioned(records, settings), *losses_of_small_impacts(records)
         ),
         unsettled=far_off,
     )  # fmt: skip

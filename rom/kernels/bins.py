@@ -9,8 +9,8 @@ import numpy as np
 from numba import float64, int64, njit
 
 from rom.kernels.block import BLOCK, Block
-from rom.kernels.calling import floats, for_size, integers, separate
 from rom.kernels.equations import IntArray
+from rom.kernels.function_addresses import floats, for_size, integers, separate
 from rom.kernels.propagators import INTEGRAL_AT, LEVELS, NODES, TICKS, FloatArray
 
 

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 from numba import float64, int64, njit, void
 
-from rom.kernels.calling import floats, for_size, integers, invoke, named, pointer, separate
 from rom.kernels.equations import COEFFICIENTS, FORCES, PROGRAM, Program
+from rom.kernels.function_addresses import floats, for_size, integers, invoke, named, pointer, separate
 from rom.kernels.propagators import NODES, PROPAGATORS, SAMPLE, TICKS, Propagators
 
 # places in Block.change: what the last sweep changed, and what decides how much the next one would

@@ -7,8 +7,8 @@ from typing import Any
 from numba import float64, int64, njit, void
 
 from rom.kernels.block import BLOCK, Block
-from rom.kernels.calling import floats, separate
 from rom.kernels.equations import FORCES
+from rom.kernels.function_addresses import floats, separate
 from rom.kernels.propagators import (
     INTEGRAL_AT,
     NODES,

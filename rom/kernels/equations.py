@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from rom.kernels.calling import floats, integers, invoke, named, pointer
+from rom.kernels.function_addresses import floats, integers, invoke, named, pointer
 
 IntArray = npt.NDArray[np.int64]
 

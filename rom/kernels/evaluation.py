@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from rom.kernels.calling import invoke
+from rom.kernels.function_addresses import invoke
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

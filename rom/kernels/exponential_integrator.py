@@ -23,7 +23,9 @@ from rom.kernels.block import (
     linearise,
     restart,
 )
-from rom.kernels.calling import (
+from rom.kernels.dense import fill
+from rom.kernels.equations import COEFFICIENTS, FORCES, PROGRAM, Program
+from rom.kernels.function_addresses import (
     ALLOCATES_NOTHING,
     floats,
     for_size,
@@ -33,8 +35,6 @@ from rom.kernels.calling import (
     pointer,
     separate,
 )
-from rom.kernels.dense import fill
-from rom.kernels.equations import COEFFICIENTS, FORCES, PROGRAM, Program
 from rom.kernels.propagators import (
     LEVELS,
     NODES,

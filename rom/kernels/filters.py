@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from rom.kernels.calling import ALLOCATES_NOTHING, INNER
+from rom.kernels.function_addresses import ALLOCATES_NOTHING, INNER
 
 LANES = 16  # signals that go side by side at most
 _CHUNK = 256  # samples that stay near while they pass all sections

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from numba import float64, int64, njit, void
 from numpy.polynomial import Polynomial
 
-from rom.kernels.calling import floats, for_size, integers, named, separate
+from rom.kernels.function_addresses import floats, for_size, integers, named, separate
 
 NODES = 5
 LEVELS = 13  # sub-blocks of 1/16, 1/8, 1/4, 1/2, 1, 2 ... 256 samples

@@ -10,7 +10,7 @@ from typing import Any
 
 from numba import njit
 
-from rom.kernels.calling import ALLOCATES_NOTHING, INNER
+from rom.kernels.function_addresses import ALLOCATES_NOTHING, INNER
 
 
 @njit(**INNER)  # type: ignore[untyped-decorator]

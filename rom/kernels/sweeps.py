@@ -20,8 +20,8 @@ from rom.kernels.block import (
     evaluate_laws,
     evaluate_rates,
 )
-from rom.kernels.calling import INNER, floats, for_size, separate
 from rom.kernels.equations import COEFFICIENTS, PROGRAM, Program
+from rom.kernels.function_addresses import INNER, floats, for_size, separate
 from rom.kernels.propagators import INTEGRAL, NODES, SIMPSON
 
 GOAL = types.UniTuple(float64, 3)  # type: ignore[no-untyped-call]

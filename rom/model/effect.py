@@ -138,7 +138,7 @@ class Effect(ModelCorrection):
     @property
     def address(self) -> int:
         """Address of the compiled function; compiles on first use."""
-        from rom.kernels.calling import address_of
+        from rom.kernels.function_addresses import address_of
 
         return address_of(self.function, "effect", self.on_disk)
 

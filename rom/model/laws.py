@@ -110,7 +110,7 @@ class Law:
     @property
     def address(self) -> int:
         """Address of the compiled function; compiles on first use."""
-        from rom.kernels.calling import address_of  # numba is loaded when something is computed
+        from rom.kernels.function_addresses import address_of  # numba is loaded when something is computed
 
         return address_of(self.function, self.enters, self.on_disk)
 

@@ -100,7 +100,7 @@ def few_preloads(config: pytest.Config) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         if not config.getoption("every"):
             patch.setattr(rig, "run", run_few)
-            patch.setattr("discovery.separating_tests.hits._PRELOADS", 3)  # at which hits are tried
+            patch.setattr("discovery.separating_tests.impacts._PRELOADS", 3)  # at which hits are tried
         yield
 
 

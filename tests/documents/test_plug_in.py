@@ -20,7 +20,7 @@ import rom.effects
 from discovery.laws.plug_in_laws import plug_in_laws, usable
 from experiments.results import write_result
 from rom.identification.identify import Identification
-from rom.kernels.calling import SIGNATURES, address_of
+from rom.kernels.function_addresses import SIGNATURES, address_of
 from rom.plug_ins import PlugInWarning, packages
 from tests.documents.blocks import REPOSITORY
 from tests.shared import Shared

@@ -152,7 +152,7 @@ COMMANDS: Mapping[str, Callable[[Cell, Places, Path, int, Then], Path]] = {
 def _of_ranking(found: Mapping[str, Any]) -> dict[str, Any]:
     """Main numbers of a ranking; none where no record was left."""
     from discovery.laws.candidate import BASELINE
-    from discovery.views.ranking_figure import is_law
+    from discovery.views.ranking_plot import is_law
 
     if not found["laws"]:
         return {}

@@ -7,7 +7,7 @@ import pytest
 
 from discovery.decide.explanation import limited_number
 from discovery.residual.ends_of_ranges import on_ends
-from discovery.views.closure_section import parameter_row
+from discovery.views.closure_file import parameter_row
 from rom.model.laws import Parameter
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from discovery.localisation.force_map import ForceMap, courses_at, force_map, force_maps
-from discovery.views.force import pair
+from discovery.views.force_plot import pair
 from rom.campaign.channels import FloatArray
 from tests.discovery.synthetic_lines import JOINT, PLACES, Law, campaign, record, silence
 

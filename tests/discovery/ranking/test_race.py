@@ -37,8 +37,8 @@ from discovery.ranking.cross_validation import dispersion
 from discovery.ranking.merging import at_bound, merged, same_equations, without_vanished
 from discovery.ranking.race import RankedLaw, _corrected, _listed, _with_reduced, race
 from discovery.ranking.result import Ranking
-from discovery.views.ranking_figure import ranked
-from discovery.views.ranking_section import ranking_section
+from discovery.views.ranking_file import ranking_section
+from discovery.views.ranking_plot import ranked
 from rom import paper_model
 from rom.campaign.campaign import read_campaign
 from rom.identification.identify import Identification

@@ -12,8 +12,8 @@ import pytest
 import discovery
 from discovery.criteria.criteria import CRITERIA
 from discovery.loop.result import Screened
-from discovery.views.closure_prose import lives_in, place_words, sections
-from discovery.views.closure_section import closure_section
+from discovery.views.closure_file import closure_section
+from discovery.views.closure_summary import lives_in, place_words, sections
 from rom.effects import CATALOGUE
 from rom.model.laws import Parameter
 from tests.discovery.sound_closure import (

@@ -13,7 +13,7 @@ import rom
 from discovery.laws.candidate import rivals_always_in_the_race
 from discovery.ranking.result import Ranking
 from discovery.views import ranking_cases
-from discovery.views.ranking_section import ranking_section
+from discovery.views.ranking_file import ranking_section
 from rom.campaign.channels import FloatArray
 from rom.model.model import Model
 from rom.signals.tension_bins import TensionCourse

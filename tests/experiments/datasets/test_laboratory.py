@@ -35,8 +35,8 @@ FORMATS: dict[str, tuple[str, str, Write]] = {
     "matlab variables": ("matlab", ".mat", write_matlab),
     "matlab export": ("matlab", ".mat", write_matlab_export),
     "matlab 7.3": ("matlab", ".MAT", write_matlab_73),
-    "universal": ("uff", ".uff", write_uff),
-    "universal, binary": ("uff", ".unv", write_uff_binary),
+    "uff": ("uff", ".uff", write_uff),
+    "uff, binary": ("uff", ".unv", write_uff_binary),
     "tdms": ("tdms", ".tdms", write_tdms),
 }
 UNITLESS = ("matlab variables", "matlab 7.3")
@@ -232,12 +232,12 @@ def test_structures_and_columns_of_matlab_have_the_names_that_matlab_gives(tmp_p
 def test_names_that_are_shared_are_told_apart(tmp_path: Path) -> None:
     import nptdms
 
-    from experiments.datasets import tdms, universal
+    from experiments.datasets import tdms, uff
 
     samples = np.ones(20)
     write_uff(tmp_path / "a.uff", {"x": (samples, "N", 100.0)})
     write_uff(tmp_path / "a.uff", {"x": (samples, "N", 100.0), "y": (samples, "N", 100.0)})
-    assert [signal.name for signal in universal.read(tmp_path / "a.uff")] == ["1:+Z", "1:+Z", "y"]
+    assert [signal.name for signal in uff.read(tmp_path / "a.uff")] == ["1:+Z", "1:+Z", "y"]
     with nptdms.TdmsWriter(str(tmp_path / "a.tdms")) as writer:
         writer.write_segment([nptdms.ChannelObject(group, "x", samples) for group in ("one", "two")])
     assert [signal.name for signal in tdms.read(tmp_path / "a.tdms")] == ["one/x", "two/x"]

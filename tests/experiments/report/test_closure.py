@@ -15,7 +15,7 @@ import pytest
 
 from discovery.loop.refitted_numbers import with_limits
 from discovery.loop.result import Closure
-from discovery.views.closure_section import closure_section
+from discovery.views.closure_file import closure_section
 from experiments.figures.closure import closure_figures
 from experiments.figures.description import describe
 from experiments.figures.style import COLUMN_MM, save

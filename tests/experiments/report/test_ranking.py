@@ -12,8 +12,8 @@ import pytest
 from matplotlib.patches import Rectangle
 
 from discovery.criteria.criteria import CRITERIA, used_in
-from discovery.views.course_figure import drawn_laws, nearest_cases
-from discovery.views.ranking_figure import law_name
+from discovery.views.ranking_plot import law_name
+from discovery.views.tension_plot import drawn_laws, nearest_cases
 from experiments.figures.captions import caption
 from experiments.figures.discovery import discovery_figures
 from experiments.figures.style import COLUMN_MM, save

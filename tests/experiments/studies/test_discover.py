@@ -19,7 +19,7 @@ from discovery.ranking.confidence_sets import ExponentProfile, MotionProfile
 from discovery.ranking.population import Bolt, Limited, Population
 from discovery.ranking.result import RankedLaw, Ranking
 from discovery.ranking.specimens import check_one_kind
-from discovery.separating_tests.hits import Proposal
+from discovery.separating_tests.impacts import Proposal
 from experiments.report.comparisons import comparison_tables
 from experiments.report.results import read_results
 from experiments.results import fitted_records

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from discovery.loop.result import Closure
-from discovery.views.closure_section import closure_section
+from discovery.views.closure_file import closure_section
 from experiments.results import plain, write_result
 from experiments.studies.measured import main, run
 from experiments.text.measured import SETS, alone_table, views_table

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from discovery.views.closure_section import parameter_row
+from discovery.views.closure_file import parameter_row
 from experiments.text.tables import parameter_rows, parameters_table
 from rom.model.laws import Parameter
 

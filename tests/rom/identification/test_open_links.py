@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rom.identification.left_open import undetermined, without_conditional_limits
 from rom.identification.output_error import OutputErrorFit
 from rom.identification.priors import PriorConstraint
+from rom.identification.undetermined import of_links, without_conditional_limits
 from rom.model.laws import Law
 from rom.parameters import he_2025
 
@@ -78,6 +78,6 @@ def test_a_spring_beside_the_joint_is_known_without_the_bolt() -> None:
     names = ("flexure.stiffness", "flexure.stiffness.uncoupled", "joint.stiffness@a")
     found = OutputErrorFit(names, np.log([61e3, 6e4, 4e5]), np.diag([400.0, 1e-12, 10.0]), 1.0, True, (), ())
     settings: Any = SimpleNamespace(link=(), body=())
-    (line,) = undetermined(found, settings)
+    (line,) = of_links(found, settings)
     assert line.startswith("flexure.stiffness: these records do not separate it from the links beside it")
     assert line.endswith("; without the bolt it is 60000 N/m")

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from discovery.views.closure_prose import view_words
-from discovery.views.force import FORCE, Units, draw_loop, draw_map, pair, scale_of, units_of
+from discovery.views.closure_summary import view_words
+from discovery.views.force_plot import FORCE, Units, draw_loop, draw_map, pair, scale_of, units_of
 from discovery.views.palette import AFTER, BACKGROUND, BEFORE, GREY
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical

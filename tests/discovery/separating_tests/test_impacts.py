@@ -11,7 +11,7 @@ from discovery.courses.frozen_motion import freeze, freeze_bolts
 from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import Candidate, Term, baseline, constant_power, no_loosening
 from discovery.laws.factors import tension_power, velocity_power
-from discovery.separating_tests.hits import Proposal, _grid, _response, _way, propose_tests
+from discovery.separating_tests.impacts import Proposal, _grid, _response, _way, propose_tests
 from tests.discovery.bolts import bolts_of
 from tests.discovery.synthetic import RATE_HZ, free_power, measured, model_with, small, with_power
 

@@ -11,7 +11,7 @@ from discovery.criteria.localisation import Localising
 from discovery.detection.limit import NEVER, UNSEEN
 from discovery.localisation.localise import COURSES
 from discovery.views.digits import digits_apart
-from discovery.views.force import explained_level
+from discovery.views.force_plot import explained_level
 from rom.criteria.number import Numerical
 
 Data = Mapping[str, Any]

@@ -9,7 +9,7 @@ import numpy as np
 
 from discovery.laws.candidate import BASELINE, CONSTANT_QUADRATIC, NO_LOOSENING
 from discovery.views.palette import BACKGROUND, BLUE, GREEN, GREY, MEASURED, SKY
-from discovery.views.ranking_figure import LONGEST, is_law, law_name, ranked, row_colour
+from discovery.views.ranking_plot import LONGEST, is_law, law_name, ranked, row_colour
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.model.laws import Z95

@@ -10,7 +10,7 @@ from numba import cfunc, float64, int64, njit, types
 from numba.core.cgutils import ir  # type: ignore[attr-defined]
 from numba.extending import intrinsic
 
-from rom.kernels import uncollected  # noqa: F401 - before anything is compiled
+from rom.kernels import paused_gc  # noqa: F401 - before anything is compiled
 
 _POINTER: Any = types.CPointer(float64)  # type: ignore[no-untyped-call]
 _SCALAR = float64

@@ -15,7 +15,7 @@ from discovery.explain.force_balance_screen import screen, starts_of
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.options import Options
 from discovery.residual.force_balance import ForceBalanceResidual
-from discovery.separating_tests.balances import separating_runs
+from discovery.separating_tests.driven_runs import separating_runs
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Effect
 from tests.discovery import driven_twins as twins

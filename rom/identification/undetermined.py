@@ -35,7 +35,7 @@ def vanished(model: Model, settings: CampaignSettings) -> tuple[str, ...]:
     )
 
 
-def undetermined(linear: OutputErrorFit | None, settings: CampaignSettings) -> tuple[str, ...]:
+def of_links(linear: OutputErrorFit | None, settings: CampaignSettings) -> tuple[str, ...]:
     """Return a line for every shared value that the records leave open, every resonance without a mode and
     every start far off, and for a fit that did not end.
     """

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 from scipy import stats
 
 from discovery.laws.candidate import rivals_always_in_the_race
-from discovery.views.closure_section import parameter_row
+from discovery.views.closure_file import parameter_row
 
 if TYPE_CHECKING:
     from discovery.ranking.confidence_sets import ExponentProfile, MotionProfile
     from discovery.ranking.population import Population
     from discovery.ranking.result import RankedLaw, Ranking
-    from discovery.separating_tests.hits import Proposal
+    from discovery.separating_tests.impacts import Proposal
 
 
 def ranking_section(ranking: Ranking) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from discovery.views.closure_prose import sections
+from discovery.views.closure_summary import sections
 from rom.signals.per_record_parameters import per_record_names
 
 if TYPE_CHECKING:
