@@ -24,6 +24,7 @@ from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect
+from rom.effects.free_form import FreeForm
 from rom.signals.frequency_band import Band, edge_samples, in_band
 
 TESTS = ("driven", "free", "cycled")
@@ -158,6 +159,8 @@ class ForceRecord:
 def _force(effect: Effect, motion: FloatArray, rate_hz: float, test: str) -> FloatArray:
     from rom.kernels.prescribed import force_of_effects
 
+    if isinstance(effect, FreeForm):
+        return effect.along(motion)
     table, state = np.array([[effect.address, 0, 0]]), np.zeros(effect.states + 1)
     substeps = max(2, math.ceil(1 / rate_hz / _LONGEST_S)) if effect.states else 1
     values = np.array([*effect.values, 0.0])

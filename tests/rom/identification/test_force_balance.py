@@ -9,9 +9,11 @@ import pytest
 
 import rom
 from rom.campaign.channels import Channel
+from rom.effects import Effect, free_form
 from rom.identification.equation_error import Smoothing, noise_of
 from rom.identification.force_balance import balances_of, is_driven
 from rom.identification.identify import identify_campaign
+from rom.model.laws import Parameter
 from tests.discovery import driven_twins as twins
 
 
@@ -95,3 +97,17 @@ def test_a_record_shorter_than_the_filter_is_refused(tmp_path: Path) -> None:
     campaign = twins.campaign_of(tmp_path / "short", "mass", "guide", "linear", records)
     with pytest.raises(ValueError, match=r"short.h5: found 0.2 s, expected .* s at least"):
         balances_of(campaign)
+
+
+def test_a_free_form_along_the_measured_motion_is_not_compiled_and_has_the_compiled_force(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    balances, _ = balances_of(twins.driven(tmp_path / "driven", sizes=(1.0, 1.0), seconds=2.0))
+    numbers = {"g": Parameter(3.0, "N"), "h": Parameter(2e5, "N/m2")}
+    form = free_form("g * tanh(v / 0.01) + h * max(x, 0) * abs(x) * sign(v)", "guide", numbers)
+    assert isinstance(form, Effect)
+    compiled = Effect(form.name, form.enters, form.equation, form.parameters, form.function, on_disk=False)
+    expected = balances.of(compiled, 8000.0, 6.0)
+    assert np.ptp(expected) > 1.0
+    monkeypatch.setattr(type(form), "address", None)
+    np.testing.assert_allclose(balances.of(form, 8000.0, 6.0), expected, rtol=0, atol=1e-9)
