@@ -109,7 +109,7 @@ class BetweenTests:
             tau2 = of_logs(scatter, logs, low, high) ** 2
             spread = 1 + tau2 * self.information
             share = tau2 / spread
-            of_numbers = np.linalg.slogdet(numbers - (cross.T * share) @ cross)[1]
+            of_numbers = np.linalg.slogdet(numbers - (cross.T * share) @ cross)[1] if len(scale) else 0.0
             likelihood = (np.log(spread) - share * square).sum() + of_numbers
             return float(likelihood + (scatter[1] / self.rules.slope_prior) ** 2)
 
