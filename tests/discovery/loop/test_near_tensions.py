@@ -14,7 +14,7 @@ from experiments.rig.plant import LooseningTerm, Plant
 from experiments.studies import rig
 from experiments.studies.rig import Undeclared
 
-PRELOADS = np.array([600.0, 690.0, 780.0, 900.0, 1030.0, 1180.0, 1350.0, 1500.0])
+PRELOADS = np.array([600.0, 720.0, 870.0, 1040.0, 1250.0, 1500.0])
 PLANT = Plant(
     mass_lo=4.2, mass_so=1.7, stiffness_lo=21e3, stiffness_so=62e3, damping_lo=6.0, damping_so=3.5,
     k_i=1.4e6, alpha=-0.0016, beta=900.0, c_d=700.0, c_i=620.0, eta=-0.0011,
@@ -28,8 +28,7 @@ def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.Fi
     monkeypatch.setattr(schedule, "preloads", lambda *_: PRELOADS)
     folder = tmp_path / "campaign"
     rig.run(
-        folder, len(PRELOADS), 1.0, 2, duration_s=2.5, strengths=(1.0, 0.8), hold_out_every=4, plant=PLANT,
-        undeclared=request.param,
+        folder, len(PRELOADS), 1.0, 2, duration_s=2.5, hold_out_every=3, plant=PLANT, undeclared=request.param
     )  # fmt: skip
     return rom.read_campaign(folder)
 
