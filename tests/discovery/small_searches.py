@@ -1,4 +1,4 @@
-"""Criteria under which few laws and exponents are fitted in full, where a test does not look at which."""
+"""Criteria under which few laws and exponents are tried, where a test does not look at which."""
 
 from __future__ import annotations
 
@@ -14,5 +14,14 @@ FEWER = CRITERIA.changed(
         "least_exponent": 2.0,
         "largest_exponent": 5.0,
         "largest_mixed": 2.0,
+        "resamples": 100,
+    },
+    search={
+        "thresholds": 4,
+        "sr3_thresholds": 2,
+        "ensemble": 3,
+        "shared": 2,
+        "pairs": 10,
+        "bootstraps": 5,
     },
 )

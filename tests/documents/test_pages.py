@@ -105,13 +105,17 @@ def few_preloads(config: pytest.Config) -> Iterator[None]:
 
 
 @pytest.fixture(scope="session")
-def measured(tmp_path_factory: pytest.TempPathFactory, pytestconfig: pytest.Config) -> Path:
-    """The campaign of the tutorial."""
-    place = tmp_path_factory.mktemp("measured")
+def measured(shared: Shared, pytestconfig: pytest.Config) -> Path:
+    """The campaign of the tutorial, made once in a run."""
     (words,) = (c for c in map(shlex.split, tutorial_commands()) if c[:2] == ["boltlaw", "rig"])
-    with few_preloads(pytestconfig):
-        assert run([*words[1:], "--out", str(place), "--jobs", "1", "--quiet"]) == 0
-    return place / words[2]
+
+    def work() -> Path:
+        place = shared.new_folder()
+        with few_preloads(pytestconfig):
+            assert run([*words[1:], "--out", str(place), "--jobs", "1", "--quiet"]) == 0
+        return place / words[2]
+
+    return shared.once("tutorial campaign", work)
 
 
 @pytest.fixture
@@ -149,7 +153,7 @@ def test_every_block_of_a_page_runs(
     The tutorial draws the figures of its commands.
     """
     if page.name in SLOW and page != TUTORIAL:
-        text = page.read_text(encoding="utf-8")
+        text = "".join(block.text for block in runs(page))
         for name in ("folder", "rig-campaign"):
             if name in text:
                 shutil.copytree(request.getfixturevalue("measured"), place / name)

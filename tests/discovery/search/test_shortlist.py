@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from discovery.laws.candidate import Candidate, Term, baseline
 from discovery.laws.factors import displacement_power, tension_logistic, velocity_power
 from discovery.laws.names import term_form
 from discovery.search.shortlist import Proposals, propose
+from tests.discovery.small_searches import FEWER
 from tests.discovery.synthetic import frozen, measured
 
 PRELOADS = (8.0, 20.0, 60.0, 150.0, 300.0, 900.0)
@@ -108,6 +110,6 @@ def test_one_seed_gives_the_same_numbers_and_progress_runs_to_its_end(
 
 
 def test_tightening_allows_terms_of_the_other_sign(few: FrozenMotion) -> None:
-    found = _proposed(few, tightening=True)
+    found = _proposed(replace(few, criteria=FEWER), tightening=True)
     assert any(term.sign == 1 for law in found.candidates for term in law.terms)
     assert all(c > 0 for law in found.candidates for c in law.coefficients)
