@@ -38,7 +38,7 @@ def damping(residual: WhitenedResidual) -> float:
 @pytest.mark.parametrize("seed", [2, pytest.param(3, marks=pytest.mark.variant)])
 def test_a_strongly_nonlinear_mode_no_longer_biases_the_damping(tmp_path: Path, seed: int) -> None:
     hidden = Undeclared("cubic-stiffness", "flexure_lo", {"k3": K3})
-    rig.run(tmp_path / "c", cases=6, noise=0.3, seed=seed, jobs=1, duration_s=2.5, undeclared=(hidden,))
+    rig.run(tmp_path / "c", cases=4, noise=0.3, seed=seed, jobs=1, duration_s=2.5, undeclared=(hidden,))
     refits = ImpactRefits.of(rom.read_campaign(tmp_path / "c"), Options(1, no_progress, 0, CRITERIA))
     state = refits.start()
     explained = refits.explain(refits.screen(state.residual), state.residual)
