@@ -100,7 +100,7 @@ def error_of(candidate: Candidate, deviation: float, unseen: FrozenMotion) -> fl
 def test_three_hits_on_a_ninth_bolt_and_the_other_eight_say_more_than_three_hits() -> None:
     """Loss at other preloads: a fit to three hits alone knows little of how it goes with the preload."""
     borrowed, alone = [], []
-    for seed in range(10):
+    for seed in range(6):
         rng = np.random.default_rng(seed)
         deviations = np.log(1.6) * rng.standard_normal(9)
         bolts = bolts_of(TRUE, deviations[:8], preloads=(60.0, 150.0, 700.0), scatter=0.3, seed=seed)
