@@ -50,15 +50,16 @@ def refine(candidate: Candidate, frozen: FrozenMotion, rounds: int = ROUNDS) -> 
     Fit
         Not converged where a re-simulation diverged.
     """
-    found = fit(candidate, frozen)
+    found = fit(candidate, frozen, uncertainty=False)
     for _ in range(0 if candidate.holds else rounds):
         offsets = correction(found, frozen)
         if not np.isfinite(offsets).all():
-            return replace(found, converged=False)
+            found = replace(found, converged=False)
+            break
         if unchanged(offsets, found, frozen):
-            return found
-        found = fit(found.candidate, frozen, offsets, found)
-    return found
+            break
+        found = fit(found.candidate, frozen, offsets, found, uncertainty=False)
+    return with_uncertainty(found, frozen)
 
 
 def at_fit(found: Fit, frozen: FrozenMotion) -> tuple[Problem, State]:
@@ -97,7 +98,12 @@ def unchanged(offsets: FloatArray, found: Fit, frozen: FrozenMotion) -> bool:
 
 
 def fit(
-    candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray | None = None, start: Fit | None = None
+    candidate: Candidate,
+    frozen: FrozenMotion,
+    offsets: FloatArray | None = None,
+    start: Fit | None = None,
+    *,
+    uncertainty: bool = True,
 ) -> Fit:
     """Fit the free numbers of a candidate by marginal maximum likelihood along the frozen motion.
 
@@ -111,11 +117,37 @@ def fit(
         ModelCorrection to every predicted course [N].
     start : Fit
         Scatter and deviations to start from, of the same cases.
+    uncertainty : bool
+        Whether to find covariance and variability too, half of the work; `with_uncertainty` does so later.
+
+    Returns
+    -------
+    Fit
+        Without `uncertainty` its covariance and variability are nan.
     """
     problem = Problem(candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
     state = problem.first(start)
     state, converged = climbed(problem, state, _SETTLED, 1 if candidate.holds else _ITERATIONS)
-    return fit_at(problem, state, problem.at(state.theta), converged or candidate.holds)
+    at = fit_at if uncertainty else _without_uncertainty
+    return at(problem, state, problem.at(state.theta), converged or candidate.holds)
+
+
+def with_uncertainty(found: Fit, frozen: FrozenMotion) -> Fit:
+    """The fit with its covariance and the variability between tests."""
+    part, offsets = (frozen.last_bin(), found.offsets[:, -1:]) if found.of_losses else (frozen, found.offsets)
+    problem = Problem(found.candidate, part, offsets)
+    state = problem.solve(problem.theta0, np.array(found.scatter), found.deviations, steps=0)
+    known = fit_at(problem, state, found.candidate, found.converged)
+    return replace(found, covariance=known.covariance, between_tests=known.between_tests)
+
+
+def _without_uncertainty(problem: Problem, state: State, candidate: Candidate, converged: bool) -> Fit:
+    numbers = len(state.theta)
+    return Fit(
+        candidate, candidate.free, np.full((numbers, numbers), np.nan), state.deviance,
+        tuple(state.scatter.tolist()), problem.offsets, state.u, converged, (np.nan, np.nan),
+        criteria=problem.frozen.criteria,
+    )  # fmt: skip
 
 
 def fit_at(problem: Problem, state: State, candidate: Candidate, converged: bool) -> Fit:
@@ -134,10 +166,8 @@ def fit_at(problem: Problem, state: State, candidate: Candidate, converged: bool
     """
     told, _ = climbed(problem, state, _SETTLED, _RESTRICTED, restricted=True)
     a, b = told.scatter[:2].tolist()
-    return Fit(
-        candidate, candidate.free, problem.covariance(told), state.deviance, tuple(state.scatter.tolist()),
-        problem.offsets, state.u, converged, (a, b), criteria=problem.frozen.criteria,
-    )  # fmt: skip
+    found = _without_uncertainty(problem, state, candidate, converged)
+    return replace(found, covariance=problem.covariance(told), between_tests=(a, b))
 
 
 def fit_losses(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray | None = None) -> Fit:
@@ -145,6 +175,7 @@ def fit_losses(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray |
 
     For a law whose courses are not those measured: the shape of the courses, which it cannot follow, would
     otherwise decide its numbers, at the cost of the losses. The deviance is still that of the courses.
+    Its covariance is found by `with_uncertainty`.
 
     Parameters
     ----------
@@ -161,7 +192,7 @@ def fit_losses(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray |
         With ``of_losses``.
     """
     whole = Problem(candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
-    found = fit(candidate, frozen.last_bin(), whole.offsets[:, -1:])
+    found = fit(candidate, frozen.last_bin(), whole.offsets[:, -1:], uncertainty=False)
     after = Problem(found.candidate, frozen, whole.offsets)
     state = after.solve(after.theta0, np.array(found.scatter), found.deviations, steps=12)
     return replace(found, deviance=state.deviance, offsets=whole.offsets, of_losses=True)

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 from joblib import Parallel, delayed
 
-from discovery.courses.fit import ROUNDS, Fit, correction, fit, fit_losses, unchanged
+from discovery.courses.fit import ROUNDS, Fit, correction, fit, fit_losses, unchanged, with_uncertainty
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.criteria.ranking import RankingRules
 from discovery.laws.candidate import ALWAYS_LISTED, BASELINE, Candidate, rivals_always_in_the_race
@@ -180,11 +180,11 @@ def _precedence(law: Candidate) -> int:
 
 
 def _fit_some(candidates: Sequence[Candidate], frozen: FrozenMotion) -> list[Fit | None]:
-    return [_safely(fit, candidate, frozen) for candidate in candidates]
+    return [_safely(partial(fit, uncertainty=False), candidate, frozen) for candidate in candidates]
 
 
 def _refine_some(fits: Sequence[Fit], frozen: FrozenMotion) -> list[Fit | None]:
-    return [_safely(_corrected, found, frozen) for found in fits]
+    return [_safely(_refined, found, frozen) for found in fits]
 
 
 def _with_reduced(fits: Sequence[Fit | None], frozen: FrozenMotion) -> list[Fit | None]:
@@ -196,7 +196,11 @@ def _with_reduced(fits: Sequence[Fit | None], frozen: FrozenMotion) -> list[Fit 
 
 
 def _refitted(found: Fit, frozen: FrozenMotion, law: Candidate) -> Fit:
-    return _corrected(fit(law, frozen, found.offsets, found), frozen)
+    return _refined(fit(law, frozen, found.offsets, found, uncertainty=False), frozen)
+
+
+def _refined(found: Fit, frozen: FrozenMotion) -> Fit:
+    return with_uncertainty(_corrected(found, frozen), frozen)
 
 
 def _corrected(found: Fit, frozen: FrozenMotion) -> Fit:
@@ -223,7 +227,7 @@ def _resimulated(found: Fit, frozen: FrozenMotion) -> Fit:
         offsets = _finite(correction(found, frozen))
         if unchanged(offsets, found, frozen):
             break
-        corrected = fit(found.candidate, frozen, offsets, found)
+        corrected = fit(found.candidate, frozen, offsets, found, uncertainty=False)
         if validation.lost(corrected, found.deviance):
             break
         found = corrected
