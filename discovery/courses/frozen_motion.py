@@ -138,15 +138,18 @@ class FrozenMotion:
         Between a grid's values of the inner parameters it is interpolated by cubics, in its logarithm along
         exponents: a fit moves them often, and the integrals at the grid's values serve all fits.
         """
-        if self._whole is not None:
-            return self._whole.exposure(factor)[list(self._index)]
         if factor.key not in self._recent:
-            corners = [grid_corners(inner.value, inner.step) for inner in factor.inner.values()]
-            logarithmic = [inner.unit == "1" for inner in factor.inner.values()]
             while len(self._recent) >= _RECENT:
                 del self._recent[next(iter(self._recent))]
-            self._recent[factor.key] = self._interpolated(factor, tuple(factor.inner), corners, logarithmic)
+            self._recent[factor.key] = self._found_exposure(factor)
         return self._recent[factor.key]
+
+    def _found_exposure(self, factor: Factor) -> FloatArray:
+        if self._whole is not None:
+            return self._whole.exposure(factor)[list(self._index)]
+        corners = [grid_corners(inner.value, inner.step) for inner in factor.inner.values()]
+        logarithmic = [inner.unit == "1" for inner in factor.inner.values()]
+        return self._interpolated(factor, tuple(factor.inner), corners, logarithmic)
 
     def _interpolated(
         self, factor: Factor, names: tuple[str, ...], corners: list[Corners], logarithmic: list[bool]

@@ -40,6 +40,8 @@ class Term:
 
     def with_values(self, values: Mapping[str, float]) -> Term:
         """The same term with other inner values."""
+        if not values:
+            return self
         motion = self.motion.with_values(**{n: v for n, v in values.items() if n in self.motion.inner})
         tension = self.tension.with_values(**{n: v for n, v in values.items() if n in self.tension.inner})
         return replace(self, motion=motion, tension=tension)

@@ -92,10 +92,12 @@ class Factor:
 
     def with_values(self, **values: float) -> Factor:
         """The same factor with other inner values, cut to their ranges."""
+        if not values:
+            return self
         inner = dict(self.inner)
         for name, value in values.items():
             old = inner[name]
-            inner[name] = replace(old, value=float(np.clip(value, old.low, old.high)))
+            inner[name] = replace(old, value=float(min(max(value, old.low), old.high)))
         return replace(self, inner=inner)
 
     def at_node(self, name: str, value: float) -> Factor:
