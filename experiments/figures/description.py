@@ -304,7 +304,7 @@ def _numbers(ax: Axes, traces: Sequence[_Trace]) -> Data:
 
 def _coded(values: Any) -> Any:
     """Return an array as numbers; a long one as its ends and where between them each lies, in base 64."""
-    if any(isinstance(value, str) for value in values):
+    if np.asarray(values).dtype.kind == "U":
         return [str(value) for value in values]
     array: FloatArray = np.asarray(values, dtype=float)
     if len(array) < _PACKED or not np.isfinite(array).all():
