@@ -47,7 +47,7 @@ _WHITE = 0.6
 def few_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fits start from two strengths of an effect, hits are tried at three preloads."""
     monkeypatch.setattr("discovery.explain.tension_law._STRENGTHS", (0.3, 1.0))
-    monkeypatch.setattr("discovery.separating_tests.hits._PRELOADS", 3)
+    monkeypatch.setattr("discovery.separating_tests.impacts._PRELOADS", 3)
 
 
 def whole(held: FrozenMotion) -> FrozenMotion:
