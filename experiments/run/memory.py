@@ -8,13 +8,13 @@ import platform
 import sys
 
 _MMAP_THRESHOLD, _TRIM_THRESHOLD = -3, -1  # of glibc's malloc.h
-_ARRAY_BYTES = 2_000_000
+_ARRAY_BYTES = 1_000_000
 _KEPT_BYTES = 64_000_000
 _SELDOM = (50_000, 20, 20)  # objects made since the last search for cycles, and searches of young ones
 
 
 def return_freed_arrays() -> None:
-    """Let arrays of more than 2 MB go back to the system when freed, and all but 64 MB of what is free last.
+    """Let arrays of more than 1 MB go back to the system when freed, and all but 64 MB of what is free last.
 
     glibc raises the first bound to 32 MB as arrays are freed, so that those of a record leave holes between
     lasting small ones: a loop closed over 42 records kept 0.6 GB that nothing used. Smaller arrays come and
