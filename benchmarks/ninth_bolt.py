@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from discovery.courses.fit import fit, predict
+from discovery.courses.fit import fit, predict, with_uncertainty
 from discovery.courses.frozen_motion import FrozenMotion, freeze, freeze_bolts
 from discovery.laws.candidate import Candidate, Term
 from discovery.laws.factors import displacement_power, tension_power
@@ -68,7 +68,8 @@ def run(name: str, noise: float, seed: int) -> Errors:
     law, form = hidden(name)
     deviations = BETWEEN * np.random.default_rng([seed, 7]).standard_normal(9)
     others = bolts_of(law, deviations[:8], preloads=PRELOADS, scatter=WITHIN, noise=noise, seed=seed)
-    shared = fit(form, freeze_bolts(others))
+    courses = freeze_bolts(others)
+    shared = with_uncertainty(fit(form, courses), courses)
     own = rated(law, deviations[8])
     hits = measured(
         own, preloads=PRELOADS, strengths=(1.0,), scatter=WITHIN, noise=noise, seed=seed + 900, length_s=0.5

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from discovery.courses.between_bolts import Index
-from discovery.courses.fitted import Fit
+from discovery.courses.fitted import Fit, Uncertainty
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.likelihood_steps import climbed
 from discovery.courses.marginal_likelihood import Problem, State
@@ -50,7 +50,7 @@ def refine(candidate: Candidate, frozen: FrozenMotion, rounds: int = ROUNDS) -> 
     Fit
         Not converged where a re-simulation diverged.
     """
-    found = fit(candidate, frozen, uncertainty=False)
+    found = fit(candidate, frozen)
     for _ in range(0 if candidate.holds else rounds):
         offsets = correction(found, frozen)
         if not np.isfinite(offsets).all():
@@ -58,7 +58,7 @@ def refine(candidate: Candidate, frozen: FrozenMotion, rounds: int = ROUNDS) -> 
             break
         if unchanged(offsets, found, frozen):
             break
-        found = fit(found.candidate, frozen, offsets, found, uncertainty=False)
+        found = fit(found.candidate, frozen, offsets, found)
     return with_uncertainty(found, frozen)
 
 
@@ -98,12 +98,7 @@ def unchanged(offsets: FloatArray, found: Fit, frozen: FrozenMotion) -> bool:
 
 
 def fit(
-    candidate: Candidate,
-    frozen: FrozenMotion,
-    offsets: FloatArray | None = None,
-    start: Fit | None = None,
-    *,
-    uncertainty: bool = True,
+    candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray | None = None, start: Fit | None = None
 ) -> Fit:
     """Fit the free numbers of a candidate by marginal maximum likelihood along the frozen motion.
 
@@ -117,41 +112,28 @@ def fit(
         ModelCorrection to every predicted course [N].
     start : Fit
         Scatter and deviations to start from, of the same cases.
-    uncertainty : bool
-        Whether to find covariance and variability too, half of the work; `with_uncertainty` does so later.
 
     Returns
     -------
     Fit
-        Without `uncertainty` its covariance and variability are nan.
+        Its uncertainty is found by `with_uncertainty`.
     """
     problem = Problem(candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
     state = problem.first(start)
     state, converged = climbed(problem, state, _SETTLED, 1 if candidate.holds else _ITERATIONS)
-    at = fit_at if uncertainty else _without_uncertainty
-    return at(problem, state, problem.at(state.theta), converged or candidate.holds)
+    return _fit_at(problem, state, problem.at(state.theta), converged or candidate.holds)
 
 
 def with_uncertainty(found: Fit, frozen: FrozenMotion) -> Fit:
-    """The fit with its covariance and the variability between tests."""
+    """The fit with the covariance of its numbers and the variability between tests."""
     part, offsets = (frozen.last_bin(), found.offsets[:, -1:]) if found.of_losses else (frozen, found.offsets)
     problem = Problem(found.candidate, part, offsets)
     state = problem.solve(problem.theta0, np.array(found.scatter), found.deviations, steps=0)
-    known = fit_at(problem, state, found.candidate, found.converged)
-    return replace(found, covariance=known.covariance, between_tests=known.between_tests)
+    return replace(found, uncertainty=_uncertainty_at(problem, state))
 
 
-def _without_uncertainty(problem: Problem, state: State, candidate: Candidate, converged: bool) -> Fit:
-    numbers = len(state.theta)
-    return Fit(
-        candidate, candidate.free, np.full((numbers, numbers), np.nan), state.deviance,
-        tuple(state.scatter.tolist()), problem.offsets, state.u, converged, (np.nan, np.nan),
-        criteria=problem.frozen.criteria,
-    )  # fmt: skip
-
-
-def fit_at(problem: Problem, state: State, candidate: Candidate, converged: bool) -> Fit:
-    """What is known at a place of a fit: covariance and variability by the restricted likelihood.
+def known_fit(problem: Problem, state: State, candidate: Candidate) -> Fit:
+    """Return the fit that ends at a place, with its uncertainty.
 
     Parameters
     ----------
@@ -161,13 +143,23 @@ def fit_at(problem: Problem, state: State, candidate: Candidate, converged: bool
         The place.
     candidate : Candidate
         The law there.
-    converged : bool
-        Whether no more is to be gained.
     """
-    told, _ = climbed(problem, state, _SETTLED, _RESTRICTED, restricted=True)
-    a, b = told.scatter[:2].tolist()
-    found = _without_uncertainty(problem, state, candidate, converged)
-    return replace(found, covariance=problem.covariance(told), between_tests=(a, b))
+    found = _fit_at(problem, state, candidate, converged=True)
+    return replace(found, uncertainty=_uncertainty_at(problem, state))
+
+
+def _fit_at(problem: Problem, state: State, candidate: Candidate, converged: bool) -> Fit:
+    return Fit(
+        candidate, candidate.free, state.deviance, tuple(state.scatter.tolist()), problem.offsets, state.u,
+        converged, criteria=problem.frozen.criteria,
+    )  # fmt: skip
+
+
+def _uncertainty_at(problem: Problem, state: State) -> Uncertainty:
+    """Covariance and variability by the restricted likelihood."""
+    restricted, _ = climbed(problem, state, _SETTLED, _RESTRICTED, restricted=True)
+    a, b = restricted.scatter[:2].tolist()
+    return Uncertainty(problem.covariance(restricted), (a, b))
 
 
 def fit_losses(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray | None = None) -> Fit:
@@ -175,7 +167,7 @@ def fit_losses(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray |
 
     For a law whose courses are not those measured: the shape of the courses, which it cannot follow, would
     otherwise decide its numbers, at the cost of the losses. The deviance is still that of the courses.
-    Its covariance is found by `with_uncertainty`.
+    Its uncertainty is found by `with_uncertainty`.
 
     Parameters
     ----------
@@ -192,7 +184,7 @@ def fit_losses(candidate: Candidate, frozen: FrozenMotion, offsets: FloatArray |
         With ``of_losses``.
     """
     whole = Problem(candidate, frozen, np.zeros_like(frozen.change) if offsets is None else offsets)
-    found = fit(candidate, frozen.last_bin(), whole.offsets[:, -1:], uncertainty=False)
+    found = fit(candidate, frozen.last_bin(), whole.offsets[:, -1:])
     after = Problem(found.candidate, frozen, whole.offsets)
     state = after.solve(after.theta0, np.array(found.scatter), found.deviations, steps=12)
     return replace(found, deviance=state.deviance, offsets=whole.offsets, of_losses=True)

@@ -14,6 +14,22 @@ from rom.model.rate_uncertainty import RateUncertainty
 
 
 @dataclass(frozen=True, eq=False)
+class Uncertainty:
+    """How well the numbers of a fit are known, and how far a new test may be from it.
+
+    Attributes
+    ----------
+    covariance : ndarray, shape (numbers, numbers)
+        Of ln coefficients (of coefficients that may have either sign: as they are) and of inner parameters.
+    between_tests : tuple of float
+        a and b of ln tau by the restricted likelihood: how a new test differs.
+    """
+
+    covariance: FloatArray
+    between_tests: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
 class Fit:
     """A fitted candidate.
 
@@ -22,15 +38,12 @@ class Fit:
     candidate : Candidate
         With its refined numbers.
     free : tuple of str
-        What was fitted; `covariance` is that of ln coefficients (of coefficients that may have either sign:
-        as they are) and of inner parameters.
+        What was fitted.
     deviance : float
         -2 log marginal likelihood of the cases fitted.
     scatter : tuple of float
         a and b of ln tau; of several bolts also ln sigma, sigma their standard deviation of the log rate.
         By it laws are compared.
-    between_tests : tuple of float
-        a and b by the restricted likelihood: how a new test differs.
     offsets : ndarray, shape (cases, bins)
         Full re-simulation minus frozen course [N].
     deviations : ndarray, shape (cases,)
@@ -39,19 +52,36 @@ class Fit:
         Whether it was fitted to the losses alone, the courses left aside.
     criteria : Criteria
         Those of the fit.
+    uncertainty : Uncertainty or None
+        None where it was not looked for: it is half of the work of a fit.
     """
 
     candidate: Candidate
     free: tuple[str, ...]
-    covariance: FloatArray
     deviance: float
     scatter: tuple[float, ...]
     offsets: FloatArray
     deviations: FloatArray
     converged: bool
-    between_tests: tuple[float, float]
     of_losses: bool = False
     criteria: Criteria = CRITERIA
+    uncertainty: Uncertainty | None = None
+
+    @property
+    def _known(self) -> Uncertainty:
+        if self.uncertainty is None:
+            raise ValueError("the fit has no uncertainty yet: take `discovery.courses.fit.with_uncertainty`")
+        return self.uncertainty
+
+    @property
+    def covariance(self) -> FloatArray:
+        """See `Uncertainty`; ValueError where it was not looked for."""
+        return self._known.covariance
+
+    @property
+    def between_tests(self) -> tuple[float, float]:
+        """See `Uncertainty`; ValueError where it was not looked for."""
+        return self._known.between_tests
 
     def tau(self, initial: FloatArray) -> FloatArray:
         """Between-test standard deviation of the log rate at tensions [N], (cases,)."""

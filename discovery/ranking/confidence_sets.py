@@ -328,5 +328,5 @@ def _reach(low: float, high: float) -> Reach:
 
 def _loses(found: Fit, frozen: FrozenMotion) -> bool:
     """Whether the courses differ from "no loosening" by more than chance."""
-    gain = fit(no_loosening(), frozen, uncertainty=False).deviance - found.deviance
+    gain = fit(no_loosening(), frozen).deviance - found.deviance
     return bool(gain > stats.chi2.ppf(frozen.criteria.ranking.confidence, len(found.free) + 1))

@@ -210,7 +210,7 @@ def refit(fitted: Fit, part: FrozenMotion, index: Index) -> Fit:
     if fitted.of_losses:
         return fit_losses(fitted.candidate, part, fitted.offsets[index])
     start = replace(fitted, deviations=fitted.deviations[index])
-    found = fit(fitted.candidate, part, fitted.offsets[index], start, uncertainty=False)
+    found = fit(fitted.candidate, part, fitted.offsets[index], start)
     return start if lost(found, fitted.deviance) else found
 
 

@@ -75,7 +75,7 @@ class Curve:
         held = self._with_exponent(
             near.candidate, lambda old: replace(old, value=value, low=low, high=high, free=False)
         )
-        return fit(held, self.frozen, self._offsets(value, near), near, uncertainty=False)
+        return fit(held, self.frozen, self._offsets(value, near), near)
 
     def _offsets(self, value: float, near: Fit) -> FloatArray:
         if not self.anchors:
@@ -178,8 +178,7 @@ def shifts_with_model(best: Fit, frozen: FrozenMotion) -> FloatArray:
         other = frozen.with_models(partial(_at_high, path=path))
         change = resimulate(best.candidate, other, best.deviations) - plain
         if np.isfinite(change).all():
-            moved = fit(best.candidate, frozen, best.offsets + change, best, uncertainty=False)
-            total += (estimate(moved) - here) ** 2
+            total += (estimate(fit(best.candidate, frozen, best.offsets + change, best)) - here) ** 2
     return np.asarray(np.sqrt(total))
 
 

@@ -180,7 +180,7 @@ def _precedence(law: Candidate) -> int:
 
 
 def _fit_some(candidates: Sequence[Candidate], frozen: FrozenMotion) -> list[Fit | None]:
-    return [_safely(partial(fit, uncertainty=False), candidate, frozen) for candidate in candidates]
+    return [_safely(fit, candidate, frozen) for candidate in candidates]
 
 
 def _refine_some(fits: Sequence[Fit], frozen: FrozenMotion) -> list[Fit | None]:
@@ -196,7 +196,7 @@ def _with_reduced(fits: Sequence[Fit | None], frozen: FrozenMotion) -> list[Fit 
 
 
 def _refitted(found: Fit, frozen: FrozenMotion, law: Candidate) -> Fit:
-    return _refined(fit(law, frozen, found.offsets, found, uncertainty=False), frozen)
+    return _refined(fit(law, frozen, found.offsets, found), frozen)
 
 
 def _refined(found: Fit, frozen: FrozenMotion) -> Fit:
@@ -227,7 +227,7 @@ def _resimulated(found: Fit, frozen: FrozenMotion) -> Fit:
         offsets = _finite(correction(found, frozen))
         if unchanged(offsets, found, frozen):
             break
-        corrected = fit(found.candidate, frozen, offsets, found, uncertainty=False)
+        corrected = fit(found.candidate, frozen, offsets, found)
         if validation.lost(corrected, found.deviance):
             break
         found = corrected

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from discovery.courses.fit import Fit, fit_at
+from discovery.courses.fit import Fit, known_fit
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.likelihood_steps import climbed
 from discovery.courses.marginal_likelihood import Problem, State
@@ -79,7 +79,7 @@ class CourseFit:
     @property
     def fit(self) -> Fit:
         """The fit as tests are proposed by it."""
-        return fit_at(self.problem, self.state, self.candidate, converged=True)
+        return known_fit(self.problem, self.state, self.candidate)
 
     @property
     def misfit(self) -> Misfit:

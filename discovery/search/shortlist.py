@@ -233,8 +233,9 @@ def _guide(frozen: FrozenMotion, baseline_fit: Fit, scales: Scales) -> Fit:
     for found in sorted(single_terms(rows, _SINGLE), key=lambda item: item.deviance):
         term = terms[found.columns[0]]
         forms.setdefault(term.motion.text, _candidate([term], found, units))
-    guides = list(forms.values())[: int(frozen.criteria.search.guides)]
-    fits = [fit(candidate, frozen, uncertainty=False) for candidate in guides]
+    fits = [
+        fit(candidate, frozen) for candidate in list(forms.values())[: int(frozen.criteria.search.guides)]
+    ]
     best = min((baseline_fit, *fits), key=lambda item: item.deviance)
     refined = best if best is baseline_fit else refine(best.candidate, frozen, rounds=1)
     return refined if refined.converged else best

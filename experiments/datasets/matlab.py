@@ -153,25 +153,25 @@ def _rate_beside(fields: Mapping[str, Any]) -> _RateField | None:
     """Return the one rate that structures without vectors tell, such as `info.fs`."""
     inner = [value for value in fields.values() if isinstance(value, Mapping)]
     found = {
-        told for value in inner if (told := _rate_field(value) or _rate_beside(value)) and not told.lengths
+        rate for value in inner if (rate := _rate_field(value) or _rate_beside(value)) and not rate.lengths
     }
     return found.pop() if len(found) == 1 else None
 
 
-def _vectors(name: str, value: Any, told: _RateField | None) -> Iterator[Signal]:
+def _vectors(name: str, value: Any, rate: _RateField | None) -> Iterator[Signal]:
     """Yield the vectors in a variable, in the fields of a structure and in cells, with MATLAB's names."""
     if isinstance(value, Mapping):
         length = _structures(value)
         for index in range(length):
             one = {field: items[index] for field, items in value.items()}
-            yield from _vectors(f"{name}({index + 1})", one, told)
+            yield from _vectors(f"{name}({index + 1})", one, rate)
         for field, item in ({} if length else value).items():
-            yield from _vectors(f"{name}.{field}", item, _rate_field(value) or told)
+            yield from _vectors(f"{name}.{field}", item, _rate_field(value) or rate)
     elif isinstance(value, list):
         for index, item in enumerate(value, start=1):
-            yield from _vectors(f"{name}{{{index}}}", item, told)
+            yield from _vectors(f"{name}{{{index}}}", item, rate)
     elif isinstance(value, np.ndarray) and value.size > 1:
-        yield from _of_array(name, value, told)
+        yield from _of_array(name, value, rate)
 
 
 def _structures(value: Mapping[str, Any]) -> int:
@@ -180,11 +180,11 @@ def _structures(value: Mapping[str, Any]) -> int:
     return lengths.pop() if len(lengths) == 1 and value else 0
 
 
-def _of_array(name: str, value: npt.NDArray[Any], told: _RateField | None) -> Iterator[Signal]:
-    own = told.of(max(value.shape)) if told else {}
+def _of_array(name: str, value: npt.NDArray[Any], rate: _RateField | None) -> Iterator[Signal]:
+    own = rate.of(max(value.shape)) if rate else {}
     if value.dtype.kind == "O":
         for index, item in enumerate(value.ravel(), start=1):
-            yield from _vectors(f"{name}{{{index}}}", item, told)
+            yield from _vectors(f"{name}{{{index}}}", item, rate)
     elif value.dtype.kind not in "iuf" or (value.ndim > 2 and max(value.shape) != value.size):
         what = "an array of three dimensions" if value.ndim > 2 else "complex numbers or text"
         yield Signal(name, np.empty(0), fault=f"found {what}, expected a vector or matrix of real numbers")

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 import rom
+from discovery.courses.fit import Fit, fit, with_uncertainty
 from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.laws.candidate import Candidate, Term, baseline
 from discovery.laws.factors import tension_logistic, velocity_power
@@ -29,6 +30,11 @@ def with_power(n: float) -> Candidate:
 def free_power() -> Candidate:
     """The paper's law with the power of the velocity to be fitted."""
     return Candidate("free power", (Term(velocity_power(), tension_logistic()),), (6e11,))
+
+
+def known_fit(law: Candidate, courses: FrozenMotion) -> Fit:
+    """A fit along the frozen motion, with its uncertainty."""
+    return with_uncertainty(fit(law, courses), courses)
 
 
 @cache

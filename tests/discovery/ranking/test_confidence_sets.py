@@ -22,7 +22,7 @@ from discovery.ranking.confidence_sets import (
 )
 from discovery.ranking.cross_validation import groups_of, limits
 from discovery.ranking.model_limits import widened
-from tests.discovery.synthetic import free_power, frozen, measured, small, with_power
+from tests.discovery.synthetic import free_power, frozen, known_fit, measured, small, with_power
 
 VALUES = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
 
@@ -89,7 +89,7 @@ def test_an_uncertain_model_widens_the_set(profile: ExponentProfile) -> None:
 
 def test_an_uncertain_model_widens_the_limits_of_the_laws_numbers() -> None:
     whole = small(noise=0.5)
-    found = fit(free_power(), whole)
+    found = known_fit(free_power(), whole)
     told = limits(found, whole, groups_of(whole), np.random.default_rng(0))
     numbers = found.candidate.parameters
     known = {name: replace(numbers[name], low=told[name][0], high=told[name][1]) for name in found.free}

@@ -13,7 +13,7 @@ from discovery.laws.candidate import BASELINE, CONSTANT_QUARTIC, baseline, rival
 from discovery.ranking import cross_validation as validation
 from discovery.ranking import ordering
 from rom import paper_model
-from tests.discovery.synthetic import measured
+from tests.discovery.synthetic import known_fit, measured
 
 GROUPS = np.repeat(np.arange(16), 3)
 
@@ -53,7 +53,7 @@ def test_cases_left_out_score_less_than_cases_fitted(frozen: FrozenMotion) -> No
 
 
 def test_limits_are_never_inside_those_of_the_likelihood(frozen: FrozenMotion) -> None:
-    found = fit(baseline(), frozen)
+    found = known_fit(baseline(), frozen)
     wide = validation.limits(found, frozen, validation.preload_groups(frozen), np.random.default_rng(0))
     for name, (low, high) in wide.items():
         own = found.limits(name)
@@ -63,7 +63,7 @@ def test_limits_are_never_inside_those_of_the_likelihood(frozen: FrozenMotion) -
 
 
 def test_one_step_to_resampled_preloads_is_where_a_refit_ends(frozen: FrozenMotion) -> None:
-    found = fit(baseline(), frozen)
+    found = known_fit(baseline(), frozen)
     problem = Problem(found.candidate, frozen, found.offsets)
     state = problem.solve(problem.theta0, np.array(found.scatter), found.deviations, steps=12)
     groups = validation.preload_groups(frozen)

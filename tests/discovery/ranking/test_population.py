@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.courses.fit import Fit, fit, predict
+from discovery.courses.fit import Fit, predict
 from discovery.courses.frozen_motion import FrozenMotion, freeze, freeze_bolts
 from discovery.laws.candidate import BASELINE, NO_LOOSENING, Candidate
 from discovery.laws.given import given_law
@@ -25,7 +25,7 @@ from experiments.studies import rig
 from rom.model.laws import Law
 from rom.parameters.he_2025 import paper_model
 from tests.discovery.bolts import bolts_of
-from tests.discovery.synthetic import free_power, measured, with_power
+from tests.discovery.synthetic import free_power, known_fit, measured, with_power
 
 TRUE = with_power(4.0)
 DEVIATIONS = (-0.6, 0.0, 0.2, 0.7)
@@ -39,7 +39,7 @@ def several() -> FrozenMotion:
 
 @pytest.fixture(scope="module")
 def shared(several: FrozenMotion) -> Fit:
-    return fit(free_power(), several)
+    return known_fit(free_power(), several)
 
 
 def test_standard_deviations_come_with_limits(shared: Fit, several: FrozenMotion) -> None:
@@ -84,7 +84,7 @@ def log_rate(law: Law) -> float:
 
 
 def test_a_law_of_ones_own_takes_the_rate_of_a_bolt(several: FrozenMotion) -> None:
-    found = fit(given_law("-a * abs(D * v) * max(T, 0)"), several)
+    found = known_fit(given_law("-a * abs(D * v) * max(T, 0)"), several)
     ((model, courses),) = bolts_of(TRUE, [0.7], scatter=0.0, seed=5)
     bolt = bolt_of_courses(found, "ninth", model, courses)
     assert bolt.law.parameters["own_rate"].value == pytest.approx(np.exp(bolt.deviation.value))
@@ -104,7 +104,7 @@ def test_three_hits_on_a_ninth_bolt_and_the_other_eight_say_more_than_three_hits
         rng = np.random.default_rng(seed)
         deviations = np.log(1.6) * rng.standard_normal(9)
         bolts = bolts_of(TRUE, deviations[:8], preloads=(60.0, 150.0, 700.0), scatter=0.3, seed=seed)
-        shared = fit(free_power(), freeze_bolts(bolts))
+        shared = known_fit(free_power(), freeze_bolts(bolts))
         rates = TRUE.with_values({"gamma": TRUE.coefficients[0] * np.exp(deviations[8])})
         hits = measured(
             rates, preloads=(60.0, 150.0, 700.0), strengths=(1.0,), scatter=0.3, seed=seed + 900, length_s=0.5
@@ -112,7 +112,7 @@ def test_three_hits_on_a_ninth_bolt_and_the_other_eight_say_more_than_three_hits
         unseen = freeze(paper_model(), measured(rates, preloads=FAR, noise=0.01, length_s=0.5))
         bolt = bolt_of_courses(shared, "ninth", paper_model(), hits)
         borrowed.append(error_of(shared.candidate, bolt.deviation.value, unseen))
-        own = fit(free_power(), freeze(paper_model(), hits))
+        own = known_fit(free_power(), freeze(paper_model(), hits))
         alone.append(error_of(own.candidate, 0.0, unseen))
     assert np.median(borrowed) < 0.5 * np.median(alone)
 

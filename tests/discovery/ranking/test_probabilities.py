@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from discovery.courses.fit import Fit, fit, log_predictive
+from discovery.courses.fit import Fit, Uncertainty, log_predictive
 from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.likelihood_steps import step
 from discovery.courses.marginal_likelihood import Problem
@@ -23,7 +23,7 @@ from discovery.ranking.averaging import (
 )
 from discovery.ranking.probabilities import probabilities, resampled_deviance
 from rom.parameters.he_2025 import nominal_impact, paper_model
-from tests.discovery.synthetic import free_power, frozen
+from tests.discovery.synthetic import free_power, frozen, known_fit
 
 GROUPS = np.repeat(np.arange(8), 2)
 
@@ -35,7 +35,7 @@ def tests() -> FrozenMotion:
 
 @pytest.fixture(scope="module")
 def free(tests: FrozenMotion) -> Fit:
-    return fit(free_power(), tests)
+    return known_fit(free_power(), tests)
 
 
 def test_one_step_leads_to_the_deviance_of_a_refit(free: Fit, tests: FrozenMotion) -> None:
@@ -60,8 +60,8 @@ def test_one_step_leads_to_the_deviance_of_a_refit(free: Fit, tests: FrozenMotio
 
 
 def test_probabilities_add_up_and_go_to_the_law_that_made_the_tests(tests: FrozenMotion, free: Fit) -> None:
-    fits = [free, fit(baseline(), tests), fit(constant_power(2.0, "quadratic"), tests)]
-    fits.append(fit(no_loosening(), tests))
+    fits = [free, known_fit(baseline(), tests), known_fit(constant_power(2.0, "quadratic"), tests)]
+    fits.append(known_fit(no_loosening(), tests))
     shares = probabilities(fits, tests, GROUPS, np.random.default_rng(1))
     assert shares.sum() == pytest.approx(1.0)
     assert shares[1] > 0.4  # as good as the free power, which has a number more
@@ -106,7 +106,8 @@ def test_an_average_lies_between_its_laws(free: Fit) -> None:
 def test_new_tests_are_predicted_with_the_scatter_and_the_laws_in_their_limits(free: Fit) -> None:
     force = nominal_impact(1600.0, 4800.0, 1.0)
     hits = NewTests.of(force, 4800.0, [150.0, 300.0][:1], None, "lo")
-    sure = replace(free, covariance=np.zeros_like(free.covariance), scatter=(np.log(0.01), 0.0))
+    exactly = Uncertainty(np.zeros_like(free.covariance), free.between_tests)
+    sure = replace(free, uncertainty=exactly, scatter=(np.log(0.01), 0.0))
     exact = paper_model().with_tension_law(sure.candidate.law()).final_tension(force[None], 4800.0, [150.0])
     one = predicted([Weighted("a", sure, 1.0)], paper_model(), hits, 60, 0)
     assert one.final_tension == pytest.approx(exact, abs=0.02)
@@ -129,4 +130,6 @@ def test_new_tests_are_predicted_with_the_scatter_and_the_laws_in_their_limits(f
 
 
 def fit_of_none(like: Fit) -> Fit:
-    return replace(like, candidate=no_loosening(), free=(), covariance=np.zeros((0, 0)))
+    return replace(
+        like, candidate=no_loosening(), free=(), uncertainty=Uncertainty(np.zeros((0, 0)), like.between_tests)
+    )

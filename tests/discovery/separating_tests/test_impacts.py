@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.courses.fit import at_fit, deviation_of_bolt, fit, log_predictive, refine
+from discovery.courses.fit import at_fit, deviation_of_bolt, log_predictive, refine
 from discovery.courses.frozen_motion import freeze, freeze_bolts
 from discovery.criteria.criteria import CRITERIA
 from discovery.laws.candidate import Candidate, Term, baseline, constant_power, no_loosening
 from discovery.laws.factors import tension_power, velocity_power
 from discovery.separating_tests.impacts import Proposal, _grid, _response, _way, propose_tests
 from tests.discovery.bolts import bolts_of
-from tests.discovery.synthetic import RATE_HZ, free_power, measured, model_with, small, with_power
+from tests.discovery.synthetic import RATE_HZ, free_power, known_fit, measured, model_with, small, with_power
 
 
 def held(n: float) -> Candidate:
@@ -64,7 +64,7 @@ def test_the_proposed_test_separates_as_much_as_expected() -> None:
 
 def test_what_hits_are_expected_to_add_makes_up_the_odds() -> None:
     whole = replace(small(), criteria=CRITERIA.changed(separating={"odds": 1e4}))
-    found = propose_tests([fit(law, whole) for law in (baseline(), held(3.0))], whole)
+    found = propose_tests([known_fit(law, whole) for law in (baseline(), held(3.0))], whole)
     gained = sum(test.hits * test.expected_gain for test in found)
     assert gained == pytest.approx(2 * np.log(found[-1].odds))
 
@@ -72,7 +72,7 @@ def test_what_hits_are_expected_to_add_makes_up_the_odds() -> None:
 def test_no_hit_is_proposed_that_takes_half_of_the_tension() -> None:
     """Where most is lost the rival's refit absorbs nearly all that its linear change could not."""
     whole = small(noise=20.0)
-    fits = [fit(law, whole) for law in (held(4.0), held(4.4))]
+    fits = [known_fit(law, whole) for law in (held(4.0), held(4.4))]
     found = propose_tests(fits, whole)
     assert found
     for test in found:
@@ -102,7 +102,7 @@ def test_of_several_bolts_the_one_is_named_on_which_the_test_tells_most() -> Non
 def test_a_new_bolt_never_tells_more_than_one_tested_at_the_same_rate() -> None:
     """All of the variance between bolts is unknown of it, and what is unknown counts for the rival law."""
     both = freeze_bolts(bolts_of(with_power(4.0), (-0.5, 0.5), scatter=0.2, noise=5.0))
-    fits = [fit(law, both) for law in (held(4.0), held(3.5))]
+    fits = [known_fit(law, both) for law in (held(4.0), held(3.5))]
     grid = _grid(both)
     _, cases = next(both.by_bolt())
     tested = [deviation_of_bolt(one, at_fit(one, both)[1], both.initial, cases) for one in fits]
@@ -122,7 +122,7 @@ def test_more_noise_promises_less() -> None:
     gains = []
     for noise in (1.0, 30.0):
         whole = freeze(rom.paper_model(), measured(preloads=(60.0, 300.0), scatter=0.3, noise=noise, seed=1))
-        tests = propose_tests([fit(law, whole) for law in (held(4.0), held(3.5))], whole, most_tests=1)
+        tests = propose_tests([known_fit(law, whole) for law in (held(4.0), held(3.5))], whole, most_tests=1)
         gains.append(sum(test.expected_gain for test in tests))
     assert gains[1] < 0.5 * gains[0]
 
@@ -130,17 +130,17 @@ def test_more_noise_promises_less() -> None:
 def test_no_more_kinds_of_tests_than_asked_for() -> None:
     whole = small()
     law = Candidate("r", (Term(velocity_power(), tension_power(0.7, free=True)),), (1e9,))
-    fits = [fit(candidate, whole) for candidate in (free_power(), law, held(3.0))]
+    fits = [known_fit(candidate, whole) for candidate in (free_power(), law, held(3.0))]
     assert len(propose_tests(fits, whole, most_tests=1)) == 1
 
 
 def test_laws_that_agree_everywhere_get_none() -> None:
     whole = small()
-    same = fit(baseline(), whole)
+    same = known_fit(baseline(), whole)
     assert propose_tests([same, same], whole) == ()
 
 
 def test_one_law_or_none_that_loosens_gets_none() -> None:
     whole = small()
-    assert propose_tests([fit(baseline(), whole)], whole) == ()
-    assert propose_tests([fit(baseline(), whole), fit(no_loosening(), whole)], whole) == ()
+    assert propose_tests([known_fit(baseline(), whole)], whole) == ()
+    assert propose_tests([known_fit(baseline(), whole), known_fit(no_loosening(), whole)], whole) == ()

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from discovery.courses.fit import Fit
+from discovery.courses.fit import Fit, Uncertainty
 from discovery.laws.candidate import BASELINE, Candidate, rivals_always_in_the_race
 from discovery.ranking.confidence_sets import ExponentProfile, MotionProfile
 from discovery.ranking.population import Bolt, Limited, Population
@@ -79,8 +79,8 @@ def ranked(rank: int, candidate: Candidate, values: dict[str, float]) -> RankedL
     }
     base = candidate.name == BASELINE
     fit = Fit(
-        fitted, fitted.free, np.eye(len(fitted.free)), 0.0, (0.0, 0.0), np.zeros((1, 5)), np.zeros(1), True,
-        (0.0, 0.0),
+        fitted, fitted.free, 0.0, (0.0, 0.0), np.zeros((1, 5)), np.zeros(1), True,
+        uncertainty=Uncertainty(np.eye(len(fitted.free)), (0.0, 0.0)),
     )  # fmt: skip
     return RankedLaw(
         rank, candidate.name, fitted.equation, parameters,
@@ -93,7 +93,7 @@ def ranked(rank: int, candidate: Candidate, values: dict[str, float]) -> RankedL
 
 def profile(name: str, reach: Any = "identified") -> ExponentProfile:
     values, law = np.array([3.0, 4.0, 5.0]), rivals_always_in_the_race()[0]
-    fit = Fit(law, ("gamma",), np.eye(1), 0.0, (0.0, 0.0), np.zeros((20, 5)), np.zeros(20), True, (0.0, 0.0))
+    fit = Fit(law, ("gamma",), 0.0, (0.0, 0.0), np.zeros((20, 5)), np.zeros(20), True)
     deviance = np.array([30.0, 0.5, np.inf])
     return ExponentProfile(name, values, deviance, 3.9, 3.7, 4.2, reach, 1.0, True, fit, ())
 
