@@ -51,9 +51,11 @@ def _oscillator(mode: int, force: np.ndarray, start: float, cubic: float) -> np.
     return np.array(found)
 
 
-def accelerations(force: np.ndarray, start: np.ndarray, cubic: tuple[float, ...] = (0, 0, 0)) -> np.ndarray:
+def accelerations(
+    force: np.ndarray, start: np.ndarray, cubic: tuple[float, ...] = (0, 0, 0), drive: str = DRIVE
+) -> np.ndarray:
     """Accelerations at all places, (places, samples), from displacements of the modes at the tip."""
-    at_drive = shapes()[list(PLACES).index(DRIVE)]
+    at_drive = shapes()[list(PLACES).index(drive)]
     rows = [_oscillator(m, at_drive[m] * force, float(start[m]), cubic[m]) for m in range(len(FREQUENCY))]
     return np.asarray(shapes() @ np.stack(rows))
 
@@ -65,6 +67,8 @@ def campaign(
     cubic: tuple[float, ...] = (0, 0, 0),
     count: int = 2,
     each: int = 2,
+    drives: tuple[str, ...] = (DRIVE,),
+    without: tuple[str, ...] = (),
 ) -> Campaign:
     """Write and read driven records, as many decays, and one of each held out.
 
@@ -82,6 +86,10 @@ def campaign(
         Modes that are declared.
     each : int
         Driven records, and decays, that are not held out.
+    drives : tuple of str
+        Where driven records are driven, by turns.
+    without : tuple of str
+        Places where no accelerometer stands.
     """
     rng, samples = np.random.default_rng(seed), int(SECONDS * RATE_HZ)
     (folder / "records").mkdir(parents=True)
@@ -90,7 +98,7 @@ def campaign(
             "[sampling]", f"motion_rate_hz = {RATE_HZ}", "pretrigger_s = 0"]  # fmt: skip
     sections = signal.butter(4, (2.0, 70.0), "bandpass", fs=RATE_HZ, output="sos")
     for place, kind in enumerate((*each * ["driven"], *each * ["free"], "driven", "free")):
-        force, start = np.zeros(samples), np.zeros(3)
+        force, start, drive = np.zeros(samples), np.zeros(3), drives[place % len(drives)]
         if kind == "driven":
             force = signal.sosfiltfilt(sections, rng.normal(size=samples)) * signal.windows.tukey(
                 samples, 0.1
@@ -98,10 +106,10 @@ def campaign(
             force *= rng.uniform(1.5, 3.0) / force.std()
         else:
             start = rng.uniform(0.5, 1.0, 3) * np.array([8e-3, 6e-4, 1e-4]) * rng.choice([-1, 1], 3)
-        rows = accelerations(force, start, cubic)
+        rows = accelerations(force, start, cubic, drive)
         rows = rows + noise * rows.std(axis=1, keepdims=True) * rng.normal(size=rows.shape)
-        channels = {f"acceleration_{p}": row for p, row in zip(PLACES, rows, strict=True)}
-        channels |= {f"force_{DRIVE}": force} if kind == "driven" else {}
+        channels = {f"acceleration_{p}": row for p, row in zip(PLACES, rows, strict=True) if p not in without}
+        channels |= {f"force_{drive}": force} if kind == "driven" else {}
         write_channels(
             folder / "records" / f"{place}.h5", {n: Channel(n, x, RATE_HZ) for n, x in channels.items()}
         )

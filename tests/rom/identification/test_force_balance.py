@@ -81,6 +81,18 @@ def test_what_is_left_of_a_sound_model_is_the_sensors_noise(tmp_path: Path) -> N
     assert np.mean(left[~balances.training] ** 2) == pytest.approx(1.0, abs=0.25)
 
 
+def test_a_force_without_noise_is_known_no_better_than_the_motion_between_samples(tmp_path: Path) -> None:
+    """Rows err by what lies between samples: a sound model leaves no more than the noise that is allowed."""
+    campaign = twins.driven(tmp_path / "clean", noise_m=0.0, force_noise_n=0.0, sizes=(1.0, 0.3, 1.0))
+    balances, _ = balances_of(campaign)
+    values, _ = balances.fitted(balances.force)
+    left = (balances.force - balances.columns @ values) / balances.noise
+    for record in range(3):
+        rows = balances.owner == record
+        assert balances.noise[rows][0] > 1e-4 * np.std(balances.force[rows])
+        assert np.mean(left[rows] ** 2) < 1.0
+
+
 def test_records_without_any_force_are_refused(tmp_path: Path) -> None:
     time = np.arange(2000) / 500.0
     shown = {"displacement_mass": np.exp(-time) * np.cos(2 * np.pi * 10 * time)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -70,6 +71,40 @@ def test_a_model_of_modes_is_written_read_and_predicts(found: Identification, tm
     text = found.summary()
     assert "natural frequency 6.5" in text
     assert "mode_2 shows" in text
+
+
+@pytest.mark.parametrize("without", [(), ("middle",)])
+def test_drive_points_may_differ_between_records(without: tuple[str, ...], tmp_path: Path) -> None:
+    """With an accelerometer at one of them the masses are told, and the shape at the other one too."""
+    drives = ("middle", "outer")
+    found = identify_campaign(beams.campaign(tmp_path / "c", noise=0.02, drives=drives, without=without))
+    _require_the_beam(found, without)
+    assert not found.warnings
+
+
+def test_without_a_sensor_at_the_drive_point_masses_go_with_the_shape_there(tmp_path: Path) -> None:
+    """A mode shape that is against the force at the tip has a minus there: a mass is above zero."""
+    found = identify_campaign(beams.campaign(tmp_path / "c", noise=0.02, without=(beams.DRIVE,)))
+    at_drive = beams.shapes()[list(beams.PLACES).index(beams.DRIVE)]
+    _require_the_beam(found, (beams.DRIVE,), np.abs(at_drive).tolist())
+    for k, mode in enumerate(found.modes):
+        assert mode.shape["tip"].value == np.sign(at_drive[k])
+    assert found.warnings[0].startswith(f"modes: no sensor stands at the drive point {beams.DRIVE}")
+
+
+def _require_the_beam(
+    found: Identification, without: tuple[str, ...], at_drive: Sequence[float] = (1.0, 1.0)
+) -> None:
+    truth = beams.shapes()
+    for k, mode in enumerate(found.modes):
+        assert mode.frequency_hz.value == pytest.approx(beams.FREQUENCY[k], rel=1e-4)
+        mass = next(body.mass for body in found.model.structure.bodies if body.name == mode.name)
+        assert mass == pytest.approx(beams.MASS / at_drive[k], rel=0.03)
+        for s, place in enumerate(beams.PLACES):
+            if place not in without:
+                assert mode.shape[place].value * mode.shape["tip"].value == pytest.approx(
+                    truth[s, k], abs=6e-3
+                )
 
 
 def test_without_a_force_the_masses_are_not_told(campaign: rom.Campaign) -> None:
