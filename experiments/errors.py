@@ -10,6 +10,8 @@ import traceback
 import warnings
 from pathlib import Path
 
+from rom.campaign.campaign import terminal_line
+
 BAD_INPUT, PROGRAM_FAULT, INTERRUPTED = 2, 1, 130
 UNFIT = 3  # results are written, but no model describes the records
 SETTINGS = "campaign.toml"
@@ -118,7 +120,7 @@ def tell(error: BaseException) -> int:
     if wrong_call is not None:
         text = str(wrong_call())
         shows_help = type(error).__name__ == "NoArgsIsHelpError"
-        print(text if shows_help else " ".join(text.split()), file=sys.stderr)
+        print(text if shows_help else terminal_line(text), file=sys.stderr)
         return BAD_INPUT
     if of_the_input(error):
         print(in_words(error), file=sys.stderr)
@@ -131,10 +133,11 @@ def tell(error: BaseException) -> int:
 def in_words(error: BaseException) -> str:
     """Return what an exception of the input says; of the system's own what was found, expected, and to do."""
     if not isinstance(error, OSError) or error.errno is None or not str(error).startswith("[Errno"):
-        return str(error) or type(error).__name__
+        lines = [terminal_line(line) for line in str(error).split("\n")]
+        return "\n".join(line for line in lines if line) or type(error).__name__
     place = error.filename2 or error.filename
     head = "" if place is None else f"{place}: "
-    return f'{head}found "{error.strerror}", expected {_EXPECTED.get(error.errno, _USABLE)}'
+    return terminal_line(f'{head}found "{error.strerror}", expected {_EXPECTED.get(error.errno, _USABLE)}')
 
 
 def show_warnings_plainly() -> None:

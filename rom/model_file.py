@@ -45,7 +45,7 @@ def load_model(path: str | Path) -> Model:
         data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ModelFileError(f'{path}: must be a model file, got "{error.strerror}"') from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ModelFileError(f"{path}: must be a model file, got text that is not JSON ({error})") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         found = data.get("format") if isinstance(data, dict) else type(data).__name__
@@ -61,7 +61,7 @@ def _read_part(path: Path, section: str, read: Callable[[], T]) -> T:
     """What a part of the file holds; a fault in it is said with the part's name."""
     try:
         return read()
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError, ArithmeticError) as error:
         raise ModelFileError(f"{path}: {section}: must be as a command writes it, {_cause(error)}") from error
 
 

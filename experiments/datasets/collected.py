@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from rom.campaign.campaign import CampaignSettings
+from rom.campaign.campaign import CampaignSettings, terminal_line
 from rom.campaign.channels import Channel
 from rom.campaign.record import in_a_line
 
@@ -19,7 +19,7 @@ class SourceError(ValueError):
     """A source that cannot become a campaign; `faults` holds one line for each fault."""
 
     def __init__(self, *faults: str) -> None:
-        self.faults = tuple(" ".join(fault.split()) for fault in faults)
+        self.faults = tuple(terminal_line(fault) for fault in faults)
         super().__init__("\n".join(self.faults))
 
 

@@ -26,7 +26,7 @@ from experiments.report.interactive import (
     within_room,
     without_description,
 )
-from experiments.report.results import Result, Results, read_results
+from experiments.report.results import OF_CONTENT, Result, Results, read_results, without_odd_content
 from experiments.text import closures, equations, rankings, suspicions, verdicts
 from experiments.text.experiments import tables_of_cells
 from experiments.text.tables import Table, parameters_table, tables_of
@@ -88,6 +88,13 @@ def render(directory: Path) -> str:
         If the folder holds no result file.
     """
     found = read_results(directory)
+    try:
+        return _page(found)
+    except OF_CONTENT:
+        return _page(without_odd_content(found, _page, directory))
+
+
+def _page(found: Results) -> str:
     judged = _judged(found.results)
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("experiments.report", "."),

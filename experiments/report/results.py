@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,8 @@ KINDS = (
     "reproduction",
     "prediction",
 )  # in the order in which a report answers
+OF_CONTENT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, RecursionError)
+"""What a value of another kind than a command writes may raise where it is shown."""
 _FORMAT = "boltlaw-"
 _HIDDEN = ("truth", "campaign")  # the rig's truth belongs to no report
 _LARGEST_FIGURE = 20_000_000
@@ -67,16 +69,57 @@ def read_results(directory: Path) -> Results:
         if result is not None:
             results.append(result)
     if not results:
-        expected = ", ".join(f"{kind}.json" for kind in KINDS)
-        beside = directory.with_name(f"{directory.name}-results")
-        hint = f"; the nearest is {beside}" if beside.is_dir() else ""
-        message = f"{directory}: expected one result file at least ({expected}), found none{hint}"
-        raise ResultError("\n".join([message, *faults]))
+        raise _nothing(directory, faults)
     results.sort(
         key=lambda result: (KINDS.index(result.kind) if result.kind in KINDS else len(KINDS), result.file)
     )
     figures = [path for path in sorted(directory.glob("*.svg")) if path.stat().st_size <= _LARGEST_FIGURE]
     return Results(tuple(results), tuple(figures), tuple(faults))
+
+
+def without_odd_content(found: Results, shown: Callable[[Results], object], directory: Path) -> Results:
+    """Return the results without those that cannot be shown by themselves, a line for each of these.
+
+    Parameters
+    ----------
+    found : Results
+        Of a folder.
+    shown : callable
+        Shows results; raises one of `OF_CONTENT` where it cannot.
+    directory : Path
+        The folder.
+
+    Returns
+    -------
+    Results
+        The others.
+
+    Raises
+    ------
+    ResultError
+        If none is left.
+    Exception
+        That of `shown`, if every result can be shown by itself.
+    """
+    kept, faults = [], list(found.faults)
+    for result in found.results:
+        try:
+            shown(replace(found, results=(result,)))
+            kept.append(result)
+        except OF_CONTENT:
+            cause = "found a value of another kind than a command writes"
+            faults.append(f"{result.file}: could not be read as a result file ({cause})")
+    if not kept:
+        raise _nothing(directory, faults)
+    return replace(found, results=tuple(kept), faults=tuple(faults))
+
+
+def _nothing(directory: Path, faults: Sequence[str]) -> ResultError:
+    expected = ", ".join(f"{kind}.json" for kind in KINDS)
+    beside = directory.with_name(f"{directory.name}-results")
+    hint = f"; the nearest is {beside}" if beside.is_dir() else ""
+    message = f"{directory}: expected one result file at least ({expected}), found none{hint}"
+    return ResultError("\n".join([message, *faults]))
 
 
 def _read(path: Path) -> Result | None:

@@ -67,16 +67,16 @@ class CampaignError(ValueError):
     """A campaign that is refused; `faults` holds one line for each fault: file, key, found, expected."""
 
     def __init__(self, faults: Iterable[str]) -> None:
-        self.faults = tuple(_line(fault) for fault in faults)
+        self.faults = tuple(terminal_line(fault) for fault in faults)
         super().__init__("\n".join(self.faults))
 
     def __reduce__(self) -> tuple[type[CampaignError], tuple[tuple[str, ...]]]:
         return type(self), (self.faults,)
 
 
-def _line(fault: str) -> str:
-    """Return a fault as one line for a terminal, whatever a file's names and values hold."""
-    text = " ".join(fault.split())
+def terminal_line(text: str) -> str:
+    """Return a text as one line for a terminal, whatever a file's names and values hold."""
+    text = " ".join(text.split())
     if len(text) > _LONGEST_LINE:
         text = f"{text[: _LONGEST_LINE // 2]} ... {text[-_LONGEST_LINE // 2 :]}"
     return "".join(char if char.isprintable() else ascii(char)[1:-1] for char in text)

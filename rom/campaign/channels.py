@@ -18,6 +18,8 @@ BODY_QUANTITIES = ("force", *MOTIONS)
 LINK_QUANTITIES = ("link_displacement", "link_force", "normal_force")
 BOLT_CHANNELS = ("tension", "strain")
 GROUND_CHANNELS = ("acceleration_ground", "displacement_ground")
+SMALLEST, LARGEST = 1e-40, 1e40
+"""Between these are all numbers of a campaign: their fourth powers and products are numbers too."""
 MOST_CHOICES = 8  # more names in one line of a message help nobody
 
 

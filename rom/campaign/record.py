@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rom.campaign.channels import Channel, FloatArray, default_rate, one_of
+from rom.campaign.channels import LARGEST, SMALLEST, Channel, FloatArray, default_rate, one_of
 from rom.campaign.formats import READERS, WRITERS, LayoutError, Precision, Reader
 
 __all__ = [
@@ -162,7 +162,7 @@ def _channel(name: str, values: Any, rate: Any, default_rate_hz: float) -> Chann
         raise ValueError("found no samples, expected a signal")
     rate_hz = default_rate_hz if rate is None else _rate(rate, default_rate_hz, array.size)
     samples = np.ascontiguousarray(array, dtype=np.float64)
-    _require_finite(samples, rate_hz)
+    _require_usable(samples, rate_hz)
     return Channel(name, samples, rate_hz)
 
 
@@ -172,22 +172,26 @@ def _rate(value: Any, default_rate_hz: float, samples: int) -> float:
     if array.dtype.kind not in "iuf" or array.size != 1:
         raise ValueError(f"rate_hz: found {value!r}, expected one number above 0")
     rate_hz = float(array.reshape(()))
-    if not (np.isfinite(rate_hz) and rate_hz > 0):
-        raise ValueError(f"rate_hz: found {rate_hz:g}, expected a number above 0")
+    if not SMALLEST <= rate_hz <= LARGEST:
+        expected = f"a number above 0, from {SMALLEST:g} to {LARGEST:g}"
+        raise ValueError(f"rate_hz: found {rate_hz:g}, expected {expected}")
     return default_rate_hz if abs(default_rate_hz / rate_hz - 1) * samples < 0.5 else rate_hz
 
 
-def _require_finite(samples: FloatArray, rate_hz: float) -> None:
-    with np.errstate(all="ignore"):
-        if np.isfinite(samples.sum()):  # one cheap pass: any NaN or infinity survives the sum
-            return
+def _require_usable(samples: FloatArray, rate_hz: float) -> None:
+    largest = max(-float(samples.min()), float(samples.max()))
+    if largest == 0.0 or SMALLEST <= largest <= LARGEST:  # not of NaN or infinity
+        return
     bad = np.flatnonzero(~np.isfinite(samples))
-    if bad.size:
-        first = int(bad[0])
-        what, others = samples[first], f" and {bad.size - 1} more" if bad.size > 1 else ""
+    if not bad.size:
         raise ValueError(
-            f"found {what} at sample {first} ({first / rate_hz:.6g} s){others}, expected finite numbers"
+            f"found samples of {largest:.3g} at most, expected a largest one from {SMALLEST:g} to {LARGEST:g}"
         )
+    first = int(bad[0])
+    what, others = samples[first], f" and {bad.size - 1} more" if bad.size > 1 else ""
+    raise ValueError(
+        f"found {what} at sample {first} ({first / rate_hz:.6g} s){others}, expected finite numbers"
+    )
 
 
 def _same_rate(first_hz: float, second_hz: float) -> bool:

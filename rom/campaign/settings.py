@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal, TypeAlias, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from rom.campaign.channels import LARGEST, SMALLEST
+
 Test: TypeAlias = Literal["uncoupled", "coupled", "loosening", "free", "driven", "cycled", "hold"]
 LinkLaw: TypeAlias = Literal["linear", "dashpot", "bolted"]
 FORMAT = "boltlaw-campaign/1"
@@ -16,15 +18,15 @@ RECORD_ENDINGS = (".h5", ".mat", ".csv")
 MODAL_TESTS = ("free", "driven")
 _MOST_MODES = 100  # more are refused by their key
 
-_Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-_Positive: TypeAlias = Annotated[_Number, Field(gt=0)]
+_Number: TypeAlias = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-LARGEST, le=LARGEST)]
+_Positive: TypeAlias = Annotated[_Number, Field(ge=SMALLEST)]
 _NotNegative: TypeAlias = Annotated[_Number, Field(ge=0)]
 _Name: TypeAlias = Annotated[str, Field(pattern=r'^[^\s/,"](?:[^/,"\r\n]*[^\s/,"])?$')]
 _Window: TypeAlias = tuple[_NotNegative, _NotNegative]
 
 _NAME = "a name (text without slash, comma or quote)"
-POSITIVE = "a number above 0"
-_NOT_NEGATIVE = "a number of 0 or more"
+POSITIVE = f"a number above 0, from {SMALLEST:g} to {LARGEST:g}"
+_NOT_NEGATIVE = f"a number of 0 or more, at most {LARGEST:g}"
 _WINDOW = "[start, end] in seconds from the record's start, both 0 or more"
 
 

@@ -68,6 +68,9 @@ class Suspicions(Group):
     drop_beside: int = number(
         5, "1", "samples beside a dropout that are looked at", "a loose bolt falls slowly"
     )
+    beyond_calibration: float = number(
+        0.01, "1", "share of a strain beyond where its calibration rises", "chosen: more than lone samples"
+    )
     window_noise: float = number(
         0.4, "1", "noise at the end over that before the hit, below which a window is suspected", _SEEN
     )

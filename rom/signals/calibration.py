@@ -20,6 +20,7 @@ _BINS: Numerical[int] = 200
 _TOP: Numerical[float] = 0.9  # of the peak force: the flanks above it align the clocks
 # of the test's duration: how far the alignment may move from the highest samples
 _REACH: Numerical[float] = 0.02
+_REAL: Numerical[float] = 1e-6  # imaginary share of a root that is a real one
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,14 @@ class Calibration:
         """dT/de [N per unit of strain reading]."""
         slopes = np.polynomial.polynomial.polyder(self._series)
         return np.asarray(np.polynomial.polynomial.polyval(np.asarray(strain, dtype=np.float64), slopes))
+
+    @property
+    def rising_range(self) -> tuple[float, float]:
+        """Strain readings about zero between which the tension rises; beyond, two have one tension."""
+        slopes = np.trim_zeros(np.polynomial.polynomial.polyder(self._series), "b")
+        roots = np.polynomial.polynomial.polyroots(slopes)
+        real = roots.real[np.abs(roots.imag) < _REAL * np.abs(roots)]
+        return float(max(real[real < 0], default=-np.inf)), float(min(real[real > 0], default=np.inf))
 
     def tension_standard_error(self, strain: npt.ArrayLike) -> FloatArray:
         """Standard error [N] of the tension due to the coefficients: sqrt(g' Cov g), g = (e, e^2, ...).

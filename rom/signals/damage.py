@@ -1,4 +1,5 @@
-"""Damage of a channel other than flat tops: overflow codes, wrap-around, dropouts, windows, settling sensors.
+"""Damage of a channel other than flat tops: overflow codes, wrap-around, dropouts, windows, settling sensors,
+strains beyond their calibration.
 
 Each test keeps silent unless the evidence is strong, and none needs a model.
 """
@@ -11,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from rom.campaign.campaign import Record
+from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.channels import BOLT_CHANNELS, Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.criteria.suspicions import Suspicions
+from rom.signals.calibration import Calibration
 from rom.signals.hits import Hit
 
 WINDOW_PARTS: Numerical[int] = 8
@@ -56,6 +58,34 @@ def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Dama
             )
         if found:
             yield Damage(name, f"{name} {found[0]}", found[1])
+
+
+def beyond_calibration(record: Record, settings: CampaignSettings, rules: Suspicions) -> Iterator[Damage]:
+    """Yield a strain whose readings lie where the calibration falls: they tell no tension.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    settings : CampaignSettings
+        The campaign's, for the calibration.
+    rules : Suspicions
+        The numbers that decide.
+    """
+    name = next((name for name in BOLT_CHANNELS if name in record.channels), None)
+    if name != "strain" or settings.bolt is None or not settings.bolt.calibration:
+        return
+    strain = record.channels[name].samples
+    low, high = Calibration(tuple(settings.bolt.calibration)).rising_range
+    share = float(np.mean((strain < low) | (strain > high)))
+    if share <= rules.beyond_calibration:
+        return
+    ends = [f"{end:.4g}" for end in (low, high) if np.isfinite(end)]
+    finding = (
+        f"strain from {strain.min():.4g} to {strain.max():.4g} is for {100 * share:.2g} % of the record "
+        f"beyond {' or '.join(ends)}, where its calibration stops rising: no tension is told there"
+    )
+    yield Damage(name, finding, "strain beyond its calibration")
 
 
 def _overflow(channel: Channel, hit_s: float | None, rules: Suspicions) -> tuple[str, str] | None:

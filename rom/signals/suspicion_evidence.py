@@ -11,7 +11,7 @@ from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.channels import BOLT_CHANNELS
 from rom.criteria.criteria import RECORD_CRITERIA, RecordCriteria
 from rom.criteria.number import Numerical
-from rom.signals.damage import Damage, damages
+from rom.signals.damage import Damage, beyond_calibration, damages
 from rom.signals.filters import find_impact
 from rom.signals.hits import first_hit
 from rom.signals.momentum import HitBalance, hit_balance
@@ -123,7 +123,10 @@ def evidence(
         else None,
         unhit=forces[0].name if missed else "",
         gauge=_gauge(record, settings, None if hit is None else hit.start / hit.force.rate_hz),
-        damages=tuple(damages(record, hit, criteria.suspicions)),
+        damages=(
+            *damages(record, hit, criteria.suspicions),
+            *beyond_calibration(record, settings, criteria.suspicions),
+        ),
         rates={name: channel.rate_hz for name, channel in record.channels.items()},
         given=record.settings.given,
     )

@@ -183,6 +183,21 @@ def test_a_wrong_folder_is_answered_with_the_nearest_right_one(
     assert listing(tmp_path) == before
 
 
+@pytest.mark.parametrize("name", ["a\x1b[31m", "\u202eb", "c" * 3000])
+def test_names_cannot_speak_to_the_terminal(name: str, tmp_path: Path, boltlaw: Boltlaw) -> None:
+    for arguments in (
+        ("identify", tmp_path / name),
+        (name, "x"),
+        ("import", name, tmp_path),
+        ("rig", "--law", name),
+    ):
+        ran = boltlaw(*arguments)
+        assert ran.code == 2
+        line = one_line(ran.err)
+        assert line.isprintable()
+        assert len(line) < 700
+
+
 def test_without_a_command_the_program_lists_its_commands(boltlaw: Boltlaw) -> None:
     ran = boltlaw()
     assert ran.code == 2

@@ -204,6 +204,23 @@ def test_a_broken_file_is_named_and_the_rest_is_shown(folder: Path) -> None:
     assert "other.json" not in words
 
 
+ODD = {
+    "closure": {"command": ["close"], "errors": {}},
+    "ranking": {"command": {}, "laws": []},
+}
+
+
+@pytest.mark.parametrize("kind", ODD)
+def test_a_file_with_a_value_of_another_kind_is_named_and_the_rest_is_shown(kind: str, folder: Path) -> None:
+    write(folder, kind, **ODD[kind])
+    found = page(folder)
+    assert f"{kind}.json: could not be read as a result file (found a value of another kind" in found.words
+    assert "Seed 7" in found.words
+    (folder / "model.json").unlink()
+    with pytest.raises(ResultError, match=rf"{kind}\.json: could not be read"):
+        report.run(folder)
+
+
 def test_what_is_of_another_model_than_the_one_shown_says_so(folder: Path) -> None:
     """`discover` writes its model.json where that of `identify` was; a prediction may be of either."""
     digest = hashlib.sha256((folder / "model.json").read_bytes()).hexdigest()

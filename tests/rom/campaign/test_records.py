@@ -13,11 +13,15 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.io import savemat
 
-from rom.campaign.channels import channel_names, default_rate, nearest
+from rom.campaign.channels import LARGEST, SMALLEST, channel_names, default_rate, nearest
 from rom.campaign.formats import READERS
 from rom.campaign.record import Channel, RecordError, read_channels, write_channels
 
-FINITE = hnp.arrays(np.float64, 12, elements=st.floats(allow_nan=False, allow_infinity=False))
+FINITE = hnp.arrays(np.float64, 12, elements=st.floats(-LARGEST, LARGEST)).filter(
+    lambda samples: all(
+        not samples[::step].any() or np.abs(samples[::step]).max() >= SMALLEST for step in (1, 4)
+    )
+)
 
 
 def _read(path: Path) -> dict[str, Channel]:
@@ -227,9 +231,12 @@ class TestLengths:
         assert tuple(line.split(":")[0] for line in refusal.value.faults) == faulty
 
 
-def test_huge_finite_samples_are_no_infinity(tmp_path: Path) -> None:
-    write_channels(tmp_path / "a.h5", {"force_lo": Channel("force_lo", np.full(40, 1e308), 400.0)})
-    assert _read(tmp_path / "a.h5")["force_lo"].samples[0] == 1e308
+@pytest.mark.parametrize("size", [1e308, 1e41, 1e-41, 5e-324])
+def test_samples_whose_powers_are_no_numbers_are_refused(size: float, tmp_path: Path) -> None:
+    """Their squares are infinite or zero: fits ended in a traceback."""
+    write_channels(tmp_path / "a.h5", {"force_lo": Channel("force_lo", np.full(40, -size), 400.0)})
+    with pytest.raises(RecordError, match=r"force_lo: found samples of .* from 1e-40 to 1e\+40"):
+        _read(tmp_path / "a.h5")
 
 
 def test_several_nan_are_one_fault(tmp_path: Path) -> None:

@@ -174,7 +174,8 @@ def test_a_model_file_keeps_a_free_form_law(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "[]", '{"format": "boltlaw-model/2"}', '{"format": "boltlaw-model/1"}', "\x00\xff"]
+    "text",
+    ["", "[]", "[" * 100_000, '{"format": "boltlaw-model/2"}', '{"format": "boltlaw-model/1"}', "\x00\xff"],
 )
 def test_what_is_no_model_file_is_refused_by_name(tmp_path, text):
     path = tmp_path / "other.json"
@@ -197,6 +198,15 @@ def test_a_fault_in_a_model_file_is_said_by_its_section_not_by_python(tmp_path, 
     with pytest.raises(ModelFileError, match=rf"model\.json: {section}: .*, found ") as caught:
         load_model(path)
     assert not re.search(r"Error|indices|attribute|iterable|subscriptable", str(caught.value))
+
+
+def test_a_number_beyond_all_floats_in_a_model_file_is_said_by_its_section(tmp_path):
+    paper_model().save(tmp_path / "model.json")
+    data = json.loads((tmp_path / "model.json").read_text(encoding="utf-8"))
+    data["bodies"][0]["mass"]["value"] = 10**400
+    (tmp_path / "model.json").write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(ModelFileError, match=r"model\.json: bodies: .*, found "):
+        load_model(tmp_path / "model.json")
 
 
 def test_new_values_leave_the_old_model_alone():

@@ -1,0 +1,68 @@
+"""Strains beyond their calibration are named, sensors with an offset are not accused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rom.campaign.campaign import CampaignSettings, Record
+from rom.campaign.record import Channel
+from rom.signals.calibration import Calibration
+from tests.rom.signals.test_suspicions import STRUCTURES, G, Structure, campaign, changed, settings_of, told
+
+CUBIC = (2718.7, 2363.7, -575.63)  # rises from -0.4881 to 3.2256, to 14.05 kN
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "expected"),
+    [
+        (CUBIC, (-0.48807, 3.22560)),
+        ((2.0,), (-np.inf, np.inf)),
+        ((2.0, 1.0), (-1.0, np.inf)),
+        ((1.0, 0.0, 1.0), (-np.inf, np.inf)),
+        ((1.0, -0.5, 0.0), (-np.inf, 1.0)),
+        ((1e6, 0.0, -1e-6 / 3), (-1e6, 1e6)),
+    ],
+)
+def test_where_a_calibration_rises(coefficients: tuple[float, ...], expected: tuple[float, float]) -> None:
+    assert Calibration(coefficients).rising_range == pytest.approx(expected, rel=1e-4)
+
+
+def with_strain(record: Record, factor: float, coefficients: tuple[float, ...]) -> Record:
+    """The record with a strain in place of its tension, its reading multiplied."""
+    tension = record.channels["tension"]
+    readings = np.linspace(-0.4, 3.2, 20_000)
+    strain = factor * np.interp(tension.samples, Calibration(coefficients).tension(readings), readings)
+    channels = {name: c for name, c in record.channels.items() if name != "tension"}
+    return Record(
+        record.settings, channels | {"strain": Channel("strain", strain, tension.rate_hz)}, record.bodies
+    )
+
+
+def calibrated(of: Structure) -> CampaignSettings:
+    data = settings_of(of).model_dump(exclude_none=True)
+    return CampaignSettings.model_validate(data | {"bolt": {"link": "joint", "calibration": CUBIC}})
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+@pytest.mark.parametrize(("factor", "beyond"), [(1.0, ()), (40.0, (4, 5))])
+def test_a_strain_beyond_where_its_calibration_rises_is_named(
+    name: str, factor: float, beyond: tuple[int, ...]
+) -> None:
+    """Preloads from 20 N on, each twice the one before: 40 times the reading of 320 N is 4.7."""
+    of = STRUCTURES[name]
+    records = [with_strain(record, factor, CUBIC) for record in campaign(of)]
+    found = [one for one in told(records, calibrated(of)) if one.likely == "strain beyond its calibration"]
+    assert [one.record for one in found] == [f"records/{place}.h5" for place in beyond]
+    assert all(one.sets_aside and "3.226" in one.finding for one in found)
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+@pytest.mark.parametrize("offset", [G, -10 * G])
+def test_a_sensor_that_shows_gravity_is_not_accused(name: str, offset: float) -> None:
+    of = STRUCTURES[name]
+    records = [
+        changed(record, lambda channel, y: y + offset if channel.startswith("acceleration") else y)
+        for record in campaign(of)
+    ]
+    assert told(records, settings_of(of)) == ()
