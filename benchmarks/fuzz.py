@@ -217,6 +217,8 @@ def main() -> None:
                     print(f"{ended.out}\n    in {folder}")
             if asked.only is None:
                 shutil.rmtree(folder)
+            if (number + 1) % 250 == 0:
+                print(f"{number + 1} inputs, {failed} failed", flush=True)
     _tell(counts, slowest)
     sys.exit(1 if failed else 0)
 

@@ -153,7 +153,8 @@ def spoilt(value: Any, random: Random) -> tuple[Any, str]:
     """Return a value of lists and mappings with one part lost, renamed, doubled, exchanged or replaced."""
     if isinstance(value, dict | list) and value and random.random() < 0.93:
         return _part_spoilt(value, random)
-    if isinstance(value, int | float) and not isinstance(value, bool) and random.random() < 0.4:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    if is_number and abs(value) < 1e308 and random.random() < 0.4:
         new = value * 10.0 ** random.choice((-300, -12, -6, -3, 3, 6, 12, 300)) * random.choice((1, -1))
     else:
         new = random.choice(JUNK)

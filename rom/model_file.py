@@ -86,7 +86,9 @@ _SECTIONS: Mapping[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
         "uncoupled_laws": {item["name"]: _laws_from_data(item) for item in data.get("uncoupled_links", ())}
     },
     "effects": lambda data: {"effects": _effects_from_data(data["effects"])},
-    "filter": lambda data: {"filter_cutoff_hz": data["filter"]["cutoff_hz"]},
+    "filter": lambda data: {
+        "filter_cutoff_hz": {name: float(value) for name, value in data["filter"]["cutoff_hz"].items()}
+    },
     "calibration": lambda data: {
         "calibration": tuple(float(value) for value in data["calibration"]["coefficients"])
     },

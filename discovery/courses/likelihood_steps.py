@@ -128,12 +128,13 @@ def step(problem: Problem, state: State, damping: float) -> tuple[State | None, 
     if not len(state.theta):
         return None, damping
     matrix, right = problem.normal_equations(state)
-    diagonal = np.diag(matrix).copy()
-    diagonal[diagonal <= 0] = max(float(diagonal.max()), 1.0) * 1e-12
-    low, high = (bound - state.theta for bound in problem.bounds)
+    diagonal = np.diag(matrix)
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # each number by itself: their units are far apart
+    alike = matrix / np.outer(scale, scale)
+    low, high = ((bound - state.theta) * scale for bound in problem.bounds)
     for _ in range(8):
-        damped = matrix + np.diag(damping * diagonal + 1e-12 * diagonal.max())
-        change = least_within(damped, right, low, high)
+        damped = alike + (damping + 1e-12) * np.eye(len(scale))
+        change = least_within(damped, right / scale, low, high) / scale
         if 2 * change @ right - change @ matrix @ change < _NO_GAIN:
             return None, damping
         trial = problem.solve(problem.clipped(state.theta + change), state.scatter, state.u)

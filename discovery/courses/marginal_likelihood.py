@@ -29,6 +29,7 @@ from rom.criteria.number import Numerical
 _TALLEST_STEP: Numerical[float] = 1.0
 _STEP_U: Numerical[float] = 1e-4
 _STEP: Numerical[float] = 1e-4
+_LEAST: Numerical[float] = 1e-3
 _SAME_SCATTER: Numerical[float] = 0.01  # of a and b: changes the deviance in second order
 _TINY: Numerical[float] = 1e-300
 
@@ -137,6 +138,16 @@ class Problem:
         rows = [free if self._is_coefficient(name) else ranges[name] for name in self.candidate.free]
         low, high = np.array(rows).reshape(-1, 2).T
         return low, high
+
+    @cached_property
+    def least_sizes(self) -> FloatArray:
+        """Sizes below which a step of a number is no share of it: by its range, where that has a unit."""
+        numbers = [self.candidate.parameters[name] for name in self.candidate.free]
+        ends = [[abs(end) for end in number.bounds if end != 0 and np.isfinite(end)] for number in numbers]
+        return np.array(
+            [_LEAST * (min(own) if own and number.unit != "1" else 1.0)
+             for own, number in zip(ends, numbers, strict=True)]
+        )  # fmt: skip
 
     def clipped(self, theta: FloatArray) -> FloatArray:
         """The vector with inner numbers within their ranges."""
@@ -280,7 +291,8 @@ class Problem:
         """Whitened derivatives of the courses with respect to the vector, (cases, bins, p)."""
         columns = []
         for place in range(len(state.theta)):
-            step = _STEP * max(1e-3, abs(state.theta[place])) if not self._log_place(place) else _STEP
+            least, value = self.least_sizes[place], abs(state.theta[place])
+            step = _STEP * max(least, value) if not self._log_place(place) else _STEP
             moved = state.theta.copy()
             moved[place] += step
             back = self.clipped(moved)[place] != moved[place]
@@ -372,7 +384,7 @@ class Problem:
         here = values(theta)
         columns = []
         for place in range(len(theta)):
-            step = 1e-5 * max(1e-3, abs(theta[place]))
+            step = 1e-5 * max(self.least_sizes[place], abs(theta[place]))
             moved = theta.copy()
             moved[place] += step
             columns.append((values(moved) - here) / step)

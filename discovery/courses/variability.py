@@ -15,9 +15,13 @@ import numpy as np
 from scipy import optimize
 
 from discovery.criteria.courses import Courses
+from discovery.laws.factors import usual_unit
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 
+_LEAST_N: Numerical[float] = 1e-3  # a bolt without tension, or with next to none
+_LEAST_SHARE: Numerical[float] = 1e-5  # of the largest tension: the same of a small bolt
+_TINY_N: Numerical[float] = 1e-100
 _RIDGE: Numerical[float] = 1e-10  # of a matrix whose diagonal is 1: numbers that nothing tells cost nothing
 
 
@@ -48,7 +52,8 @@ def log_limits(rules: Courses) -> tuple[float, float]:
 
 def log_tension(initial: FloatArray) -> FloatArray:
     """``ln(T / 100 N)``, (cases,)."""
-    return np.asarray(np.log(np.maximum(initial, 1e-3) / 100.0))
+    least = min(_LEAST_N, _LEAST_SHARE * float(np.max(initial, initial=0.0)))
+    return np.asarray(np.log(np.maximum(initial, max(least, _TINY_N)) / 100.0))
 
 
 def of_logs(scatter: FloatArray, logs: FloatArray, low: float, high: float) -> FloatArray:
@@ -98,8 +103,12 @@ class BetweenTests:
     rules: Courses
 
     def best(self, start: FloatArray) -> FloatArray:
-        """Find (a, b) of the highest likelihood, the prior of b with it."""
-        logs, square = log_tension(self.initial), self.seen**2
+        """Find (a, b) of the highest likelihood, the prior of b with it.
+
+        It is sought at the tension of these tests: a at 100 N is far away for a bolt of 100 kN.
+        """
+        middle = float(np.log(usual_unit(float(np.median(self.initial)))))
+        logs, square = log_tension(self.initial) - middle, self.seen**2
         low, high = log_limits(self.rules)
         scale = np.sqrt(np.maximum(np.diag(self.numbers), np.finfo(float).tiny))
         numbers, cross = self.numbers / np.outer(scale, scale), self.cross / scale
@@ -114,6 +123,9 @@ class BetweenTests:
             return float(likelihood + (scatter[1] / self.rules.slope_prior) ** 2)
 
         found = optimize.minimize(
-            deviance, start, method="Nelder-Mead", options={"xatol": 5e-3, "fatol": 5e-3, "maxiter": 120}
+            deviance,
+            [start[0] + start[1] * middle, start[1]],
+            method="Nelder-Mead",
+            options={"xatol": 5e-3, "fatol": 5e-3, "maxiter": 120},
         )
-        return np.array([np.clip(found.x[0], low, high), found.x[1]])
+        return np.array([np.clip(found.x[0], low, high) - found.x[1] * middle, found.x[1]])

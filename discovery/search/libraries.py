@@ -57,7 +57,7 @@ class Scales:
         """Medians over the tests of the largest values, and of the tension before the hit."""
         sizes = [np.abs(frozen.of_case(i)[1:5]).max(axis=1) for i in range(len(frozen))]
         x, v, force, damping = np.maximum(np.median(sizes, axis=0), 1e-12)
-        tension = float(np.median(np.maximum(frozen.initial, 1e-3)))
+        tension = float(np.median(np.maximum(frozen.initial, min(1e-3, 1e-5 * frozen.initial.max()))))
         return cls(float(v), float(x), float(force), float(damping), tension)
 
     @property

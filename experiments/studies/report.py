@@ -39,5 +39,5 @@ def run(directory: str | Path, out: str | Path | None = None) -> Path:
         target = target / "report.html"
     target.parent.mkdir(parents=True, exist_ok=True)
     with replacing(target) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="replace")  # half a letter is none
     return target

@@ -106,18 +106,19 @@ def inspect_channels(
     names: set[str] = set()
     complete = True
     try:
-        for name, read in _reader(path)(path):
-            if known is not None and name not in known:
-                faults.append(f"{name}: found an unknown channel, expected {one_of(name, known)}")
-                complete = False
-                continue
-            names.add(name)
-            try:
-                default = default_rate(name, motion_rate_hz, tension_rate_hz)
-                samples, rate = read()
-                channels[name] = _channel(name, samples, rate, default)
-            except ValueError as fault:
-                faults.append(f"{name}: {fault}")
+        with np.errstate(all="ignore"):  # of casts: what is no number is told as such
+            for name, read in _reader(path)(path):
+                if known is not None and name not in known:
+                    faults.append(f"{name}: found an unknown channel, expected {one_of(name, known)}")
+                    complete = False
+                    continue
+                names.add(name)
+                try:
+                    default = default_rate(name, motion_rate_hz, tension_rate_hz)
+                    samples, rate = read()
+                    channels[name] = _channel(name, samples, rate, default)
+                except ValueError as fault:
+                    faults.append(f"{name}: {fault}")
     except Exception as cause:  # a parser of foreign bytes may fail in any way; each means an unreadable file
         faults.append(_file_fault(path, cause))
         complete = False

@@ -24,6 +24,7 @@ from rom.signals.measured_records import measured_record
 from rom.signals.quality import Doubt
 
 _REACH: Numerical[float] = 10.0  # of the largest: how far a shape or compliance may go
+_OPEN: Numerical[float] = 20.0  # of a logarithm: nothing is told of the number
 
 
 @dataclass(frozen=True)
@@ -144,8 +145,11 @@ def _modes(fit: ModalFit, model: Model) -> Iterator[IdentifiedMode]:
 
 
 def _pole_number(fit: ModalFit, value: float, unit: str, column: int) -> Parameter:
-    """A number whose logarithm was fitted, with limits."""
-    factor = float(np.exp(Z95 * fit.error({column: 1.0})))
+    """A number whose logarithm was fitted, with limits; none where the records leave it open."""
+    reach = Z95 * fit.error({column: 1.0})
+    if not reach < _OPEN:
+        return Parameter(value, unit, source="identified")
+    factor = float(np.exp(reach))
     return Parameter(value, unit, value / factor, value * factor, source="identified")
 
 

@@ -37,7 +37,8 @@ class RateUncertainty:
     Raises
     ------
     ValueError
-        If the covariance is not square over the parameters, or the deviation is not a number from 0 up.
+        If a parameter is no name, the covariance is not square over them or not finite, or the deviation
+        is not a number from 0 up.
     """
 
     parameters: tuple[str, ...]
@@ -48,9 +49,13 @@ class RateUncertainty:
     between_bolts: float = 0.0
 
     def __post_init__(self) -> None:
+        if not all(isinstance(name, str) for name in self.parameters):
+            raise ValueError(f"parameters must be names, got {self.parameters}")
         count, lengths = len(self.parameters), [len(row) for row in self.covariance]
         if lengths != [count] * count:
             raise ValueError(f"covariance must have {count} rows of {count} numbers, got {lengths}")
+        if not np.isfinite(np.array(self.covariance)).all():
+            raise ValueError(f"covariance must hold finite numbers, got {self.covariance}")
         if not (self.at_100_n >= 0 and np.isfinite([self.at_100_n, self.slope]).all()):
             raise ValueError(
                 f"between-test deviation must be a number from 0 up, got {self.at_100_n}, {self.slope}"

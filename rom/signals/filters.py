@@ -20,6 +20,7 @@ INTEGRATIONS = {"acceleration": 2, "velocity": 1, "displacement": 0}
 # a hammer's pulse is over within this time; anything longer is a driven force
 _LONGEST_PULSE_S: Numerical[float] = 0.02
 _MANY_ROWS: Numerical[int] = 4  # fewer are filtered one by one as fast
+_LEAST_CUTOFF: Numerical[float] = 1e-8  # of the rate: rounding leaves nothing of a slower one
 # a pulse this long must survive the removal of single-sample spikes
 _SHORTEST_PULSE_S: Numerical[float] = 5e-4
 
@@ -181,10 +182,10 @@ def displacement(kind: str, samples: FloatArray, rate_hz: float, chain: FilterCh
 
 @lru_cache(maxsize=64)
 def _highpass_sections(order: int, cutoff_hz: float, rate_hz: float) -> FloatArray:
-    if not 0 < cutoff_hz < rate_hz / 2:
+    if not _LEAST_CUTOFF * rate_hz < cutoff_hz < rate_hz / 2:
         raise ValueError(
             f"The filter's cutoff must lie between 0 and half the sampling rate ({rate_hz / 2} Hz), "
-            f"instead got {cutoff_hz} Hz."
+            f"and above {_LEAST_CUTOFF:g} of that rate, instead got {cutoff_hz} Hz."
         )
     return np.asarray(signal.butter(order, cutoff_hz, "highpass", fs=rate_hz, output="sos"), dtype=np.float64)
 

@@ -27,7 +27,8 @@ _FEWEST_SAMPLES: Numerical[int] = 8
 _BINS: Numerical[int] = 12
 _MARGIN_S: Numerical[float] = 0.05  # a late hit does not push the last bin out of the record
 _LEAST_QUIET: Numerical[int] = 6
-_LEAST_ERROR: Numerical[float] = 1e-6  # [N]; of a record without noise
+_LEAST_ERROR: Numerical[float] = 1e-6  # [N]; of a record without noise, of a bolt of usual tension:
+_USUAL_N: Numerical[tuple[float, float]] = (3.0, 3000.0)  # [N]; of others in proportion
 _TINY: Numerical[float] = 1e-24
 
 
@@ -48,6 +49,8 @@ class TensionBins:
         From the middle of the mean before to the middle of each bin [s].
     slope : float
         dT/d(strain) there [N per unit of strain]: from strain noise to tension noise.
+    level : float
+        Size of the mean before [N].
     """
 
     edges_s: FloatArray
@@ -57,6 +60,7 @@ class TensionBins:
     lag_s: FloatArray
     slope: float
     rate_hz: float
+    level: float = 100.0
 
 
 @dataclass(frozen=True)
@@ -77,7 +81,8 @@ class CourseNoise:
         slow = self.walk * np.minimum.outer(bins.lag_s, bins.lag_s)
         slow = slow + self.drift * np.multiply.outer(bins.lag_s, bins.lag_s)
         white = self.white * square * (np.diag(1 / bins.counts) + 1 / max(bins.count_before, 1))
-        floor = _LEAST_ERROR**2 * np.eye(len(bins.counts))
+        own = max(bins.level, _TINY) / float(np.clip(bins.level, *_USUAL_N))
+        floor = (_LEAST_ERROR * own) ** 2 * np.eye(len(bins.counts))
         return np.asarray(white + slow * (1.0 if self.of_tension else square) + floor)
 
 
@@ -163,6 +168,7 @@ def _binned(
         0.5 * (edges_s[1:] + edges_s[:-1]) - 0.5 * (before_s[0] + before_s[1]),
         tension.slope,
         rate,
+        abs(float(mean_before)),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -21,15 +22,16 @@ _HIT_S, _BINS, _BEFORE_S = 0.1, 9, 0.09
 _RATES = {2.0: 8.48, 3.0: 10.37, 4.0: 11.79, 5.0: 13.10}  # all lose 6 N of 150 N at the nominal hit
 
 
-def with_power(n: float) -> Candidate:
-    """The paper's law with another power of the velocity."""
-    term = Term(velocity_power(n), tension_logistic(7.974, -0.00362))
+def with_power(n: float, unit: float = 1.0) -> Candidate:
+    """The paper's law with another power of the velocity; for bolts whose tensions are in a unit [N]."""
+    term = Term(velocity_power(n), tension_logistic(7.974, -0.00362 / unit, unit))
     return Candidate(f"power {n:g}", (term,), (10 ** _RATES[n],))
 
 
-def free_power() -> Candidate:
+def free_power(unit: float = 1.0) -> Candidate:
     """The paper's law with the power of the velocity to be fitted."""
-    return Candidate("free power", (Term(velocity_power(), tension_logistic()),), (6e11,))
+    term = Term(velocity_power(), tension_logistic(rho=-0.0036 / unit, unit=unit))
+    return Candidate("free power", (term,), (6e11,))
 
 
 def known_fit(law: Candidate, courses: FrozenMotion) -> Fit:
@@ -55,9 +57,18 @@ def frozen(
     return freeze(rom.paper_model(), courses)
 
 
-def model_with(law: Candidate) -> Model:
+def model_with(law: Candidate, unit: float = 1.0) -> Model:
     """The paper's model with another law of the tension."""
-    return rom.paper_model().with_tension_law(law.law())
+    return paper_model_of(unit).with_tension_law(law.law())
+
+
+def paper_model_of(unit: float) -> Model:
+    """The paper's model of a bolt whose tensions are in a unit [N]."""
+    model = rom.paper_model()
+    powers = {"stiffness.alpha": -1, "stiffness.beta": 1, "damping.eta": -1}
+    return model.with_values(
+        {f"joint.{n}": model.parameter(f"joint.{n}").value * unit**power for n, power in powers.items()}
+    )
 
 
 def measured(
@@ -69,10 +80,11 @@ def measured(
     noise: float = 1.0,
     seed: int = 0,
     length_s: float = 0.5,
+    unit: float = 1.0,
 ) -> tuple[TensionCourse, ...]:
-    """Simulated courses: half-sine hits of 1608.7 N times each strength at every preload."""
+    """Simulated courses: half-sine hits of 1608.7 N times each strength at every preload, in a unit [N]."""
     generator = np.random.default_rng(seed)
-    initial = np.repeat(np.asarray(preloads, dtype=float), len(strengths))
+    initial = unit * np.repeat(np.asarray(preloads, dtype=float), len(strengths))
     peaks = (
         1608.7
         * np.tile(strengths, len(initial) // len(strengths))
@@ -88,17 +100,23 @@ def measured(
     true = law or baseline()
     rated = true.rated(np.exp(deviations))
     vary = {f"joint.tension_rate.{name}": values for name, values in rated.items()}
-    tension = model_with(true).mean_tensions(
-        peaks[:, None] * pulse, RATE_HZ, initial, edges, vary, "lo", tension_rate_hz=TENSION_RATE_HZ
+    tension = (
+        paper_model_of(unit)
+        .with_tension_law(true.law())
+        .mean_tensions(
+            peaks[:, None] * pulse, RATE_HZ, initial, edges, vary, "lo", tension_rate_hz=TENSION_RATE_HZ
+        )
     )
     found = []
     for case, start in enumerate(initial):
-        slope = np.sqrt(2718.7**2 + 4 * 2363.7 * start)
+        slope = unit * np.sqrt(2718.7**2 + 4 * 2363.7 * start / unit)
         bins = TensionBins(
             edges, tension[case] - start, np.diff(places).astype(float), round(_BEFORE_S * TENSION_RATE_HZ),
             0.5 * (edges[1:] + edges[:-1]) - 0.5 * _BEFORE_S, float(slope), TENSION_RATE_HZ,
+            float(start),
         )  # fmt: skip
-        covariance = noise**2 * NOISE.covariance(bins) + 1e-12 * np.eye(len(bins.change))
+        noises = replace(NOISE, walk=NOISE.walk * unit**2, drift=NOISE.drift * unit**2)
+        covariance = noise**2 * noises.covariance(bins) + (1e-6 * unit) ** 2 * np.eye(len(bins.change))
         error = generator.multivariate_normal(np.zeros(len(bins.change)), covariance)
         found.append(
             TensionCourse(

@@ -10,7 +10,7 @@ from discovery.courses.fit import Fit, fit, fit_losses, log_predictive, predict,
 from discovery.courses.frozen_motion import freeze
 from discovery.laws.candidate import Candidate, Term, baseline, constant_power, no_loosening
 from discovery.laws.factors import displacement_power, tension_power, velocity_power
-from tests.discovery.synthetic import free_power, frozen, known_fit, measured, with_power
+from tests.discovery.synthetic import free_power, frozen, known_fit, measured, paper_model_of, with_power
 
 
 @pytest.fixture(scope="module")
@@ -24,6 +24,27 @@ def test_the_truth_is_within_the_limits(fitted: Fit) -> None:
         low, high = fitted.limits(name)
         assert low < truth < high
         assert high - low < 0.4 * abs(truth)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e-3, 50.0, 1e3, 1e6])
+def test_a_bolt_of_any_tension_has_the_law_of_a_usual_one(unit: float) -> None:
+    """Steps, floors and the tension at which tests differ go with the bolt: no fit stays at its start."""
+    preloads = (20.0, 60.0, 300.0, 1000.0)
+    found = {
+        size: fit(
+            free_power(size),
+            freeze(
+                paper_model_of(size),
+                measured(with_power(4.0, size), preloads=preloads, scatter=0.3, unit=size),
+            ),
+        )
+        for size in (1.0, unit)
+    }
+    usual, other = (found[size].candidate.parameters for size in (1.0, unit))
+    assert other["n"].value == pytest.approx(usual["n"].value, rel=1e-3)
+    assert other["gamma_i"].value == pytest.approx(usual["gamma_i"].value, rel=1e-3)
+    assert other["rho"].value * unit == pytest.approx(usual["rho"].value, rel=1e-3)
+    assert found[unit].deviance == pytest.approx(found[1.0].deviance, abs=0.05)
 
 
 @pytest.mark.parametrize("n", [2.0, 3.0, 5.0])

@@ -221,6 +221,11 @@ def test_a_file_with_a_value_of_another_kind_is_named_and_the_rest_is_shown(kind
         report.run(folder)
 
 
+def test_half_a_letter_costs_no_page(folder: Path) -> None:
+    write(folder, "prediction", errors=errors(1.0), records=[], command="boltlaw \ud800 predict")
+    assert "boltlaw ? predict" in page(folder).words
+
+
 def test_what_is_of_another_model_than_the_one_shown_says_so(folder: Path) -> None:
     """`discover` writes its model.json where that of `identify` was; a prediction may be of either."""
     digest = hashlib.sha256((folder / "model.json").read_bytes()).hexdigest()

@@ -3,6 +3,7 @@ from __future__ import annotations
 import errno
 import os
 import pickle
+import struct
 from pathlib import Path
 
 import h5py
@@ -237,6 +238,14 @@ def test_samples_whose_powers_are_no_numbers_are_refused(size: float, tmp_path: 
     write_channels(tmp_path / "a.h5", {"force_lo": Channel("force_lo", np.full(40, -size), 400.0)})
     with pytest.raises(RecordError, match=r"force_lo: found samples of .* from 1e-40 to 1e\+40"):
         _read(tmp_path / "a.h5")
+
+
+def test_a_letter_that_is_no_number_is_a_fault_without_a_warning(tmp_path: Path) -> None:
+    letters = np.array([97.0, 98.0, np.nan, -1.0])  # text of MATLAB 4 may be held in floats
+    head = struct.pack("<5i", 1, 1, len(letters), 0, 9) + b"force_lo\0"
+    (tmp_path / "a.mat").write_bytes(head + letters.tobytes())
+    with pytest.raises(RecordError, match="force_lo: found text"):
+        _read(tmp_path / "a.mat")
 
 
 def test_several_nan_are_one_fault(tmp_path: Path) -> None:

@@ -6,6 +6,8 @@ import pickle
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from rom.evaluation.evaluate import evaluate
 from rom.identification.identify import Identification, identify_campaign
 from rom.identification.modal_complexity import phase_collinearities
 from rom.identification.modal_fit import fit_modes
+from rom.identification.modal_model import _pole_number
 from rom.identification.modal_responses import ModalRecord
 from rom.identification.ring_down import ring_down
 from rom.model.laws import Parameter
@@ -105,6 +108,13 @@ def _require_the_beam(
                 assert mode.shape[place].value * mode.shape["tip"].value == pytest.approx(
                     truth[s, k], abs=6e-3
                 )
+
+
+def test_a_pole_that_the_records_leave_open_has_no_limits() -> None:
+    """Its error as a factor is beyond all numbers."""
+    pole: Any = SimpleNamespace(error=lambda _: 1e3)
+    number = _pole_number(pole, 0.01, "1", 0)
+    assert (number.value, number.low, number.high) == (0.01, None, None)
 
 
 def test_without_a_force_the_masses_are_not_told(campaign: rom.Campaign) -> None:

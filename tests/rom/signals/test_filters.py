@@ -135,6 +135,7 @@ def test_many_rows_side_by_side_are_as_each_alone(
         ((5.0, 3), np.ones(1), "at least 2 samples"),
         ((5.0, 3), np.array([0.0, np.nan, 1.0]), "1 samples are not"),
         ((500.0, 3), np.ones(100), "half the sampling rate"),
+        ((1e-7, 3), np.ones(100), "above 1e-08 of that rate"),
     ],
 )
 def test_chain_refuses_what_it_cannot_filter(
