@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from rom.criteria.number import Group, number
 
-_RIG = "40 rig campaigns: sound records leave at most 1 % of the force's square, slips 0.09 % or more"
+_RIG = "python -m benchmarks.suspicions: sound records leave at most 1 % of the force's square"
 _SEEN = "rig campaigns with something undeclared, and docs/measured.md"
 
 
@@ -27,13 +27,20 @@ class Suspicions(Group):
         0.02, "1", "share of the force's square left, below which no delay is looked for", _RIG
     )
     latest_s: float = number(3e-3, "s", "delay beyond which motion belongs to another event")
-    slip_left: float = number(5e-4, "1", "share of the force's square that a slip is to explain", _RIG)
+    slip_left: float = number(1e-4, "1", "share of the force's square that a slip is to explain", _RIG)
     slip_share: float = number(
         0.15, "1", "share of that which a slip may leave", "rig: slips leave at most 1.4 %"
     )
     slip_near: float = number(
         1.12, "1", "factor to which a unit's factor is met", "sensors are off by a tenth"
     )
+    slip_noise: float = number(
+        0.3, "1", "the same in what white noise leaves", "five deviations of the sum of 500 squares"
+    )
+    slip_alike: float = number(
+        0.02, "1", "share of the misfit that two slips may leave, of which a unit is likelier than a sign",
+        "of a body on a spring both may balance; its sign shows beside its neighbours too",
+    )  # fmt: skip
     scale_left: float = number(
         0.05, "1", "share of the force's square left, for a factor without a name", _RIG
     )
@@ -44,6 +51,7 @@ class Suspicions(Group):
         2.2e-4, "s", "delay that sensors sampled in turn may have", "data loggers: at most 0.2 ms"
     )
     weak_hit_n: float = number(5.0, "N", "peak force below which a hit is one in kN", "hammers hit harder")
+    force_noise: float = number(8.0, "1", "peak of a force in its noise, below which it shows nothing")
     fewest: int = number(3, "1", "records that tell a mass or a preload which nobody declares")
     preload_factor: float = number(
         2.0, "1", "factor between gauge and preload that is suspected", "gauges: 0.6 to 1.7"

@@ -12,14 +12,25 @@ from rom.criteria.records import Records
 QUIET_SAMPLES: Numerical[int] = 20_000
 
 
-def flat_top(samples: FloatArray, rules: Records) -> tuple[int, float] | None:
+def flat_top(
+    samples: FloatArray, rules: Records, noise_and_step: tuple[float, float] | None = None
+) -> tuple[int, float] | None:
     """Return samples and level of a flat top whose flanks point well above it, None where there is none.
 
     A parabola that stays within a band b of its top for n samples falls by 3 b over the next n / 2 on either
     side, which points to 1.5 b above the band; a clipped signal falls faster. The band is as wide as readings
     of one value scatter; but where noise is finely resolved, equal readings in a row are no chance.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (samples,)
+        The channel.
+    rules : Records
+        The numbers that decide.
+    noise_and_step : tuple of float, optional
+        Its `resolution`, where it is known: that of either side is the same.
     """
-    noise, step = resolution(samples)
+    noise, step = noise_and_step or resolution(samples)
     peak = float(samples.max() - np.median(samples))
     scatter = max(rules.flat_noise * noise, rules.flat_steps * step)
     bands = [band for band in (0.0, scatter) if band or noise > rules.fine_steps * step or not scatter]

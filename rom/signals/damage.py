@@ -13,12 +13,13 @@ import numpy as np
 from scipy import ndimage
 
 from rom.campaign.campaign import CampaignSettings, Record
-from rom.campaign.channels import BOLT_CHANNELS, Channel, FloatArray
+from rom.campaign.channels import BOLT_CHANNELS, MOTIONS, Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.criteria.suspicions import Suspicions
 from rom.signals.calibration import Calibration
 from rom.signals.hits import Hit
 
+BEYOND = "strain beyond its calibration"
 WINDOW_PARTS: Numerical[int] = 8
 
 
@@ -29,6 +30,11 @@ class Damage:
     channel: str
     finding: str
     likely: str
+
+    @property
+    def at_hit(self) -> bool:
+        """Whether samples of the hit itself may be wrong, so that they tell nothing else."""
+        return self.likely in ("overload", "wrap-around")
 
 
 def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Damage]:
@@ -47,15 +53,14 @@ def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Dama
     for name, channel in record.channels.items():
         if name.startswith("force_") and record.test != "driven":
             continue  # a blow may be one sample
-        found = _overflow(channel, hit_s, rules) or _wrapped(channel, rules)
+        found = _wrapped(channel, rules) or _overflow(channel, hit_s, rules)
         if not found and name in BOLT_CHANNELS:
             found = _dropped(channel, rules)
+        if not found and hit_s is not None and name.partition("_")[0] in MOTIONS:
+            found = _windowed(channel, hit_s, rules)
         if not found and hit_s is not None and name.startswith("acceleration_"):
-            found = (
-                _windowed(channel, hit_s, rules)
-                or _settling(channel, hit_s, rules)
-                or _moving(channel, hit_s, rules)
-            )
+            moves = _moving(channel, hit_s, rules)
+            found = _settling(channel, hit_s, rules, moves is not None) or moves
         if found:
             yield Damage(name, f"{name} {found[0]}", found[1])
 
@@ -85,7 +90,7 @@ def beyond_calibration(record: Record, settings: CampaignSettings, rules: Suspic
         f"strain from {strain.min():.4g} to {strain.max():.4g} is for {100 * share:.2g} % of the record "
         f"beyond {' or '.join(ends)}, where its calibration stops rising: no tension is told there"
     )
-    yield Damage(name, finding, "strain beyond its calibration")
+    yield Damage(name, finding, BEYOND)
 
 
 def _overflow(channel: Channel, hit_s: float | None, rules: Suspicions) -> tuple[str, str] | None:
@@ -122,7 +127,7 @@ def _wrapped(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
 
 def _dropped(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     """Samples of exactly zero amid a level far from it."""
-    level, noise = float(np.median(channel.samples)), _noise(channel.samples)
+    level, noise = float(np.median(channel.samples)), white_noise(channel.samples)
     zero = channel.samples == 0.0
     if not zero.any() or level == 0.0:
         return None
@@ -141,9 +146,16 @@ def _dropped(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     return f"falls to zero {fallen} times amid a level of {level:.4g}", "dropouts"
 
 
-def _noise(samples: FloatArray) -> float:
+def white_noise(samples: FloatArray) -> float:
     """Root mean square of what changes from sample to sample, motion taken out by third differences."""
     return float(1.4826 * np.median(np.abs(np.diff(samples, 3))) / np.sqrt(20.0))
+
+
+def _sharp_noise(samples: FloatArray) -> float:
+    """The same with the scatter of a root mean square: of all but what a spike is."""
+    steps = np.diff(samples, 3)
+    within = np.abs(steps) <= 4.0 * 1.4826 * np.median(np.abs(steps))
+    return float(np.sqrt(np.mean(steps[within] ** 2) / 20.0))
 
 
 def _windowed(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, str] | None:
@@ -153,8 +165,8 @@ def _windowed(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, s
     size = len(after) // WINDOW_PARTS
     if size < rules.shortest or len(before) < rules.shortest:
         return None
-    levels = np.array([_noise(after[i * size : (i + 1) * size]) for i in range(WINDOW_PARTS)])
-    quiet = _noise(before[-min(len(before), size) :])
+    levels = np.array([_sharp_noise(after[i * size : (i + 1) * size]) for i in range(WINDOW_PARTS)])
+    quiet = _sharp_noise(before[-min(len(before), size) :])
     last = WINDOW_PARTS // 2  # before it the ringing of fast modes may pass for noise
     if quiet <= 0 or levels.min() <= 0 or levels[-1] > rules.window_noise * quiet:
         return None
@@ -167,8 +179,8 @@ def _windowed(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, s
     return f"has a noise that fades with {decay:.3g} 1/s {fallen}: {remedy}", "exponential window"
 
 
-def _settling(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, str] | None:
-    """A sensor that runs towards its rest when the hit comes."""
+def _settling(channel: Channel, hit_s: float, rules: Suspicions, moves: bool) -> tuple[str, str] | None:
+    """A sensor that runs towards its rest when the hit comes; far from it, unless its mean moves on later."""
     stop = round(0.98 * hit_s * channel.rate_hz)
     before, after = channel.samples[:stop], channel.samples[round(hit_s * channel.rate_hz) :]
     if len(before) < rules.shortest or len(after) < rules.shortest:
@@ -178,8 +190,10 @@ def _settling(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, s
     steps = np.diff(trend)
     run = float(np.ptp(trend))
     one_way = np.all(steps <= 0) or np.all(steps >= 0)
-    explained = trend.var() > rules.settling_share * (before.var() - _noise(before) ** 2)
-    large = run > max(rules.settling_noise * _noise(before), rules.settling_size * after.std())
+    explained = trend.var() > rules.settling_share * (before.var() - white_noise(before) ** 2)
+    noise = white_noise(before)
+    large = run > max(rules.settling_noise * noise, rules.settling_size * after.std())
+    large |= moves and run > 2 * rules.mean_errors * noise / np.sqrt(stop)
     if not (one_way and explained and large):
         return None
     return f"still runs by {run:.3g} m/s2 before the hit", "sensor still settling"
@@ -195,8 +209,8 @@ def _moving(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, str
     rest, mean = (float(np.average(part, weights=np.hanning(len(part)))) for part in (before, end))
     moved = abs(mean - rest)
     given = float(np.abs(np.cumsum(after[: len(after) // 10] - rest)).max())  # speed times rate
-    error = _noise(before) / np.sqrt(min(len(before), len(end)))
-    if moved * len(end) < rules.mean_speed * given or moved < max(
+    error = white_noise(before) / np.sqrt(min(len(before), len(end)))
+    if moved * len(end) <= rules.mean_speed * given or moved < max(
         rules.mean_errors * error, rules.mean_size * after.std()
     ):
         return None

@@ -7,7 +7,7 @@ masses, of channels exchanged or rescaled, follows without the record.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,12 +15,14 @@ import numpy as np
 from scipy import integrate, optimize
 
 from rom.campaign.campaign import CampaignSettings, Record
-from rom.campaign.channels import MOTIONS, FloatArray
+from rom.campaign.channels import MOTIONS, Channel, FloatArray
 from rom.campaign.settings import GROUND
 from rom.criteria.number import Numerical
 from rom.criteria.suspicions import Suspicions
+from rom.signals.damage import white_noise
 from rom.signals.hits import Hit
 
+_KEPT: Numerical[float] = 0.03  # weight of gains of one, in the force: far below what noise leaves of it
 TREND: Numerical[int] = 3  # order of the polynomial that offsets and slow motion leave in displacements
 
 
@@ -39,6 +41,8 @@ class HitBalance:
         of that without.
     peak_n : float
         Largest force of the contact [N].
+    noise : ndarray, shape (1 + n,)
+        Squares of white noise in the columns of force and accelerations.
     rules : Suspicions
         The numbers that decide.
     """
@@ -51,6 +55,7 @@ class HitBalance:
     root: FloatArray
     late_s: float
     late_misfit: float
+    noise: FloatArray
     rules: Suspicions
 
     def misfit(self, masses: Sequence[float] | FloatArray, channels: Sequence[int] | None = None) -> float:
@@ -66,10 +71,57 @@ class HitBalance:
         order = np.arange(len(self.bodies)) if channels is None else np.asarray(channels)
         return _misfit(self.root, np.asarray(masses, float), order, self.grounded)
 
+    def misfit_of_noise(self, masses: FloatArray) -> float:
+        """Return what white noise of the channels leaves of the force, as a share of its square."""
+        left = self.noise[0] + masses**2 @ self.noise[1:]
+        return float(left / max(self.root[:, 0] @ self.root[:, 0], 1e-300))
+
+    def with_gains(
+        self,
+        masses: FloatArray,
+        largest: float,
+        channels: Sequence[int] | None = None,
+        late: bool = False,
+    ) -> tuple[float, FloatArray]:
+        """Return what is left of the force, as a share of its square, and the gain of each body's sensor.
+
+        Parameters
+        ----------
+        masses : ndarray, shape (n,)
+            Of each body [kg], negative for a channel of the wrong sign.
+        largest : float
+            Largest gain that a sensor may have, and one over the smallest.
+        channels : sequence of int, shape (n,)
+            Place of the channel that shows each body; None for its own.
+        late : bool
+            Whether sensors may be late or early too, which looks like damping of either sign.
+        """
+        count, signs = len(masses), np.sign(masses)
+        order = np.arange(count) if channels is None else np.asarray(channels)
+        places = np.concatenate([[0], *(1 + part * count + order for part in range(3))])
+        root, scale = self.root[:, places], float(np.linalg.norm(self.root[:, 0]))
+        ties = _ties(root, self.grounded, signs)
+        ties /= np.maximum(np.linalg.norm(ties, axis=0), 1e-300)
+        # what balances whatever the gain keeps a gain of one
+        kept = np.hstack([_KEPT * scale * np.eye(count), np.zeros((count, ties.shape[1]))])
+        columns = np.vstack([np.hstack([root[:, 1 : 1 + count] * masses, ties]), kept])
+        rest = np.concatenate([root[:, 0], np.full(count, _KEPT * scale)])
+        least, most = np.zeros(columns.shape[1]), np.full(columns.shape[1], np.inf)
+        least[:count], most[:count] = 1 / largest, largest
+        least[count : count + sum(self.grounded)] = -np.inf if late else 0.0
+        found = optimize.lsq_linear(columns, rest, (least, most), method="bvls").x
+        left = rest[: len(root)] - columns[: len(root)] @ found
+        return float(left @ left) / max(scale**2, 1e-300), np.asarray(found[:count])
+
     @cached_property
     def masses(self) -> FloatArray:
         """Masses that balance best [kg], none below zero."""
         return _free(self.root, self.grounded)[0]
+
+    def masses_turned(self, bodies: Collection[str]) -> FloatArray:
+        """Masses that balance best with the signs of some bodies' motions turned [kg], none below zero."""
+        signs = np.where(np.isin(self.bodies, list(bodies)), -1.0, 1.0)
+        return _free(self.root * np.concatenate([[1.0], signs, signs, signs]), self.grounded)[0]
 
 
 def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Suspicions) -> HitBalance | None:
@@ -113,17 +165,33 @@ def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Sus
         roots[lag] = _root(force, [row[first + lag : last + lag] for row in rows], order, orders, rate)
         left[lag] = _free(roots[lag], grounded)[1]
     best = min(left, key=lambda lag: left[lag])
+    # half a period later a wrong sign is right, and a delay that explains little would hide what does more
+    opposed = _free(roots[0] * np.where(np.arange(roots[0].shape[1]) == 0, -1.0, 1.0), grounded)[1]
+    explains = left[best] <= rules.slip_share * left[0] and left[best] < opposed
+    is_late = explains or abs(best) < rules.late_s * rate
     return HitBalance(
         bodies=record.bodies,
         grounded=grounded,
         channels=tuple(channel.name for _, channel in motions),
         force=hit.force.name,
         peak_n=float(np.abs(hit.pulse).max()),
-        root=roots[best],
-        late_s=_between(left, best) / rate,
+        root=roots[best if is_late else 0],
+        late_s=_between(left, best) / rate if is_late else 0.0,
         late_misfit=left[best] / max(left[0], 1e-300),
+        noise=np.array(
+            [(last - first) * _noise_before(hit.force, hit, rules) ** 2 * (order == 0)]
+            + [
+                (last - first) * _noise_before(channel, hit, rules) ** 2 * (times == 0)
+                for (_, channel), times in zip(motions, orders, strict=True)
+            ]
+        ),
         rules=rules,
     )
+
+
+def _noise_before(channel: Channel, hit: Hit, rules: Suspicions) -> float:
+    """White noise of a channel before the hit, zero where too few samples tell it."""
+    return white_noise(channel.samples[: hit.start]) if hit.start >= rules.shortest else 0.0
 
 
 def _between(left: Mapping[int, float], best: int) -> float:

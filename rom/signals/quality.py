@@ -15,7 +15,7 @@ from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.channels import BOLT_CHANNELS
 from rom.criteria.criteria import RECORD_CRITERIA
 from rom.criteria.records import Records
-from rom.signals.clipping import flat_top
+from rom.signals.clipping import flat_top, resolution
 from rom.signals.hits import Hit, first_hit, second_hit, signs
 from rom.signals.motion import stands_out
 
@@ -93,8 +93,9 @@ def _clipped(record: Record, rules: Records) -> Iterator[Doubt]:
         if record.test == "driven" and name.startswith("force_"):
             continue  # a command may be a square wave
         sides = (1.0,) if name in BOLT_CHANNELS else (1.0, -1.0)  # a loose bolt rests at zero tension
+        fine = resolution(channel.samples)
         for side in sides:
-            if cut := flat_top(side * channel.samples, rules):
+            if cut := flat_top(side * channel.samples, rules, fine):
                 count, level = cut
                 message = f"{name} is clipped: flat for {count} samples at its extreme of {side * level:.6g}"
                 yield Doubt(record.file, name, "clipped", message)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from statistics import median_high, median_low
@@ -51,24 +52,24 @@ class _Slip:
     apparent: float = 1.0
     exchanged: bool = False
 
-    def misfit(self, balance: HitBalance, masses: FloatArray, scale: float = 1.0) -> float:
+    def fitted(self, balance: HitBalance, masses: FloatArray) -> tuple[float, float]:
+        """Return what is left of the force's square beyond noise, and the factor with the sensors' gains."""
         count = len(masses)
-        factors = np.where(np.isin(np.arange(count), self.places), self.apparent * scale, 1.0)
+        factors = np.where(np.isin(np.arange(count), self.places), self.apparent, 1.0)
         order = np.arange(count)
         if self.exchanged:
             order[list(self.places)] = self.places[::-1]
-        return balance.misfit(factors * masses, order.tolist())
+        left, gains = balance.with_gains(factors * masses, balance.rules.scale_factor, order.tolist())
+        noise = balance.misfit_of_noise((factors * masses)[np.argsort(order)])
+        return left - noise, self.apparent * float(np.exp(np.log(gains[list(self.places)]).mean()))
 
-    def measured(self, balance: HitBalance, masses: FloatArray) -> float:
-        """The factor that fits best near its own."""
-        found = optimize.minimize_scalar(
-            lambda log: self.misfit(balance, masses, np.exp(log)), bounds=(-0.25, 0.25), method="bounded"
-        )
-        return self.apparent * float(np.exp(found.x))
+
+_Told = tuple[_Slip | None, float, float]
+"""A slip, its factor, its confidence; None for a factor without a name."""
 
 
 def slips(records: Sequence[Evidence], settings: CampaignSettings, fewest: int) -> Iterator[Suspicion]:
-    """What the balances of momentum tell: units, exchanged channels, masses.
+    """What the balances of momentum tell: units, signs, exchanged channels, masses.
 
     Parameters
     ----------
@@ -80,19 +81,65 @@ def slips(records: Sequence[Evidence], settings: CampaignSettings, fewest: int) 
         Records that tell a mass which nobody declares.
     """
     judged = [r for r in records if r.balance is not None and (not r.doubts or delay_of(r.balance))]
-    masses = _masses(judged, settings, fewest)
-    found: dict[str, tuple[_Slip | None, float, float]] = {}
-    known = [r for r in judged if r.balance is not None and {*r.balance.bodies} <= {*masses, *_own(r)}]
-    for record in known:
-        assert record.balance is not None
-        own = np.array([{**masses, **_own(record)}[body] for body in record.balance.bodies])
-        told = _slip_of(record.balance, own)
-        if told is not None:
-            found[record.file] = told
+    guesses = [_told_by(judged, masses) for masses in _guesses(judged, settings, fewest)]
+    known, found, _ = min(guesses, key=lambda told: (told[2], len(told[1])))
     shared = len(found) == len(known)
     for record in known:
         if record.file in found:
             yield from _described(record, *found[record.file], shared)
+
+
+def _told_by(
+    records: Sequence[Evidence], masses: Mapping[str, float]
+) -> tuple[list[Evidence], dict[str, _Told], int]:
+    """Return the records all of whose masses are known, the slip of each by file where it shows one, and how
+    many records neither the masses nor a slip with a name explain.
+    """
+    known, found, open_ = [], {}, 0
+    for record in records:
+        balance, own = record.balance, {**masses, **_own(record)}
+        if balance is None or not {*balance.bodies} <= own.keys():
+            open_ += 1
+            continue
+        known.append(record)
+        declared = np.array([own[body] for body in balance.bodies])
+        told = _slip_of(balance, declared)
+        if told is not None:
+            found[record.file] = told
+        named = told is not None and told[0] is not None
+        open_ += not named and balance.misfit(declared) > balance.rules.scale_left
+    return known, found | _of_most(known, found, masses), open_
+
+
+def _of_most(
+    records: Sequence[Evidence], found: Mapping[str, _Told], masses: Mapping[str, float]
+) -> dict[str, _Told]:
+    """Return the slip of most records of the same bodies, by file, for those that it fits as well."""
+    more: dict[str, _Told] = {}
+    for bodies in {record.balance.bodies for record in records if record.balance is not None}:
+        same = [r for r in records if r.balance is not None and r.balance.bodies == bodies]
+        counts = Counter(found[record.file][0] for record in same if record.file in found)
+        slip, count = next(iter(counts.most_common(1)), (None, 0))
+        if slip is None or 2 * count <= len(same):
+            continue
+        for record in same:
+            told = found.get(record.file)
+            if record.balance is None or (told is not None and told[0] == slip):
+                continue
+            declared = np.array([{**masses, **_own(record)}[body] for body in bodies])
+            left, measured = slip.fitted(record.balance, declared)
+            most = _left(record.balance, declared) * (
+                1.0 if told is None else record.balance.rules.slip_share
+            )
+            if left <= most:
+                more[record.file] = (slip, measured, count / len(same))
+    return more
+
+
+def _left(balance: HitBalance, masses: FloatArray) -> float:
+    """Share of the force's square that noise, gains and delays of sensors leave."""
+    left, _ = balance.with_gains(masses, balance.rules.slip_near, late=True)
+    return left - balance.misfit_of_noise(masses)
 
 
 def _own(record: Evidence) -> dict[str, float]:
@@ -101,43 +148,84 @@ def _own(record: Evidence) -> dict[str, float]:
     return dict(parts)
 
 
-def _masses(records: Sequence[Evidence], settings: CampaignSettings, fewest: int) -> dict[str, float]:
-    """Masses [kg] as declared, or else as bodies alone show them, or as most records do."""
+def _guesses(
+    records: Sequence[Evidence], settings: CampaignSettings, fewest: int
+) -> Iterator[dict[str, float]]:
+    """Masses [kg] as declared; where they are not, as bodies alone show them, or as most records do, or as
+    these would with a sign turned.
+
+    Those are right that leave the fewest records without an explanation.
+    """
+    names = settings.body_names
+    yield _masses(records, settings, fewest)
+    if all(body.mass_kg is not None for body in settings.body):
+        return
+    for turned in ((), names, *((name,) for name in names if len(names) > 1)):
+        yield _masses(records, settings, fewest, turned)
+    yield _masses(records, settings, fewest, (), likelier=False)
+
+
+def _masses(
+    records: Sequence[Evidence],
+    settings: CampaignSettings,
+    fewest: int,
+    turned: Collection[str] | None = None,
+    likelier: bool = True,
+) -> dict[str, float]:
+    """Masses [kg] as declared, or as bodies alone show them, or, with signs of some turned, as most do."""
     masses = {}
     for body in settings.body:
         of_body = [r.balance for r in records if r.balance is not None and body.name not in _own(r)]
-        shown = [(b, float(b.masses[b.bodies.index(body.name)])) for b in of_body if body.name in b.bodies]
-        alone = [mass for balance, mass in shown if len(balance.bodies) == 1]
+        shown = [
+            (b, float(b.masses_turned(turned or ())[b.bodies.index(body.name)]))
+            for b in of_body
+            if body.name in b.bodies
+        ]
+        alone = [] if turned is not None else [mass for b, mass in shown if len(b.bodies) == 1]
         if body.mass_kg is not None:
             masses[body.name] = body.mass_kg
         elif alone or len(shown) >= fewest:
-            masses[body.name] = _usual(alone or [mass for _, mass in shown])
+            masses[body.name] = _usual(alone or [mass for _, mass in shown], likelier)
     return {body: mass for body, mass in masses.items() if mass > 0}
 
 
-def _usual(masses: Sequence[float]) -> float:
-    """Return what most records show; of two halves the smaller, since sensors in g show g times the mass,
-    or the larger, where a thousand are between them: a force in kN, an acceleration in mm/s2.
+def _usual(masses: Sequence[float], likelier: bool) -> float:
+    """Return what most records show; of two halves likelier the smaller, since sensors in g show g times the
+    mass, or the larger, where a thousand are between them: a force in kN, an acceleration in mm/s2.
     """
     low, high = median_low(masses), median_high(masses)
-    return low if high < np.sqrt(1e3 * g) * low else high
+    return low if (high < np.sqrt(1e3 * g) * low) == likelier else high
 
 
-def _slip_of(balance: HitBalance, masses: FloatArray) -> tuple[_Slip | None, float, float] | None:
+def _slip_of(balance: HitBalance, masses: FloatArray) -> _Told | None:
     """Return the slip that a balance shows, its factor, and its confidence; a slip of None has no name."""
-    left, rules = balance.misfit(masses), balance.rules
-    if left < rules.slip_left:
+    rules = balance.rules
+    noise, left = balance.misfit_of_noise(masses), _left(balance, masses)
+    if left < max(rules.slip_left, rules.slip_noise * noise):
         return None
-    best = min(_candidates(len(masses)), key=lambda slip: slip.misfit(balance, masses))
-    share = best.misfit(balance, masses) / left
-    measured = best.measured(balance, masses)
-    if share < rules.slip_share and abs(np.log(measured / best.apparent)) < np.log(rules.slip_near):
-        return best, measured, 1 - share
+    fits = [
+        (slip, share, measured)
+        for slip in _candidates(len(masses))
+        for share, measured in (slip.fitted(balance, masses),)
+        if abs(np.log(measured / slip.apparent)) < np.log(rules.slip_near)
+    ]
+    least = min((share for _, share, _ in fits), default=np.inf)
+    if least < rules.slip_share * left:
+        # a body on a spring may balance with a sign too, which its neighbours would have told
+        near = max(least, rules.slip_alike * left, rules.slip_noise * noise)
+        likelier = [one for one in fits if one[1] <= near and one[0].apparent > 0]
+        slip, share, measured = min(likelier or fits, key=lambda one: one[1])
+        return slip, measured, min(1 - share / left, 1.0)
+    return _without_name(balance, masses)
+
+
+def _without_name(balance: HitBalance, masses: FloatArray) -> _Told | None:
+    """Return the factor that all masses seem to have, where it is more than a gain."""
+    rules, left = balance.rules, balance.misfit(masses)
     if left < rules.scale_left:
         return None
-    whole = _Slip(tuple(range(len(masses))))
     found = optimize.minimize_scalar(
-        lambda log: whole.misfit(balance, masses, np.exp(log)), bounds=(-12.0, 12.0), method="bounded"
+        lambda log: balance.misfit(np.exp(log) * masses), bounds=(-12.0, 12.0), method="bounded"
     )
     share = float(found.fun) / left
     if share < rules.slip_share and abs(found.x) > np.log(rules.scale_factor):
@@ -147,11 +235,11 @@ def _slip_of(balance: HitBalance, masses: FloatArray) -> tuple[_Slip | None, flo
 
 def _candidates(count: int) -> Iterator[_Slip]:
     every = tuple(range(count))
-    for apparent in (g, 1 / g, 1e-3, 1e3, 1 / 4.44822):
+    for apparent in (g, 1 / g, 1e-3, 1e3, 1 / 4.44822, -1.0):
         yield _Slip(every, apparent)
     if count > 1:
         for place in every:
-            for apparent in (g, 1e-3, 1e3):
+            for apparent in (g, 1e-3, 1e3, -1.0):
                 yield _Slip((place,), apparent)
         for pair in combinations(every, 2):
             yield _Slip(pair, exchanged=True)
@@ -172,14 +260,23 @@ def _described(
             finding = f"force and motion balance with {channel} in the place of {other}"
             yield Suspicion(record.file, channel, finding, None, "channels exchanged", confidence)
         return
-    likely, of_force, of_mass = _unit(slip, balance, shared)
-    factor = apparent if not of_force else 1 / apparent
+    likely, of_force, of_mass = _unit(slip, balance, shared) if slip.apparent > 0 else _sign(slip, record)
     named = [balance.force] if of_force else channels
     if of_mass:
         named = [f"body:{balance.bodies[place]}" for place in slip.places]
+    shown, exact = (1 / apparent, 1 / slip.apparent) if of_force else (apparent, slip.apparent)
     for name in named:
-        finding = f"force and motion balance with {name} multiplied by {factor:.4g}"
-        yield Suspicion(record.file, name, finding, factor, likely, confidence)
+        finding = f"force and motion balance with {name} multiplied by {shown:.4g}"
+        yield Suspicion(record.file, name, finding, exact, likely, confidence)
+
+
+def _sign(slip: _Slip, record: Evidence) -> tuple[str, bool, bool]:
+    """The force's sign where all motions oppose it; of one body alone the hammer's push tells whose it is."""
+    assert record.balance is not None
+    count = len(record.balance.bodies)
+    of_force = len(slip.places) == count and (count > 1 or not record.pushed)
+    kind = record.balance.channels[slip.places[0]].partition("_")[0]
+    return ("force sign" if of_force else f"{kind} sign"), of_force, False
 
 
 def _unit(slip: _Slip, balance: HitBalance, shared: bool) -> tuple[str, bool, bool]:

@@ -8,13 +8,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rom.campaign.campaign import CampaignSettings, Record
-from rom.campaign.channels import BOLT_CHANNELS
+from rom.campaign.channels import BOLT_CHANNELS, FloatArray
 from rom.criteria.criteria import RECORD_CRITERIA, RecordCriteria
 from rom.criteria.number import Numerical
+from rom.criteria.suspicions import Suspicions
 from rom.signals.damage import Damage, beyond_calibration, damages
 from rom.signals.filters import find_impact
 from rom.signals.hits import first_hit
 from rom.signals.momentum import HitBalance, hit_balance
+from rom.signals.motion import stands_out
 from rom.signals.quality import HIT_TESTS, Doubt
 
 OF_DOUBTS: Numerical[float] = 0.95  # confidence of what one record tells by itself
@@ -110,8 +112,17 @@ def evidence(
     hit = first_hit(record, criteria.records) if is_hit else None
     forces = [channel for body in settings.body_names if (channel := record.force(body)) is not None]
     still = [channel for channel in forces if not np.ptp(channel.samples)]
-    missed = is_hit and forces and hit is None and (len(still) == len(forces) or _moves(record))
-    spoilt = any(doubt.kind != "polarity" for doubt in doubts)
+    missed = (
+        is_hit
+        and forces
+        and hit is None
+        and (len(still) == len(forces) or _moves(record, criteria.suspicions))
+    )
+    damaged = (
+        *damages(record, hit, criteria.suspicions),
+        *beyond_calibration(record, settings, criteria.suspicions),
+    )
+    spoilt = any(doubt.kind != "polarity" for doubt in doubts) or any(one.at_hit for one in damaged)
     return Evidence(
         file=record.file,
         test=record.test,
@@ -123,18 +134,26 @@ def evidence(
         else None,
         unhit=forces[0].name if missed else "",
         gauge=_gauge(record, settings, None if hit is None else hit.start / hit.force.rate_hz),
-        damages=(
-            *damages(record, hit, criteria.suspicions),
-            *beyond_calibration(record, settings, criteria.suspicions),
-        ),
+        damages=damaged,
         rates={name: channel.rate_hz for name, channel in record.channels.items()},
         given=record.settings.given,
     )
 
 
-def _moves(record: Record) -> bool:
+def _moves(record: Record, rules: Suspicions) -> bool:
+    """Whether something was hit: a motion begins like a blow, or has lines beside a force of noise alone."""
     channels = [record.motion(body)[1] for body in record.bodies]
-    return any(find_impact(channel.samples, channel.rate_hz) is not None for channel in channels)
+    forces = [force for body in record.bodies if (force := record.force(body)) is not None]
+    return any(find_impact(channel.samples, channel.rate_hz) is not None for channel in channels) or (
+        not any(_exceeds_noise(force.samples, rules.force_noise) for force in forces)
+        and any(stands_out(channel.samples) for channel in channels)
+    )
+
+
+def _exceeds_noise(samples: FloatArray, most: float) -> bool:
+    """Whether anything but noise is there: a line, or a sample of more than so many deviations."""
+    deviation = np.abs(samples - np.median(samples))
+    return stands_out(samples) or bool(deviation.max() > most * 1.4826 * np.median(deviation))
 
 
 def _gauge(record: Record, settings: CampaignSettings, hit_s: float | None) -> tuple[str, float] | None:

@@ -7,7 +7,7 @@ all records of a campaign are looked at together. `evidence` keeps of each what 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import default_rate
 from rom.criteria.criteria import RECORD_CRITERIA
 from rom.criteria.suspicions import Suspicions
+from rom.signals.damage import BEYOND
 from rom.signals.quality import Doubt
 from rom.signals.slips import delay_of, late, slips
 from rom.signals.suspicion_evidence import OF_DOUBTS, Evidence, Suspicion, evidence
@@ -42,13 +43,15 @@ def suspicions(
     rules : Suspicions
         The numbers that decide.
     """
+    preloads = tuple(_preloads(records, settings, rules))
+    in_other_units = {(one.record, one.channel) for one in preloads if one.likely}
     found = (
         *_of_doubts(records),
         *_without_force(records),
-        *_damaged(records),
+        *_damaged(records, in_other_units),
         *late(records),
         *slips(records, settings, rules.fewest),
-        *_preloads(records, settings, rules),
+        *preloads,
         *_rates(records, settings, rules),
     )
     places = {record.file: place for place, record in enumerate(records)}
@@ -90,6 +93,8 @@ def _of_doubts(records: Sequence[Evidence]) -> Iterator[Suspicion]:
     for record in records:
         for doubt in record.doubts:
             turned = doubt.kind == "polarity"
+            if any(one.at_hit for one in record.damages):  # what is wrong with the samples looks like more
+                continue
             force = doubt.channel.startswith("force_")
             struck = next((name for name in record.rates if name.startswith("force_")), "")
             channel = doubt.channel
@@ -109,9 +114,12 @@ def _without_force(records: Sequence[Evidence]) -> Iterator[Suspicion]:
             yield Suspicion(record.file, record.unhit, finding, None, "force not recorded", OF_DOUBTS)
 
 
-def _damaged(records: Sequence[Evidence]) -> Iterator[Suspicion]:
+def _damaged(records: Sequence[Evidence], in_other_units: Collection[tuple[str, str]]) -> Iterator[Suspicion]:
+    """Damage of channels; one in another unit is beyond its calibration because of that."""
     for record in records:
         for one in record.damages:
+            if one.likely == BEYOND and (record.file, one.channel) in in_other_units:
+                continue
             yield Suspicion(record.file, one.channel, one.finding, None, one.likely, OF_DOUBTS)
 
 

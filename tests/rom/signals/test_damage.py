@@ -57,6 +57,14 @@ def test_a_strain_beyond_where_its_calibration_rises_is_named(
     assert all(one.sets_aside and "3.226" in one.finding for one in found)
 
 
+def test_a_strain_in_another_unit_is_beyond_its_calibration_because_of_that() -> None:
+    of = STRUCTURES["block"]
+    records = [with_strain(record, 1e3, CUBIC) for record in campaign(of)]
+    found = told(records, calibrated(of))
+    assert [one.record for one in found] == [f"records/{place}.h5" for place in range(6)]
+    assert {(one.likely, one.factor) for one in found} == {("strain in another unit", 1e-3)}
+
+
 @pytest.mark.parametrize("name", STRUCTURES)
 @pytest.mark.parametrize("offset", [G, -10 * G])
 def test_a_sensor_that_shows_gravity_is_not_accused(name: str, offset: float) -> None:
