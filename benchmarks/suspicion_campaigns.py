@@ -122,7 +122,8 @@ def _structure(rng: np.random.Generator, kind: str) -> _Lumped:
         mass = float(np.exp(rng.uniform(np.log(0.5), np.log(20.0))))
         return _Lumped({"block": mass}, {"joint": link(("block", "ground"), mass, 40, 250, 0.02)}, "block")
     if kind == "chain":
-        a, b, c = (float(m) for m in np.exp(rng.uniform(np.log(0.5), np.log(4.0), 3)))
+        apart = np.cumsum(rng.uniform(np.log(1.4), np.log(2.0), 3))  # or an exchange is two gains
+        a, b, c = (float(m) for m in rng.permutation(0.4 * np.exp(apart)))
         links = {
             "wall": link(("a", "ground"), a + b + c, 8, 30, 0.005),
             "joint": link(("a", "b"), a * b / (a + b), 80, 250, 0.02),

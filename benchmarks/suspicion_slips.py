@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.constants import g, lbf
 
-from benchmarks.suspicion_campaigns import HIT_S, Sound
+from benchmarks.suspicion_campaigns import HIT_S, LATEST_S, Sound
 from rom.campaign.campaign import Record
 from rom.campaign.channels import MOTIONS, Channel, FloatArray
 from rom.signals.suspicions import Suspicion
@@ -85,6 +85,7 @@ class Slip:
         if self.number is None:
             return True
         stated, within = self.number
+        within += 1e3 * LATEST_S if self.likely == "late by" and "skew" in of.effect else 0.0
         words = [word for word in f"{one.likely} {one.finding}".split() if _number(word) is not None]
         return any(abs(float(word) - stated) <= within for word in words)
 

@@ -186,6 +186,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 kind = "named in part" if told.named else "not named"
                 console.print(f"{what}: {' in '.join(way)}: {kind}, {told.instead}", soft_wrap=True)
         if len(found) % SHOWN_EVERY == 0:
+            console.print(f"{len(found)} campaigns")
             console.print(slip_table(found, options.slips))
     console.print(sound_table([one for one in found if one.seed < options.first + options.sound]))
     console.print(slip_table(found, options.slips))

@@ -41,6 +41,9 @@ class Suspicions(Group):
         0.02, "1", "share of the misfit that two slips may leave, of which a unit is likelier than a sign",
         "of a body on a spring both may balance; its sign shows beside its neighbours too",
     )  # fmt: skip
+    crossed: float = number(
+        0.1, "1", "largest share of another body's motion in a sensor", "transverse sensitivity, mounting"
+    )
     scale_left: float = number(
         0.05, "1", "share of the force's square left, for a factor without a name", _RIG
     )

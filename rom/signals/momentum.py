@@ -81,7 +81,7 @@ class HitBalance:
         masses: FloatArray,
         largest: float,
         channels: Sequence[int] | None = None,
-        late: bool = False,
+        crossed: float = 0.0,
     ) -> tuple[float, FloatArray]:
         """Return what is left of the force, as a share of its square, and the gain of each body's sensor.
 
@@ -93,8 +93,10 @@ class HitBalance:
             Largest gain that a sensor may have, and one over the smallest.
         channels : sequence of int, shape (n,)
             Place of the channel that shows each body; None for its own.
-        late : bool
-            Whether sensors may be late or early too, which looks like damping of either sign.
+        crossed : float
+            Largest share of another body's motion that a sensor may show.
+
+        A sensor may be late or early as well, which looks like damping of either sign.
         """
         count, signs = len(masses), np.sign(masses)
         order = np.arange(count) if channels is None else np.asarray(channels)
@@ -107,8 +109,9 @@ class HitBalance:
         columns = np.vstack([np.hstack([root[:, 1 : 1 + count] * masses, ties]), kept])
         rest = np.concatenate([root[:, 0], np.full(count, _KEPT * scale)])
         least, most = np.zeros(columns.shape[1]), np.full(columns.shape[1], np.inf)
-        least[:count], most[:count] = 1 / largest, largest
-        least[count : count + sum(self.grounded)] = -np.inf if late else 0.0
+        seen = crossed * np.max(np.abs(masses)) / np.maximum(np.abs(masses), 1e-300)
+        least[:count], most[:count] = 1 / largest - seen, largest + seen
+        least[count : count + sum(self.grounded)] = -np.inf
         found = optimize.lsq_linear(columns, rest, (least, most), method="bvls").x
         left = rest[: len(root)] - columns[: len(root)] @ found
         return float(left @ left) / max(scale**2, 1e-300), np.asarray(found[:count])

@@ -137,8 +137,8 @@ def _of_most(
 
 
 def _left(balance: HitBalance, masses: FloatArray) -> float:
-    """Share of the force's square that noise, gains and delays of sensors leave."""
-    left, _ = balance.with_gains(masses, balance.rules.slip_near, late=True)
+    """Share of the force's square that noise and faults of sensors leave."""
+    left, _ = balance.with_gains(masses, balance.rules.slip_near, crossed=balance.rules.crossed)
     return left - balance.misfit_of_noise(masses)
 
 
@@ -203,20 +203,26 @@ def _slip_of(balance: HitBalance, masses: FloatArray) -> _Told | None:
     noise, left = balance.misfit_of_noise(masses), _left(balance, masses)
     if left < max(rules.slip_left, rules.slip_noise * noise):
         return None
-    fits = [
+    fits = [(slip, *slip.fitted(balance, masses)) for slip in _candidates(len(masses))]
+    best: dict[tuple[int, ...], float] = {}  # of all units of the same channels
+    for slip, share, _ in fits:
+        if slip.apparent > 0 and not slip.exchanged:
+            best[slip.places] = min(share, best.get(slip.places, np.inf))
+    met = [
         (slip, share, measured)
-        for slip in _candidates(len(masses))
-        for share, measured in (slip.fitted(balance, masses),)
-        if abs(np.log(measured / slip.apparent)) < np.log(rules.slip_near)
+        for slip, share, measured in fits
+        if share < rules.slip_share * left
+        and abs(np.log(measured / slip.apparent)) < np.log(rules.slip_near)
+        and (slip.apparent < 0 or slip.exchanged or share == best[slip.places])
     ]
-    least = min((share for _, share, _ in fits), default=np.inf)
-    if least < rules.slip_share * left:
-        # a body on a spring may balance with a sign too, which its neighbours would have told
-        near = max(least, rules.slip_alike * left, rules.slip_noise * noise)
-        likelier = [one for one in fits if one[1] <= near and one[0].apparent > 0]
-        slip, share, measured = min(likelier or fits, key=lambda one: one[1])
-        return slip, measured, min(1 - share / left, 1.0)
-    return _without_name(balance, masses)
+    if not met:
+        return _without_name(balance, masses)
+    # a body on a spring may balance with a sign too, which its neighbours would have told
+    near = min(share for _, share, _ in met)
+    near += max(rules.slip_alike * left, rules.slip_noise * noise)
+    likelier = [one for one in met if one[1] <= near and one[0].apparent > 0]
+    slip, share, measured = min(likelier or met, key=lambda one: one[1])
+    return slip, measured, min(1 - share / left, 1.0)
 
 
 def _without_name(balance: HitBalance, masses: FloatArray) -> _Told | None:
