@@ -144,7 +144,7 @@ def _of_all(member: Member, effect: SensorFault, still: _Still) -> Explanation:
     before, after = ((((table - at) / scatter) ** 2).sum(axis=1) for at in (0.0, mean))
     values = dict(zip(member.strengths, mean.tolist(), strict=True))
     errors = dict(zip(member.strengths, (scatter / np.sqrt(len(train))).tolist(), strict=True))
-    return _explanation(member, limited(effect.with_values(**values), errors), still, before, after)
+    return _explanation(member, limited(effect.with_told_values(**values), errors), still, before, after)
 
 
 def _of_each(member: Member, effect: SensorFault, still: _Still, criteria: Tension) -> Explanation:
@@ -177,7 +177,8 @@ def _of_each(member: Member, effect: SensorFault, still: _Still, criteria: Tensi
     before, after = ((rows**2).sum(axis=1) / noise for rows in (second, second - first))
     typical = np.sqrt((first[still.training] ** 2).mean(axis=0))  # a phase is each record's own
     values = dict(zip(own, typical.tolist(), strict=True))
-    return _explanation(member, effect.with_values(**values, **{inner: at}), still, before, after)
+    fault = effect.with_values(**{inner: at}).with_told_values(**values)
+    return _explanation(member, fault, still, before, after)
 
 
 def _explanation(

@@ -170,7 +170,7 @@ def _line(data: TensionData, member: Member, effect: SensorFault) -> tuple[Tensi
     best = int(np.argmax(table[: data.training].sum(axis=0)))
     mean = np.array(coefficients)[: data.training, best].mean(axis=0)
     values = dict(zip(own, mean.tolist(), strict=True))
-    found = effect.with_values(**values, **{inner: float(grid[best])})
+    found = effect.with_values(**{inner: float(grid[best])}).with_told_values(**values)
     return TensionGain(found, table[:, best]), np.array(before)
 
 

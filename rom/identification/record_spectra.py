@@ -360,7 +360,7 @@ def _equation_weight(part: SpectralRecord) -> FloatArray:
     A record made of few lines shows nothing at all between them: rounding stands for noise there.
     """
     size = np.abs(part.motion)
-    floor = np.maximum(_FLOOR * np.median(size, axis=0), _ROUNDING * size.max(axis=0) + np.finfo(float).tiny)
+    floor = np.maximum(_FLOOR * np.median(size, axis=0), _ROUNDING * size.max(axis=0) + 1e-150)
     omega = 2 * np.pi * part.frequency[:, None]
     strongest = omega[np.argmax(size, axis=0), 0]
     missing = 2 - np.array(part.orders)

@@ -14,7 +14,10 @@ from typing import ClassVar, Literal, Protocol, Self, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from rom.criteria.number import Numerical
 from rom.model.laws import Parameter
+
+_WIDER: Numerical[float] = 10.0  # end of a range that a value was found beyond, over that value
 
 FloatArray = npt.NDArray[np.float64]
 Numbers = tuple[float, ...]
@@ -110,6 +113,19 @@ class ModelCorrection:
             name: replace(self.parameters[name], value=float(value), low=None, high=None)
             for name, value in values.items()
         }
+        return replace(self, parameters={**self.parameters, **changed})
+
+    def with_told_values(self, **values: float) -> Self:
+        """The same with values that records tell without a search: a range that one is beyond is wider here.
+
+        An accelerometer that shows gravity at rest has an offset beyond that of usual amplifiers.
+        """
+        changed = {}
+        for name, value in values.items():
+            number, (low, high) = self.parameters[name], self.parameters[name].bounds
+            if not low < value < high:
+                low, high = min(low, _WIDER * value), max(high, _WIDER * value)
+            changed[name] = replace(number, value=float(value), low=None, high=None, bounds=(low, high))
         return replace(self, parameters={**self.parameters, **changed})
 
 

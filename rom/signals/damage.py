@@ -51,8 +51,8 @@ def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Dama
     """
     hit_s = None if hit is None else hit.start / hit.force.rate_hz
     for name, channel in record.channels.items():
-        if name.startswith("force_") and record.test != "driven":
-            continue  # a blow may be one sample
+        if (name.startswith("force_") and record.test != "driven") or not np.ptp(channel.samples):
+            continue  # a blow may be one sample; a channel that shows nothing is told as such
         found = _wrapped(channel, rules) or _overflow(channel, hit_s, rules)
         if not found and name in BOLT_CHANNELS:
             found = _dropped(channel, rules)

@@ -39,7 +39,7 @@ def assess(
 ) -> tuple[Doubt, ...]:
     """Name every reason to doubt a record; none for a good one.
 
-    Still: no channel of the motion ever changes. Clipped: the channel's extreme is a flat top whose flanks
+    Still: a channel of the motion never changes. Clipped: the channel's extreme is a flat top whose flanks
     point well above it. Polarity: the struck body accelerates against the force during the contact, or two
     bodies move against each other across a bolted link in their lowest mode. Second hit: ``F - sum m_i a_i``,
     in which all forces within the structure cancel, shows one more pulse like the first where the force shows
@@ -66,7 +66,7 @@ def assess(
 
 
 def _still(record: Record) -> Iterator[Doubt]:
-    """Yield a doubt where bodies are to move and no channel of theirs shows anything.
+    """Yield a doubt where bodies are to move and a channel of theirs shows nothing, not even noise.
 
     Where no force acts either noise is nothing: no line of a spectrum stands above it.
     """
@@ -76,8 +76,12 @@ def _still(record: Record) -> Iterator[Doubt]:
     names, first = ", ".join(channel.name for channel in motions), motions[0].name
     forces = [channel for name, channel in record.channels.items() if name.startswith("force_")]
     unforced = record.test in ("free", "driven") and not record.relative
-    if not any(np.ptp(channel.samples) for channel in motions):
+    dead = [channel.name for channel in motions if not np.ptp(channel.samples)]
+    if len(dead) == len(motions):
         yield Doubt(record.file, first, "still", f"nothing moves in the record: constant {names}")
+    elif dead:
+        message = f"{', '.join(dead)} shows nothing, not even noise, while other bodies move"
+        yield Doubt(record.file, dead[0], "still", message)
     elif (
         unforced
         and not any(np.any(force.samples) for force in forces)

@@ -47,13 +47,16 @@ def test_noise_alone_has_no_fault(seed: int) -> None:
     assert not sure(still(seed=seed))
 
 
-def test_an_offset_that_all_records_share_is_found_with_its_limits() -> None:
-    (found,) = sure(still(0.03))
+@pytest.mark.parametrize("size", [0.03, 9.80665, -98.0])
+def test_an_offset_that_all_records_share_is_found_with_its_limits(size: float) -> None:
+    """Also gravity at rest, which is beyond what amplifiers have."""
+    (found,) = sure(still(size))
     offset = found.effect.parameters["b"]
     assert (found.effect.name, found.effect.enters) == ("acceleration-bias", "sensor:acceleration_so")
     assert offset.low is not None
     assert offset.high is not None
-    assert offset.low < 0.03 < offset.high
+    assert offset.low < size < offset.high
+    assert not offset.at_bound
     assert found.gains(hold_out=True).min() > 0
 
 
@@ -65,14 +68,17 @@ def test_an_offset_that_no_amplifier_is_free_of_is_none() -> None:
     assert not sure(still(0.001, seed=3))
 
 
-def test_the_mains_are_found_whatever_their_phase_and_their_frequency_to_a_mhz() -> None:
+@pytest.mark.parametrize("amplitude", [0.03, 3e4])
+def test_the_mains_are_found_whatever_their_size_and_phase_and_their_frequency_to_a_mhz(
+    amplitude: float,
+) -> None:
     time = np.arange(round(2 * _HIT_S * _RATE_HZ)) / _RATE_HZ
     phase = np.random.default_rng(1).uniform(0, 2 * np.pi, (_RECORDS, 1))
-    (found,) = sure(still(0.03 * np.sin(2 * np.pi * 59.93 * time + phase)))
+    (found,) = sure(still(amplitude * np.sin(2 * np.pi * 59.93 * time + phase)))
     assert found.effect.name == "hum"
     assert found.effect.parameters["f"].value == pytest.approx(59.93, abs=5e-3)
     size = np.hypot(found.effect.parameters["A"].value, found.effect.parameters["B"].value)
-    assert size == pytest.approx(0.03, rel=0.05)
+    assert size == pytest.approx(amplitude, rel=0.05)
 
 
 def test_the_mains_in_a_hammer_are_found_where_nothing_but_contacts_is_kept_of_its_force() -> None:

@@ -65,6 +65,18 @@ def test_a_strain_in_another_unit_is_beyond_its_calibration_because_of_that() ->
     assert {(one.likely, one.factor) for one in found} == {("strain in another unit", 1e-3)}
 
 
+def test_a_dead_accelerometer_is_named_in_each_record() -> None:
+    of = STRUCTURES["chain"]
+    spoilt = [
+        changed(record, lambda name, y: 0 * y + 0.1 if name == "acceleration_c" else y)
+        for record in campaign(of)
+    ]
+    found = told(spoilt, settings_of(of))
+    assert {(one.channel, one.likely) for one in found} == {("acceleration_c", "nothing moves")}
+    assert len(found) == len(spoilt)
+    assert all(one.sets_aside and "shows nothing, not even noise" in one.finding for one in found)
+
+
 @pytest.mark.parametrize("name", STRUCTURES)
 @pytest.mark.parametrize("offset", [G, -10 * G])
 def test_a_sensor_that_shows_gravity_is_not_accused(name: str, offset: float) -> None:
