@@ -29,6 +29,7 @@ _MARGIN_S: Numerical[float] = 0.05  # a late hit does not push the last bin out 
 _LEAST_QUIET: Numerical[int] = 6
 _LEAST_ERROR: Numerical[float] = 1e-6  # [N]; of a record without noise, of a bolt of usual tension:
 _USUAL_N: Numerical[tuple[float, float]] = (3.0, 3000.0)  # [N]; of others in proportion
+_RIDGE: Numerical[float] = 1e-13  # of all variances: drift alone is one direction, rounding makes it none
 _TINY: Numerical[float] = 1e-24
 
 
@@ -83,7 +84,8 @@ class CourseNoise:
         white = self.white * square * (np.diag(1 / bins.counts) + 1 / max(bins.count_before, 1))
         own = max(bins.level, _TINY) / float(np.clip(bins.level, *_USUAL_N))
         floor = (_LEAST_ERROR * own) ** 2 * np.eye(len(bins.counts))
-        return np.asarray(white + slow * (1.0 if self.of_tension else square) + floor)
+        total = white + slow * (1.0 if self.of_tension else square) + floor
+        return np.asarray(total + _RIDGE * np.trace(total) * np.eye(len(bins.counts)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +219,9 @@ class _Stack:
     def deviance(self, noise: CourseNoise) -> float:
         """Twice the negative logarithm of the likelihood, less a constant."""
         variances = np.array([noise.white, noise.walk, noise.drift, 1.0])
-        root = np.linalg.cholesky(np.einsum("u,urij->rij", variances, self.units))
+        matrices = np.einsum("u,urij->rij", variances, self.units)
+        sizes = np.einsum("rii->r", matrices)[:, None, None]
+        root = np.linalg.cholesky(matrices + _RIDGE * sizes * np.eye(matrices.shape[1]))
         scaled = np.linalg.solve(root, self.change)
         return float((scaled**2).sum()) + 2 * float(np.log(np.einsum("rii->ri", root)).sum())
 

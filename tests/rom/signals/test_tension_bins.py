@@ -80,6 +80,17 @@ def test_without_hit_there_are_no_bins(campaign: Campaign, measurement: Measurem
     assert bins_before_hit(replace(measurement, impact_s=None)) is None
 
 
+@pytest.mark.parametrize("level", [0.0, 1e-9, 100.0, 1e9])
+def test_the_covariance_of_drift_alone_can_be_taken_a_root_of(level: float) -> None:
+    """A bolt without tension has no floor in newton, and drift is one direction."""
+    lag = np.geomspace(0.01, 8.0, 12)
+    bins = TensionBins(
+        np.append(lag - 0.005, 8.1), np.zeros(12), np.full(12, 48.0), 1920, lag, 2718.7, RATE, level
+    )
+    root = np.linalg.cholesky(CourseNoise(0.0, 0.0, 1.0, True).covariance(bins))
+    assert np.isfinite(np.linalg.solve(root, np.ones(12))).all()
+
+
 def test_the_covariance_is_its_formula() -> None:
     bins = bins_of(np.array([0.0, 0.01, 0.1, 1.0]), np.zeros(3), slope=20.0)
     noise = CourseNoise(white=1e-4, walk=0.3, drift=0.02, of_tension=True)
