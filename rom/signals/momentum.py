@@ -105,9 +105,10 @@ class HitBalance:
         ties = _ties(root, self.grounded, signs)
         ties /= np.maximum(np.linalg.norm(ties, axis=0), 1e-300)
         # what balances whatever the gain keeps a gain of one
-        kept = np.hstack([_KEPT * scale * np.eye(count), np.zeros((count, ties.shape[1]))])
+        weights = _KEPT * scale * np.abs(masses) / max(float(np.abs(masses).max()), 1e-300)
+        kept = np.hstack([np.diag(weights), np.zeros((count, ties.shape[1]))])
         columns = np.vstack([np.hstack([root[:, 1 : 1 + count] * masses, ties]), kept])
-        rest = np.concatenate([root[:, 0], np.full(count, _KEPT * scale)])
+        rest = np.concatenate([root[:, 0], weights])
         least, most = np.zeros(columns.shape[1]), np.full(columns.shape[1], np.inf)
         seen = crossed * np.max(np.abs(masses)) / np.maximum(np.abs(masses), 1e-300)
         least[:count], most[:count] = 1 / largest - seen, largest + seen

@@ -1,4 +1,4 @@
-"""Strains beyond their calibration are named, sensors with an offset are not accused."""
+"""Strains beyond their calibration, windows and forces of noise are named, sensors with an offset are not."""
 
 from __future__ import annotations
 
@@ -8,7 +8,23 @@ import pytest
 from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.record import Channel
 from rom.signals.calibration import Calibration
-from tests.rom.signals.test_suspicions import STRUCTURES, G, Structure, campaign, changed, settings_of, told
+from tests.rom.signals.test_suspicions import (
+    BLOCK,
+    RATE_HZ,
+    STRUCTURES,
+    UNEQUAL,
+    FloatArray,
+    G,
+    Structure,
+    campaign,
+    changed,
+    only,
+    scaled,
+    settings_of,
+    told,
+    windowed,
+    wrapped,
+)
 
 CUBIC = (2718.7, 2363.7, -575.63)  # rises from -0.4881 to 3.2256, to 14.05 kN
 
@@ -86,3 +102,36 @@ def test_a_sensor_that_shows_gravity_is_not_accused(name: str, offset: float) ->
         for record in campaign(of)
     ]
     assert told(records, settings_of(of)) == ()
+
+
+@pytest.mark.parametrize("motion", ["velocity", "displacement"])
+def test_a_force_of_noise_alone_was_not_recorded_whatever_is_measured(motion: str) -> None:
+    def noise(name: str, y: FloatArray) -> FloatArray:
+        return 0.05 * np.random.default_rng(1).standard_normal(y.size) if name.startswith("force") else y
+
+    records = campaign(UNEQUAL, motion=motion)  # which swings at 10 Hz
+    found = told(records, settings_of(UNEQUAL), lambda r: changed(r, noise), few=(2, 3))
+    assert {(one.record, one.likely) for one in found} == {
+        (f"records/{i}.h5", "force not recorded") for i in (2, 3)
+    }
+
+
+def test_where_nothing_moves_no_mean_does() -> None:
+    (one,) = told(campaign(BLOCK), settings_of(BLOCK), scaled("acceleration", 0.0), few=(3,))
+    assert one.likely == "nothing moves"
+
+
+def test_a_channel_that_wraps_is_taken_for_nothing_else() -> None:
+    found = told(campaign(UNEQUAL), settings_of(UNEQUAL), only("acceleration_light", wrapped), few=(0, 3))
+    assert {one.likely for one in found} == {"wrap-around"}
+
+
+@pytest.mark.parametrize("motion", ["acceleration", "velocity", "displacement"])
+def test_a_window_is_told_with_its_rate_whatever_is_measured(motion: str) -> None:
+    def window(name: str, y: FloatArray) -> FloatArray:
+        return y if name == "tension" else windowed(y, np.arange(y.size) / RATE_HZ)
+
+    found = told(campaign(BLOCK, motion=motion), settings_of(BLOCK), lambda r: changed(r, window))
+    assert {one.likely for one in found} == {"exponential window"}
+    rates = [float(one.finding.split("fades with ")[1].split()[0]) for one in found]
+    assert rates == pytest.approx([4.0] * 6, abs=0.6)  # three deviations of half a second
