@@ -79,9 +79,22 @@ def by_measured_force(model: Model, response: Response, measurement: Measurement
 
 
 def forces_of(model: Model, measurement: Measurement) -> Mapping[str, FloatArray]:
-    """Return the forces of a record on the bodies of a model [N], by body."""
+    """Return the forces of a record on the bodies of a model [N], by body.
+
+    Raises
+    ------
+    ValueError
+        If the modes are not known where the record is driven: no sensor stands there and no training record
+        was driven there.
+    """
     if model.shapes is None:
         return measurement.applied_force
+    known = (*model.shapes.sensors, *model.shapes.forces)
+    if unknown := [place for place in measurement.applied_force if place not in known]:
+        raise ValueError(
+            f"{measurement.file}: force_{unknown[0]}: found no mode shape there, expected a sensor or a "
+            f"training record driven there; known are {', '.join(dict.fromkeys(known))}"
+        )
     return model.shapes.on_modes(measurement.applied_force)
 
 

@@ -85,6 +85,14 @@ def test_drive_points_may_differ_between_records(without: tuple[str, ...], tmp_p
     assert not found.warnings
 
 
+def test_a_held_out_record_that_is_driven_where_no_shape_is_known_is_named(tmp_path: Path) -> None:
+    drives = (*4 * ("middle",), "outer")
+    campaign = beams.campaign(tmp_path / "c", noise=0.02, drives=drives, without=("outer",))
+    model = identify_campaign(campaign).model
+    with pytest.raises(ValueError, match=r"records/4\.h5: force_outer: found no mode shape there"):
+        list(evaluate([model], campaign, campaign.select("driven", hold_out=True)))
+
+
 def test_without_a_sensor_at_the_drive_point_masses_go_with_the_shape_there(tmp_path: Path) -> None:
     """A mode shape that is against the force at the tip has a minus there: a mass is above zero."""
     found = identify_campaign(beams.campaign(tmp_path / "c", noise=0.02, without=(beams.DRIVE,)))
