@@ -211,7 +211,7 @@ def together(residual: SimulationResidual, evaluations: int = EVALUATIONS) -> Si
     fit = refitted(
         residual, {effect.path: _shown_numbers(effect, residual) for effect in effects}, evaluations
     )
-    errors, after = _errors(fit), fit.residual
+    errors, after = errors_of(fit), fit.residual
     with_limits = tuple(
         limited(
             effect, {n: errors[path] for n in effect.parameters if (path := f"{effect.path}.{n}") in errors}
@@ -221,7 +221,7 @@ def together(residual: SimulationResidual, evaluations: int = EVALUATIONS) -> Si
     return replace(after, model=replace(after.model, effects=with_limits))
 
 
-def _errors(fit: Fit) -> dict[str, float]:
+def errors_of(fit: Fit) -> dict[str, float]:
     """Standard errors by path, the larger of those of single rows and of blocks of rows that err as one."""
     size = np.maximum(np.linalg.norm(fit.slopes, axis=0), np.finfo(float).tiny)
     table = fit.slopes / size

@@ -12,13 +12,15 @@ from discovery.decide.explanation import Explanation
 from discovery.detection.force_balance import BalanceMeter
 from discovery.detection.limit import Meter
 from discovery.explain import free_force
+from discovery.explain.driven_fit import fitted_by_simulation
 from discovery.explain.force_balance import explain_screened, fitted
 from discovery.explain.force_balance_screen import screen
 from discovery.localisation.force import localise_forces, numbers_of
 from discovery.localisation.localise import Localisation
 from discovery.loop.history import LoopHistory
 from discovery.loop.refits import FixedTensionRefits, Probes
-from discovery.loop.state import State
+from discovery.loop.refitted_numbers import with_limits
+from discovery.loop.state import State, errors_of
 from discovery.options import Options
 from discovery.residual.base import Residual
 from discovery.residual.course_fit import Misfit
@@ -33,6 +35,7 @@ from rom.identification.balance_warnings import noise_warnings, sign_warnings
 from rom.identification.force_balance import Balances, balances_of, model_of, standard_errors
 from rom.model.laws import Z95
 from rom.model.model import Model
+from rom.signals.measured_records import measured_record
 from rom.signals.quality import Doubt
 
 
@@ -73,6 +76,40 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
         zero = dict.fromkeys(self.balances.names, 0.0)
         residual = ForceBalanceResidual(self.balances, (), zero, self.options.criteria)
         return self.evaluated(residual.with_numbers())
+
+    def evaluated(self, residual: Residual, *, law_is_fitted: bool = False) -> State:
+        """The model of a residual and its errors, its numbers fitted by simulation where that meets more.
+
+        The residual, and with it what is left of the forces, stays that of the balances.
+        """
+        return self._by_simulation(super().evaluated(residual, law_is_fitted=law_is_fitted))
+
+    def _by_simulation(self, state: State) -> State:
+        """The state with numbers fitted by simulation, where the motion is met by so much better."""
+        rules, before = self.options.criteria, state.errors["training"]["motion_nrmse"]
+        if before is None:
+            return state
+        own, training = self.own(state.residual), [r for r in self.sound if not r.hold_out]
+        measured = [measured_record(self.campaign, r).measurement for r in training if r.test == "driven"]
+        found = fitted_by_simulation(state.model, own.balances.names, measured, rules)
+        if found is None:
+            return state
+        model = with_limits(*found)
+        evaluations = self._simulated(model)
+        errors = errors_of(evaluations)
+        after = errors["training"]["motion_nrmse"]
+        gained = after is not None and after <= (1 - rules.acceptance.material_error) * before
+        if not gained or any(meets_worse(state.errors[kind], errors[kind]) for kind in errors):
+            return state
+        line = (
+            f"numbers are fitted by simulation, with which the motion of training records is met within "
+            f"{100 * (after or 0.0):.3g} % and not {100 * before:.3g} %; what is left of the forces is that "
+            "of the numbers that balance them best"
+        )
+        return replace(
+            state, model=model, errors=errors, material=self._material_errors(own, errors),
+            evaluations=evaluations, warnings=(*state.warnings, line),
+        )  # fmt: skip
 
     def _material_errors(self, residual: ForceBalanceResidual, errors: ErrorsByKind) -> MaterialErrors:
         """Of the forces, and of the motion on hold-out records where there are any."""

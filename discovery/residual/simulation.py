@@ -53,6 +53,8 @@ class SimulationResidual(ProjectedResidual):
         Paths of the declared model's numbers that the records tell.
     states : tuple of ndarray
         State of each record at its first sample, (2 bodies,) [m], [m/s].
+    started : frozenset of str
+        Files of records whose state is known and not fitted.
     """
 
     kind: ClassVar[Kind] = "simulation"
@@ -61,6 +63,7 @@ class SimulationResidual(ProjectedResidual):
     names: tuple[str, ...]
     states: tuple[FloatArray, ...]
     criteria: Criteria = CRITERIA
+    started: frozenset[str] = frozenset()
 
     @cached_property
     def shown(self) -> tuple[FloatArray | None, ...]:
@@ -88,6 +91,11 @@ class SimulationResidual(ProjectedResidual):
     def trained(self) -> tuple[int, ...]:
         """Places of the records that are not held out."""
         return tuple(place for place, ring in enumerate(self.rings) if not ring.hold_out)
+
+    @property
+    def free_states(self) -> tuple[int, ...]:
+        """Places of the training records whose states are fitted."""
+        return tuple(place for place in self.trained if self.rings[place].file not in self.started)
 
     @property
     def record_count(self) -> int:
@@ -244,14 +252,14 @@ def refitted(
 
 def _start(residual: SimulationResidual, numbers: Sequence[_Number]) -> FloatArray:
     values = [residual.model.parameter(n.path).value / n.size for n in numbers]
-    states = [residual.states[k] / residual.rings[k].scale for k in residual.trained]
+    states = [residual.states[k] / residual.rings[k].scale for k in residual.free_states]
     return np.concatenate([values, *states])
 
 
 def _at(residual: SimulationResidual, numbers: Sequence[_Number], x: FloatArray) -> SimulationResidual:
     values = {n.path: float(np.clip(v * n.size, n.low, n.high)) for n, v in zip(numbers, x, strict=False)}
     states, first = list(residual.states), len(numbers)
-    for place in residual.trained:
+    for place in residual.free_states:
         scale = residual.rings[place].scale
         states[place] = x[first : first + len(scale)] * scale
         first += len(scale)
@@ -278,7 +286,9 @@ def _slopes(residual: SimulationResidual, numbers: Sequence[_Number], steps: dic
     shown = [ring.simulated(residual.model, state) for ring, state in zip(rings, states, strict=True)]
     rows = [ring.measured.size for ring in rings]
     edges = np.concatenate([[0], np.cumsum(rows)])
-    table = np.zeros((edges[-1], len(numbers) + sum(len(s) for s in states)))
+    free = [ring.file not in residual.started for ring in rings]
+    of_states = sum(len(state) for state, one in zip(states, free, strict=True) if one)
+    table = np.zeros((edges[-1], len(numbers) + of_states))
     of_sensors = ModalSlopes(rings, residual.model, states)
     for column, number in enumerate(numbers):
         found = of_sensors.of(number.path)
@@ -287,6 +297,8 @@ def _slopes(residual: SimulationResidual, numbers: Sequence[_Number], steps: dic
         table[:, column] = found * number.size
     first = len(numbers)
     for place, (ring, state, here) in enumerate(zip(rings, states, shown, strict=True)):
+        if not free[place]:
+            continue
         by_state = None if here is None else state_slopes(ring, residual.model, state, here)
         if by_state is not None:
             table[edges[place] : edges[place + 1], first : first + len(state)] = by_state
@@ -327,6 +339,6 @@ def _with_held_out(residual: SimulationResidual) -> SimulationResidual:
     """The same with the states of held-out records fitted anew."""
     states = list(residual.states)
     for place, ring in enumerate(residual.rings):
-        if ring.hold_out:
+        if ring.hold_out and ring.file not in residual.started:
             states[place] = fitted_state(ring, residual.model)
     return replace(residual, states=tuple(states))

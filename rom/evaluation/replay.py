@@ -85,7 +85,7 @@ def replay(model: Model, measurement: Measurement, tolerance: float = TOLERANCE)
     if seen.motion and (seen.test == "free" or _shows_no_start(model, seen)):
         ring = ring_down(seen, model)
         return Replay(model, seen, ring.response(model, fitted_state(ring, model, tension=tension), tension))
-    if _may_start_moving(model, seen):
+    if starts_at_first_samples(model, seen):
         return Replay(model, seen, _from_first_samples(model, seen, force, tension, _FIRST))
     at, moving = (state.displacement, state.velocity) if state is not None else (None, None)
     return Replay(model, seen, model.simulate(force, seen.rate_hz, tension, at, moving, tolerance))
@@ -231,7 +231,7 @@ def _shown_at_rest(model: Model, measurement: Measurement, tension: TensionRecor
     return float(sum(reading.added(rest)[int(first * tension.rate_hz) :].mean() for reading in readings))
 
 
-def _may_start_moving(model: Model, measurement: Measurement) -> bool:
+def starts_at_first_samples(model: Model, measurement: Measurement) -> bool:
     """Whether a driven record tells its own start: no bolt, and displacements, which no filter changes."""
     unfiltered = measurement.chain.band_hz is None
     shown = [unfiltered and motion.kind == "displacement" for motion in measurement.motion.values()]
@@ -245,7 +245,7 @@ def _shows_no_start(model: Model, measurement: Measurement) -> bool:
     if model.shapes is not None:
         return True
     forced = any(np.any(force) for force in measurement.force.values())
-    return not (forced and _may_start_moving(model, measurement))
+    return not (forced and starts_at_first_samples(model, measurement))
 
 
 def _from_first_samples(

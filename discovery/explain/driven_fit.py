@@ -1,0 +1,107 @@
+"""All numbers of a model of driven bodies, fitted by simulation from where the balances of forces end.
+
+Balances weigh every instant alone. Integrated over a record, what is a little wrong adds up, most of all
+where no spring leads back: numbers that balance the forces best need not be those that move the bodies as
+measured. Fitted are the rows of `discovery.residual.simulation`. A record whose first samples tell its state
+starts there, as it is compared with (`rom.evaluation.replay`); of others the state is fitted too. What shapes
+a force, as the speed at which friction turns, keeps the value at which forces balance: motion hardly tells
+it, and fits would wander along it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from discovery.criteria.criteria import Criteria
+from discovery.decide.explanation import limited_number
+from discovery.explain.free_form import member_of
+from discovery.explain.simulation import errors_of
+from discovery.residual.simulation import SimulationResidual, refitted
+from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
+from rom.effects import ModelCorrection
+from rom.evaluation.replay import replay, starts_at_first_samples
+from rom.identification.ring_down import RingDown, fitted_state, ring_down
+from rom.model.laws import Z95, Parameter
+from rom.model.model import Model
+from rom.signals.processing import Measurement
+from rom.signals.sensor_correction import corrected
+
+_EVALUATIONS: Numerical[int] = 12
+Numbers = dict[str, Parameter]
+
+
+def fitted_by_simulation(
+    model: Model, names: Sequence[str], measurements: Sequence[Measurement], criteria: Criteria
+) -> tuple[Model, Numbers] | None:
+    """Return a model of driven bodies with the numbers that simulate its records best, and these by path.
+
+    Parameters
+    ----------
+    model : Model
+        Where the fit starts. Faults of its sensors are taken out of the records, as they are.
+    names : sequence of str
+        Paths of the declared model's numbers that move; one that is zero stays so. Those of its forces move
+        beside them.
+    measurements : sequence of Measurement
+        Records that may be fitted to.
+    criteria : Criteria
+        The numbers that decide.
+
+    Returns
+    -------
+    tuple of (Model, dict of str to Parameter) or None
+        Numbers that were fitted come with 95 % limits, the wider of this fit's and the start's. None where no
+        record has a force that drives a body.
+    """
+    driven = [one for one in measurements if one.test == "driven" and _is_driven(one)]
+    if not driven:
+        return None
+    moved = replace(model, effects=model.effects_of("force"))
+    own = {path for effect in model.effects for path in (f"{effect.path}.{n}" for n in effect.parameters)}
+    free = tuple(n for n in names if n in model.parameters and n not in own and model.parameter(n).value)
+    rings = tuple(ring_down(corrected(one, model), moved) for one in driven)
+    started = frozenset(r.file for r in rings if starts_at_first_samples(moved, r.measurement))
+    states = tuple(_state(ring, moved, known=ring.file in started) for ring in rings)
+    strengths = {e.path: [n for n in _strengths(e) if e.parameters[n].value] for e in moved.effects}
+    residual = SimulationResidual(rings, moved, free, states, criteria, started)
+    fit = refitted(residual, strengths, _EVALUATIONS)
+    found = fit.residual.model
+    numbers = {
+        path: limited_number(found.parameter(path), max(error, _known_error(moved.parameter(path))))
+        for path, error in errors_of(fit).items()
+    }
+    effects = [_of_effect(old, new, numbers) for old, new in zip(moved.effects, found.effects, strict=True)]
+    return replace(found, effects=(*effects, *model.effects_of("sensor fault"))), numbers
+
+
+def _known_error(number: Parameter) -> float:
+    """Standard error of the balances' fit, shapes free; with shapes held simulations would tell too much."""
+    return 0.0 if number.low is None or number.high is None else (number.high - number.low) / (2 * Z95)
+
+
+def _strengths(effect: ModelCorrection) -> Sequence[str]:
+    member = member_of(effect)
+    return [name for name in effect.parameters if name in (*member.strengths, *member.limits)]
+
+
+def _of_effect(old: ModelCorrection, new: ModelCorrection, numbers: Numbers) -> ModelCorrection:
+    """The effect as fitted; of numbers that were held the limits stay."""
+    known = {name: numbers.get(f"{new.path}.{name}", old.parameters[name]) for name in new.parameters}
+    return replace(new, parameters=known)
+
+
+def _is_driven(measurement: Measurement) -> bool:
+    return bool(measurement.motion) and any(np.any(f) for f in measurement.applied_force.values())
+
+
+def _state(ring: RingDown, model: Model, *, known: bool) -> FloatArray:
+    """State at the first sample, (2 bodies,): displacements [m], then velocities [m/s]."""
+    if not known:
+        return fitted_state(ring, model)
+    response = replay(model, ring.measurement).response
+    parts = (response.displacement, response.velocity)
+    return np.array([float(part[body][0]) for part in parts for body in ring.bodies])
