@@ -106,9 +106,10 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
             f"{100 * (after or 0.0):.3g} % and not {100 * before:.3g} %; what is left of the forces is that "
             "of the numbers that balance them best"
         )
+        values = dict(own.values) | {n: p.value for n, p in model.parameters.items() if n in own.values}
         return replace(
             state, model=model, errors=errors, material=self._material_errors(own, errors),
-            evaluations=evaluations, warnings=(*state.warnings, line),
+            evaluations=evaluations, warnings=(*self._model_of(replace(own, values=values))[1], line),
         )  # fmt: skip
 
     def _material_errors(self, residual: ForceBalanceResidual, errors: ErrorsByKind) -> MaterialErrors:

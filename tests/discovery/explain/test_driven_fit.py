@@ -73,6 +73,9 @@ def test_the_model_has_the_numbers_that_meet_the_motion_better_by_far(
     assert (now < 0.5 * was) if gains else now == was
     assert not meets_worse(before.errors["hold_out"], after.errors["hold_out"])
     assert after.residual.residual == pytest.approx(before.residual.residual)
+    masses = [state.model.structure.bodies[0].mass for state in (before, after)]
+    for state, mass in zip((before, after), masses, strict=True):
+        assert any(f"its mass {mass:.4g} +-" in line for line in state.warnings)
     if gains:
         off = [abs(state.model.parameter("guide.damping.c").value - 6.0) for state in (before, after)]
         assert off[1] < 0.2 * off[0]
