@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from discovery.decide.acceptance import MaterialErrors, meets_worse
+from discovery.decide.acceptance import MaterialErrors, at_noise_floor, meets_worse
 from discovery.decide.explanation import Explanation
 from discovery.detection.force_balance import BalanceMeter
 from discovery.detection.limit import Meter
@@ -22,7 +23,7 @@ from discovery.loop.refits import FixedTensionRefits, Probes
 from discovery.loop.refitted_numbers import with_limits
 from discovery.loop.state import State, errors_of
 from discovery.options import Options
-from discovery.residual.base import Residual
+from discovery.residual.base import Residual, level
 from discovery.residual.course_fit import Misfit
 from discovery.residual.force_balance import ForceBalanceResidual
 from discovery.separating_tests.driven_runs import separating_runs
@@ -84,10 +85,21 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
         """
         return self._by_simulation(super().evaluated(residual, law_is_fitted=law_is_fitted))
 
+    @cached_property
+    def _declared_level(self) -> float:
+        """What the declared model leaves of the forces, in noise."""
+        zero = dict.fromkeys(self.balances.names, 0.0)
+        return level(ForceBalanceResidual(self.balances, (), zero, self.options.criteria).with_numbers())
+
     def _by_simulation(self, state: State) -> State:
-        """The state with numbers fitted by simulation, where the motion is met by so much better."""
+        """The state with numbers fitted by simulation, where the motion is met by so much better.
+
+        Where a force is missing they would stand in for it: only where next to nothing is left of the forces,
+        or noise makes the numbers of the balances too small.
+        """
         rules, before = self.options.criteria, state.errors["training"]["motion_nrmse"]
-        if before is None:
+        explained = at_noise_floor(state.level, self._declared_level, rules, state.by_chance)
+        if before is None or not (explained or noise_warnings(self.balances)):
             return state
         own, training = self.own(state.residual), [r for r in self.sound if not r.hold_out]
         measured = [measured_record(self.campaign, r).measurement for r in training if r.test == "driven"]
