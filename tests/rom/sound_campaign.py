@@ -59,6 +59,8 @@ def sound_channels(file: str, factor: float = 1.0) -> dict[str, Channel]:
     random = np.random.default_rng(len(file))
     rates = {name: TENSION_RATE_HZ if name in ("strain", "tension") else MOTION_RATE_HZ for name in names}
     noise = {name: factor * random.standard_normal(round(rate * DURATION_S)) for name, rate in rates.items()}
+    if "strain" in noise:
+        noise["strain"] *= 0.1  # within the range in which the calibration rises
     if file == FREE:  # in which something moves
         time = np.arange(round(MOTION_RATE_HZ * DURATION_S)) / MOTION_RATE_HZ
         noise["displacement_lo"] += 10 * factor * np.exp(-time) * np.cos(2 * np.pi * 5 * time)
