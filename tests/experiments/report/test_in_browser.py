@@ -204,6 +204,14 @@ def read(page: Page, name: str, value: str) -> Any:
     return page.evaluate(_ASK.replace("NAME", name).replace("VALUE", value))
 
 
+def pointed(page: Page, name: str, x: float, y: float) -> list[str]:
+    """Move the mouse onto values of a figure and return the tooltips; before its next paint there are none."""
+    left, top = read(page, name, f"at({x}, {y})")
+    page.point(left - 30, top - 30)
+    page.point(left, top)
+    return list(read(page, name, "tips(document)"))
+
+
 @pytest.fixture(params=[PHONE, DESKTOP], ids=["phone", "desktop"])
 def plots(folder: Path, page: Page, request: pytest.FixtureRequest) -> Page:
     pytest.importorskip("bokeh", reason="needs Bokeh")
@@ -266,8 +274,7 @@ def test_a_figure_is_zoomed_reset_and_read_under_the_cursor(plots: Page) -> None
     x, y, name = read(
         plots, "law-errors", f"(({{x, y, name}}) => [x[0], y[0], name[0]])(named('0.{number}').data)"
     )
-    plots.point(*read(plots, "law-errors", f"at({x}, {y})"))
-    (tip, *_) = until(lambda: read(plots, "law-errors", "tips(document)"))
+    (tip, *_) = until(lambda: pointed(plots, "law-errors", x, y))
     assert name in tip
     assert f"Initial tension: {x:.4g} N" in tip
     assert f"Error of loss: {y:.4g} %" in tip
