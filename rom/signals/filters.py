@@ -249,19 +249,21 @@ def decimate(samples: FloatArray, rate_hz: float, target_hz: float) -> FloatArra
 def find_impact(force: FloatArray, rate_hz: float) -> float | None:
     """Time [s] at which the hammer first touches, or None where there is no hit.
 
-    A hit is the first stretch of force, of either sign, that rises above eight times the noise (from the
-    median absolute deviation) and three tenths of the record's peak, and ends within 20 ms. Its onset is the
-    last sample before it within three times the noise or one hundredth of its peak. Spikes of one sample do
-    not count.
+    A hit is the first stretch of force, of either sign, that rises above eight times the noise (from what
+    95 % of the samples stay within) and three tenths of the record's peak, and ends within 20 ms. Its onset
+    is the last sample before it within three times the noise (from the median absolute deviation, if more)
+    or one hundredth of its peak. Spikes of one sample do not count.
     """
     deviation = np.abs(_finite(force) - np.median(force))
     if rate_hz * _SHORTEST_PULSE_S >= 3:
         deviation = ndimage.median_filter(deviation, size=3, mode="nearest")
     if not deviation.any():
         return None
-    # A quantised quiet channel has a median deviation of zero, yet steps now and then.
-    noise = max(float(np.quantile(deviation, 0.95)) / Z95, 1.4826 * float(np.median(deviation)))
-    above = deviation > max(8 * noise, 0.3 * float(deviation.max()))
+    # A quantised quiet channel has a median deviation of zero, yet steps now and then; of a hum the median is
+    # large, yet nothing exceeds it much.
+    rarely = float(np.quantile(deviation, 0.95)) / Z95
+    noise = max(rarely, 1.4826 * float(np.median(deviation)))
+    above = deviation > max(8 * rarely, 0.3 * float(deviation.max()))
     edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         if stop - start <= _LONGEST_PULSE_S * rate_hz:

@@ -200,6 +200,13 @@ def test_impact_of_a_quantised_force() -> None:
     assert find_impact(force, 19200.0) == pytest.approx(0.5, abs=2e-4)
 
 
+def test_impact_beside_a_hum_of_a_seventh_of_it(rng: np.random.Generator) -> None:
+    time = np.arange(2 * 19200) / 19200
+    hum = 4.0 * np.sin(2 * np.pi * 51 * time) + 0.15 * rng.standard_normal(time.size)
+    assert find_impact(hit(19200, 28.0, 0.5) + hum, 19200.0) == pytest.approx(0.5, abs=4e-4)
+    assert find_impact(hum, 19200.0) is None
+
+
 def test_no_impact_in_noise_silence_or_a_driven_force(rng: np.random.Generator) -> None:
     time = np.arange(100_000) / 19200
     assert find_impact(rng.standard_normal(500_000), 19200.0) is None
