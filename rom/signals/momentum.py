@@ -71,6 +71,11 @@ class HitBalance:
         order = np.arange(len(self.bodies)) if channels is None else np.asarray(channels)
         return _misfit(self.root, np.asarray(masses, float), order, self.grounded)
 
+    def shows(self, masses: FloatArray) -> bool:
+        """Whether the masses that balance best are these, but for what sensors may do."""
+        least, most = _gains(masses, self.rules.scale_factor, self.rules.crossed)
+        return bool(np.all((self.masses > least * masses) & (self.masses < most * masses)))
+
     def misfit_of_noise(self, masses: FloatArray) -> float:
         """Return what white noise of the channels leaves of the force, as a share of its square."""
         left = self.noise[0] + masses**2 @ self.noise[1:]
@@ -110,8 +115,7 @@ class HitBalance:
         columns = np.vstack([np.hstack([root[:, 1 : 1 + count] * masses, ties]), kept])
         rest = np.concatenate([root[:, 0], weights])
         least, most = np.zeros(columns.shape[1]), np.full(columns.shape[1], np.inf)
-        seen = crossed * np.max(np.abs(masses)) / np.maximum(np.abs(masses), 1e-300)
-        least[:count], most[:count] = 1 / largest - seen, largest + seen
+        least[:count], most[:count] = _gains(masses, largest, crossed)
         least[count : count + sum(self.grounded)] = -np.inf
         found = optimize.lsq_linear(columns, rest, (least, most), method="bvls").x
         left = rest[: len(root)] - columns[: len(root)] @ found
@@ -191,6 +195,12 @@ def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Sus
         ),
         rules=rules,
     )
+
+
+def _gains(masses: FloatArray, largest: float, crossed: float) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the largest gain of each body's sensor; a light one shows more of the others."""
+    seen = crossed * np.max(np.abs(masses)) / np.maximum(np.abs(masses), 1e-300)
+    return 1 / largest - seen, largest + seen
 
 
 def _noise_before(channel: Channel, hit: Hit, rules: Suspicions) -> float:

@@ -14,9 +14,11 @@ from scipy.constants import g
 
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.signals.momentum import HitBalance
 from rom.signals.suspicion_evidence import Evidence, Suspicion
 
+_LEAST_KG: Numerical[float] = 1e-12  # of which a logarithm can be taken
 _LENGTHS = {"acceleration": "mm/s2", "velocity": "mm/s", "displacement": "mm"}
 
 
@@ -108,7 +110,8 @@ def _told_by(
             found[record.file] = told
         named = told is not None and told[0] is not None
         open_ += not named and balance.misfit(declared) > balance.rules.scale_left
-    return known, found | _of_most(known, found, masses), open_
+    found |= _of_most(known, found, masses)
+    return known, found | _of_few(known, found, masses), open_
 
 
 def _of_most(
@@ -134,6 +137,65 @@ def _of_most(
             if left <= most:
                 more[record.file] = (slip, measured, count / len(same))
     return more
+
+
+def _of_few(
+    records: Sequence[Evidence], found: Mapping[str, _Told], masses: Mapping[str, float]
+) -> dict[str, _Told]:
+    """Return the unit's factor by which few records differ from the others of the same bodies, by file.
+
+    Gain, direction and delay of a sensor are the same in all records: masses that most of them show stand
+    for all that sensors do, and a record needs no more allowance for it. A sign of the same body that
+    balances too, as on a spring, is less likely.
+    """
+    more: dict[str, _Told] = {}
+    for same in _of_same_bodies(records, masses):
+        usual = [
+            np.maximum(balance.masses, _LEAST_KG) / known
+            for file, balance, known in same
+            if file not in found and balance.shows(known)
+        ]
+        if 2 * len(usual) < len(same):
+            continue
+        for file, balance, known in same:
+            told, unit = found.get(file), _unlike(balance, np.median(usual, axis=0) * known)
+            if unit is not None and (told is None or told[0] == _Slip(unit[0].places, -1.0)):
+                more[file] = unit
+    return more
+
+
+def _of_same_bodies(
+    records: Sequence[Evidence], masses: Mapping[str, float]
+) -> list[list[tuple[str, HitBalance, FloatArray]]]:
+    """Return records of the same bodies together: file, balance, and masses as known [kg]."""
+    groups: dict[tuple[str, ...], list[tuple[str, HitBalance, FloatArray]]] = {}
+    for record in records:
+        if record.balance is not None:
+            known = {**masses, **_own(record)}
+            row = np.array([known[body] for body in record.balance.bodies])
+            groups.setdefault(record.balance.bodies, []).append((record.file, record.balance, row))
+    return list(groups.values())
+
+
+def _unlike(balance: HitBalance, usual: FloatArray) -> tuple[_Slip, float, float] | None:
+    """Return the unit by which the masses that balance best differ from the usual ones, if one explains what
+    is left as well as any masses would.
+    """
+    rules, shown = balance.rules, np.maximum(balance.masses, _LEAST_KG)
+    left, least = balance.misfit(usual), balance.misfit(shown)
+    needed = max(rules.slip_left, rules.slip_noise * balance.misfit_of_noise(usual))
+    for slip in _candidates(len(usual)):
+        if slip.apparent < 0 or slip.exchanged:
+            continue
+        scaled = np.isin(np.arange(len(usual)), slip.places)
+        masses = np.where(scaled, slip.apparent, 1.0) * usual
+        off = np.abs(np.log(shown / masses))
+        near = np.all(off < np.log(np.where(scaled, rules.slip_near, rules.scale_factor)))
+        share = balance.misfit(masses)
+        if near and left - share > needed and share - least < rules.slip_share * (left - least):
+            measured = float(np.exp(np.log(shown / usual)[scaled].mean()))
+            return slip, measured, 1 - (share - least) / (left - least)
+    return None
 
 
 def _left(balance: HitBalance, masses: FloatArray) -> float:
