@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from discovery.explain.effect_outputs import output_of, slopes_of
 from discovery.explain.motion import explain_effect, free_numbers
 from discovery.explain.probes import Probe
-from discovery.residual.base import cost
+from discovery.residual.base import cost, level
 from discovery.residual.free_parameters import FreeParameters, effect_number, size_of
 from discovery.residual.output_error import WhitenedResidual, noise_of, whiten
 from rom.criteria.number import Numerical
@@ -20,14 +21,27 @@ _FROM_AFAR: Numerical[int] = 40
 DAMPINGS: Numerical[tuple[float, ...]] = (0.0, 1e-4, 1e-2, 1.0)
 """Of steps that do not help undamped, in squares of their slopes."""
 _SETTLED: Numerical[float] = 1e-4  # of the cost
+_PACE: Numerical[int] = 5  # steps that tell how fast a fit goes
+_FASTER: Numerical[float] = 10.0  # than that it may become
 
 
-def refit(residual: WhitenedResidual, most: int = _REFITS) -> WhitenedResidual:
+def refit(residual: WhitenedResidual, most: int = _REFITS, enough: float | None = None) -> WhitenedResidual:
     """Gauss-Newton steps in all numbers of a model, those of its effects among them, on training records.
 
     Damped ones where a free one does not lower the cost, none where that does not help either.
+
+    Parameters
+    ----------
+    residual : WhitenedResidual
+        Of the model where the fit starts.
+    most : int
+        Steps.
+    enough : float
+        Level of residual that a fit is of use below: one that is too slow to come there is given up. None:
+        any is.
     """
-    for _ in range(most):
+    levels = [level(residual)]
+    for left in reversed(range(most)):
         beside = with_effects(residual)
         steps = (residual.baseline.stepped(beside.steps(beside.residual, d)) for d in DAMPINGS)
         better = next(
@@ -37,14 +51,23 @@ def refit(residual: WhitenedResidual, most: int = _REFITS) -> WhitenedResidual:
             return beside
         done = cost(residual) - cost(better) < _SETTLED * cost(better)
         residual = better
-        if done:
+        levels.append(level(residual))
+        if done or (enough is not None and _too_slow(levels, left, enough)):
             break
     return with_effects(residual)
 
 
-def refit_from_afar(residual: WhitenedResidual) -> WhitenedResidual:
+def _too_slow(levels: Sequence[float], left: int, enough: float) -> bool:
+    """Whether the steps left, each many times as good as the last ones, would not lower a level enough."""
+    if len(levels) <= _PACE or levels[-1] <= enough:
+        return False
+    pace = np.log(levels[-1 - _PACE] / levels[-1]) / _PACE
+    return bool(np.log(levels[-1] / enough) > _FASTER * pace * left)
+
+
+def refit_from_afar(residual: WhitenedResidual, enough: float | None = None) -> WhitenedResidual:
     """The same with as many steps as it takes: small ones, of a start that may be far from the plant."""
-    return refit(residual, _FROM_AFAR)
+    return refit(residual, _FROM_AFAR, enough)
 
 
 def linearised_start(residual: WhitenedResidual, effect: Effect) -> WhitenedResidual:

@@ -151,10 +151,9 @@ class ImpactRefits(CampaignRefits[WhitenedResidual]):
         if level(residual) <= rules.acceptance.noise_level or not priors:
             return residual
         parameters = starting(self.identification, as_uncoupled(self.identification.model, priors))
-        other = refit_from_afar(self.followed(parameters, residual.floors))
-        if level(other) >= rules.closing.far_less * level(residual):
-            return residual
-        return refit_from_afar(self.followed(other.baseline))
+        enough = rules.closing.far_less * level(residual)
+        other = refit_from_afar(self.followed(parameters, residual.floors), enough)
+        return residual if level(other) >= enough else refit_from_afar(self.followed(other.baseline))
 
     def followed(
         self, parameters: FreeParameters, floors: Mapping[Group, NoiseDensity] | None = None

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from discovery.explain.motion_fit import _too_slow
 from discovery.residual import output_error
 from discovery.residual.base import cost
 from discovery.residual.output_error import WhitenedResidual
@@ -50,3 +51,12 @@ def test_a_step_that_leaves_less_is_followed_whole_and_one_too_far_is_given_up_a
     assert 0 < len(files) < len(residual.samples) - len(residual.hold_out)
     assert not residual.hold_out & set(files)
     assert residual.below(right, cost(whole)) is None
+
+
+def test_a_fit_is_given_up_where_ten_times_its_pace_would_not_lead_to_what_is_enough() -> None:
+    slow, fast = (list(share ** np.arange(8.0)) for share in (0.99, 0.5))
+    assert _too_slow(slow, 5, 0.5)
+    assert not _too_slow(slow, 20, 0.5)
+    assert not _too_slow(fast, 5, 0.5 * fast[-1] / 2**5)
+    assert not _too_slow(slow, 0, 0.99)  # there already
+    assert not _too_slow(slow[:5], 5, 0.5)  # too few steps tell a pace
