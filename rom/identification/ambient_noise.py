@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rom.criteria.number import Numerical
-from rom.identification.small_matrices import inverse, inverse_root, positive_part, product
+from rom.identification.small_matrices import inverse, positive_part, product
 from rom.identification.spectral_model import ComplexArray, FloatArray, Linearised
 
 _SMOOTHING_HZ: Numerical[float] = 2.0
@@ -45,8 +45,17 @@ def whitener(gain: ComplexArray, root: ComplexArray, sensor: FloatArray) -> Comp
     numpy.linalg.LinAlgError
         If some S is not positive definite.
     """
-    answer = product(gain, root)
-    return inverse_root(product(answer, answer.conj().swapaxes(1, 2)) + np.diag(sensor))
+    from rom.kernels.spectral_outputs import whiteners
+
+    if len(sensor) > 2:
+        answer = product(gain, root)
+        power = product(answer, answer.conj().swapaxes(1, 2)) + np.diag(sensor)
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(power)))
+    out = np.empty((*gain.shape[:2], len(sensor)), dtype=np.complex128)
+    gain, root = (np.ascontiguousarray(one, dtype=np.complex128) for one in (gain, root))
+    if not whiteners(gain, root, np.ascontiguousarray(sensor, dtype=np.float64), out):
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+    return out
 
 
 def sensor_noise(parts: Sequence[Linearised]) -> FloatArray:

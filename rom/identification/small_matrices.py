@@ -52,32 +52,6 @@ def inverse(a: npt.NDArray[Any]) -> ComplexArray:
     return out
 
 
-@_QUIETLY
-def inverse_root(power: npt.NDArray[Any]) -> ComplexArray:
-    """Inverses of the lower triangular roots of Hermitian matrices, (lines, n, n).
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If one is not positive definite.
-    """
-    if power.shape[1] != 2:
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(power)))
-    first = power[:, 0, 0].real
-    if (first <= 0).any():
-        raise np.linalg.LinAlgError("Matrix is not positive definite")
-    first = np.sqrt(first)
-    across = power[:, 1, 0] / first
-    second = power[:, 1, 1].real - across.real**2 - across.imag**2
-    if (second <= 0).any():
-        raise np.linalg.LinAlgError("Matrix is not positive definite")
-    second = np.sqrt(second)
-    out = np.zeros_like(power)
-    out[:, 0, 0], out[:, 1, 1] = 1 / first, 1 / second
-    out[:, 1, 0] = -across / (first * second)
-    return out
-
-
 def positive_part(power: npt.NDArray[Any]) -> ComplexArray:
     """Nearest Hermitian matrices without negative power: negative eigenvalues become zero, (lines, n, n)."""
     power = (power + power.conj().swapaxes(1, 2)) / 2

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg
 
 from rom.criteria.number import Numerical
 from rom.identification.small_matrices import by_one, inverse, product
@@ -32,6 +31,7 @@ DERIVATIVE_ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
 STRUCTURAL = ("stiffness", "damping", "mass")
 CORNER = "sensor.corner"
 _CORNER_STEP: Numerical[float] = 0.5
+_TINY = np.finfo(float).tiny
 _SAME: Numerical[float] = 1e-13  # of the largest variance: columns alike
 
 
@@ -119,13 +119,16 @@ class Linearised:
             padded = np.concatenate([rows, np.zeros((1, *rows.shape[1:]))])
             return np.asarray(padded - np.multiply.outer(along, along @ padded / square))
 
+        count = self.ends.shape[1]
+        ends, inverse = np.zeros((len(along), count + 1)), np.zeros((count + 1, count + 1))
+        ends[:-1, :-1], ends[:, -1] = self.ends, along
+        inverse[:-1, :-1], inverse[-1, -1] = self.inverse, 1 / square
         return replace(
             self,
             residual=beyond(self.residual),
             jacobian=beyond(self.jacobian),
-            ends=np.pad(self.ends, ((0, 1), (0, 1)))
-            + np.pad(along[:, None], ((0, 0), (self.ends.shape[1], 0))),
-            inverse=linalg.block_diag(self.inverse, np.array([[1 / square]])),
+            ends=ends,
+            inverse=inverse,
         )
 
     def projected(self, change: ComplexArray) -> FloatArray:
@@ -265,8 +268,22 @@ def _system(record: SpectralRecord, values: Mapping[str, float]) -> _System:
             matrices[term.power] += value * along
     stiffness, damping, mass = matrices
     s = 2j * np.pi * record.frequency
-    s_ = s[:, None, None]
-    return _System(s, mass, damping, stiffness, corner, inverse(s_ * (s_ * mass + damping) + stiffness))
+    return _System(s, mass, damping, stiffness, corner, _receptance(s, mass, damping, stiffness))
+
+
+def _receptance(
+    s: ComplexArray, mass: FloatArray, damping: FloatArray, stiffness: FloatArray
+) -> ComplexArray:
+    """Inverse dynamic stiffness at every line, (lines, bodies, bodies)."""
+    from rom.kernels.spectral_outputs import receptances
+
+    if len(mass) > 2:
+        s_ = s[:, None, None]
+        return inverse(s_ * (s_ * mass + damping) + stiffness)
+    out = np.empty((len(s), *mass.shape), dtype=np.complex128)
+    if not receptances(s, mass, damping, stiffness, out):
+        raise np.linalg.LinAlgError("Singular matrix")
+    return out
 
 
 def _nuisance(
@@ -326,8 +343,9 @@ def _derivatives(
 
 def _inverse_gram(columns: FloatArray) -> FloatArray:
     """Return (A^T A)^-1 of tall A, its columns scaled; a fifth of the work of an orthogonal basis."""
-    size = np.sqrt(np.einsum("ij,ij->j", columns, columns)) + np.finfo(float).tiny
-    gram = (columns.T @ columns) / np.multiply.outer(size, size)
+    gram = columns.T @ columns
+    size = np.sqrt(np.diag(gram)) + _TINY
+    gram /= np.multiply.outer(size, size)
     if not np.isfinite(gram).all():
         return np.full_like(gram, np.nan)
     values, vectors = np.linalg.eigh(gram)

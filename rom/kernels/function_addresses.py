@@ -41,6 +41,7 @@ def _compiled(function: Callable[..., float], enters: str, on_disk: bool) -> Any
     return cfunc(SIGNATURES[enters], error_model="numpy")(function)
 
 
+@cache
 def address_of(function: Callable[..., float], enters: str, on_disk: bool = True) -> int:
     """Compile a scalar function to the signature of the place where it enters; its address.
 

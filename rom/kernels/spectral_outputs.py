@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from numba import njit
 
 from rom.kernels.function_addresses import ALLOCATES_NOTHING, INNER
@@ -23,6 +24,85 @@ def _whiten(whitener: Any, line: int, value: Any, column: int, out: Any) -> None
             total += whitener[line, i, j] * value[line, j, column]
         out[line * n + i, column] = total.real
         out[(lines + line) * n + i, column] = total.imag
+
+
+@njit(nogil=True, **ALLOCATES_NOTHING)  # type: ignore[untyped-decorator]
+def receptances(s: Any, mass: Any, damping: Any, stiffness: Any, out: Any) -> bool:
+    """Fill (s^2 M + s C + K)^-1 of one body or two, (lines, bodies, bodies); whether all have an inverse.
+
+    Parameters
+    ----------
+    s : ndarray of complex, shape (lines,)
+        2 pi i f [rad/s].
+    mass, damping, stiffness : ndarray, shape (bodies, bodies)
+        M, C and K.
+    out : ndarray of complex, shape (lines, bodies, bodies)
+        Filled.
+    """
+    one = mass.shape[0] == 1
+    for line in range(s.size):
+        at = s[line]
+        first = at * (at * mass[0, 0] + damping[0, 0]) + stiffness[0, 0]
+        if one:
+            if first == 0:
+                return False
+            out[line, 0, 0] = 1.0 / first
+            continue
+        right = at * (at * mass[0, 1] + damping[0, 1]) + stiffness[0, 1]
+        left = at * (at * mass[1, 0] + damping[1, 0]) + stiffness[1, 0]
+        second = at * (at * mass[1, 1] + damping[1, 1]) + stiffness[1, 1]
+        determinant = first * second - right * left
+        if determinant == 0:
+            return False
+        share = 1.0 / determinant
+        out[line, 0, 0], out[line, 0, 1] = second * share, -right * share
+        out[line, 1, 0], out[line, 1, 1] = -left * share, first * share
+    return True
+
+
+@njit(nogil=True, **ALLOCATES_NOTHING)  # type: ignore[untyped-decorator]
+def whiteners(gain: Any, root: Any, sensor: Any, out: Any) -> bool:
+    """Fill the inverse triangular roots of G Q G^H + R of one channel or two; whether all have one.
+
+    Parameters
+    ----------
+    gain : ndarray of complex, shape (lines, channels, forces)
+        G.
+    root : ndarray of complex, shape (lines, forces, forces)
+        Of Q.
+    sensor : ndarray, shape (channels,)
+        Diagonal of R.
+    out : ndarray of complex, shape (lines, channels, channels)
+        Filled.
+    """
+    channels, forces = gain.shape[1], gain.shape[2]
+    for line in range(gain.shape[0]):
+        first, second, across = sensor[0], 0.0, 0j
+        if channels == 2:
+            second = sensor[1]
+        for k in range(forces):
+            above, below = 0j, 0j
+            for j in range(forces):
+                above += gain[line, 0, j] * root[line, j, k]
+                if channels == 2:
+                    below += gain[line, 1, j] * root[line, j, k]
+            first += above.real**2 + above.imag**2
+            second += below.real**2 + below.imag**2
+            across += below * above.conjugate()
+        if first <= 0:
+            return False
+        first = np.sqrt(first)
+        out[line, 0, 0] = 1.0 / first
+        if channels == 1:
+            continue
+        across /= first
+        second -= across.real**2 + across.imag**2
+        if second <= 0:
+            return False
+        second = np.sqrt(second)
+        out[line, 0, 1], out[line, 1, 0] = 0.0, -across / (first * second)
+        out[line, 1, 1] = 1.0 / second
+    return True
 
 
 @njit(nogil=True, **ALLOCATES_NOTHING)  # type: ignore[untyped-decorator]
@@ -70,9 +150,10 @@ def outputs(  # noqa: C901, PLR0912 - one flat pass over the lines
         sensors += orders[i] == 2
     for line in range(s.size):
         at, sensor = s[line], 2 * n
+        sinking = 1.0 / (at + corner)
         for i in range(n):
             accelerates = orders[i] == 2
-            coupling = at / (at + corner) if accelerates else 1.0 + 0j
+            coupling = at * sinking if accelerates else 1.0 + 0j
             shown = coupling
             for _ in range(orders[i]):
                 shown *= at
@@ -97,7 +178,7 @@ def outputs(  # noqa: C901, PLR0912 - one flat pass over the lines
             for k in range(2 * n, 2 * n + sensors):
                 ends[line, i, k] = 0.0
             if accelerates:
-                ends[line, i, sensor] = 1.0 / (at + corner)
+                ends[line, i, sensor] = sinking
                 sensor += 1
             first = 2 * n + sensors
             for k in range(errors):
@@ -155,6 +236,7 @@ def derivatives(  # noqa: C901, PLR0912 - one flat pass over the lines
     total, motion = space[0], space[1]
     for line in range(s.size):
         at = s[line]
+        sinking = 1.0 / (at + corner)
         for j in range(n):
             total[j] = force[line, j]
             for i in range(n):
@@ -179,6 +261,6 @@ def derivatives(  # noqa: C901, PLR0912 - one flat pass over the lines
                     for j in range(n):
                         change -= gain[line, i, j] * directions[term, j] * along
                 elif orders[i] == 2:
-                    change = -modelled[line, i] / (at + corner)
+                    change = -modelled[line, i] * sinking
                 changes[line, i, term] = change * weights[term]
             _whiten(whitener, line, changes, term, jacobian)

@@ -178,11 +178,14 @@ class Law:
     def _evaluate(self, *arguments: npt.ArrayLike) -> FloatArray:
         from rom.kernels.evaluation import evaluate
 
-        columns = [np.asarray(value, dtype=np.float64) for value in arguments]
-        if len(columns) > 1:
-            columns = list(np.broadcast_arrays(*columns))
-        table = np.concatenate([column.reshape(1, -1) for column in columns])
-        return np.asarray(evaluate(self.address, table, self.values)).reshape(columns[0].shape)
+        if len(arguments) == 1:  # of the tension alone, as laws are asked most often
+            shape = np.shape(arguments[0])
+            table = np.array(arguments[0], dtype=np.float64, order="C").reshape(1, -1)
+        else:
+            columns = np.broadcast_arrays(*(np.asarray(one, dtype=np.float64) for one in arguments))
+            shape = columns[0].shape
+            table = np.concatenate([column.reshape(1, -1) for column in columns])
+        return np.asarray(evaluate(self.address, table, self.values)).reshape(shape)
 
 
 def _constant(T: float, p: Array) -> float:  # noqa: ARG001 - the signature of its place

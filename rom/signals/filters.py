@@ -19,7 +19,7 @@ FloatArray = npt.NDArray[np.float64]
 INTEGRATIONS = {"acceleration": 2, "velocity": 1, "displacement": 0}
 # a hammer's pulse is over within this time; anything longer is a driven force
 _LONGEST_PULSE_S: Numerical[float] = 0.02
-_MANY_ROWS: Numerical[int] = 4  # fewer are filtered one by one as fast
+_MANY_ROWS: Numerical[int] = 2  # one is filtered by SciPy in less time
 _LEAST_CUTOFF: Numerical[float] = 1e-8  # of the rate: rounding leaves nothing of a slower one
 # a pulse this long must survive the removal of single-sample spikes
 _SHORTEST_PULSE_S: Numerical[float] = 5e-4

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rom.identification.small_matrices import by_one, inverse, inverse_root, positive_part, product, root_of
+from rom.identification.ambient_noise import whitener
+from rom.identification.small_matrices import by_one, inverse, positive_part, product, root_of
+from rom.identification.spectral_model import _receptance
 
 _LINES = 7
 
@@ -28,9 +30,28 @@ def test_inverses_undo_a_matrix(bodies: int) -> None:
     a = _drawn(bodies, bodies)
     unit = np.broadcast_to(np.eye(bodies), a.shape)
     np.testing.assert_allclose(inverse(a) @ a, unit, atol=1e-12)
-    power = a @ a.conj().swapaxes(1, 2) + np.eye(bodies)
-    white = inverse_root(power)
+
+
+@pytest.mark.parametrize("bodies", [1, 2, 3])
+def test_noise_of_forces_and_sensors_is_white_behind_its_whitener(bodies: int) -> None:
+    gain, root, sensor = _drawn(bodies, bodies), _drawn(bodies, bodies)[::-1], np.arange(1.0, bodies + 1)
+    answer = gain @ root
+    white = whitener(gain, root, sensor)
+    power = answer @ answer.conj().swapaxes(1, 2) + np.diag(sensor)
+    unit = np.broadcast_to(np.eye(bodies), power.shape)
     np.testing.assert_allclose(white @ power @ white.conj().swapaxes(1, 2), unit, atol=1e-12)
+
+
+@pytest.mark.parametrize("bodies", [1, 2, 3])
+def test_a_receptance_undoes_a_dynamic_stiffness(bodies: int) -> None:
+    mass, damping, stiffness = _drawn(bodies, bodies)[:3].real  # of no symmetry: each entry has its place
+    s = 2j * np.pi * np.linspace(0.1, 2.0, _LINES)
+    found = _receptance(s, mass, damping, stiffness)
+    whole = s[:, None, None] ** 2 * mass + s[:, None, None] * damping + stiffness
+    unit = np.broadcast_to(np.eye(bodies), whole.shape)
+    np.testing.assert_allclose(found @ whole, unit, atol=1e-9)
+    with pytest.raises(np.linalg.LinAlgError):
+        _receptance(s, *np.zeros((3, bodies, bodies)))
 
 
 @pytest.mark.parametrize("bodies", [2, 3])
@@ -39,8 +60,8 @@ def test_what_has_no_inverse_or_root_is_refused(bodies: int) -> None:
     with pytest.raises(np.linalg.LinAlgError):
         inverse(flat)
     with pytest.raises(np.linalg.LinAlgError):
-        inverse_root(-flat)
-    assert np.isnan(inverse_root(np.nan * flat)).any()  # a fit that went astray is no fault
+        whitener(0 * flat, flat, np.zeros(bodies))
+    assert np.isnan(whitener(np.nan * flat, flat, np.ones(bodies))).any()  # a fit gone astray is no fault
 
 
 @pytest.mark.parametrize("bodies", [1, 2, 3])
