@@ -33,11 +33,12 @@ class Block(NamedTuple):
     inputs: Any  # (input, samples of the longest block + 1): what a block is written from, as the next two
     motion: Any  # (displacements and velocities, samples + 1)
     weights: Any  # (2, input, displacements and velocities)
+    lanes: Any  # (displacements, velocities and inputs, sample, 4): those of four sub-blocks side by side
 
 
 BLOCK = named(
     Block, floats(2), floats(2), floats(1), floats(1), floats(2), floats(2), floats(2), floats(1), floats(2),
-    floats(3), integers(1), floats(1), floats(1), floats(2), floats(2), floats(3),
+    floats(3), integers(1), floats(1), floats(1), floats(2), floats(2), floats(3), floats(3),
 )  # fmt: skip
 
 

@@ -91,30 +91,62 @@ def fill(block: Block, tables: Propagators, force: Any, level: int, tick: int, d
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _add(row: Any, factor: float, values: Any) -> None:
     """``row += factor * values``."""
+    if factor == 0.0:  # of a tension that rests, of a force on another body
+        return
     for i in range(row.size):
         row[i] += factor * values[i]
 
 
+@njit(cache=True, nogil=True, error_model="numpy")
+def _side_by_side(row: Any, count: int, lanes: Any) -> None:
+    """``count`` samples of four sub-blocks, which follow each other in a row, as (sample, 4)."""
+    for place in range(4):
+        for step in range(count):
+            lanes[step, place] = row[place * count + step]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _in_order(lanes: Any, count: int, row: Any) -> None:
+    """The inverse of ``_side_by_side``."""
+    for place in range(4):
+        for step in range(count):
+            row[place * count + step] = lanes[step, place]
+
+
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _follow(y: Any, E: Any, inputs: Any, starts: Any, ends: Any, count: int) -> None:
+def _follow(y: Any, E: Any, inputs: Any, starts: Any, ends: Any, count: int, lanes: Any) -> None:
     """Motion ``y`` (state, samples) at ``count`` samples of four sub-blocks, all four side by side.
 
     A sample follows from the one before by ``E`` and by ``inputs`` (input, samples + 1), linear between
-    samples, with the weights ``starts`` and ``ends`` (input, state).
+    samples, with the weights ``starts`` and ``ends`` (input, state). In ``lanes`` (state and input, sample,
+    4) the same samples of the four lie together and are summed up at once.
     """
     size = y.shape[0]
+    for i in range(size):
+        for place in range(4):
+            lanes[i, 0, place] = y[i, place * count]
+    for u in range(inputs.shape[0]):
+        _side_by_side(inputs[u], count, lanes[size + u])
     for step in range(1, count):
         for i in range(size):
-            for place in range(4):
-                y[i, place * count + step] = 0.0
-            for u in range(inputs.shape[0]):
-                for place in range(4):
-                    at = place * count + step
-                    y[i, at] += starts[u, i] * inputs[u, at - 1] + ends[u, i] * inputs[u, at]
+            first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
+            for u in range(starts.shape[0]):
+                before, after = lanes[size + u, step - 1], lanes[size + u, step]
+                old, new = starts[u, i], ends[u, i]
+                first += old * before[0] + new * after[0]
+                second += old * before[1] + new * after[1]
+                third += old * before[2] + new * after[2]
+                fourth += old * before[3] + new * after[3]
             for j in range(size):
-                for place in range(4):
-                    at = place * count + step
-                    y[i, at] += E[j, i] * y[j, at - 1]
+                along, before = E[j, i], lanes[j, step - 1]
+                first += along * before[0]
+                second += along * before[1]
+                third += along * before[2]
+                fourth += along * before[3]
+            here = lanes[i, step]
+            here[0], here[1], here[2], here[3] = first, second, third, fourth
+    for i in range(size):
+        _in_order(lanes[i], count, y[i])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -136,7 +168,7 @@ def _fill_motion(block: Block, tables: Propagators, y: Any, inputs: Any, level: 
         for i in range(size):
             weights[1, u, i] = tables.P[SAMPLE, u, 1, i]
             weights[0, u, i] = tables.P[SAMPLE, u, 0, i] - weights[1, u, i]
-    _follow(y, tables.E[SAMPLE], inputs, weights[0], weights[1], count)
+    _follow(y, tables.E[SAMPLE], inputs, weights[0], weights[1], count, block.lanes)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

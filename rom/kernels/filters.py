@@ -107,3 +107,25 @@ def filter_and_integrate(
         _filter(sections, start, padding, step_s, times, z, y)
         out[block : block + LANES] = y[padding : padding + samples].T
     return out
+
+
+@njit(nogil=True, **ALLOCATES_NOTHING)  # type: ignore[untyped-decorator]
+def first_order(rows: Any, now: float, before: float, own: float) -> None:
+    """Filter rows (rows, samples) in place: y_n = now x_n + before x_(n-1) - own y_(n-1), from rest.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (rows, samples)
+        The signals.
+    now, before : float
+        Weights of a sample and of the one before.
+    own : float
+        Weight of what came out before.
+    """
+    for row in range(rows.shape[0]):
+        kept = 0.0
+        for i in range(rows.shape[1]):
+            sample = rows[row, i]
+            shown = now * sample + kept
+            kept = before * sample - own * shown
+            rows[row, i] = shown

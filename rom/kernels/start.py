@@ -49,6 +49,7 @@ def empty_block(program: Program, active: IntArray, inputs: int) -> Block:
         np.zeros((inputs, samples)),
         np.zeros((size, samples)),
         np.zeros((2, inputs, size)),
+        np.zeros((size + inputs, LONGEST if inputs else 0, 4)),
     )
 
 

@@ -385,6 +385,9 @@ def ac_coupled(samples: FloatArray, rate_hz: float, corner: float) -> FloatArray
     ndarray
         Shape of the samples.
     """
+    from rom.kernels.filters import first_order
+
     whole, step = 2 * rate_hz + corner, 2 * rate_hz  # bilinear: s = 2 rate (z - 1) / (z + 1)
-    numerator, denominator = [step / whole, -step / whole], [1.0, (corner - step) / whole]
-    return np.asarray(signal.lfilter(numerator, denominator, samples), dtype=np.float64)
+    rows = np.array(samples, dtype=np.float64, order="C", ndmin=1)
+    first_order(rows.reshape(-1, rows.shape[-1]), step / whole, -step / whole, (corner - step) / whole)
+    return rows
