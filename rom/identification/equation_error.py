@@ -39,6 +39,7 @@ _KEPT: Numerical[float] = 0.14  # its loss at that frequency is one per cent
 _TOP: Numerical[float] = 0.8  # of half the rate: above, a sensor shows its noise
 # of a step; a slider that must give way does so within 0.2 ms, stable up to 0.55 ms
 _LONGEST_S: Numerical[float] = 5e-4
+_SUBSTEPS: Numerical[int] = 4096  # at most: below 0.5 Hz a slider that must give way is followed no more
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,8 @@ def _force(effect: Effect, motion: FloatArray, rate_hz: float, test: str) -> Flo
     if isinstance(effect, FreeForm):
         return effect.along(motion)
     table, state = np.array([[effect.address, 0, 0]]), np.zeros(effect.states + 1)
-    substeps = max(2, math.ceil(1 / rate_hz / _LONGEST_S)) if effect.states else 1
+    longest = min(math.ceil(1 / rate_hz / _LONGEST_S), _SUBSTEPS)
+    substeps = max(2, longest) if effect.states else 1
     values = np.array([*effect.values, 0.0])
     if test == "cycled" and effect.states:
         before = np.ascontiguousarray(motion[:, ::-1])

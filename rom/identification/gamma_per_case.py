@@ -26,9 +26,9 @@ from rom.signals.sensor_correction import true_hit
 from rom.signals.tension_bins import TensionCourse
 
 _PROBE: Numerical[float] = 100.0  # loosens by a small share, yet far above rounding
-_PROBED: Numerical[tuple[float, float]] = (1e-11, 0.1)  # ln(T_0 / T_1) that such a share is
-_STEP_OF_UNIT: Numerical[float] = 1e6  # fewer decades than between those
-_UNITS: Numerical[int] = 10  # tried at most
+_PROBED: Numerical[tuple[float, float]] = (1e-8, 1e-4)  # ln(T_0 / T_1) that such a share is
+_STEP_OF_UNIT: Numerical[float] = 1e3  # fewer decades than between those
+_UNITS: Numerical[int] = 20  # tried at most
 _LEAST_EXPOSURE: Numerical[float] = 1e-30  # a touch so weak that the probe's loss is lost in rounding
 _BRACKETS: Numerical[int] = 16  # at most
 _HALVINGS: Numerical[int] = 80  # at most; so many steps end within 1e-3 of the bound, in asinh(gamma)

@@ -233,8 +233,8 @@ def _participations(
     known = [(k, sensors.index(place)) for k, place in enumerate(forces) if place in sensors]
     inverse = np.ones(m)
     for i in range(m):
-        if known:
-            k, s = max(known, key=lambda pair: abs(shapes[pair[1], i]))
+        k, s = max(known, key=lambda pair: abs(shapes[pair[1], i]), default=(0, 0))
+        if known and shapes[s, i] != 0:  # at a node it is not driven: no force tells its mass
             inverse[i] = along[i, k] / shapes[s, i]
         elif extra:
             inverse[i] = along[i, extra[0]]

@@ -37,7 +37,7 @@ _PERIOD_MARGIN: Numerical[float] = (
     17.0 / 15.78
 )  # the paper drops what lies above 17 Hz, its first mode being at most 15.78 Hz
 _LONGEST_PERIOD: Numerical[float] = 1.5  # of that of the strongest line: half-way to a peak that is missing
-_FILTER_REACH_S: Numerical[float] = 0.2
+_LOSES_HZ: Numerical[float] = 15.0  # of a slower motion the three times go with its period
 _SMOOTH_S: Numerical[float] = 0.01
 _SHORTEST_LOSS_S: Numerical[float] = 0.02
 _LONGEST_LOSS_S: Numerical[float] = 1.0
@@ -288,8 +288,14 @@ def _spectra(measurement: Measurement, settings: CampaignSettings) -> tuple[Spec
     tension, start = measurement.tension, None
     loosens = measurement.test == "loosening" and all(body.mass_kg is not None for body in settings.body)
     if loosens and tension is not None and abs(tension.loss) > RULES.small_loss * abs(tension.initial):
-        start = _settled(tension, measurement.impact_s or 0.0, time_factor(measurement.strongest_hz))
+        start = _settled(tension, measurement.impact_s or 0.0, _loss_times(measurement.strongest_hz))
     return spectral_records(measurement, settings, start_s=start)
+
+
+def _loss_times(strongest_hz: float | None) -> float:
+    """Return the factor on times that are meant for a loss that goes with the motion of a usual bolt."""
+    factor = time_factor(strongest_hz)
+    return max(factor, _LOSES_HZ / strongest_hz) if factor >= 1.0 and strongest_hz else factor
 
 
 def _settled(tension: TensionRecord, impact_s: float, times: float) -> float:
@@ -343,7 +349,7 @@ def _first_mode(measurement: Measurement) -> FirstMode | None:
                 displacement,
                 measurement.rate_hz,
                 max_hz=highest,
-                start_s=start + _FILTER_REACH_S,
+                start_s=start + 1 / measurement.chain.cutoff_hz,  # as far as the high-pass reaches
                 first_peak=1,
                 min_hz=lowest,
             ),

@@ -12,6 +12,7 @@ from rom.model.assembly import Assembly
 
 FloatArray = npt.NDArray[np.float64]
 _LONGEST_S = 2.5e-4  # of a step; a slider that must give way does so within 0.2 ms
+_SUBSTEPS = 4096  # at most, before halving
 _HALVINGS = 6
 _ODD_S = 0.123456789  # a time at which no force that goes with time has the value that it has at 0
 _ITERATIONS = 30
@@ -72,7 +73,7 @@ def force_of_effects(
         program.effects[start[row + 1], 2] if start[row + 1] < len(program.effects) else program.size[2]
     )
     states = int(following - effects[0, 2])
-    substeps = max(2, math.ceil(step_s / _LONGEST_S)) if states else 1
+    substeps = max(2, min(math.ceil(step_s / _LONGEST_S), _SUBSTEPS)) if states else 1
     found = np.full(motion.shape[1], np.nan)
     for halvings in range(_HALVINGS):
         found = _run(assembly, effects, states, motion, step_s, substeps << halvings, settled=settled)

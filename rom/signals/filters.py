@@ -17,8 +17,9 @@ from rom.signals.frequency_band import Band, in_band
 FloatArray = npt.NDArray[np.float64]
 
 INTEGRATIONS = {"acceleration": 2, "velocity": 1, "displacement": 0}
-# a hammer's pulse is over within this time; anything longer is a driven force
+# a hammer's pulse is over within this time, or so many samples; anything longer is a driven force
 _LONGEST_PULSE_S: Numerical[float] = 0.02
+_LONGEST_PULSE: Numerical[int] = 32
 _MANY_ROWS: Numerical[int] = 2  # one is filtered by SciPy in less time
 _LEAST_CUTOFF: Numerical[float] = 1e-8  # of the rate: rounding leaves nothing of a slower one
 # a pulse this long must survive the removal of single-sample spikes
@@ -250,9 +251,9 @@ def find_impact(force: FloatArray, rate_hz: float) -> float | None:
     """Time [s] at which the hammer first touches, or None where there is no hit.
 
     A hit is the first stretch of force, of either sign, that rises above eight times the noise (from what
-    95 % of the samples stay within) and three tenths of the record's peak, and ends within 20 ms. Its onset
-    is the last sample before it within three times the noise (from the median absolute deviation, if more)
-    or one hundredth of its peak. Spikes of one sample do not count.
+    95 % of the samples stay within) and three tenths of the record's peak, and ends within 20 ms or 32
+    samples. Its onset is the last sample before it within three times the noise (from the median absolute
+    deviation, if more) or one hundredth of its peak. Spikes of one sample do not count.
     """
     deviation = np.abs(_finite(force) - np.median(force))
     if rate_hz * _SHORTEST_PULSE_S >= 3:
@@ -266,7 +267,7 @@ def find_impact(force: FloatArray, rate_hz: float) -> float | None:
     above = deviation > max(8 * rarely, 0.3 * float(deviation.max()))
     edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        if stop - start <= _LONGEST_PULSE_S * rate_hz:
+        if stop - start <= max(_LONGEST_PULSE_S * rate_hz, _LONGEST_PULSE):
             quiet = np.flatnonzero(deviation[:start] <= max(3 * noise, 0.01 * deviation[start:stop].max()))
             return float((quiet[-1] if quiet.size else 0) / rate_hz)
     return None

@@ -17,6 +17,7 @@ from rom.signals.frequency_band import Band
 _STRONGEST_S: Numerical[float] = 4.0
 _LONGEST_S: Numerical[float] = 30.0
 _FEWEST: Numerical[int] = 2048  # samples in place of those seconds, where a slow structure is sampled slowly
+_FEWEST_PERIODS: Numerical[int] = 16  # in what is looked at, longer where the strongest line has fewer
 _DRIFT_HZ: Numerical[float] = 0.5  # an accelerometer drifts below; as a share of the rate where that is low
 _DRIFT_SHARE: Numerical[float] = 1 / 400
 _USUAL_HZ: Numerical[tuple[float, float]] = (1.0, 100.0)
@@ -64,14 +65,24 @@ def dominant_frequency(
         Frequency [Hz]; None where nothing moves.
     """
     start = int((impact_s or 0.0) * rate_hz)
-    length = int((_STRONGEST_S if impact_s is not None else _LONGEST_S) * rate_hz)
-    stop = start + max(length, _FEWEST)
+    length = max(int((_STRONGEST_S if impact_s is not None else _LONGEST_S) * rate_hz), _FEWEST)
+    longest = max((len(channel.samples) for channel in motion.values()), default=0) - start
+    while True:
+        ringing = {body: Motion(m.kind, m.samples[start : start + length]) for body, m in motion.items()}
+        found = _strongest(ringing, rate_hz, band_hz, from_rest=impact_s is not None)
+        if length >= longest or (found is not None and found * length >= _FEWEST_PERIODS * rate_hz):
+            return found
+        length *= 4
+
+
+def _strongest(
+    motion: Mapping[str, Motion], rate_hz: float, band_hz: Band | None, *, from_rest: bool
+) -> float | None:
     power, frequency = 0.0, None
     for channel in motion.values():
-        if len(channel.samples[start:stop]) < 16:
+        if len(channel.samples) < 16:
             continue
-        ringing = Motion(channel.kind, channel.samples[start:stop])
-        lines, weight = _velocity_lines(ringing, rate_hz, from_rest=impact_s is not None)
+        lines, weight = _velocity_lines(channel, rate_hz, band_hz, from_rest=from_rest)
         if band_hz is not None:
             weight = np.where((lines >= band_hz[0]) & (lines <= band_hz[1]), weight, 0.0)
         if weight.size and weight.max() > power:
@@ -79,7 +90,9 @@ def dominant_frequency(
     return frequency
 
 
-def _velocity_lines(motion: Motion, rate_hz: float, *, from_rest: bool) -> tuple[FloatArray, FloatArray]:
+def _velocity_lines(
+    motion: Motion, rate_hz: float, band_hz: Band | None, *, from_rest: bool
+) -> tuple[FloatArray, FloatArray]:
     """Return frequencies [Hz] and velocity's power there; lines no higher than noise, where there are others,
     have none.
 
@@ -89,7 +102,7 @@ def _velocity_lines(motion: Motion, rate_hz: float, *, from_rest: bool) -> tuple
     samples, order = motion.samples - motion.samples.mean(), INTEGRATIONS[motion.kind]
     size, resolution = fft.next_fast_len(len(samples), real=True), rate_hz / len(samples)
     lines, window = fft.rfftfreq(size, 1 / rate_hz), signal.windows.hann(len(samples))
-    drift = min(_DRIFT_HZ, _DRIFT_SHARE * rate_hz)
+    drift = min(_DRIFT_HZ, _DRIFT_SHARE * rate_hz, np.inf if band_hz is None else band_hz[0])
     inside = lines > (max(drift, 4 * resolution) if order == 2 else 1.5 * resolution)
     density, above = _above_noise(samples * window, size)
     if from_rest and not np.any(above[inside]):

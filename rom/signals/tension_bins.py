@@ -23,9 +23,11 @@ from rom.criteria.number import Numerical
 from rom.signals.processing import Measurement
 
 _SHORTEST_S: Numerical[float] = 3e-3
+_SHORTEST_SHARE: Numerical[float] = 1 / 2400  # of the time after a hit, where that is brief
 _FEWEST_SAMPLES: Numerical[int] = 8
 _BINS: Numerical[int] = 12
 _MARGIN_S: Numerical[float] = 0.05  # a late hit does not push the last bin out of the record
+_MARGIN_SHARE: Numerical[float] = 1 / 150  # of the time after a hit, where that is brief
 _LEAST_QUIET: Numerical[int] = 6
 _LEAST_ERROR: Numerical[float] = 1e-6  # [N]; of a record without noise, of a bolt of usual tension:
 _USUAL_N: Numerical[tuple[float, float]] = (3.0, 3000.0)  # [N]; of others in proportion
@@ -116,7 +118,7 @@ class TensionCourse:
 
 
 def bins_after_hit(measurement: Measurement, settings: CampaignSettings) -> TensionBins | None:
-    """Return the changes after the hit, in bins that widen from 3 ms to seconds; None without hit or tension.
+    """Return the changes after the hit, in bins that widen from 3 ms, or less, to seconds; None without hit or tension.
 
     The bins' places after the hit are the same in every record of a campaign; those that a record, or the
     final window, does not hold whole are left out.
@@ -125,7 +127,8 @@ def bins_after_hit(measurement: Measurement, settings: CampaignSettings) -> Tens
     if tension is None or impact is None:
         return None
     end = settings.windows.final_s[1]
-    offsets = _offsets(end - settings.sampling.pretrigger_s - _MARGIN_S, tension.rate_hz)
+    after = end - settings.sampling.pretrigger_s
+    offsets = _offsets(after - min(_MARGIN_S, _MARGIN_SHARE * after), tension.rate_hz)
     within = impact + offsets <= min(end, len(tension.samples) / tension.rate_hz)
     before = settings.windows.initial_s
     before = (before[0], min(before[1], impact))
@@ -142,7 +145,7 @@ def bins_before_hit(measurement: Measurement) -> TensionBins | None:
 
 
 def _offsets(length_s: float, rate_hz: float) -> FloatArray:
-    shortest = max(_SHORTEST_S, _FEWEST_SAMPLES / rate_hz)
+    shortest = max(min(_SHORTEST_S, _SHORTEST_SHARE * length_s), _FEWEST_SAMPLES / rate_hz)
     if length_s <= 2 * shortest:
         return np.zeros(1)
     return np.concatenate([[0.0], np.geomspace(shortest, length_s, _BINS)])
