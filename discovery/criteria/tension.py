@@ -109,6 +109,12 @@ class Tension(Group):
     turning_velocity: float = number(
         0.1, "1", "share of the largest velocity at which a term with a sign turns"
     )
+    usual_sizes: float = number(
+        100.0,
+        "1",
+        "factor by which force, displacement and velocity at a place may differ from those that "
+        "the catalogue's ranges are meant for before the ranges of hammer tests go with them",
+    )
     wider_range: float = number(
         10.0, "1", "factor by which ranges scaled to a motion are wider: its peaks are a rough measure"
     )

@@ -95,7 +95,8 @@ class _Disturbance:
         low = max(low, 1 / self.seconds)  # less than a period is like a level and its slope
         grid = np.arange(low, high, 1 / (_STEPS_PER_LINE * self.seconds))
         chance = len(self.names) * sum(not t.settings.hold_out for t, _, _ in self.rest)
-        if not chance:
+        seen = all(len(segment.frequency) for _, segment, _ in self.rest)
+        if not (chance and seen and len(grid)):  # so fast a structure shows nothing of it
             return None
         gains = self._before(grid)[1]
         if gains.max() < least * chance:

@@ -7,7 +7,7 @@ Numer. Anal. 10, 413, 1973). Numbers come from training records; costs are told 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,11 +17,12 @@ from discovery.decide.chance import by_record, p_value
 from discovery.decide.explanation import Explanation, limited, standard_errors
 from discovery.explain.effect_outputs import output_of, outputs_of, slopes_of
 from discovery.explain.probes import Probe, by_chance, cut_to_bounds, probed, promising
+from discovery.explain.scales import OF_GROUND, OF_JOINT, Scale, at_scale, scale_along
 from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.effects import Member, ModelCorrection, candidates
+from rom.effects import Effect, Member, ModelCorrection, candidates, places
 from rom.progress import Progress, counted
 from rom.signals.per_record_parameters import per_record_names
 
@@ -79,13 +80,35 @@ def candidates_in_motion(residual: WhitenedResidual) -> list[tuple[Member, Model
     """Forces and faults of sensors in the motion that a model does not hold yet."""
     model = residual.baseline.model
     known = {(effect.name, effect.enters) for effect in model.effects}
+    unusual = _unusual_scales(residual)
     return [
-        (member, effect)
+        (member, _at_scale(member, effect, unusual, residual))
         for member, effect in candidates(model, motion_channels(residual))
         if member.kind in ("force", "sensor")
         and effect.enters != "sensor:tension"
         and (effect.name, effect.enters) not in known
     ]
+
+
+def _unusual_scales(residual: WhitenedResidual) -> dict[str, Scale]:
+    """Scales of the places that move far more or less than the catalogue's."""
+    model, most = residual.baseline.model, residual.criteria.tension.usual_sizes
+    found = {}
+    for enters, kind in places(model).items():
+        scale = scale_along(residual.traces, model, enters)
+        if scale is not None and not scale.is_near(OF_JOINT if kind == "joint" else OF_GROUND, most):
+            found[enters] = scale
+    return found
+
+
+def _at_scale(
+    member: Member, effect: ModelCorrection, unusual: Mapping[str, Scale], residual: WhitenedResidual
+) -> ModelCorrection:
+    if not isinstance(effect, Effect) or member.kind != "force" or effect.enters not in unusual:
+        return effect
+    ground = places(residual.baseline.model)[effect.enters] != "joint"
+    scale, rules = unusual[effect.enters], residual.criteria.tension
+    return at_scale(member, effect, scale, ground=ground, criteria=rules)
 
 
 def telling(residual: WhitenedResidual) -> list[int]:

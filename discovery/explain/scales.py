@@ -7,17 +7,20 @@ with F, X and V the force, displacement and velocity there: all that has no unit
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from discovery.criteria.tension import Tension
+from discovery.residual.trajectory import MeasuredTrajectory
 from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, SensorFault
 from rom.identification.equation_error import Balance
 from rom.identification.force_balance import Balances
 from rom.model.laws import Parameter
+from rom.model.model import Model
+from rom.model.structure import GROUND
 from rom.model.units import parse_unit
 
 
@@ -28,6 +31,11 @@ class Scale:
     force: float
     displacement: float
     velocity: float
+
+    def is_near(self, other: Scale, times: float) -> bool:
+        """Whether force, displacement and velocity are those of another scale to within a factor."""
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return all(1 / times <= mine / its <= times for mine, its in pairs)
 
     def over(self, other: Scale, unit: str) -> float:
         """Factor by which a number of a unit is larger here than there."""
@@ -62,6 +70,35 @@ def scale_of(balances: Balances, enters: str) -> Scale | None:
             _typical_force(b, here.get(f"body.{b.place.removeprefix('body:')}.mass", 0.0)) for b in near
         ]
     found = Scale(max(force, default=0.0), max(x), max(v))
+    return found if min(found.force, found.displacement, found.velocity) > 0 else None
+
+
+def scale_along(trajectories: Sequence[MeasuredTrajectory], model: Model, enters: str) -> Scale | None:
+    """Scale of a place over training records of hits, from the measured motion; None where nothing moves.
+
+    Parameters
+    ----------
+    trajectories : sequence of MeasuredTrajectory
+        The records.
+    model : Model
+        Whose masses say what forces the motion takes.
+    enters : str
+        A link or ``"body:<name>"``.
+    """
+    ends = {link.name: (link.first, link.second) for link in model.structure.links}
+    first, second = ends.get(enters, (enters.removeprefix("body:"), GROUND))
+    force, x, v = [0.0], [0.0], [0.0]
+    for trajectory in trajectories:
+        ours = [body for body in model.structure.bodies if body.name in (first, second)]
+        moving = [body for body in ours if body.name in trajectory.velocity]
+        if trajectory.settings.hold_out or not moving:
+            continue
+        displacement, velocity = trajectory.relative((first, second))
+        x.append(float(np.ptp(displacement)) / 2)
+        v.append(float(np.abs(velocity).max()))
+        accelerations = (np.diff(trajectory.velocity[body.name]) * trajectory.rate_hz for body in moving)
+        force += [body.mass * float(a.std()) for body, a in zip(moving, accelerations, strict=True)]
+    found = Scale(max(force), max(x), max(v))
     return found if min(found.force, found.displacement, found.velocity) > 0 else None
 
 

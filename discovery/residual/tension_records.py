@@ -161,6 +161,7 @@ def _white(measurement: Measurement, tension: TensionRecord, band_hz: tuple[floa
     power = np.abs(np.fft.rfft((quiet - quiet.mean()) * window)) ** 2 / (window**2).sum()
     lines = np.fft.rfftfreq(len(quiet), 1 / tension.rate_hz)
     inside = (lines > band_hz[0]) & (lines < band_hz[1])
+    inside = inside if np.any(inside) else lines > 0  # of a very fast or slow structure
     return max(float(np.median(power[inside])) / _MEDIAN_OF_EXPONENTIAL, 1e-18)
 
 

@@ -20,7 +20,7 @@ from scipy import fft, signal, special, stats
 
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.identification.noise_spectrum import MARGIN_S, SHORTEST_S
+from rom.identification.noise_spectrum import before_margin, is_quiet_enough
 from rom.signals.filters import INTEGRATIONS, FilterChain
 from rom.signals.processing import Measurement, TensionRecord, non_oscillatory
 
@@ -64,9 +64,9 @@ def noise_of(measurement: Measurement, pair: tuple[str, str] | None) -> RecordNo
     """
     impact_s, rate = measurement.impact_s or 0.0, measurement.rate_hz
     known = _of_tension(measurement.tension, impact_s, measurement.strongest_hz)
-    if not _shows_noise(impact_s) or measurement.chain.band_hz is not None:
+    if not is_quiet_enough(impact_s, measurement.strongest_hz) or measurement.chain.band_hz is not None:
         return known
-    start, quiet = int(impact_s * rate), int((impact_s - MARGIN_S) * rate)
+    start, quiet = int(impact_s * rate), int(before_margin(impact_s) * rate)
     shown = {body: measurement.displacement(body)[start:] for body in measurement.motion}
     lines = {
         body: _displacement_lines(motion.samples[:quiet], INTEGRATIONS[motion.kind], rate, measurement.chain)
@@ -102,17 +102,13 @@ def from_sample_to_sample(error: FloatArray) -> float:
     return size / float(np.sqrt(special.binom(2 * _ORDER, _ORDER))) if size > 0 else np.nan
 
 
-def _shows_noise(impact_s: float) -> bool:
-    return impact_s >= SHORTEST_S + MARGIN_S
-
-
 def _of_tension(tension: TensionRecord | None, impact_s: float, first_mode_hz: float | None) -> RecordNoise:
     if tension is None:
         return RecordNoise()
     # a simulation starts from the mean before the hit, whose error falls with the tension at a rate like T
     kept = min(max(tension.final / tension.initial, 0.0), 1.0) if tension.initial > 0 else 1.0
     loss = float(np.hypot(kept * tension.initial_error, tension.final_error))
-    if not _shows_noise(impact_s):
+    if not is_quiet_enough(impact_s, first_mode_hz):
         return RecordNoise(loss_error=loss)
     hit = int(impact_s * tension.rate_hz)
     lost = np.sqrt(np.mean((tension.non_oscillatory[hit:] - tension.initial) ** 2))
@@ -124,7 +120,7 @@ def _of_tension(tension: TensionRecord | None, impact_s: float, first_mode_hz: f
 
 def _as_before(tension: TensionRecord, impact_s: float) -> FloatArray:
     """Noise [N] as long as the record, with the spectrum of that before the hit and phases drawn."""
-    quiet = tension.samples[: int((impact_s - MARGIN_S) * tension.rate_hz)]
+    quiet = tension.samples[: int(before_margin(impact_s) * tension.rate_hz)]
     window = signal.windows.hann(len(quiet), sym=False)
     size = len(tension.samples)
     lines = np.abs(np.fft.rfft(signal.detrend(quiet) * window)) / np.sqrt(np.sum(window**2))

@@ -26,7 +26,7 @@ from rom.criteria.number import Numerical
 from rom.evaluation.replay import Replay, replay, shown_tension
 from rom.identification.gamma_per_case import own_rate
 from rom.identification.modal_sensors import as_sensors_show, by_measured_force
-from rom.identification.noise_spectrum import MARGIN_S
+from rom.identification.noise_spectrum import before_margin
 from rom.model.effect import SensorFault
 from rom.model.model import Model
 from rom.signals.calibration import Calibration
@@ -48,7 +48,7 @@ def cannot_be_simulated(record: Record) -> str:
 
 def quiet_part(record: Record, measurement: Measurement) -> Record:
     """Return what a record shows before its hit."""
-    seconds = (measurement.impact_s or 0.0) - MARGIN_S
+    seconds = before_margin(measurement.impact_s or 0.0)
     channels = {
         name: replace(channel, samples=channel.samples[: int(seconds * channel.rate_hz)])
         for name, channel in record.channels.items()

@@ -25,6 +25,7 @@ from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect
 from rom.effects.free_form import FreeForm
+from rom.model.units import parse_unit
 from rom.signals.frequency_band import Band, edge_samples, in_band
 
 TESTS = ("driven", "free", "cycled")
@@ -39,7 +40,7 @@ _KEPT: Numerical[float] = 0.14  # its loss at that frequency is one per cent
 _TOP: Numerical[float] = 0.8  # of half the rate: above, a sensor shows its noise
 # of a step; a slider that must give way does so within 0.2 ms, stable up to 0.55 ms
 _LONGEST_S: Numerical[float] = 5e-4
-_SUBSTEPS: Numerical[int] = 4096  # at most: below 0.5 Hz a slider that must give way is followed no more
+_SLOWEST_HZ: Numerical[float] = 20.0  # slower samples are taken as if they came at this rate
 
 
 @dataclass(frozen=True)
@@ -163,14 +164,28 @@ def _force(effect: Effect, motion: FloatArray, rate_hz: float, test: str) -> Flo
     if isinstance(effect, FreeForm):
         return effect.along(motion)
     table, state = np.array([[effect.address, 0, 0]]), np.zeros(effect.states + 1)
-    longest = min(math.ceil(1 / rate_hz / _LONGEST_S), _SUBSTEPS)
-    substeps = max(2, longest) if effect.states else 1
-    values = np.array([*effect.values, 0.0])
+    values, step_s = np.append(effect.values, 0.0), 1 / rate_hz
+    if effect.states and rate_hz < _SLOWEST_HZ:
+        values, motion, step_s = _in_unit_of_time(rate_hz / _SLOWEST_HZ, effect, motion, step_s)
+    substeps = max(2, math.ceil(step_s / _LONGEST_S)) if effect.states else 1
     if test == "cycled" and effect.states:
         before = np.ascontiguousarray(motion[:, ::-1])
         before[1] *= -1.0
-        force_of_effects(table, values, before, 1 / rate_hz, substeps, state, 0.0)
-    return np.asarray(force_of_effects(table, values, motion, 1 / rate_hz, substeps, state, 0.0))
+        force_of_effects(table, values, before, step_s, substeps, state, 0.0)
+    return np.asarray(force_of_effects(table, values, motion, step_s, substeps, state, 0.0))
+
+
+def _in_unit_of_time(
+    times: float, effect: Effect, motion: FloatArray, step_s: float
+) -> tuple[FloatArray, FloatArray, float]:
+    """Numbers of an effect, its motion and the time from sample to sample in another unit of time.
+
+    What has memory is followed in steps of a size that suits the motion: an effect with none of its own time
+    stays the same in every unit.
+    """
+    powers = np.array([parse_unit(number.unit).powers[2] for number in effect.parameters.values()])
+    scaled = motion * np.array([1.0, 1 / times, 1.0, 1.0, times])[:, None]
+    return np.append(effect.values * times**powers, 0.0), scaled, step_s * times
 
 
 def force_records(records: Sequence[Record], settings: CampaignSettings) -> tuple[ForceRecord, ...]:

@@ -30,10 +30,10 @@ from rom.identification.spectral_model import (
 from rom.signals.processing import Measurement
 
 Group = tuple[str, tuple[str, ...]]
-MARGIN_S: Numerical[float] = 0.02
-"""Before a hit: what is later is not quiet."""
-SHORTEST_S: Numerical[float] = 0.2
-"""That tells a spectrum."""
+_MARGIN_S: Numerical[float] = 0.02  # before a hit: what is later is not quiet
+_MARGIN_SHARE: Numerical[float] = 0.1  # of the time before the hit, where that is brief
+_SHORTEST_S: Numerical[float] = 0.2  # that tells a spectrum
+_SHORTEST_PERIODS: Numerical[float] = 1.0  # of the strongest line, where that is brief
 
 
 @dataclass(frozen=True)
@@ -134,8 +134,9 @@ def segment_before_hit(
     if not len(force):
         found = "no hit" if measurement.impact_s is None else f"a hit after {measurement.impact_s:.3g} s"
         raise ValueError(
-            f"noise is told by at least {SHORTEST_S + MARGIN_S:g} s before the hit in every record that "
-            f"moves, found less ({measurement.file}: {found}): record a longer pre-trigger, or leave "
+            f"noise is told by at least {_SHORTEST_S + _MARGIN_S:g} s, or a period of the strongest "
+            "line, before the hit in every record that moves, found less "
+            f"({measurement.file}: {found}): record a longer pre-trigger, or leave "
             "records that are hit sooner out of the campaign"
         )
     motion = np.stack([measurement.motion[body].samples[: len(force)] for body in bodies], axis=1)
@@ -193,8 +194,19 @@ def before_hit(
 
 def quiet_seconds(measurements: Sequence[Measurement]) -> float:
     """Return how long all records of a kind are quiet before the hit [s]; zero where that is too short."""
-    longest = min((m.impact_s or 0.0 for m in measurements), default=0.0) - MARGIN_S
-    return longest if longest >= SHORTEST_S else 0.0
+    longest = min((before_margin(m.impact_s or 0.0) for m in measurements), default=0.0)
+    return longest if all(is_quiet_enough(m.impact_s or 0.0, m.strongest_hz) for m in measurements) else 0.0
+
+
+def before_margin(impact_s: float) -> float:
+    """Return the time [s] up to which a record is quiet before its hit."""
+    return impact_s - min(_MARGIN_S, _MARGIN_SHARE * impact_s)
+
+
+def is_quiet_enough(impact_s: float, strongest_hz: float | None) -> bool:
+    """Return whether the time before a hit tells the noise's spectrum."""
+    fast = _SHORTEST_PERIODS / strongest_hz if strongest_hz else _SHORTEST_S
+    return before_margin(impact_s) >= min(_SHORTEST_S, fast)
 
 
 def noise_floors(quiet: Sequence[Quiet]) -> Mapping[Group, NoiseDensity]:

@@ -247,6 +247,11 @@ def decimate(samples: FloatArray, rate_hz: float, target_hz: float) -> FloatArra
     return np.asarray(resampled + level, dtype=np.float64)
 
 
+def longest_pulse(rate_hz: float) -> int:
+    """Return how many samples a hammer's pulse lasts at most."""
+    return max(round(_LONGEST_PULSE_S * rate_hz), _LONGEST_PULSE)
+
+
 def find_impact(force: FloatArray, rate_hz: float) -> float | None:
     """Time [s] at which the hammer first touches, or None where there is no hit.
 
@@ -267,7 +272,7 @@ def find_impact(force: FloatArray, rate_hz: float) -> float | None:
     above = deviation > max(8 * rarely, 0.3 * float(deviation.max()))
     edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        if stop - start <= max(_LONGEST_PULSE_S * rate_hz, _LONGEST_PULSE):
+        if stop - start <= longest_pulse(rate_hz):
             quiet = np.flatnonzero(deviation[:start] <= max(3 * noise, 0.01 * deviation[start:stop].max()))
             return float((quiet[-1] if quiet.size else 0) / rate_hz)
     return None

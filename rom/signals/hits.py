@@ -16,7 +16,7 @@ from rom.campaign.channels import MOTIONS, Channel, FloatArray
 from rom.campaign.settings import LinkSettings
 from rom.criteria.records import Records
 from rom.signals.clipping import resolution
-from rom.signals.filters import find_impact
+from rom.signals.filters import find_impact, longest_pulse
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def first_hit(record: Record, rules: Records) -> Hit | None:
         if force is None or impact_s is None:
             continue
         start = round(impact_s * force.rate_hz)
-        span = np.abs(force.samples[start : start + round(0.02 * force.rate_hz)])
+        span = np.abs(force.samples[start : start + longest_pulse(force.rate_hz)])
         over = np.flatnonzero(span[np.argmax(span) :] < rules.contact_share * span.max())
         if over.size and span.size > 3:
             hits.append(

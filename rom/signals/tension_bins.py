@@ -118,7 +118,8 @@ class TensionCourse:
 
 
 def bins_after_hit(measurement: Measurement, settings: CampaignSettings) -> TensionBins | None:
-    """Return the changes after the hit, in bins that widen from 3 ms, or less, to seconds; None without hit or tension.
+    """Return the changes after the hit, in bins that widen from 3 ms to seconds, from less where the time
+    after the hit is brief; None without hit or tension.
 
     The bins' places after the hit are the same in every record of a campaign; those that a record, or the
     final window, does not hold whole are left out.

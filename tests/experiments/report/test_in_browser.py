@@ -205,7 +205,7 @@ def read(page: Page, name: str, value: str) -> Any:
 
 
 def pointed(page: Page, name: str, x: float, y: float) -> list[str]:
-    """Move the mouse onto values of a figure and return the tooltips; before its next paint there are none."""
+    """Move the mouse onto values of a figure and return the tooltips; before a paint there are none."""
     left, top = read(page, name, f"at({x}, {y})")
     page.point(left - 30, top - 30)
     page.point(left, top)
