@@ -21,6 +21,7 @@ from rom.criteria.number import Numerical
 from rom.effects import SensorFault
 
 # any loss is nearly a sum of these
+_LEAD_SHARE: Numerical[float] = 0.01  # of the time before a hit: what is later is not quiet
 _LOSSES_S: Numerical[tuple[float, ...]] = (1e-3, 4e-3, 1.5e-2, 5e-2)
 _OTHER_POWER: Numerical[float] = 2.0  # of |v|, beside the simulated quartic one; two or three cost more skew
 _SAME: Numerical[float] = 1e-8  # of the largest singular value: directions that are none
@@ -177,7 +178,7 @@ def project_disturbance(
         The whitened tension, its columns, and the coefficients of each group from before the hit.
     """
     after = _after_hit(record, nodes, [unit for group in groups for unit in group], criteria)
-    window = _window(record, -10.0, -2e-3)
+    window = _window(record, -10.0, -min(2e-3, _LEAD_SHARE * record.course.impact_s))
     target = record.tension[window] - record.tension[window].mean()
     own = []
     for group in groups:
