@@ -21,21 +21,28 @@ _WIDE: Numerical[float] = 1.0e3  # variance of a nuisance direction, in largest 
 Corners = list[tuple[float, float]]  # values of a grid about a number, and their weights
 
 
+def times_of(end_s: float) -> float:
+    """Factor on times that are meant for a tension that is followed for a second and more after the hit."""
+    return min(1.0, end_s)
+
+
 def knots_between(offsets: FloatArray) -> FloatArray:
     """Knots every quarter of a millisecond at first, ever wider later, and at every edge of a bin."""
+    times = times_of(offsets[-1])
+    offsets = offsets / times
     fine = np.concatenate(
         [[-LEAD_S], np.arange(0.0, 0.024, 2.5e-4), np.arange(0.024, 0.06, 1e-3), np.arange(0.06, 0.13, 5e-3)]
     )
     late = np.geomspace(0.13, max(offsets[-1], 0.14), 36)
     every = np.unique(np.round(np.concatenate([fine, late, offsets]), 9))
-    return np.asarray(every[every <= offsets[-1] + 1e-9])
+    return np.asarray(times * every[every <= offsets[-1] + 1e-9])
 
 
 def averages_over(knots: FloatArray, offsets: FloatArray) -> FloatArray:
     """Weights of the knots in the mean over each bin, (bins, knots)."""
-    weights = np.zeros((len(offsets) - 1, len(knots)))
+    weights, near = np.zeros((len(offsets) - 1, len(knots))), 1e-8 * times_of(offsets[-1])
     for row, (low, high) in enumerate(pairwise(offsets)):
-        inside = np.flatnonzero((knots >= low - 1e-8) & (knots <= high + 1e-8))
+        inside = np.flatnonzero((knots >= low - near) & (knots <= high + near))
         half = 0.5 * np.diff(knots[inside]) / (knots[inside[-1]] - knots[inside[0]])
         weights[row, inside[:-1]] += half
         weights[row, inside[1:]] += half
@@ -44,6 +51,7 @@ def averages_over(knots: FloatArray, offsets: FloatArray) -> FloatArray:
 
 def places_kept(v: FloatArray, time: FloatArray) -> npt.NDArray[np.int64]:
     """Every sample in the burst, ever fewer until the motion settles, then some a period."""
+    time = time / times_of(float(time[-1]))
     late = v[time > _SETTLED_S]
     crossings = int(np.sum(np.signbit(late[1:]) != np.signbit(late[:-1])))
     stride = 4

@@ -9,6 +9,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from discovery.courses.frozen_motion import FrozenMotion, freeze
+from discovery.courses.motion_grid import times_of
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.criteria.tension import Tension
 from rom.campaign.campaign import Campaign, RecordSettings
@@ -301,10 +302,11 @@ def coarse(frozen: FrozenMotion, stride: int) -> FrozenMotion:
 
 def _thinned(nodes: FloatArray, end_s: float, small: bool) -> FloatArray:
     """Fewer nodes, fewest for a small hit, which loosens nothing; the last one where the last bin ends."""
-    index, time = np.arange(nodes.shape[1]), nodes[0]
+    index, times = np.arange(nodes.shape[1]), times_of(end_s)
+    time = nodes[0] / times
     stride = np.where(time < 0.015, 2, np.where(time < _EARLY_S, 4, np.where(time < 0.5, 1, 2)))
-    kept = nodes[:, (index % (stride * (3 if small else 1)) == 0) & (time < end_s)]
-    return np.concatenate([kept, [[end_s + 1e-3], *kept[1:, -1:]]], axis=1)
+    kept = nodes[:, (index % (stride * (3 if small else 1)) == 0) & (nodes[0] < end_s)]
+    return np.concatenate([kept, [[end_s + 1e-3 * times], *kept[1:, -1:]]], axis=1)
 
 
 def drifted(

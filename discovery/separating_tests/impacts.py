@@ -42,6 +42,7 @@ _FORCES: Numerical[tuple[float, ...]] = (
 _PULSES: Numerical[tuple[float, ...]] = (0.5, 1.0)  # of the measured length, and the longest allowed
 _PRELOADS: Numerical[int] = 8
 _LEAD_S: Numerical[float] = 0.002
+_LEAD_SHARE: Numerical[float] = 1 / 250  # of the time after a hit, where that is brief
 _LENGTH_S: Numerical[float] = 1.0  # later bins tell little more
 _LEAST_LOSS: Numerical[float] = 1e-12  # of the tension
 _STEP: Numerical[float] = 1e-3
@@ -113,9 +114,15 @@ class _Grid:
     rate_hz: float
 
     @property
+    def lead_s(self) -> float:
+        """Time before the hit [s]."""
+        return min(_LEAD_S, _LEAD_SHARE * float(self.offsets_s[-1]))
+
+    @property
     def force(self) -> FloatArray:
         """Half sines, (hits, samples) [N]."""
-        time = np.arange(int((_LEAD_S + self.offsets_s[-1]) * self.rate_hz) + 2) / self.rate_hz - _LEAD_S
+        samples = int((self.lead_s + self.offsets_s[-1]) * self.rate_hz) + 2
+        time = np.arange(samples) / self.rate_hz - self.lead_s
         phase = time / self.pulse_length[:, None]
         inside = (phase > 0) & (phase < 1)
         return np.where(inside, self.peak_force[:, None] * np.sin(np.pi * phase), 0.0)
@@ -253,7 +260,7 @@ def _simulated(
     model = frozen.model.with_tension_law(candidate.law(), frozen.link)
     rated = candidate.rated(frozen.factors(deviations))
     vary = {f"{frozen.link}.tension_rate.{name}": values for name, values in rated.items()}
-    edges = _LEAD_S + grid.offsets_s
+    edges = grid.lead_s + grid.offsets_s
     return model.mean_tensions(force, grid.rate_hz, grid.preload, edges, vary, grid.body)
 
 
