@@ -11,6 +11,7 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 
 LEAD_S: Numerical[float] = 0.004  # a hit begins before its impact is noticed
+_BRIEF_S: Numerical[float] = 0.2
 _BURST_S: Numerical[float] = 0.06
 _EARLY_S: Numerical[float] = 0.12
 _SETTLED_S: Numerical[float] = 0.5
@@ -22,8 +23,8 @@ Corners = list[tuple[float, float]]  # values of a grid about a number, and thei
 
 
 def times_of(end_s: float) -> float:
-    """Factor on times that are meant for a tension that is followed for a second and more after the hit."""
-    return min(1.0, end_s)
+    """Factor on times that are meant for a tension that is followed for 0.2 s and more after the hit."""
+    return min(1.0, end_s / _BRIEF_S)
 
 
 def knots_between(offsets: FloatArray) -> FloatArray:

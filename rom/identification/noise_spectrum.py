@@ -33,7 +33,7 @@ Group = tuple[str, tuple[str, ...]]
 _MARGIN_S: Numerical[float] = 0.02  # before a hit: what is later is not quiet
 _MARGIN_SHARE: Numerical[float] = 0.1  # of the time before the hit, where that is brief
 _SHORTEST_S: Numerical[float] = 0.2  # that tells a spectrum
-_SHORTEST_PERIODS: Numerical[float] = 1.0  # of the strongest line, where that is brief
+_SHORTEST_PERIODS: Numerical[float] = 2.0  # of the strongest line, where that is brief
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def segment_before_hit(
     if not len(force):
         found = "no hit" if measurement.impact_s is None else f"a hit after {measurement.impact_s:.3g} s"
         raise ValueError(
-            f"noise is told by at least {_SHORTEST_S + _MARGIN_S:g} s, or a period of the strongest "
+            f"noise is told by at least {_SHORTEST_S + _MARGIN_S:g} s, or two periods of the strongest "
             "line, before the hit in every record that moves, found less "
             f"({measurement.file}: {found}): record a longer pre-trigger, or leave "
             "records that are hit sooner out of the campaign"

@@ -27,7 +27,7 @@ from rom.identification.spectral_model import SpectralRecord
 from rom.model.effect import SensorFault
 from rom.progress import Progress, counted
 from rom.signals.measured_records import MeasuredRecord, measured_record
-from rom.signals.motion import time_factor
+from rom.signals.motion import loss_factor
 from rom.signals.processing import Measurement, TensionRecord, driven_displacement
 from rom.signals.quality import Doubt
 from rom.signals.sensor_correction import without_faults
@@ -37,7 +37,6 @@ _PERIOD_MARGIN: Numerical[float] = (
     17.0 / 15.78
 )  # the paper drops what lies above 17 Hz, its first mode being at most 15.78 Hz
 _LONGEST_PERIOD: Numerical[float] = 1.5  # of that of the strongest line: half-way to a peak that is missing
-_LOSES_HZ: Numerical[float] = 15.0  # of a slower motion the three times go with its period
 _SMOOTH_S: Numerical[float] = 0.01
 _SHORTEST_LOSS_S: Numerical[float] = 0.02
 _LONGEST_LOSS_S: Numerical[float] = 1.0
@@ -288,14 +287,8 @@ def _spectra(measurement: Measurement, settings: CampaignSettings) -> tuple[Spec
     tension, start = measurement.tension, None
     loosens = measurement.test == "loosening" and all(body.mass_kg is not None for body in settings.body)
     if loosens and tension is not None and abs(tension.loss) > RULES.small_loss * abs(tension.initial):
-        start = _settled(tension, measurement.impact_s or 0.0, _loss_times(measurement.strongest_hz))
+        start = _settled(tension, measurement.impact_s or 0.0, loss_factor(measurement.strongest_hz))
     return spectral_records(measurement, settings, start_s=start)
-
-
-def _loss_times(strongest_hz: float | None) -> float:
-    """Return the factor on times that are meant for a loss that goes with the motion of a usual bolt."""
-    factor = time_factor(strongest_hz)
-    return max(factor, _LOSES_HZ / strongest_hz) if factor >= 1.0 and strongest_hz else factor
 
 
 def _settled(tension: TensionRecord, impact_s: float, times: float) -> float:

@@ -21,6 +21,7 @@ _FEWEST_PERIODS: Numerical[int] = 16  # in what is looked at, longer where the s
 _DRIFT_HZ: Numerical[float] = 0.5  # an accelerometer drifts below; as a share of the rate where that is low
 _DRIFT_SHARE: Numerical[float] = 1 / 400
 _USUAL_HZ: Numerical[tuple[float, float]] = (1.0, 100.0)
+_LOSES_HZ: Numerical[float] = 15.0
 _LARGEST_NOISE: Numerical[float] = 30.0  # medians of a density; the largest of 10^6 lines of noise has 20
 
 
@@ -41,6 +42,12 @@ def time_factor(strongest_hz: float | None) -> float:
     """
     low, high = _USUAL_HZ
     return 1.0 if not strongest_hz else max(low / strongest_hz, 1.0) * min(high / strongest_hz, 1.0)
+
+
+def loss_factor(strongest_hz: float | None) -> float:
+    """Return the factor on times that are meant for a loss in a joint that moves at 15 Hz and more."""
+    factor = time_factor(strongest_hz)
+    return max(factor, _LOSES_HZ / strongest_hz) if factor >= 1.0 and strongest_hz else factor
 
 
 def dominant_frequency(

@@ -282,7 +282,7 @@ def test_noise_of_a_body_struck_alone_is_told_anew_once_friction_had_passed_for_
 def test_hits_that_come_too_soon_to_tell_noise_by_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("discovery.residual.output_error.quiet_seconds", lambda _: 0.0)
     campaign, found = identified()
-    with pytest.raises(ValueError, match=r"at least 0\.22 s before the hit .* longer pre-trigger"):
+    with pytest.raises(ValueError, match=r"at least 0\.22 s, or two periods .* longer pre-trigger"):
         whitened_residual_of(campaign, starting(found, found.model), read_measurements(campaign))
 
 
