@@ -32,6 +32,14 @@ class Scale:
     displacement: float
     velocity: float
 
+    @classmethod
+    def largest(
+        cls, force: Sequence[float], displacement: Sequence[float], velocity: Sequence[float]
+    ) -> Scale | None:
+        """The largest of each; None where nothing moves or pulls."""
+        sizes = [max(one, default=0.0) for one in (force, displacement, velocity)]
+        return cls(*sizes) if min(sizes) > 0 else None
+
     def is_near(self, other: Scale, times: float) -> bool:
         """Whether force, displacement and velocity are those of another scale to within a factor."""
         pairs = zip(vars(self).values(), vars(other).values(), strict=True)
@@ -57,7 +65,7 @@ def scale_of(balances: Balances, enters: str) -> Scale | None:
     A body that nobody drives is pulled by its links as hard as its mass resists.
     """
     masses = {f"body.{body.name}.mass": body.mass_kg or 0.0 for body in balances.settings.body}
-    force, x, v = [], [0.0], [0.0]
+    force, x, v = list[float](), list[float](), list[float]()
     for record in balances.records:
         if record.settings.hold_out or enters not in record.motion:
             continue
@@ -69,8 +77,13 @@ def scale_of(balances: Balances, enters: str) -> Scale | None:
         force += [
             _typical_force(b, here.get(f"body.{b.place.removeprefix('body:')}.mass", 0.0)) for b in near
         ]
-    found = Scale(max(force, default=0.0), max(x), max(v))
-    return found if min(found.force, found.displacement, found.velocity) > 0 else None
+    return Scale.largest(force, x, v)
+
+
+def ends_of(model: Model, enters: str) -> tuple[str, str]:
+    """What an effect acts between; on a body it acts against the ground."""
+    ends = {link.name: (link.first, link.second) for link in model.structure.links}
+    return ends.get(enters, (enters.removeprefix("body:"), GROUND))
 
 
 def scale_along(trajectories: Sequence[MeasuredTrajectory], model: Model, enters: str) -> Scale | None:
@@ -85,9 +98,8 @@ def scale_along(trajectories: Sequence[MeasuredTrajectory], model: Model, enters
     enters : str
         A link or ``"body:<name>"``.
     """
-    ends = {link.name: (link.first, link.second) for link in model.structure.links}
-    first, second = ends.get(enters, (enters.removeprefix("body:"), GROUND))
-    force, x, v = [0.0], [0.0], [0.0]
+    first, second = ends_of(model, enters)
+    force, x, v = list[float](), list[float](), list[float]()
     for trajectory in trajectories:
         ours = [body for body in model.structure.bodies if body.name in (first, second)]
         moving = [body for body in ours if body.name in trajectory.velocity]
@@ -98,8 +110,7 @@ def scale_along(trajectories: Sequence[MeasuredTrajectory], model: Model, enters
         v.append(float(np.abs(velocity).max()))
         accelerations = (np.diff(trajectory.velocity[body.name]) * trajectory.rate_hz for body in moving)
         force += [body.mass * float(a.std()) for body, a in zip(moving, accelerations, strict=True)]
-    found = Scale(max(force), max(x), max(v))
-    return found if min(found.force, found.displacement, found.velocity) > 0 else None
+    return Scale.largest(force, x, v)
 
 
 def _typical_force(balance: Balance, mass: float) -> float:

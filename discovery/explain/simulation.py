@@ -18,14 +18,13 @@ from discovery.explain.force_balance import explanation
 from discovery.explain.free_form import member_of, single_terms, sparse_sum, terms_at
 from discovery.explain.motion import free_numbers
 from discovery.explain.probes import Probe, cut_to_bounds, fit_promising, probed_in_pieces
-from discovery.explain.scales import Scale, at_scale
+from discovery.explain.scales import Scale, at_scale, ends_of
 from discovery.options import Options
 from discovery.residual.base import cost
 from discovery.residual.simulation import EVALUATIONS, Fit, SimulationResidual, refitted
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, ModelCorrection, candidates_of, places
-from rom.model.structure import GROUND
 from rom.progress import counted
 
 _CHANGE: Numerical[float] = 1e-2  # of the motion, by which a probe moves it
@@ -93,10 +92,9 @@ def candidates_in_decays(residual: SimulationResidual) -> Iterator[tuple[Member,
 
 def scale_at(residual: SimulationResidual, enters: str) -> Scale | None:
     """Scale of a place over the training records, from the model's own motion; None where nothing moves."""
-    ends = {link.name: (link.first, link.second) for link in residual.model.structure.links}
-    first, second = ends.get(enters, (enters.removeprefix("body:"), GROUND))
+    first, second = ends_of(residual.model, enters)
     masses = {body.name: body.mass for body in residual.model.structure.bodies}
-    force, x, v = [0.0], [0.0], [0.0]
+    force, x, v = list[float](), list[float](), list[float]()
     for place in residual.trained:
         ring = residual.rings[place]
         response = ring.response(residual.model, residual.states[place])
@@ -111,8 +109,7 @@ def scale_at(residual: SimulationResidual, enters: str) -> Scale | None:
         force += [
             masses[b] * float(a.std()) for b, a in zip((first, second), parts[2], strict=True) if b in masses
         ]
-    found = Scale(max(force), max(x), max(v))
-    return found if min(found.force, found.displacement, found.velocity) > 0 else None
+    return Scale.largest(force, x, v)
 
 
 def _probed(

@@ -20,8 +20,8 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import SensorFault
 
-# any loss is nearly a sum of these
 _LEAD_SHARE: Numerical[float] = 0.01  # of the time before a hit: what is later is not quiet
+# any loss is nearly a sum of these
 _LOSSES_S: Numerical[tuple[float, ...]] = (1e-3, 4e-3, 1.5e-2, 5e-2)
 _OTHER_POWER: Numerical[float] = 2.0  # of |v|, beside the simulated quartic one; two or three cost more skew
 _SAME: Numerical[float] = 1e-8  # of the largest singular value: directions that are none
