@@ -191,7 +191,8 @@ def _motion_overlay(ax: Axes, measurement: Measurement, response: Response) -> N
     ax.set_ylabel(f"$x_\\mathrm{{{_math(body)}}}$ [{unit}]")
     if measurement.tension is not None:
         ax.set_title(f"Preload {measurement.tension.initial:.4g} N")
-    ax.set_xlim(time[0], time[-1])
+    if len(time) > 1:
+        ax.set_xlim(time[0], time[-1])
 
 
 def _tension_overlay(ax: Axes, measurement: Measurement, response: Response) -> None:
