@@ -36,7 +36,13 @@ class Scale:
     def largest(
         cls, force: Sequence[float], displacement: Sequence[float], velocity: Sequence[float]
     ) -> Scale | None:
-        """The largest of each; None where nothing moves or pulls."""
+        """The largest of each; None where nothing moves or pulls.
+
+        Parameters
+        ----------
+        force, displacement, velocity : Sequence[float]
+            One size of each record [N], [m], [m/s].
+        """
         sizes = [max(one, default=0.0) for one in (force, displacement, velocity)]
         return cls(*sizes) if min(sizes) > 0 else None
 
