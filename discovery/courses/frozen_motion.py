@@ -23,6 +23,7 @@ from discovery.courses.motion_grid import (
     grid_corners,
     knots_between,
     places_kept,
+    times_of,
     with_nuisance,
 )
 from discovery.criteria.criteria import CRITERIA, Criteria
@@ -305,7 +306,7 @@ def _frozen(
     nodes = [
         part
         for own, of_bolt in bolts
-        for part in _simulated(own, of_bolt, float(offsets[-1]), criteria.courses.least_final)
+        for part in _simulated(own, of_bolt, offsets, criteria.courses.least_final)
     ]
     averages = averages_over(knots, offsets)
     kept = tuple(_cut(course, bins) for course in courses)
@@ -337,10 +338,10 @@ def _cut(course: TensionCourse, bins: int) -> TensionCourse:
 
 
 def _simulated(
-    model: Model, courses: Sequence[TensionCourse], end_s: float, least_final: float
+    model: Model, courses: Sequence[TensionCourse], offsets: FloatArray, least_final: float
 ) -> list[FloatArray]:
     link = next(link for link in model.structure.links if link.law == "bolted")
-    window = courses[0].final_window
+    window, end_s, times = courses[0].final_window, float(offsets[-1]), times_of(offsets)
     cases = [
         LooseningCase(c.file, c.body, c.force, c.rate_hz, c.initial,
                       max(c.final, least_final * c.initial), c.final_error, c.given)
@@ -354,7 +355,7 @@ def _simulated(
         own = in_record(model, course.given).with_tension_law(rate, link.name)
         response = own.simulate({course.body: course.force}, course.rate_hz, course.initial)
         hit = round(course.impact_s * course.rate_hz)
-        first = max(hit - round(LEAD_S * course.rate_hz), 0)
+        first = max(hit - round(LEAD_S * max(times, 1.0) * course.rate_hz), 0)
         last = min(hit + int(end_s * course.rate_hz) + 1, len(course.force))
         x, v = (
             _relative(motion, link.first, link.second)[first:last]
@@ -362,7 +363,7 @@ def _simulated(
         )
         tension = np.asarray(response.tension)[first:last]
         time = np.arange(first, last) / course.rate_hz - course.impact_s
-        places = places_kept(v, time)
+        places = places_kept(v, time, times)
         x, v, tension = x[places], v[places], tension[places]
         damping = laws.damping(tension) * v
         force = laws.stiffness(tension) * x + damping

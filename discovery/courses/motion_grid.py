@@ -12,6 +12,7 @@ from rom.criteria.number import Numerical
 
 LEAD_S: Numerical[float] = 0.004  # a hit begins before its impact is noticed
 _BRIEF_S: Numerical[float] = 0.2
+_WIDE_S: Numerical[float] = 6e-3
 _BURST_S: Numerical[float] = 0.06
 _EARLY_S: Numerical[float] = 0.12
 _SETTLED_S: Numerical[float] = 0.5
@@ -22,14 +23,17 @@ _WIDE: Numerical[float] = 1.0e3  # variance of a nuisance direction, in largest 
 Corners = list[tuple[float, float]]  # values of a grid about a number, and their weights
 
 
-def times_of(end_s: float) -> float:
-    """Factor on times that are meant for a tension that is followed for 0.2 s and more after the hit."""
-    return min(1.0, end_s / _BRIEF_S)
+def times_of(offsets: FloatArray) -> float:
+    """Factor on times that are meant for a tension that is followed for 0.2 s and more, in bins from 3 ms.
+
+    Bins are wider where a slow structure is sampled slowly.
+    """
+    return min(1.0, float(offsets[-1]) / _BRIEF_S) * max(1.0, float(offsets[1] - offsets[0]) / _WIDE_S)
 
 
 def knots_between(offsets: FloatArray) -> FloatArray:
     """Knots every quarter of a millisecond at first, ever wider later, and at every edge of a bin."""
-    times = times_of(offsets[-1])
+    times = times_of(offsets)
     offsets = offsets / times
     fine = np.concatenate(
         [[-LEAD_S], np.arange(0.0, 0.024, 2.5e-4), np.arange(0.024, 0.06, 1e-3), np.arange(0.06, 0.13, 5e-3)]
@@ -41,7 +45,7 @@ def knots_between(offsets: FloatArray) -> FloatArray:
 
 def averages_over(knots: FloatArray, offsets: FloatArray) -> FloatArray:
     """Weights of the knots in the mean over each bin, (bins, knots)."""
-    weights, near = np.zeros((len(offsets) - 1, len(knots))), 1e-8 * times_of(offsets[-1])
+    weights, near = np.zeros((len(offsets) - 1, len(knots))), 1e-8 * times_of(offsets)
     for row, (low, high) in enumerate(pairwise(offsets)):
         inside = np.flatnonzero((knots >= low - near) & (knots <= high + near))
         half = 0.5 * np.diff(knots[inside]) / (knots[inside[-1]] - knots[inside[0]])
@@ -50,9 +54,22 @@ def averages_over(knots: FloatArray, offsets: FloatArray) -> FloatArray:
     return weights
 
 
-def places_kept(v: FloatArray, time: FloatArray) -> npt.NDArray[np.int64]:
-    """Every sample in the burst, ever fewer until the motion settles, then some a period."""
-    time = time / times_of(float(time[-1]))
+def places_kept(v: FloatArray, time: FloatArray, times: float) -> npt.NDArray[np.int64]:
+    """Every sample in the burst, ever fewer until the motion settles, then some a period.
+
+    Parameters
+    ----------
+    v, time : ndarray, shape (samples,)
+        Relative velocity [m/s], and time from the hit [s].
+    times : float
+        Factor on usual times, as `times_of`.
+
+    Returns
+    -------
+    ndarray of int
+        Places of the samples that are kept.
+    """
+    time = time / times
     late = v[time > _SETTLED_S]
     crossings = int(np.sum(np.signbit(late[1:]) != np.signbit(late[:-1])))
     stride = 4

@@ -17,7 +17,7 @@ import numpy as np
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.explain.probes import Probe, cut_to_bounds, probed_in_pieces
-from discovery.explain.scales import Scale, at_scale, fault_at_scale, scale_of, sees_normal_force
+from discovery.explain.scales import Scale, at_scale, rescaled, scale_of, sees_normal_force
 from discovery.options import Options
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.channels import FloatArray
@@ -61,7 +61,7 @@ def candidates_in_balances(residual: ForceBalanceResidual) -> Iterator[tuple[Mem
         if isinstance(added, SensorFault):
             scale = scale_of(balances, f"body:{added.channel.partition('_')[2]}")
             if not added.other and scale is not None:
-                yield member, fault_at_scale(added, scale)
+                yield member, rescaled(added, scale)
         elif member.kind == "force" and not _is_double(member, added, residual):
             effect = _at_place(member, added, residual)
             if effect is not None:

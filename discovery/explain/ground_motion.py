@@ -11,13 +11,16 @@ the disturbance, so that gains come out too small.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from joblib import delayed
 from scipy import optimize
 
 from discovery.criteria.tension import Tension
 from discovery.decide.explanation import Explanation
-from discovery.explain.motion import explanation, motion_channels
+from discovery.explain.motion import explanation, motion_channels, unusual_scales
+from discovery.explain.scales import OF_GROUND, rescaled
 from discovery.options import Options
 from discovery.residual.effect_forces import lasting_force, lasting_lines, lines_from_start
 from discovery.residual.output_error import WhitenedResidual
@@ -49,8 +52,15 @@ def explain(residual: WhitenedResidual, options: Options) -> tuple[Explanation, 
     seconds = quiet_seconds([trace.measurement for trace in residual.traces])
     if seconds == 0:
         return ()
+    unusual = unusual_scales(residual)
     tasks = (
-        delayed(_explained)(member, effect, residual, seconds, options.criteria.tension)
+        delayed(_explained)(
+            member,
+            rescaled(effect, unusual[effect.enters], OF_GROUND) if effect.enters in unusual else effect,
+            residual,
+            seconds,
+            options.criteria.tension,
+        )
         for member, effect in candidates_of(Effect, residual.baseline.model, motion_channels(residual))
         if _lasts(member, effect)
     )
@@ -102,10 +112,12 @@ class _Disturbance:
         if gains.max() < least * chance:
             return None
         rough = float(grid[int(np.argmax(gains))])
-        near = np.arange(rough - _REACH_HZ, rough + _REACH_HZ, _STEP_HZ)
+        usual = self.member.parameters[self.inner].bounds[1]
+        reach_hz, step_hz = _REACH_HZ * high / usual, _STEP_HZ * high / usual
+        near = np.arange(rough - reach_hz, rough + reach_hz, step_hz)
         near = near[(near >= low) & (near <= high)]
         best = float(near[int(np.argmax(self._after(near)))])
-        reach = (max(best - _STEP_HZ, low), min(best + _STEP_HZ, high))
+        reach = (max(best - step_hz, low), min(best + step_hz, high))
         at = optimize.minimize_scalar(
             lambda hz: -float(self._after(np.array([hz]))[0]), bounds=reach, method="bounded"
         ).x
@@ -117,8 +129,12 @@ class _Disturbance:
         return explanation(effect, self.member, self.residual.with_own(effect.path, own))
 
     def _units(self, at: FloatArray) -> list[Effect]:
-        """Forces of strength one, by frequency and number."""
-        return [self.effect.with_values(**{name: 1.0, self.inner: hz}) for hz in at for name in self.names]
+        """Forces of strength one, which may be beyond their range, by frequency and number."""
+        free = {
+            name: replace(number, bounds=(-np.inf, np.inf)) for name, number in self.effect.parameters.items()
+        }
+        unit = replace(self.effect, parameters=free)
+        return [unit.with_values(**{name: 1.0, self.inner: hz}) for hz in at for name in self.names]
 
     def _before(self, at: FloatArray) -> tuple[dict[str, FloatArray], FloatArray]:
         """Numbers by what precedes the hits, (frequencies, numbers), of each file; gains on training records.

@@ -80,7 +80,7 @@ def candidates_in_motion(residual: WhitenedResidual) -> list[tuple[Member, Model
     """Forces and faults of sensors in the motion that a model does not hold yet."""
     model = residual.baseline.model
     known = {(effect.name, effect.enters) for effect in model.effects}
-    unusual = _unusual_scales(residual)
+    unusual = unusual_scales(residual)
     return [
         (member, _at_scale(member, effect, unusual, residual))
         for member, effect in candidates(model, motion_channels(residual))
@@ -90,7 +90,7 @@ def candidates_in_motion(residual: WhitenedResidual) -> list[tuple[Member, Model
     ]
 
 
-def _unusual_scales(residual: WhitenedResidual) -> dict[str, Scale]:
+def unusual_scales(residual: WhitenedResidual) -> dict[str, Scale]:
     """Scales of the places that move far more or less than the catalogue's."""
     model, most = residual.baseline.model, residual.criteria.tension.usual_sizes
     found = {}

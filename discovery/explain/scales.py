@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -168,14 +169,27 @@ def at_scale(member: Member, effect: Effect, scale: Scale, *, ground: bool, crit
     return made
 
 
-def fault_at_scale(fault: SensorFault, scale: Scale) -> SensorFault:
-    """The fault of a force sensor with what it has in N at the scale of the force there."""
-    numbers = {
-        name: replace(
-            number,
-            value=number.value * (factor := scale.over(OF_JOINT, number.unit)),
-            bounds=(number.bounds[0] * factor, number.bounds[1] * factor),
-        )
-        for name, number in fault.parameters.items()
-    }
-    return replace(fault, parameters=numbers)
+Scaled = TypeVar("Scaled", Effect, SensorFault)
+
+
+def rescaled(correction: Scaled, scale: Scale, known: Scale = OF_JOINT) -> Scaled:
+    """Return an effect or fault with every number and range as much larger as the scale is than a known one.
+
+    Parameters
+    ----------
+    correction : Effect or SensorFault
+        With numbers for the known scale.
+    scale, known : Scale
+        Where it is to act, and what its numbers are given for.
+
+    Returns
+    -------
+    Effect or SensorFault
+        The same with other numbers.
+    """
+    numbers = {}
+    for name, number in correction.parameters.items():
+        factor = scale.over(known, number.unit)
+        low, high = number.bounds
+        numbers[name] = replace(number, value=number.value * factor, bounds=(low * factor, high * factor))
+    return replace(correction, parameters=numbers)

@@ -47,6 +47,7 @@ def rest_of(record: TensionObservation, nodes: FloatArray) -> FloatArray:
 
 
 def _window(record: TensionObservation, start_s: float, end_s: float) -> slice:
+    start_s, end_s = start_s * record.times, end_s * record.times
     first = int((record.course.impact_s + start_s) * record.rate_hz)
     return slice(
         max(first, 0), min(int((record.course.impact_s + end_s) * record.rate_hz), len(record.tension))
@@ -86,9 +87,9 @@ def _after_hit(
     window = _window(record, 0.0, criteria.fast_window_s)
     time = (np.arange(window.start, window.stop) / record.rate_hz) - record.course.impact_s
     length = float(time[-1])
-    order = np.arange(int(2 * criteria.slowest_hz * length) + 1)
+    order = np.arange(int(2 * criteria.slowest_hz / record.times * length) + 1)
     slow = np.cos(np.pi * np.outer(time / length, order))
-    losses = np.exp(-np.outer(time, 1 / np.array(_LOSSES_S)))
+    losses = np.exp(-np.outer(time / record.times, 1 / np.array(_LOSSES_S)))
     course = np.interp(time, nodes[0], nodes[5])[:, None]
     target, rows = rest_of(record, nodes)[window], np.stack([c[window] for c in columns], axis=1)
     return _projected(target, rows, np.hstack([slow, losses, course]), record.white)

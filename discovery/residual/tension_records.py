@@ -18,6 +18,7 @@ from rom.criteria.number import Numerical
 from rom.effects import Motion
 from rom.model.model import Model
 from rom.signals.measured_records import measured_record
+from rom.signals.motion import loss_factor
 from rom.signals.per_record_parameters import own_numbers, per_record_names
 from rom.signals.processing import Measurement, TensionRecord, tension_record
 from rom.signals.sensor_correction import corrected
@@ -48,6 +49,7 @@ class TensionObservation:
     link_force: FloatArray
     bodies: Mapping[str, FloatArray]
     white: float  # variance of a sample [N^2]
+    times: float = 1.0  # factor on the times that are meant for a usual joint
 
 
 def read_tensions(
@@ -107,7 +109,7 @@ def _observed(
     return TensionObservation(
         record, course, bins, bins_before_hit(measurement), tension.samples, tension.rate_hz,
         motion.displacement, motion.link_force, motion.body_displacement,
-        _white(measurement, tension, band_hz),
+        _white(measurement, tension, band_hz), max(loss_factor(measurement.strongest_hz), 1.0),
     )  # fmt: skip
 
 
@@ -283,8 +285,8 @@ def frozen_of(
 
 def thinned(frozen: FrozenMotion, small: Sequence[bool]) -> FrozenMotion:
     """Frozen motion with fewer nodes, fewest for small hits, up to the end of the last bin."""
-    end_s = float(frozen.courses[0].edges_s[-1] - frozen.courses[0].impact_s)
-    parts = [_thinned(frozen.of_case(i), end_s, few) for i, few in enumerate(small)]
+    offsets = frozen.courses[0].edges_s - frozen.courses[0].impact_s
+    parts = [_thinned(frozen.of_case(i), offsets, few) for i, few in enumerate(small)]
     starts = np.cumsum([0, *(part.shape[1] for part in parts)])
     apart = frozen.without_cache()  # exposures are integrals between nodes
     return replace(apart, nodes=np.concatenate(parts, axis=1), starts=starts)
@@ -300,9 +302,9 @@ def coarse(frozen: FrozenMotion, stride: int) -> FrozenMotion:
     return replace(frozen.without_cache(), nodes=np.concatenate(parts, axis=1), starts=starts)
 
 
-def _thinned(nodes: FloatArray, end_s: float, small: bool) -> FloatArray:
+def _thinned(nodes: FloatArray, offsets: FloatArray, small: bool) -> FloatArray:
     """Fewer nodes, fewest for a small hit, which loosens nothing; the last one where the last bin ends."""
-    index, times = np.arange(nodes.shape[1]), times_of(end_s)
+    index, times, end_s = np.arange(nodes.shape[1]), times_of(offsets), float(offsets[-1])
     time = nodes[0] / times
     stride = np.where(time < 0.015, 2, np.where(time < _EARLY_S, 4, np.where(time < 0.5, 1, 2)))
     kept = nodes[:, (index % (stride * (3 if small else 1)) == 0) & (nodes[0] < end_s)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from rom.criteria.number import Group, number
 
@@ -13,9 +13,13 @@ class Records(Group):
 
     contact_share: float = number(0.02, "1", "share of a hit's peak force below which the contact is over")
     shortest_pulse: int = number(4, "1", "samples of a contact, below which it has no shape")
-    shortest_ringing_s: float = number(
-        0.5, "s", "time after a hit, below which the lowest mode does not show"
+    usual_hz: float = number(
+        25.0, "Hz", "frequency of the strongest motion, below which the times after a hit are longer"
     )
+    shortest_ringing_s: float = number(
+        0.3, "s", "time after a hit, below which the lowest mode does not show"
+    )
+    longest_ringing_s: float = number(3.0, "s", "time after a hit in which the lowest mode is sought")
     lowest_hz: float = number(2.0, "Hz", "frequency below which a displacement from an acceleration is drift")
     momentum_window_s: float = number(
         0.25, "s", "time after a hit over which the balance of momentum looks for a second one"
@@ -47,3 +51,9 @@ class Records(Group):
     )
     flat_excess: float = number(4.0, "1", "least that was cut off, in widths of the flat top")
     flat_share: float = number(0.02, "1", "least that was cut off, as a share of the peak")
+
+    def slower(self, factor: float) -> Records:
+        """The same for a structure so many times slower than those that the times are given for."""
+        times = [name for name, _, unit, *_ in self.rows() if unit == "s"]
+        slow = {name: factor * getattr(self, name) for name in times}
+        return replace(self, lowest_hz=self.lowest_hz / factor, **slow)

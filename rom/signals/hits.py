@@ -6,7 +6,7 @@ the forces within the structure cancel, whatever the joint does; c_i and k_i tie
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import integrate, optimize, signal
@@ -17,6 +17,7 @@ from rom.campaign.settings import LinkSettings
 from rom.criteria.records import Records
 from rom.signals.clipping import resolution
 from rom.signals.filters import find_impact, longest_pulse
+from rom.signals.motion import Motion, dominant_frequency
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,10 @@ class Hit:
 
 
 def first_hit(record: Record, rules: Records) -> Hit | None:
-    """Return the hit with the highest force, None where no force channel shows one."""
+    """Return the hit with the highest force, None where no force channel shows one.
+
+    The rules it goes with have the times of a structure as slow as this one.
+    """
     hits = []
     for body in record.bodies:
         force = record.force(body)
@@ -50,7 +54,19 @@ def first_hit(record: Record, rules: Records) -> Hit | None:
             hits.append(
                 (span.max(), Hit(body, force, start, start + int(np.argmax(span)) + int(over[0]), rules))
             )
-    return max(hits, key=lambda hit: hit[0])[1] if hits else None
+    if not hits:
+        return None
+    first = max(hits, key=lambda hit: hit[0])[1]
+    return replace(first, rules=rules.slower(_slowness(record, first)))
+
+
+def _slowness(record: Record, hit: Hit) -> float:
+    """Return how many times slower a structure is than those that the rules' times are for, at least 1."""
+    rate = hit.force.rate_hz
+    seen = {body: record.motion(body) for body in record.bodies}
+    motions = {body: Motion(kind, m.samples) for body, (kind, m) in seen.items() if m.rate_hz == rate}
+    strongest = dominant_frequency(motions, rate, hit.start / rate)
+    return max(hit.rules.usual_hz / strongest, 1.0) if strongest else 1.0
 
 
 def _acceleration(record: Record, body: str, rate_hz: float) -> FloatArray | None:
@@ -128,7 +144,7 @@ def _neighbour_sign(record: Record, hit: Hit, known: str, other: str) -> int:
     if accelerations is None or len(accelerations) - hit.stop < hit.rules.shortest_ringing_s * rate:
         return 0
     columns = [record.bodies.index(known), record.bodies.index(other)]
-    pair = accelerations[hit.stop : hit.stop + round(3 * rate), columns].T
+    pair = accelerations[hit.stop : hit.stop + round(hit.rules.longest_ringing_s * rate), columns].T
     # Without taking out the mean, which is that of the ringing: the pre-trigger tells the sensors' offset.
     offset = accelerations[: hit.start, columns].mean(axis=0) if hit.start else np.zeros(2)
     spectra = np.fft.rfft((pair - offset[:, None]) * signal.windows.hann(pair.shape[1]))

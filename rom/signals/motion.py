@@ -20,6 +20,7 @@ _FEWEST: Numerical[int] = 2048  # samples in place of those seconds, where a slo
 _FEWEST_PERIODS: Numerical[int] = 16  # in what is looked at, longer where the strongest line has fewer
 _DRIFT_HZ: Numerical[float] = 0.5  # an accelerometer drifts below; as a share of the rate where that is low
 _DRIFT_SHARE: Numerical[float] = 1 / 400
+_DRIFT_POWER: Numerical[float] = 0.1  # of an acceleration; sound campaigns have 1e-3, slow structures 0.3
 _USUAL_HZ: Numerical[tuple[float, float]] = (1.0, 100.0)
 _LOSES_HZ: Numerical[float] = 15.0
 _LARGEST_NOISE: Numerical[float] = 30.0  # medians of a density; the largest of 10^6 lines of noise has 20
@@ -72,8 +73,10 @@ def dominant_frequency(
         Frequency [Hz]; None where nothing moves.
     """
     start = int((impact_s or 0.0) * rate_hz)
-    length = max(int((_STRONGEST_S if impact_s is not None else _LONGEST_S) * rate_hz), _FEWEST)
     longest = max((len(channel.samples) for channel in motion.values()), default=0) - start
+    length = max(int((_STRONGEST_S if impact_s is not None else _LONGEST_S) * rate_hz), _FEWEST)
+    if impact_s is not None and _DRIFT_SHARE * rate_hz < _DRIFT_HZ:  # of what is so slow nothing is too long
+        length = max(length, longest)
     while True:
         ringing = {body: Motion(m.kind, m.samples[start : start + length]) for body, m in motion.items()}
         found = _strongest(ringing, rate_hz, band_hz, from_rest=impact_s is not None)
@@ -109,13 +112,15 @@ def _velocity_lines(
     samples, order = motion.samples - motion.samples.mean(), INTEGRATIONS[motion.kind]
     size, resolution = fft.next_fast_len(len(samples), real=True), rate_hz / len(samples)
     lines, window = fft.rfftfreq(size, 1 / rate_hz), signal.windows.hann(len(samples))
-    drift = min(_DRIFT_HZ, _DRIFT_SHARE * rate_hz, np.inf if band_hz is None else band_hz[0])
-    inside = lines > (max(drift, 4 * resolution) if order == 2 else 1.5 * resolution)
+    inside = lines > (4 if order == 2 else 1.5) * resolution
     density, above = _above_noise(samples * window, size)
     if from_rest and not np.any(above[inside]):
         window[: len(samples) // 2] = 1.0
         density, above = _above_noise(samples * window, size)
     density = above if np.any(above[inside]) else density
+    slow = lines <= min(_DRIFT_HZ, _DRIFT_SHARE * rate_hz, np.inf if band_hz is None else band_hz[0])
+    if order == 2 and density[inside & slow].sum() <= _DRIFT_POWER * density[inside].sum():
+        inside &= ~slow
     return lines[inside], density[inside] * lines[inside] ** (2 - 2 * order)
 
 
