@@ -18,6 +18,7 @@ from rom.effects import Member, ModelCorrection, look_alikes
 from rom.progress import counted
 
 _IMITATED: Numerical[float] = 1e-12  # share of an output that is left beyond the model's numbers: rounding
+_LARGEST: Numerical[float] = 1e150  # times noise; the square of much more is no number
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +98,8 @@ def probed_in_pieces(
     left: FloatArray,
     within: tuple[float, float] | None = None,
 ) -> Probe | None:
-    """Return the probe of an effect in few, long records; None where the model's numbers imitate it.
+    """Return the probe of an effect in few, long records; None where the model's numbers imitate it, or where
+    its output is too large for its square.
 
     Parameters
     ----------
@@ -108,6 +110,8 @@ def probed_in_pieces(
     residual : ProjectedResidual
         Of the model so far.
     """
+    if np.abs(output).max(initial=0.0) > _LARGEST:
+        return None
     beyond, mine = residual.beyond(output), output[residual.training]
     whole = float(mine @ mine)
     if not float(beyond @ beyond) > _IMITATED * whole:

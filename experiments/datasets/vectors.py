@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from experiments.datasets.collected import SourceError, unreadable
+from experiments.datasets.parser_process import parsed_apart
 from rom.campaign.channels import FloatArray
 
 STEP_TOLERANCE = 0.25  # of a sample: jitter of a printed time; a lost sample is a whole one
@@ -15,15 +18,17 @@ STEP_TOLERANCE = 0.25  # of a sample: jitter of a printed time; a lost sample is
 def mat_vectors(path: Path, names: tuple[str, ...]) -> dict[str, FloatArray]:
     """Return variables of a MATLAB file (v4 to v7.2) as one-dimensional arrays.
 
+    Some damage ends the process of SciPy's parser, which therefore has one of its own.
+
     Raises
     ------
     SourceError
         If the file cannot be read or lacks one of them, or one is not made of finite real numbers.
     """
-    from scipy.io import loadmat
-
     try:
-        content = loadmat(str(path), appendmat=False, variable_names=names)
+        content = parsed_apart(partial(_variables, names=names), path, "MATLAB file")
+    except SourceError:
+        raise
     except Exception as cause:  # a parser of foreign bytes may fail in any way
         raise unreadable(path, "MATLAB file", cause) from None
     vectors = {}
@@ -37,6 +42,12 @@ def mat_vectors(path: Path, names: tuple[str, ...]) -> dict[str, FloatArray]:
             raise SourceError(f"{path.name}: {name}: found NaN or infinity, expected finite numbers")
         vectors[name] = values.ravel().astype(np.float64)
     return vectors
+
+
+def _variables(path: Path, names: tuple[str, ...]) -> dict[str, Any]:
+    from scipy.io import loadmat
+
+    return dict(loadmat(str(path), appendmat=False, variable_names=names))
 
 
 def rate_of(where: str, time: FloatArray, rounding: FloatArray | float = 0.0) -> float:

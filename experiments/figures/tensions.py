@@ -124,6 +124,7 @@ def final_tension_errors(
               (hold_out, "D", MODEL, "Model, hold-out"))  # fmt: skip
     sizes = {"_": 7.0, "o": 3.5, "D": 4.0}
     initial: list[float] = []
+    drawn: tuple[list[float], list[float]] = ([], [100.0])
     for group, marker, colour, text in groups:
         used = [
             c
@@ -136,14 +137,20 @@ def final_tension_errors(
         tight = np.array([c.measured_final >= c.initial_tension for c in used])
         files = np.array([c.file for c in used])
         initial += list(tension)
-        for ax, name in zip(axes[:, 0], ("final_error_percent", "loss_error_percent"), strict=True):
+        names = ("final_error_percent", "loss_error_percent")
+        for ax, name, seen in zip(axes[:, 0], names, drawn, strict=True):
             values = np.maximum([getattr(c, name) for c in used], 1e-6)
+            seen += [value for value in values if np.isfinite(value)]
             for chosen, face, label in ((~tight, colour, text), (tight, "none", None)):
                 (points,) = ax.plot(tension[chosen], values[chosen], marker, color=colour, label=label,
                                     markersize=sizes[marker], markerfacecolor=face,
                                     markeredgewidth=0.8)  # fmt: skip
                 name_points(points, list(files[chosen]))
-    for ax, label in zip(axes[:, 0], ("Error of final tension [%]", "Error of loss [%]"), strict=True):
+    labels = ("Error of final tension [%]", "Error of loss [%]")
+    for ax, seen, label in zip(axes[:, 0], drawn, labels, strict=True):
+        low, high = min(seen, default=1.0), max(seen, default=1.0)
+        room = max(1.2, (high / low) ** 0.05)  # errors that are the same but for rounding have an axis too
+        ax.set_ylim(low / room, high * room)
         ax.set_yscale("log")
         ax.set_ylabel(label)
     axes[1, 0].axhline(100.0, color=BACKGROUND, lw=0.6)

@@ -12,6 +12,7 @@ from functools import cache
 from typing import Literal, TypedDict
 
 import numpy as np
+from scipy import linalg
 
 from rom.campaign.campaign import WindowSettings
 from rom.campaign.channels import FloatArray
@@ -332,8 +333,9 @@ def _percent(error: float, size: float) -> float:
 
 
 def _nrmse(simulated: FloatArray, measured: FloatArray) -> float:
-    size = float(np.sqrt(np.mean(measured**2)))
-    return float(np.sqrt(np.mean((simulated - measured) ** 2))) / size if size > 0 else np.nan
+    """Norm of an error over that of the measured; a simulation that runs away may have no square."""
+    size = float(linalg.norm(measured, check_finite=False))
+    return float(linalg.norm(simulated - measured, check_finite=False)) / size if size > 0 else np.nan
 
 
 def _white_share(simulated: FloatArray, measured: FloatArray) -> float:

@@ -13,7 +13,7 @@ from discovery.decide.acceptance import is_accepted
 from discovery.decide.chance import p_value
 from discovery.explain.force_balance import _slope, explain
 from discovery.explain.force_balance_screen import screen
-from discovery.explain.probes import by_chance
+from discovery.explain.probes import by_chance, probed_in_pieces
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.options import Options
 from discovery.residual.force_balance import ForceBalanceResidual
@@ -63,6 +63,16 @@ def test_blocks_are_runs_of_rows_of_one_record_each() -> None:
     assert sizes.max() - sizes.min() <= 1
     four = replace(residual, criteria=Criteria().changed(chance={"blocks": 4}))
     assert len(np.unique(four.pieces)) == 4 * len(np.unique(records))
+
+
+def test_an_output_whose_square_is_no_number_is_no_probe() -> None:
+    """Forces and displacements exchanged make outputs of 1e200 times noise: warnings are errors here."""
+    residual = residual_of("cubic")
+    first = screen(residual, Options())[0][0]
+    rows = np.cos(np.arange(len(residual.owner)))
+    left = rows[residual.training]
+    assert probed_in_pieces(first.member, first.effect, rows, residual, left) is not None
+    assert probed_in_pieces(first.member, first.effect, 1e200 * rows, residual, left) is None
 
 
 def test_scores_of_blocks_add_up_to_what_a_probe_explains() -> None:

@@ -8,13 +8,19 @@ from pathlib import Path
 
 import pytest
 
-from experiments.datasets import parser_process
+from experiments.datasets import parser_process, vectors
 from experiments.datasets.collected import SourceError
 
 
 def die(_: Path) -> None:
     """End the process."""
     os.kill(os.getpid(), 9)
+
+
+def die_too(path: Path, names: tuple[str, ...]) -> None:
+    """End the process in the place of a parser of variables."""
+    assert names
+    die(path)
 
 
 def wait(_: Path) -> None:
@@ -50,3 +56,10 @@ def test_an_exception_of_the_parser_is_its_own(tmp_path: Path) -> None:
     (tmp_path / "a.mat").write_bytes(b"abc")
     with pytest.raises(KeyError, match=r"a\.mat"):
         parser_process.parsed_apart(fail, tmp_path / "a.mat", "file")
+
+
+def test_benchmark_files_are_parsed_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.mat").write_bytes(b"abc")
+    monkeypatch.setattr(vectors, "_variables", die_too)
+    with pytest.raises(SourceError, match=r"a\.mat: found it unreadable"):
+        vectors.mat_vectors(tmp_path / "a.mat", ("V1",))

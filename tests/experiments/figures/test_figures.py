@@ -250,6 +250,14 @@ def test_errors_are_shown_beside_no_loosening() -> None:
     assert above.get_yscale() == "log"
 
 
+def test_errors_that_differ_by_rounding_alone_have_an_axis() -> None:
+    """Limits that differ in their last digit are the same to a logarithmic axis, which warns of them."""
+    alike = [comparison(20.0, 10.0, 20.0), comparison(20.0, 10.0, 20.0 * (1 + 2e-15))]
+    (figure,) = figures.validation_figures(alike).values()
+    FigureCanvasAgg(figure).draw()
+    assert all(high > 1.3 * low > 0 for low, high in (ax.get_ylim() for ax in figure.axes))
+
+
 def test_errors_need_a_loosening_record() -> None:
     coupled = Comparison("r.h5", "coupled", True, {"lo": 0.1}, initial_tension=9.0, measured_final=9.0)
     assert figures.validation_figures([coupled]) == {}

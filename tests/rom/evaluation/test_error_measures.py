@@ -97,6 +97,12 @@ def test_a_wrong_model_has_an_error_of_its_size() -> None:
     assert min(found.motion_nrmse.values()) > 0.1
 
 
+def test_an_error_whose_square_is_no_number_is_one() -> None:
+    huge = measurement("coupled", seen("displacement"), preload_n=100.0, force={"a": 1e200 * FORCE})
+    found = compare(model(), huge, WINDOWS)
+    assert all(1e199 < error < 1e201 for error in found.motion_nrmse.values())
+
+
 def test_models_side_by_side_are_as_each_alone() -> None:
     stiff = [model().with_values({"ga.stiffness.k": k}) for k in (8000.0, 9000.0, 1e4)]
     runaway = model().with_values({"ga.stiffness.k": -1e9})
