@@ -29,6 +29,11 @@ class Identifying(Group):
         "drawn: of a gamma that falls sixfold, 6 tests with 30 % of scatter leave 0.21 of its logarithm open "
         "(0.32 at 0.01); a constant is met a tenth worse at most",
     )
+    discretised_curve: float = number(
+        2e-5, "1", "least scatter of ln k and ln c that limits of a curve rest on: samples, filters",
+        "rig campaigns without noise: up to 1.5e-5 of k and 4e-5 of c",
+    )  # fmt: skip
+    discretised_rate: float = number(5e-4, "1", "the same of ln gamma", "rig campaigns without noise")
     level_step: float = number(0.1, "1", "logarithm of tension by which two levels differ")
     left_open: float = number(
         0.3, "1", "relative error of a shared number, from which joints are put on their curve"

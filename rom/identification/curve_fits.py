@@ -2,7 +2,8 @@
 
 ln y_i = ln f(T_i; p) + e_i,  e ~ N(0, S + tau^2 I): S is what the records' own fits say, tau the case-to-case
 scatter beyond it, chosen such that the weighted misfit equals its degrees of freedom (R. Paule and J. Mandel,
-J. Res. NBS 87, 377, 1982). He et al. (2025) fits Eqs. 5, 11 and 13 without weights.
+J. Res. NBS 87, 377, 1982). Limits rest on no less scatter than discretisation leaves. He et al. (2025) fits
+Eqs. 5, 11 and 13 without weights.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from rom.campaign.channels import FloatArray
+from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
 from rom.model.laws import Law, Parameter
 
@@ -116,7 +118,8 @@ def fit_law(
         if settled:
             break
     law, _ = upright(law, free)
-    jacobian = _whitener(log_covariance, scatter) @ _log_jacobian(law, free, tension, curve)
+    rough = RULES.discretised_rate if curve is gamma_curve else RULES.discretised_curve
+    jacobian = _whitener(log_covariance, max(scatter, rough)) @ _log_jacobian(law, free, tension, curve)
     covariance = covariance_of(jacobian)
     fitted = curve(law, tension)
     spread = float(np.sum((values - values.mean()) ** 2))

@@ -219,7 +219,10 @@ def refine_gamma_law(
             x_scale=np.maximum(np.abs(values), 1e-9), diff_step=np.full(len(values), 1e-4),
             max_nfev=_EVALUATIONS, bounds=bounds,
         )  # fmt: skip
-        values, covariance = found.x, covariance_of(np.asarray(found.jac))
+        values, simulated = found.x, np.maximum(loss(found.x), _LEAST_LOSS_ERROR)
+        by_noise, rough = error / simulated, max(scatter, RULES.discretised_rate)
+        rows = np.hypot(scatter, by_noise) / np.hypot(rough, by_noise)
+        covariance = covariance_of(np.asarray(found.jac) * rows[:, None])
         scatter = _loss_scatter(measured, loss(values), error, len(values))
     law, turn = upright(fit.law.with_values(**dict(zip(fit.free, values, strict=True))), fit.free)
     covariance = turn @ covariance @ turn.T
