@@ -85,8 +85,8 @@ def draw_residual(figure: Figure | SubFigure, data: Data) -> None:
         values += _draw_view(ax, view, bool(data.get("effects") and view.before))
         ax.set_title(view.title)
     last = axes[-1]
-    last.set_xscale("log")
     last.set_xlim(min(values) / 1.4, max(values) * 1.4)
+    last.set_xscale("log")  # limits first: of values that are the same but for rounding it finds none
     plain_log(last)
     last.set_xlabel("Residual, mean square over that of noise [1]")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)

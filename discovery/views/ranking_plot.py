@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -113,7 +113,7 @@ def draw_leader_board(figure: Figure | SubFigure, data: Data) -> None:
     axes[0, 0].set_ylim(len(shown) - 0.6, -0.95)
     _counts_up(axes[0, 0], [law["delta_bic"] for law in shown if law.get("delta_bic") is not None])
     axes[0, 0].set_xlabel("$\\Delta$BIC [1]")
-    axes[0, 1].set_xscale("log")
+    by_decades(axes[0, 1], "x", [law[key] for law in shown if law.get(key) is not None])
     plain_decades(axes[0, 1].xaxis)
     axes[0, 1].set_xlabel("Cross-validated error [%]")
 
@@ -134,6 +134,27 @@ def _counts_up(ax: Axes, values: Sequence[float]) -> None:
     ax.set_xticks([*(-decade for decade in reversed(decades) if decade <= -low), 0.0, *decades])
     ax.xaxis.set_minor_locator(NullLocator())
     ax.set_xlim(1.5 * low - 1.0, 1.5 * top)
+
+
+def by_decades(ax: Axes, which: Literal["x", "y"], values: Iterable[float]) -> None:
+    """Make an axis logarithmic, with room about its values.
+
+    To such an axis, values that differ by rounding alone are one; matplotlib warns of limits at them.
+
+    Parameters
+    ----------
+    ax : Axes
+        Of any unit.
+    which : {"x", "y"}
+        The axis.
+    values : iterable of float
+        What is drawn along it; those that have no logarithm ask for no room.
+    """
+    shown = [float(value) for value in values if 0 < value < np.inf]
+    low, high = min(shown, default=1.0), max(shown, default=1.0)
+    room = max(1.2, high**0.05 / low**0.05)
+    ax.set(**{f"{which}lim": (low / room, high * room)})
+    ax.set(**{f"{which}scale": "log"})
 
 
 def plain_decades(axis: Axis) -> None:
@@ -170,7 +191,7 @@ def draw_front(ax: Axes, data: Data) -> None:
     for law in ranked(data):
         if law["rank"] == 1 or is_law(law, BASELINE) or is_law(law, NO_LOOSENING):
             _point_out(ax, law)
-    ax.set_yscale("log")
+    by_decades(ax, "y", error)
     plain_decades(ax.yaxis)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlim(steps.min() - 0.5, steps.max() + 0.5)

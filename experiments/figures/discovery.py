@@ -125,9 +125,9 @@ def errors_over_preload(data: Data) -> Figure:
             name_points(points, list(files[chosen]))
         lowest, highest = min([lowest, *error[there]]), max([highest, *error[there]])
     tension_axis(ax, tension, "Initial tension [N]")
-    ax.set_yscale("log")
     least, most = _DRAWN_PERCENT
     ax.set_ylim(0.8 * max(0.7 * lowest, least), min(1.3 * max(highest, 100.0), 1.2 * most))
+    ax.set_yscale("log")  # limits first: of errors that are the same but for rounding it finds none
     plain_decades(ax.yaxis)
     ax.set_ylabel("Error of loss [%]")
     _legend(figure, ax)

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from discovery.views.palette import BACKGROUND, BLUE, MEASURED, MODEL, SKY
+from discovery.views.ranking_plot import by_decades
 from experiments.figures.description import name_points
 from experiments.figures.style import FloatArray, panels, styled, tension_axis
 from rom.campaign.campaign import WindowSettings
@@ -140,7 +141,7 @@ def final_tension_errors(
         names = ("final_error_percent", "loss_error_percent")
         for ax, name, seen in zip(axes[:, 0], names, drawn, strict=True):
             values = np.maximum([getattr(c, name) for c in used], 1e-6)
-            seen += [value for value in values if np.isfinite(value)]
+            seen += list(values)
             for chosen, face, label in ((~tight, colour, text), (tight, "none", None)):
                 (points,) = ax.plot(tension[chosen], values[chosen], marker, color=colour, label=label,
                                     markersize=sizes[marker], markerfacecolor=face,
@@ -148,10 +149,7 @@ def final_tension_errors(
                 name_points(points, list(files[chosen]))
     labels = ("Error of final tension [%]", "Error of loss [%]")
     for ax, seen, label in zip(axes[:, 0], drawn, labels, strict=True):
-        low, high = min(seen, default=1.0), max(seen, default=1.0)
-        room = max(1.2, (high / low) ** 0.05)  # errors that are the same but for rounding have an axis too
-        ax.set_ylim(low / room, high * room)
-        ax.set_yscale("log")
+        by_decades(ax, "y", seen)
         ax.set_ylabel(label)
     axes[1, 0].axhline(100.0, color=BACKGROUND, lw=0.6)
     tension_axis(axes[1, 0], np.array(initial or [1.0]), "Initial tension [N]")

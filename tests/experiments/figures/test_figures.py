@@ -11,6 +11,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from experiments.figures import closure, discovery
 from experiments.figures import identification as figures
 from experiments.figures.curves import damped_frequencies
 from experiments.figures.style import COLUMN_MM, panels, save, tension_axis
@@ -256,6 +257,29 @@ def test_errors_that_differ_by_rounding_alone_have_an_axis() -> None:
     (figure,) = figures.validation_figures(alike).values()
     FigureCanvasAgg(figure).draw()
     assert all(high > 1.3 * low > 0 for low, high in (ax.get_ylim() for ax in figure.axes))
+
+
+def test_rankings_and_residuals_that_differ_by_rounding_alone_have_axes() -> None:
+    errors = {1: 100.0, 2: 100.0 * (1 + 4e-16), 3: 100.0}
+    laws = [
+        {"name": f"law {i}", "rank": i, "delta_bic": i, "free_numbers": i,
+         "cross_validated_loss_error_percent_median": error} for i, error in errors.items()
+    ]  # fmt: skip
+    cases = [
+        {"initial_tension_n": 10.0 + i, "loss_error_percent": {"law 1": error}} for i, error in errors.items()
+    ]
+    view = {"record": {f"{i}": error / 100.0 for i, error in errors.items()}}
+    drawn = [
+        discovery.leader_board({"laws": laws}),
+        discovery.accuracy_and_complexity({"laws": laws}),
+        discovery.errors_over_preload({"laws": laws, "cases": cases}),
+        closure.residual_by_view({"residual": {"before": view, "after": view}}),
+    ]
+    for figure in drawn:
+        FigureCanvasAgg(figure).draw()
+        limits = [(ax.get_xscale(), *ax.get_xlim()) for ax in figure.axes]
+        limits += [(ax.get_yscale(), *ax.get_ylim()) for ax in figure.axes]
+        assert [high > 1.3 * low > 0 for scale, low, high in limits if scale == "log"] == [True]
 
 
 def test_errors_need_a_loosening_record() -> None:
