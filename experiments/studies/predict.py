@@ -20,7 +20,7 @@ from rom.evaluation.error_measures import summarise
 from rom.evaluation.evaluate import Evaluation, evaluate
 from rom.evaluation.noise_floor import floors_by_kind, noise_floor
 from rom.model.model import Model
-from rom.model_file import load_model
+from rom.model_file import ModelFileError, load_model
 from rom.signals.measured_records import screened, stored
 
 
@@ -73,10 +73,10 @@ def run(
         raise ValueError(
             f"{campaign_path}: found the body {missing[0]}, expected those of the model: {known}"
         )
+    fitted = _fitted(model_path, campaign)
     with stored(campaign) as work:
         looked_at = screened(work, jobs)
         judged = evaluate([model], looked_at, jobs=jobs, progress=progress, bands="all")
-    fitted = _fitted(model_path, campaign)
     compared = [_of_set(j, fitted) for j in judged if j.comparisons]
     errors = summarise(j.comparisons[0] for j in compared)
     content = {
@@ -130,10 +130,22 @@ def _fitted(model_path: Path, campaign: Campaign) -> frozenset[str] | None:
     """Return the files of the records that a model was fitted to; None where its own does not say.
 
     Records are known by their content: settings may have changed since, or records been added.
+
+    Raises
+    ------
+    ModelFileError
+        If what it says of them is no list.
     """
     found = mapping(json.loads(model_path.read_text(encoding="utf-8")).get("identification"))
     seen = found.get("fitted_records")
-    return None if seen is None else frozenset(f for f, digest in campaign.digests.items() if digest in seen)
+    if seen is None:
+        return None
+    if not isinstance(seen, list):
+        raise ModelFileError(
+            f"{model_path}: identification.fitted_records: must be a list of digests as a command writes it, "
+            "found a value of another kind"
+        )
+    return frozenset(file for file, digest in campaign.digests.items() if digest in seen)
 
 
 def _of_set(judged: Evaluation, fitted: frozenset[str] | None) -> Evaluation:

@@ -113,6 +113,14 @@ def test_records_are_known_by_what_they_hold(
     assert _fitted(tmp_path / "model.json", campaign) == own
 
 
+@pytest.mark.parametrize("damaged", [1e39, "31", {"3": 1}])
+def test_fitted_records_that_are_no_list_are_refused(damaged: object, tmp_path: Path) -> None:
+    campaign: Any = SimpleNamespace(digests={"a.h5": "1", "b.h5": "2"})
+    paper_model().save(tmp_path / "model.json", identification={"fitted_records": damaged})
+    with pytest.raises(ValueError, match=r"fitted_records: must be a list of digests"):
+        _fitted(tmp_path / "model.json", campaign)
+
+
 def test_a_campaign_whose_settings_have_changed_is_still_that_of_the_fit(
     predicted: Path, rig_campaign: Path, results: Path, tmp_path: Path
 ) -> None:
