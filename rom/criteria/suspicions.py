@@ -60,6 +60,9 @@ class Suspicions(Group):
         2.0, "1", "factor between gauge and preload that is suspected", "gauges: 0.6 to 1.7"
     )
     preload_like: float = number(1.5, "1", "factor to which a preload is met once the unit is right")
+    preload_near: float = number(
+        1.1, "1", "the same beside other records, for pounds and kilograms", "preloads are set to a tenth"
+    )
     preload_share: float = number(
         0.05, "1", "share of the largest preload, below which a wrong zero explains it"
     )
@@ -78,6 +81,10 @@ class Suspicions(Group):
     drop_run: int = number(4, "1", "zeros in a row that are no chance at any level", _SEEN)
     drop_beside: int = number(
         5, "1", "samples beside a dropout that are looked at", "a loose bolt falls slowly"
+    )
+    cut_run: int = number(8, "1", "zeros in a row that are a dropout of a motion", _SEEN)
+    cut_digits: float = number(
+        10.0, "1", "least size of a motion beside a dropout, in its digits", "at rest it goes by single ones"
     )
     beyond_calibration: float = number(
         0.01, "1", "share of a strain beyond where its calibration rises", "chosen: more than lone samples"

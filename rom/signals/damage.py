@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
@@ -34,7 +35,8 @@ class Damage:
     @property
     def at_hit(self) -> bool:
         """Whether samples of the hit itself may be wrong, so that they tell nothing else."""
-        return self.likely in ("overload", "wrap-around")
+        of_motion = self.likely == "dropouts" and self.channel not in BOLT_CHANNELS
+        return of_motion or self.likely in ("overload", "wrap-around")
 
 
 def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Damage]:
@@ -53,9 +55,12 @@ def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Dama
     for name, channel in record.channels.items():
         if (name.startswith("force_") and record.test != "driven") or not np.ptp(channel.samples):
             continue  # a blow may be one sample; a channel that shows nothing is told as such
-        found = _wrapped(channel, rules) or _overflow(channel, hit_s, rules)
-        if not found and name in BOLT_CHANNELS:
+        found = _wrapped(channel, rules)
+        if not found and name in BOLT_CHANNELS:  # before lone samples: those of a dropout lie at zero
             found = _dropped(channel, rules)
+        found = found or _overflow(channel, hit_s, rules)
+        if not found and hit_s is not None and name.partition("_")[0] in MOTIONS:
+            found = _cut_out(channel, rules)
         if not found and hit_s is not None and name.partition("_")[0] in MOTIONS:
             found = _windowed(channel, hit_s, rules)
         if not found and hit_s is not None and name.startswith("acceleration_"):
@@ -144,6 +149,27 @@ def _dropped(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     if not fallen:
         return None
     return f"falls to zero {fallen} times amid a level of {level:.4g}", "dropouts"
+
+
+def _cut_out(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
+    """Runs of exact zeros to which a motion falls, and from which it comes back, by many of its digits."""
+    height = np.abs(channel.samples)
+    zero = height == 0.0
+    if not zero.any() or zero.all():
+        return None
+    digit = float(height[~zero].min())  # a quantised motion at rest goes to zero by single ones
+    edges = np.flatnonzero(np.diff(zero))
+    runs = pairwise(edges)
+    lost = [
+        stop - start
+        for start, stop in runs
+        if zero[stop]
+        and stop - start >= rules.cut_run
+        and min(height[start], height[stop + 1]) > rules.cut_digits * digit
+    ]
+    if not lost:
+        return None
+    return f"falls to zero {len(lost)} times, for {sum(lost)} samples", "dropouts"
 
 
 def white_noise(samples: FloatArray) -> float:

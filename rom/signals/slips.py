@@ -10,7 +10,7 @@ from statistics import median_high, median_low
 
 import numpy as np
 from scipy import optimize
-from scipy.constants import g
+from scipy.constants import g, inch
 
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import FloatArray
@@ -303,11 +303,11 @@ def _without_name(balance: HitBalance, masses: FloatArray) -> _Told | None:
 
 def _candidates(count: int) -> Iterator[_Slip]:
     every = tuple(range(count))
-    for apparent in (g, 1 / g, 1e-3, 1e3, 1 / 4.44822, -1.0):
+    for apparent in (g, 1 / g, 1e-3, 1e3, 1 / 4.44822, 1e-3 * g, inch, -1.0):
         yield _Slip(every, apparent)
     if count > 1:
         for place in every:
-            for apparent in (g, 1e-3, 1e3, -1.0):
+            for apparent in (g, 1e-3, 1e3, 1e-3 * g, inch, -1.0):
                 yield _Slip((place,), apparent)
         for pair in combinations(every, 2):
             yield _Slip(pair, exchanged=True)
@@ -348,17 +348,18 @@ def _sign(slip: _Slip, record: Evidence) -> tuple[str, bool, bool]:
 
 
 def _unit(slip: _Slip, balance: HitBalance, shared: bool) -> tuple[str, bool, bool]:
-    """Return the likeliest wrong unit, and whether it is the force's, or that of declared masses."""
+    """Return the likeliest wrong unit, and whether it is the force's, or that of declared masses.
+
+    What all motions of all records share may be the masses' as well: both are named.
+    """
     whole = len(slip.places) == len(balance.bodies)
     kind = balance.channels[slip.places[0]].partition("_")[0]
-    if slip.apparent == g:
-        return f"{kind} in g", False, False
-    if slip.apparent == 1 / g:
-        return "force in kgf", True, False
-    if slip.apparent == 1 / 4.44822:
-        return "force in lbf", True, False
-    if slip.apparent == 1e3:
-        return ("mass in t", False, True) if shared else (f"{kind} in km/s2", False, False)
-    if whole and balance.peak_n < balance.rules.weak_hit_n:
-        return "force in kN", True, False
-    return ("mass in g", False, True) if shared else (f"{kind} in {_LENGTHS[kind]}", False, False)
+    of_force = {1 / g: "force in kgf", 1 / 4.44822: "force in lbf"}.get(slip.apparent)
+    if of_force is None and slip.apparent == 1e-3 and whole and balance.peak_n < balance.rules.weak_hit_n:
+        of_force = "force in kN"
+    if of_force is not None:
+        return of_force, True, False
+    unit = {g: "g", 1e-3 * g: "mg", inch: _LENGTHS[kind].replace("mm", "in"), 1e3: "km/s2"}
+    likely = f"{kind} in {unit.get(slip.apparent, _LENGTHS[kind])}"
+    mass = {1e3: "mass in t", 1e-3: "mass in g"}.get(slip.apparent)
+    return (f"{mass}, or {likely}", False, True) if mass and shared else (likely, False, False)

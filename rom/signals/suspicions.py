@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.constants import g, lbf
 
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import default_rate
@@ -25,6 +26,8 @@ __all__ = ["Evidence", "Suspicion", "causes", "doubts_of", "evidence", "suspicio
 
 
 _GAUGE_UNITS = {1e3: "kN", 1e-3: "mN", 1e6: "MN"}
+_NEAR_UNITS = {lbf: "lbf", g: "kgf", -1.0: ""}
+"""Of factors that a wrong zero may show too, where a preload is small; minus one is a sign."""
 
 
 def suspicions(
@@ -129,40 +132,62 @@ def _preloads(
     """Mean of the gauge before the hit against the nominal preload, where a bolt is in."""
     told = [(r, *r.gauge, r.preload_n) for r in records if r.gauge and r.preload_n and r.test != "uncoupled"]
     least = rules.preload_share * max((preload for *_, preload in told), default=0.0)
-    logs = {
-        r.file: np.log(max(_tension(channel, mean, settings), 1e-12) / preload)
-        for r, channel, mean, preload in told
-    }
-    middle = float(np.median([logs[r.file] for r, *_, preload in told if preload >= least] or [0.0]))
-    for record, channel, mean, preload in told:
-        log = float(logs[record.file])
-        if abs(log) < np.log(rules.preload_factor):
-            continue
-        unit = next(
-            (f for f in _GAUGE_UNITS if _like(preload, _tension(channel, f * mean, settings), rules)), None
-        )
+    rows = [_Gauge(r, channel, mean, preload, settings) for r, channel, mean, preload in told]
+    off = [row for row in rows if not abs(np.log(row.ratio())) < np.log(rules.preload_factor)]
+    usual = [row.ratio() for row in rows if row not in off and row.preload >= least]
+    near = {row: row.mended(_NEAR_UNITS, rules.preload_like) for row in off}
+    if usual:  # a few records are off: by as much as the unit, beside the others
+        near = {row: row.mended(_NEAR_UNITS, rules.preload_near, float(np.median(usual))) for row in off}
+    shared = None if usual else {near[row] for row in off if row.preload >= least}
+    for row in off:
+        unit = row.mended(_GAUGE_UNITS, rules.preload_like)
+        if unit is None and (row.preload >= least or shared == {near[row]}):
+            unit = near[row]
+        before = f"{row.channel} before the hit"
         if unit is not None:
-            likely = f"tension in {_GAUGE_UNITS[unit]}" if channel == "tension" else "strain in another unit"
-            finding = (
-                f"{channel} before the hit fits the preload of {preload:.4g} N if multiplied by {unit:g}"
-            )
-            yield Suspicion(record.file, channel, finding, unit, likely, OF_DOUBTS)
-        elif (
-            len(told) >= rules.fewest
-            and preload >= least
-            and abs(log - middle) > np.log(rules.preload_factor)
-        ):
-            finding = f"{channel} before the hit is {np.exp(log):.3g} times the preload of {preload:.4g} N"
-            yield Suspicion(record.file, channel, finding, float(np.exp(-log)), "", 0.5)
+            finding = f"{before} fits the preload of {row.preload:.4g} N if multiplied by {unit:.4g}"
+            likely = _wrong_unit(row.channel, unit)
+            yield Suspicion(row.record.file, row.channel, finding, unit, likely, OF_DOUBTS)
+        elif len(told) >= rules.fewest and row.preload >= least:
+            shown = row.tension() / row.preload
+            finding = f"{before} is {shown:.3g} times the preload of {row.preload:.4g} N"
+            yield Suspicion(row.record.file, row.channel, finding, 1 / shown if shown > 0 else None, "", 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class _Gauge:
+    """Mean of a gauge before the hit and the nominal preload [N] of a record."""
+
+    record: Evidence
+    channel: str
+    mean: float
+    preload: float
+    settings: CampaignSettings
+
+    def tension(self, factor: float = 1.0) -> float:
+        """Tension [N] of the mean times a factor."""
+        return _tension(self.channel, factor * self.mean, self.settings)
+
+    def ratio(self, factor: float = 1.0) -> float:
+        """The same over the preload, next to nothing where it is negative."""
+        return max(self.tension(factor), 1e-12) / self.preload
+
+    def mended(self, factors: Collection[float], within: float, usual: float = 1.0) -> float | None:
+        """Return the factor with which the ratio is the usual one best, None where it is with none."""
+        off = {factor: abs(np.log(self.ratio(factor) / usual)) for factor in factors}
+        return min((one for one in off if off[one] < np.log(within)), key=off.__getitem__, default=None)
+
+
+def _wrong_unit(channel: str, factor: float) -> str:
+    if factor < 0:
+        return f"{channel} sign"
+    unit = {**_GAUGE_UNITS, **_NEAR_UNITS}[factor]
+    return f"tension in {unit}" if channel == "tension" else "strain in another unit"
 
 
 def _tension(channel: str, mean: float, settings: CampaignSettings) -> float:
     terms = settings.bolt.calibration if settings.bolt is not None and channel == "strain" else (1.0,)
     return sum(c * mean ** (power + 1) for power, c in enumerate(terms or (1.0,)))
-
-
-def _like(preload: float, tension: float, rules: Suspicions) -> bool:
-    return tension > 0 and abs(np.log(tension / preload)) < np.log(rules.preload_like)
 
 
 def _rates(records: Sequence[Evidence], settings: CampaignSettings, rules: Suspicions) -> Iterator[Suspicion]:

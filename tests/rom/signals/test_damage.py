@@ -10,6 +10,7 @@ from rom.campaign.record import Channel
 from rom.signals.calibration import Calibration
 from tests.rom.signals.test_suspicions import (
     BLOCK,
+    CHAIN,
     RATE_HZ,
     STRUCTURES,
     UNEQUAL,
@@ -79,6 +80,37 @@ def test_a_strain_in_another_unit_is_beyond_its_calibration_because_of_that() ->
     found = told(records, calibrated(of))
     assert [one.record for one in found] == [f"records/{place}.h5" for place in range(6)]
     assert {(one.likely, one.factor) for one in found} == {("strain in another unit", 1e-3)}
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_a_motion_that_falls_to_zero_is_named(name: str) -> None:
+    def cut_out(y: FloatArray, _: FloatArray) -> FloatArray:
+        y[6000:6020] = 0.0
+        return y
+
+    of = STRUCTURES[name]
+    found = told(campaign(of), settings_of(of), only(f"acceleration_{of.struck}", cut_out), few=(0, 3))
+    assert [(one.record, one.channel, one.likely) for one in found] == [
+        (f"records/{i}.h5", f"acceleration_{of.struck}", "dropouts") for i in (0, 3)
+    ]
+
+
+@pytest.mark.parametrize("digits", [3, 30])
+def test_a_motion_in_few_digits_is_at_rest_and_has_no_dropouts(digits: int) -> None:
+    def quantised(y: FloatArray, _: FloatArray) -> FloatArray:
+        step = float(np.abs(y).max()) / digits
+        return np.round(y / step) * step
+
+    for body in ("a", "b", "c"):
+        found = told(campaign(CHAIN), settings_of(CHAIN), only(f"acceleration_{body}", quantised))
+        assert "dropouts" not in {one.likely for one in found}
+
+
+def test_all_readings_of_a_gauge_off_by_a_factor_without_a_name_are_said_and_kept() -> None:
+    found = told(campaign(BLOCK), settings_of(BLOCK), scaled("tension", 1 / 40))
+    assert len(found) == 5  # of the smallest preload a wrong zero may be the reason
+    assert not any(one.sets_aside for one in found)
+    assert [one.factor for one in found] == pytest.approx([40 / 1.05] * 5, rel=0.1)
 
 
 def test_a_dead_accelerometer_is_named_in_each_record() -> None:

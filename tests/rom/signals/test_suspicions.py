@@ -155,6 +155,10 @@ SLIPS: dict[str, tuple[Slip, str, float | None]] = {
     "late": (late(1e-3), "late by 1 ms", None),
     "early": (late(-5e-4), "early by 0.5 ms", None),
     "tension in kN": (scaled("tension", 1e-3), "tension in kN", 1e3),
+    "tension in lbf": (scaled("tension", 1 / 4.44822), "tension in lbf", 4.44822),
+    "tension sign": (scaled("tension", -1.0), "tension sign", -1.0),
+    "acceleration in mg": (scaled("acceleration", 1e3 / G), "acceleration in mg", G / 1e3),
+    "acceleration in in/s2": (scaled("acceleration", 1 / 0.0254), "acceleration in in/s2", 0.0254),
     "exchanged": (exchanged, "channels exchanged", None),
 }
 
@@ -203,7 +207,7 @@ def test_of_two_halves_that_with_the_likelier_slip_is_named(
 def test_masses_a_thousand_times_too_large_are_told_from_a_force_in_kilonewton() -> None:
     heavy = Structure(tuple((name, 1e3 * m) for name, m in CHAIN.masses), CHAIN.links, CHAIN.struck)
     found = told(campaign(CHAIN), settings_of(heavy))
-    assert {one.likely for one in found} == {"mass in g"}
+    assert {one.likely for one in found} == {"mass in g, or acceleration in mm/s2"}
     assert {one.channel for one in found} == {"body:a", "body:b", "body:c"}
 
 
