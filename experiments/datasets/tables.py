@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from experiments.datasets.collected import SourceError
 from experiments.datasets.signals import Signal
-from experiments.datasets.times import factor_of, is_time, stated_rate
+from experiments.datasets.times import factor_of, is_time, stated_rate, stated_step
 from experiments.datasets.units import symbols
 from rom.model.units import parse_unit
 
@@ -43,7 +43,9 @@ _EMPTY = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf", 
 _CLOCK = re.compile(
     r"((\d{4}-\d\d-\d\d|\d{1,2}([./])\d{1,2}\3\d{4})[ T])?\d{1,2}:\d\d:\d\d([.,]\d+)?(Z|[+-]\d\d:?\d\d)?$"
 )
-_RATE_LINE = re.compile(r"sampl|rate|abtast|échantillon|muestreo|campion|freq|bemonster", re.IGNORECASE)
+_RATE_LINE = re.compile(
+    r"\bf_?s\b|sampl|rate|abtast|échantillon|muestreo|campion|freq|bemonster", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)
@@ -330,8 +332,10 @@ def _known_unit(text: str) -> bool:
 
 
 def _rate_above(above: Sequence[str]) -> tuple[float, tuple[float, ...]] | None:
-    """Return the rate that a remark tells: "Sample rate: 25,600 Hz"."""
-    told = [stated_rate(line) for line in above if _RATE_LINE.search(line) and len(line) < 120]
+    """Return the rate that a remark tells: "Sample rate: 25,600 Hz", "dt = 0.05 ms"."""
+    short = [line for line in above if len(line) < 120]
+    steps = {line: stated_step(line) for line in short}
+    told = [steps[line] or (stated_rate(line) if _RATE_LINE.search(line) else None) for line in short]
     rates = {rate for rate in told if rate is not None}
     return rates.pop() if len(rates) == 1 else None
 

@@ -224,7 +224,12 @@ def _factor(where: str, time: Vector, unit: str | None, scale: float | None) -> 
 
 
 _NUMBER = r"\d{1,3}(?:[ '\u00a0\u202f]\d{3})+(?:[.,]\d+)?|\d+(?:[.,]\d+)*(?:[eE][+-]?\d+)?"
-_RATE = re.compile(rf"({_NUMBER})\s*(MHz|kHz|Hz|kS/s|MS/s|S/s|Sa/s|1/s|s-1)?", re.IGNORECASE)
+_RATE = re.compile(rf"(?<![A-Za-z\d])({_NUMBER})\s*(MHz|kHz|Hz|kS/s|MS/s|S/s|Sa/s|1/s|s-1)?", re.IGNORECASE)
+_STEP = re.compile(
+    r"\b(?:dt|delta[ _]?t|\w*interval\w*|time[ _]?step|sampl\w+ (?:period|time)|schrittweite)\b\W*?"
+    rf"({_NUMBER})[ \])(\[]*([^\W\d]+)?",
+    re.IGNORECASE,
+)
 _SCALES = {"mhz": 1e6, "khz": 1e3, "ks/s": 1e3, "ms/s": 1e6}
 
 
@@ -244,6 +249,19 @@ def stated_rate(text: str) -> tuple[float, tuple[float, ...]] | None:
     if unit is None:
         others += [1e3 * first]  # in kHz
     return (first, tuple(others)) if first > 0 else None
+
+
+def stated_step(text: str) -> tuple[float, tuple[float, ...]] | None:
+    """Return the rate [Hz] of a step that a text tells, "dt = 0.05 ms", and its readings, None for none."""
+    found = _STEP.search(text)
+    if found is None:
+        return None
+    factor = factor_of(found[2] or "")
+    rates = [1 / value for value in readings_of(found[1]) if value > 0]
+    if not rates or (found[2] and factor is None):
+        return None
+    first, *others = [rate / (factor or 1.0) for rate in rates]
+    return first, (*others, *(() if factor else unstated(first)))
 
 
 def readings_of(number: str) -> tuple[float, ...]:

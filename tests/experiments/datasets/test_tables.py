@@ -173,10 +173,20 @@ def test_comments_between_the_numbers(put: Put) -> None:
         "Abtastrate;25600",
         "sampling frequency [Hz]: 25,600",
         "# Samplerate = 25.6 kHz",
+        "# fs = 25.6 kHz",
+        "# dt: 0.0390625 ms",
+        "Abtastintervall;39.0625 µs",
     ],
 )
 def test_a_rate_in_a_remark(remark: str, put: Put) -> None:
     sound(put(table(f"{remark}\nF;A", ";", rows=ROWS[:, 1:])))
+
+
+def test_a_unit_in_the_row_of_names_is_no_rate(put: Put) -> None:
+    """A count of samples tells none either: that of [sampling] is taken."""
+    rows = np.column_stack([np.arange(N), ROWS[:, 1:]])
+    rules = {"F": CHANNELS["F"], "A [m/s2]": CHANNELS["A"]}
+    sound(put(table("Sample;F;A [m/s2]", ";", rows=rows), rules), 19200)
 
 
 def test_dates_and_times_of_day(put: Put) -> None:
