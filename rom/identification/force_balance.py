@@ -138,7 +138,7 @@ class Balances:
         low = [-np.inf if name.endswith(f"{OFFSET}.F_0") else 0.0 for name in self.names]
         triangle = np.asarray(np.linalg.qr(np.column_stack([matrix / size, target]), mode="r"))
         n = len(self.names)
-        found = optimize.lsq_linear(triangle[:, :n], triangle[:, n], bounds=(low, np.inf)).x
+        found = optimize.lsq_linear(triangle[:, :n], triangle[:, n], (low, np.inf), method="bvls").x
         spread = float(np.sum((target - (matrix / size) @ found) ** 2)) / max(len(target) - n, 1)
         covariance = np.linalg.pinv(triangle[:n, :n].T @ triangle[:n, :n], hermitian=True) * spread
         return found / size, np.sqrt(np.maximum(np.diag(covariance), 0.0)) / size

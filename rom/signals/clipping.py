@@ -47,7 +47,10 @@ def resolution(samples: FloatArray) -> tuple[float, float]:
     noise = 1.4826 * float(np.median(np.abs(np.diff(quiet)))) / np.sqrt(2)
     steps = np.diff(np.unique(quiet))
     step = float(steps.min()) if steps.size else 0.0
-    places = (quiet - quiet.min()) / step if step > 0 else quiet
+    above = quiet - quiet.min()
+    if not step > np.finfo(float).eps * above.max(initial=0.0):  # rounding decides
+        return float(noise), 0.0
+    places = above / step
     on_grid = np.abs(places - np.round(places)).max() < 0.01
     return float(noise), step if on_grid else 0.0
 

@@ -79,6 +79,9 @@ def test_what_is_left_of_a_sound_model_is_the_sensors_noise(tmp_path: Path) -> N
     left = (balances.force - balances.columns @ values) / balances.noise
     assert np.mean(left[balances.training] ** 2) == pytest.approx(1.0, abs=0.15)
     assert np.mean(left[~balances.training] ** 2) == pytest.approx(1.0, abs=0.25)
+    bounded = [not name.endswith("F_0") for name in balances.names]
+    against, _ = balances.fitted(-balances.columns @ np.abs(values))
+    assert not against[bounded].any()  # at the bound, not beside it
 
 
 def test_a_force_without_noise_is_known_no_better_than_the_motion_between_samples(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from scipy import signal
 from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import FloatArray
 from rom.campaign.record import Channel
+from rom.signals.clipping import resolution
 from rom.signals.quality import Doubt, assess
 from tests.rom.sound_campaign import sound_settings
 
@@ -240,3 +241,11 @@ def test_a_motion_of_another_rate_than_the_force_is_left_alone() -> None:
     slow = {name: Channel(name, channel.samples[::2], RATE_HZ / 2) for name, channel in good.channels.items()}
     mixed = {**good.channels, "acceleration_so": slow["acceleration_so"]}
     assert found(Record(good.settings, mixed, good.bodies)) == []
+
+
+def test_a_step_below_the_rounding_of_a_channel_is_no_step() -> None:
+    """Damaged bytes hold numbers so small that the others are no number of them: warnings are errors here."""
+    rows = np.random.default_rng(1).integers(-9, 9, 500) * 1.0
+    assert resolution(rows)[1] == 1.0
+    rows[[3, 5]] = 0.0, 5e-324
+    assert resolution(rows)[1] == 0.0
