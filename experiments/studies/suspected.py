@@ -11,7 +11,7 @@ from experiments.results import plain, write_result
 from experiments.text.suspicions import misfit
 from rom.campaign.campaign import Campaign
 from rom.signals.measured_records import NothingLeftError, Screening, StoredCampaign
-from rom.signals.suspicions import causes
+from rom.signals.suspicions import causes, nameless
 
 Data = Mapping[str, Any]
 
@@ -44,7 +44,8 @@ def suspected(
     several = (campaign,) if isinstance(campaign, Campaign) else tuple(campaign)
     found = [screening_of(one) for one in several]
     lost = tuple(dict.fromkeys(test for one in found for test in one.lost))
-    likely = causes([s for one in found for s in one.suspicions]) or reasons
+    suspicions = [s for one in found for s in one.suspicions]
+    likely = causes(suspicions) or nameless(suspicions) or reasons
     unfit = misfit(errors or {}, lost, likely, closed)
     listed = [
         asdict(s) | ({"campaign": of.settings.name} if len(several) > 1 else {})

@@ -54,6 +54,10 @@ class Suspicions(Group):
         2.2e-4, "s", "delay that sensors sampled in turn may have", "data loggers: at most 0.2 ms"
     )
     weak_hit_n: float = number(5.0, "N", "peak force below which a hit is one in kN", "hammers hit harder")
+    wild_m_per_s2: float = number(
+        3e4, "m/s2", "peak force over mass above which motions in mm are likelier than masses in g",
+        "a blow of 1500 N shakes the rig with 2e2, a structure of 2 kg with 7e2",
+    )  # fmt: skip
     force_noise: float = number(8.0, "1", "peak of a force in its noise, below which it shows nothing")
     fewest: int = number(3, "1", "records that tell a mass or a preload which nobody declares")
     preload_factor: float = number(

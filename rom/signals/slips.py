@@ -19,6 +19,7 @@ from rom.signals.momentum import HitBalance
 from rom.signals.suspicion_evidence import Evidence, Suspicion
 
 _LEAST_KG: Numerical[float] = 1e-12  # of which a logarithm can be taken
+_LBF_N: Numerical[float] = 4.44822
 _LENGTHS = {"acceleration": "mm/s2", "velocity": "mm/s", "displacement": "mm"}
 
 
@@ -86,9 +87,15 @@ def slips(records: Sequence[Evidence], settings: CampaignSettings, fewest: int) 
     guesses = [_told_by(judged, masses) for masses in _guesses(judged, settings, fewest)]
     known, found, _ = min(guesses, key=lambda told: (told[2], len(told[1])))
     shared = len(found) == len(known)
+    wild = any(_is_wild(record.balance) for record in known if record.balance is not None)
     for record in known:
         if record.file in found:
-            yield from _described(record, *found[record.file], shared)
+            yield from _described(record, *found[record.file], shared, wild)
+
+
+def _is_wild(balance: HitBalance) -> bool:
+    """Whether the masses that balance would be shaken harder by their hit than any that are tested."""
+    return balance.peak_n > balance.rules.wild_m_per_s2 * float(balance.masses.sum())
 
 
 def _told_by(
@@ -184,7 +191,7 @@ def _unlike(balance: HitBalance, usual: FloatArray) -> tuple[_Slip, float, float
     rules, shown = balance.rules, np.maximum(balance.masses, _LEAST_KG)
     left, least = balance.misfit(usual), balance.misfit(shown)
     needed = max(rules.slip_left, rules.slip_noise * balance.misfit_of_noise(usual))
-    for slip in _candidates(len(usual)):
+    for slip in _candidates(balance):
         if slip.apparent < 0 or slip.exchanged:
             continue
         scaled = np.isin(np.arange(len(usual)), slip.places)
@@ -265,7 +272,7 @@ def _slip_of(balance: HitBalance, masses: FloatArray) -> _Told | None:
     noise, left = balance.misfit_of_noise(masses), _left(balance, masses)
     if left < max(rules.slip_left, rules.slip_noise * noise):
         return None
-    fits = [(slip, *slip.fitted(balance, masses)) for slip in _candidates(len(masses))]
+    fits = [(slip, *slip.fitted(balance, masses)) for slip in _candidates(balance)]
     best: dict[tuple[int, ...], float] = {}  # of all units of the same channels
     for slip, share, _ in fits:
         if slip.apparent > 0 and not slip.exchanged:
@@ -301,20 +308,21 @@ def _without_name(balance: HitBalance, masses: FloatArray) -> _Told | None:
     return None
 
 
-def _candidates(count: int) -> Iterator[_Slip]:
-    every = tuple(range(count))
-    for apparent in (g, 1 / g, 1e-3, 1e3, 1 / 4.44822, 1e-3 * g, inch, -1.0):
+def _candidates(balance: HitBalance) -> Iterator[_Slip]:
+    every = tuple(range(len(balance.channels)))
+    small = (1e-3 * g,) if all(one.startswith("acceleration") for one in balance.channels) else ()
+    for apparent in (g, *small, 1 / g, 1e-3, 1e3, 1 / _LBF_N, inch, -1.0):
         yield _Slip(every, apparent)
-    if count > 1:
+    if len(every) > 1:
         for place in every:
-            for apparent in (g, 1e-3, 1e3, 1e-3 * g, inch, -1.0):
+            for apparent in (g, *small, 1e-3, 1e3, inch, -1.0):
                 yield _Slip((place,), apparent)
         for pair in combinations(every, 2):
             yield _Slip(pair, exchanged=True)
 
 
 def _described(
-    record: Evidence, slip: _Slip | None, apparent: float, confidence: float, shared: bool
+    record: Evidence, slip: _Slip | None, apparent: float, confidence: float, shared: bool, wild: bool
 ) -> Iterator[Suspicion]:
     balance = record.balance
     assert balance is not None
@@ -328,7 +336,9 @@ def _described(
             finding = f"force and motion balance with {channel} in the place of {other}"
             yield Suspicion(record.file, channel, finding, None, "channels exchanged", confidence)
         return
-    likely, of_force, of_mass = _unit(slip, balance, shared) if slip.apparent > 0 else _sign(slip, record)
+    likely, of_force, of_mass = (
+        _unit(slip, balance, shared, wild) if slip.apparent > 0 else _sign(slip, record)
+    )
     named = [balance.force] if of_force else channels
     if of_mass:
         named = [f"body:{balance.bodies[place]}" for place in slip.places]
@@ -347,14 +357,15 @@ def _sign(slip: _Slip, record: Evidence) -> tuple[str, bool, bool]:
     return ("force sign" if of_force else f"{kind} sign"), of_force, False
 
 
-def _unit(slip: _Slip, balance: HitBalance, shared: bool) -> tuple[str, bool, bool]:
+def _unit(slip: _Slip, balance: HitBalance, shared: bool, wild: bool) -> tuple[str, bool, bool]:
     """Return the likeliest wrong unit, and whether it is the force's, or that of declared masses.
 
-    What all motions of all records share may be the masses' as well: both are named.
+    What all motions of all records share may be the masses' as well: both are named, unless masses so small
+    would be shaken wildly.
     """
     whole = len(slip.places) == len(balance.bodies)
     kind = balance.channels[slip.places[0]].partition("_")[0]
-    of_force = {1 / g: "force in kgf", 1 / 4.44822: "force in lbf"}.get(slip.apparent)
+    of_force = {1 / g: "force in kgf", 1 / _LBF_N: "force in lbf"}.get(slip.apparent)
     if of_force is None and slip.apparent == 1e-3 and whole and balance.peak_n < balance.rules.weak_hit_n:
         of_force = "force in kN"
     if of_force is not None:
@@ -362,4 +373,5 @@ def _unit(slip: _Slip, balance: HitBalance, shared: bool) -> tuple[str, bool, bo
     unit = {g: "g", 1e-3 * g: "mg", inch: _LENGTHS[kind].replace("mm", "in"), 1e3: "km/s2"}
     likely = f"{kind} in {unit.get(slip.apparent, _LENGTHS[kind])}"
     mass = {1e3: "mass in t", 1e-3: "mass in g"}.get(slip.apparent)
-    return (f"{mass}, or {likely}", False, True) if mass and shared else (likely, False, False)
+    of_mass = mass is not None and shared and not (wild and whole and slip.apparent < 1)
+    return (f"{mass}, or {likely}", False, True) if of_mass else (likely, False, False)

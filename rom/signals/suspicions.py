@@ -76,6 +76,12 @@ def doubts_of(found: Sequence[Suspicion], records: Sequence[Evidence]) -> dict[s
     return {file: tuple(d for (of, _), d in lines.items() if of == file) for file in files}
 
 
+def nameless(found: Sequence[Suspicion]) -> list[str]:
+    """Return findings that have a channel and a factor, but no likely cause, the most frequent first."""
+    counts = Counter((one.channel, one.finding) for one in found if not one.likely and one.factor is not None)
+    return [f"{channel}: {finding}" for (channel, finding), _ in counts.most_common()]
+
+
 def causes(found: Sequence[Suspicion]) -> list[str]:
     """Return the likely causes with where they are and in how many records, the most frequent first."""
     counts = Counter((one.likely, one.channel) for one in found if one.likely)

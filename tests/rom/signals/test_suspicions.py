@@ -14,7 +14,7 @@ from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import FloatArray
 from rom.campaign.record import Channel
 from rom.signals.quality import assess
-from rom.signals.suspicions import Suspicion, causes, doubts_of, evidence, suspicions
+from rom.signals.suspicions import Suspicion, causes, doubts_of, evidence, nameless, suspicions
 from tests.rom.lumped import LinkRow, pulse, respond
 
 RATE_HZ, SAMPLES, HIT_S, G = 19200.0, 16000, 0.3, 9.80665
@@ -148,6 +148,8 @@ def test_nor_is_one_measured_by_velocity_or_displacement(name: str, motion: str)
 
 SLIPS: dict[str, tuple[Slip, str, float | None]] = {
     "acceleration in g": (scaled("acceleration", 1 / G), "acceleration in g", G),
+    "acceleration in mm/s2": (scaled("acceleration", 1e3), "acceleration in mm/s2", 1e-3),
+    "force in kgf": (scaled("force", 1 / G), "force in kgf", G),
     "force in kN": (scaled("force", 1e-3), "force in kN", 1e3),
     "force in lbf": (scaled("force", 1 / 4.44822), "force in lbf", 4.44822),
     "force sign": (scaled("force", -1.0), "force sign", -1.0),
@@ -217,6 +219,13 @@ def test_one_mass_off_by_a_factor_of_three_has_no_name_and_is_not_set_aside() ->
     assert {one.likely for one in found} == {""}
     assert [one.factor for one in found] == pytest.approx([3.0] * 6, rel=0.03)
     assert not any(one.sets_aside for one in found)
+
+
+def test_where_nothing_has_a_name_the_factor_is_the_likeliest_cause() -> None:
+    wrong = Structure((("block", 7.5),), BLOCK.links, "block")
+    found = told(campaign(BLOCK), settings_of(wrong))
+    assert causes(found) == []
+    assert nameless(found)[0].startswith("force_block: the momentum of the declared masses is 3")
 
 
 def test_a_rate_near_that_declared_is_named_and_the_record_kept() -> None:
