@@ -86,9 +86,12 @@ class Suspicions(Group):
     drop_beside: int = number(
         5, "1", "samples beside a dropout that are looked at", "a loose bolt falls slowly"
     )
-    cut_run: int = number(8, "1", "zeros in a row that are a dropout of a motion", _SEEN)
+    cut_run: int = number(8, "1", "zeros in a row that are a dropout of a motion", "chosen")
     cut_digits: float = number(
-        10.0, "1", "least size of a motion beside a dropout, in its digits", "at rest it goes by single ones"
+        10.0,
+        "1",
+        "least size of a motion beside a dropout, in its digits",
+        "chosen: at rest it goes by single ones",
     )
     beyond_calibration: float = number(
         0.01, "1", "share of a strain beyond where its calibration rises", "chosen: more than lone samples"
