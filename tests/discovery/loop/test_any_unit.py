@@ -99,7 +99,11 @@ def test_a_slow_joint_is_identified(times: float, tmp_path: Path, shared: Shared
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "scale",
-    [FAST, SLOWEST, *(pytest.param(scale, marks=pytest.mark.variant) for scale in (SLOW, {"mass": MILLION}))],
+    [
+        FAST,
+        SLOWEST,
+        *(pytest.param(scale, marks=pytest.mark.variant) for scale in (SLOW, {"mass": MILLION}, *MORE[:2])),
+    ],
     ids=str,
 )
 def test_laws_of_the_tension(scale: Scale, tmp_path: Path, shared: Shared) -> None:
