@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -23,11 +25,58 @@ from tests.rom.signals.test_suspicions import (
     scaled,
     settings_of,
     told,
-    windowed,
-    wrapped,
 )
 
 CUBIC = (2718.7, 2363.7, -575.63)  # rises from -0.4881 to 3.2256, to 14.05 kN
+
+
+def overrun(y: FloatArray, _: FloatArray) -> FloatArray:
+    y[[2000, 9000, 9001, 14000]] = 1e6
+    return y
+
+
+def wrapped(y: FloatArray, _: FloatArray) -> FloatArray:
+    half = 0.7 * float(np.abs(y).max())
+    return (y + half) % (2 * half) - half
+
+
+def dropped(y: FloatArray, _: FloatArray) -> FloatArray:
+    y[700:720] = y[3000:3001] = 0.0
+    return y
+
+
+def windowed(y: FloatArray, time: FloatArray) -> FloatArray:
+    return y * np.exp(-4.0 * time)
+
+
+def settling(y: FloatArray, time: FloatArray) -> FloatArray:
+    return y + 0.2 * np.abs(y).max() * np.exp(-time / 0.5)
+
+
+def stepped(y: FloatArray, time: FloatArray) -> FloatArray:
+    return y + np.where(time > 0.45, 4 * y.std(), 0.0)
+
+
+DAMAGES: dict[str, tuple[str, Callable[[FloatArray, FloatArray], FloatArray]]] = {
+    "overload": ("motion", overrun),
+    "wrap-around": ("motion", wrapped),
+    "dropouts": ("tension", dropped),
+    "exponential window": ("motion", windowed),
+    "sensor still settling": ("motion", settling),
+    "mean moves": ("motion", stepped),
+}
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+@pytest.mark.parametrize("likely", DAMAGES)
+def test_damage_of_a_channel_is_named_in_each_record(name: str, likely: str) -> None:
+    of, (kind, change) = STRUCTURES[name], DAMAGES[likely]
+    channel = f"acceleration_{of.struck}" if kind == "motion" else "tension"
+    spoil = only(channel, change, RATE_HZ if kind == "motion" else 4800.0)
+    found = told(campaign(of), settings_of(of), spoil, few=(0, 3))
+    named = [one for one in found if one.likely == likely]
+    assert [(one.record, one.channel) for one in named] == [(f"records/{i}.h5", channel) for i in (0, 3)]
+    assert {one.record for one in found} == {"records/0.h5", "records/3.h5"}
 
 
 @pytest.mark.parametrize(

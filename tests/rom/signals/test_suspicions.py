@@ -106,6 +106,15 @@ def changed(record: Record, change: Callable[[str, FloatArray], FloatArray]) -> 
     return Record(record.settings, channels, record.bodies)
 
 
+def only(
+    channel: str, change: Callable[[FloatArray, FloatArray], FloatArray], rate_hz: float = RATE_HZ
+) -> Slip:
+    """A change of one channel, given its samples and their times."""
+    return lambda record: changed(
+        record, lambda name, y: change(y.copy(), np.arange(len(y)) / rate_hz) if name == channel else y
+    )
+
+
 def scaled(prefix: str, factor: float) -> Slip:
     return lambda record: changed(record, lambda name, y: y * factor if name.startswith(prefix) else y)
 
@@ -349,61 +358,3 @@ def test_causes_come_with_what_would_mend_them_and_doubts_with_a_line_for_each()
     doubts = doubts_of(found, kept)
     assert list(doubts) == ["records/0.h5", "records/2.h5"]
     assert [doubt.kind for of in doubts.values() for doubt in of] == ["suspicion"] * 2
-
-
-def only(
-    channel: str, change: Callable[[FloatArray, FloatArray], FloatArray], rate_hz: float = RATE_HZ
-) -> Slip:
-    """A change of one channel, given its samples and their times."""
-    return lambda record: changed(
-        record, lambda name, y: change(y.copy(), np.arange(len(y)) / rate_hz) if name == channel else y
-    )
-
-
-def overrun(y: FloatArray, _: FloatArray) -> FloatArray:
-    y[[2000, 9000, 9001, 14000]] = 1e6
-    return y
-
-
-def wrapped(y: FloatArray, _: FloatArray) -> FloatArray:
-    half = 0.7 * float(np.abs(y).max())
-    return (y + half) % (2 * half) - half
-
-
-def dropped(y: FloatArray, _: FloatArray) -> FloatArray:
-    y[700:720] = y[3000:3001] = 0.0
-    return y
-
-
-def windowed(y: FloatArray, time: FloatArray) -> FloatArray:
-    return y * np.exp(-4.0 * time)
-
-
-def settling(y: FloatArray, time: FloatArray) -> FloatArray:
-    return y + 0.2 * np.abs(y).max() * np.exp(-time / 0.5)
-
-
-def stepped(y: FloatArray, time: FloatArray) -> FloatArray:
-    return y + np.where(time > 0.45, 4 * y.std(), 0.0)
-
-
-DAMAGES: dict[str, tuple[str, Callable[[FloatArray, FloatArray], FloatArray]]] = {
-    "overload": ("motion", overrun),
-    "wrap-around": ("motion", wrapped),
-    "dropouts": ("tension", dropped),
-    "exponential window": ("motion", windowed),
-    "sensor still settling": ("motion", settling),
-    "mean moves": ("motion", stepped),
-}
-
-
-@pytest.mark.parametrize("name", STRUCTURES)
-@pytest.mark.parametrize("likely", DAMAGES)
-def test_damage_of_a_channel_is_named_in_each_record(name: str, likely: str) -> None:
-    of, (kind, change) = STRUCTURES[name], DAMAGES[likely]
-    channel = f"acceleration_{of.struck}" if kind == "motion" else "tension"
-    spoil = only(channel, change, RATE_HZ if kind == "motion" else 4800.0)
-    found = told(campaign(of), settings_of(of), spoil, few=(0, 3))
-    named = [one for one in found if one.likely == likely]
-    assert [(one.record, one.channel) for one in named] == [(f"records/{i}.h5", channel) for i in (0, 3)]
-    assert {one.record for one in found} == {"records/0.h5", "records/3.h5"}
