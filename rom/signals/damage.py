@@ -92,7 +92,7 @@ def beyond_calibration(record: Record, settings: CampaignSettings, rules: Suspic
         return
     ends = [f"{end:.4g}" for end in (low, high) if np.isfinite(end)]
     finding = (
-        f"strain from {strain.min():.4g} to {strain.max():.4g} is for {100 * share:.2g} % of the record "
+        f"strain from {strain.min():.4g} to {strain.max():.4g} is for {100 * share:.3g} % of the record "
         f"beyond {' or '.join(ends)}, where its calibration stops rising: no tension is told there"
     )
     yield Damage(name, finding, BEYOND)
