@@ -95,6 +95,21 @@ def test_the_few_records_in_g_are_set_aside_and_the_others_are_judged(
     assert "suspicion: acceleration in g" in ran.out
 
 
+def test_a_strain_beyond_its_calibration_ends_no_command(
+    rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    """Five times the strain: the cubic calibration falls there, to tensions far below zero."""
+    folder = spoilt(rig_campaign, tmp_path / "spoilt", times("strain", 5.0))
+    ran = boltlaw("identify", folder, "--out", tmp_path / "out", "--jobs", 1, figures=True)
+    assert ran.code in (0, 3)
+    assert "slack" not in ran.out + ran.err
+    assert "strain beyond its calibration" in ran.out
+    data = content(tmp_path / "out", "model")
+    named = {row["record"] for row in data["suspicions"] if row["likely"] == "strain beyond its calibration"}
+    assert f"{len(named)} set aside" in ran.out
+    assert list((tmp_path / "out").glob("**/*.svg"))
+
+
 def test_exchanged_accelerometers_leave_no_test_of_the_joint(
     rig_campaign: Path, tmp_path: Path, boltlaw: Boltlaw
 ) -> None:
