@@ -298,7 +298,7 @@ def _is_rest(result: Result) -> bool:
 
 def _is_of_another_model(prediction: Result, results: Sequence[Result]) -> bool:
     digests = [result.digest for result in results if result.kind == "model"]
-    return bool(digests) and prediction.data.get("model_digest") not in {None, *digests}
+    return bool(digests) and prediction.data.get("model_digest") not in [None, *digests]
 
 
 def _is_of_ranking(results: Sequence[Result]) -> bool:

@@ -41,15 +41,22 @@ def _parts(errors: Data, rival: Data, floor: Data) -> Iterator[str]:
 
 
 def _of_loosening(errors: Data, rival: Data, floor: Data) -> Iterator[str]:
+    final = [f"final_tension_error_percent_{which}" for which in ("mean", "median")]
+    mean, median = (_percent(errors, key, 2) for key in final)
     yield (
-        f"final tension mean {errors['final_tension_error_percent_mean']:.2f} %, "
-        f"median {errors['final_tension_error_percent_median']:.2f} % "
-        f"(no loosening: {rival['final_tension_error_percent_mean']:.2f} %, "
-        f"{rival['final_tension_error_percent_median']:.2f} %)"
+        f"final tension mean {mean}, median {median} "
+        f"(no loosening: {', '.join(_percent(rival, key, 2) for key in final)})"
     )
+    loss = "tension_loss_error_percent_median"
     yield (
-        f"loss median {errors['tension_loss_error_percent_median']:.1f} % "
-        f"(no loosening: {rival['tension_loss_error_percent_median']:.1f} %{loss_floor(floor)})"
+        f"loss median {_percent(errors, loss, 1)} "
+        f"(no loosening: {_percent(rival, loss, 1)}{loss_floor(floor)})"
     )
     if (within := errors.get("tension_course_within_band")) is not None:
         yield f"tension within its 95 % limits for {100 * within:.1f} % of the time"
+
+
+def _percent(errors: Data, key: str, decimals: int) -> str:
+    """A share of what was measured; of a loss of nothing there is none."""
+    value = errors.get(key)
+    return "undefined" if value is None else f"{value:.{decimals}f} %"

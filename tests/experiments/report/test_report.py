@@ -231,7 +231,7 @@ def test_what_is_of_another_model_than_the_one_shown_says_so(folder: Path) -> No
     digest = hashlib.sha256((folder / "model.json").read_bytes()).hexdigest()
     other = "prediction.json: of another model than model.json here."
     figures = "figures of other commands: of the identified model; model.json, the equations and the"
-    for made, told in ((digest, False), ("0" * 64, True)):
+    for made, told in ((digest, False), ("0" * 64, True), (["a.h5"], True)):
         write(folder, "prediction", errors=errors(1.0), records=[], model_digest=made)
         assert (other in page(folder).words) is told
     for command, told in (("boltlaw discover", False), (f"boltlaw identify {HOSTILE}", True)):
