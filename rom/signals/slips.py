@@ -10,7 +10,7 @@ from statistics import median_high, median_low
 
 import numpy as np
 from scipy import optimize
-from scipy.constants import g, inch
+from scipy.constants import g, inch, lbf
 
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import FloatArray
@@ -19,7 +19,6 @@ from rom.signals.momentum import HitBalance
 from rom.signals.suspicion_evidence import Evidence, Suspicion
 
 _LEAST_KG: Numerical[float] = 1e-12  # of which a logarithm can be taken
-_LBF_N: Numerical[float] = 4.44822
 _LENGTHS = {"acceleration": "mm/s2", "velocity": "mm/s", "displacement": "mm"}
 
 
@@ -95,7 +94,8 @@ def slips(records: Sequence[Evidence], settings: CampaignSettings, fewest: int) 
 
 def _is_wild(balance: HitBalance) -> bool:
     """Whether the masses that balance would be shaken harder by their hit than any that are tested."""
-    return balance.peak_n > balance.rules.wild_m_per_s2 * float(balance.masses.sum())
+    mass = float(balance.masses.sum())
+    return mass > 0 and balance.peak_n > balance.rules.wild_m_per_s2 * mass
 
 
 def _told_by(
@@ -311,7 +311,7 @@ def _without_name(balance: HitBalance, masses: FloatArray) -> _Told | None:
 def _candidates(balance: HitBalance) -> Iterator[_Slip]:
     every = tuple(range(len(balance.channels)))
     small = (1e-3 * g,) if all(one.startswith("acceleration") for one in balance.channels) else ()
-    for apparent in (g, *small, 1 / g, 1e-3, 1e3, 1 / _LBF_N, inch, -1.0):
+    for apparent in (g, *small, 1 / g, 1e-3, 1e3, 1 / lbf, inch, -1.0):
         yield _Slip(every, apparent)
     if len(every) > 1:
         for place in every:
@@ -365,7 +365,7 @@ def _unit(slip: _Slip, balance: HitBalance, shared: bool, wild: bool) -> tuple[s
     """
     whole = len(slip.places) == len(balance.bodies)
     kind = balance.channels[slip.places[0]].partition("_")[0]
-    of_force = {1 / g: "force in kgf", 1 / _LBF_N: "force in lbf"}.get(slip.apparent)
+    of_force = {1 / g: "force in kgf", 1 / lbf: "force in lbf"}.get(slip.apparent)
     if of_force is None and slip.apparent == 1e-3 and whole and balance.peak_n < balance.rules.weak_hit_n:
         of_force = "force in kN"
     if of_force is not None:
