@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from experiments.datasets.cells import numbers
 from experiments.datasets.collected import SourceError
+from experiments.datasets.rates import Told, named_rate
 from experiments.datasets.signals import Signal
 from experiments.datasets.tables import decoded
-from experiments.datasets.times import readings_of, stated_rate, unstated
 
 ENDINGS = (".json",)
 _SAMPLES = ("samples", "values", "data", "y")
-_NAME, _UNIT = ("name", "channel", "label", "signal"), ("unit", "units")
-_RATE = ("rate_hz", "sample_rate", "sampling_rate", "samplerate", "fs", "sample_rate_hz", "frequency")
-_STEP, _START = ("dt", "step", "increment", "delta_t"), ("start_s", "start", "t0")
+_NAME, _UNIT = ("name", "channel", "label", "signal", "id"), ("unit", "units")
+_START = ("start_s", "start", "t0", "x0", "t_start", "start_time", "x_start")
+_FEW = 8  # numbers that are no signal: a rate for each of a few channels
+_RATE = "rate of the samples"  # a key of what is known above: no file has it
 
 
 def read(path: Path) -> list[Signal]:
@@ -29,14 +31,26 @@ def read(path: Path) -> list[Signal]:
     SourceError
         If the file is no JSON, or holds no list of numbers.
     """
+    text = decoded(path).removeprefix("\ufeff")
     try:
-        content = json.loads(decoded(path).removeprefix("\ufeff"))
+        content = _parsed(text)
     except (json.JSONDecodeError, RecursionError) as cause:
         raise SourceError(f"{path.name}: found {cause}, expected JSON") from None
     signals = list(_walked("", content, {}))
     if not signals:
         raise SourceError(f"{path.name}: found no list of numbers, expected one for each signal")
     return signals
+
+
+def _parsed(text: str) -> Any:
+    """Return the content of a text, of one with an object in each line a list of them."""
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        lines = [line for line in text.splitlines() if line.strip()]
+        if len(lines) < 2 or not all(line.strip().startswith("{") for line in lines):
+            raise
+        return [json.loads(line) for line in lines]
 
 
 def _walked(name: str, value: Any, above: Mapping[str, Any]) -> Iterator[Signal]:
@@ -47,32 +61,56 @@ def _walked(name: str, value: Any, above: Mapping[str, Any]) -> Iterator[Signal]
 
 
 def _of_object(name: str, value: dict[str, Any], above: Mapping[str, Any]) -> Iterator[Signal]:
-    told = {
-        **above,
-        **{key.lower(): item for key, item in value.items() if not isinstance(item, list | dict)},
-    }
+    own = {key.lower(): item for key, item in value.items() if not isinstance(item, list | dict)}
+    told = {**above, **own}
+    if rate := _rate_in(value):
+        told[_RATE] = rate
+    if isinstance(units := value.get("units"), dict):
+        told["units"] = units
     columns, rows = value.get("columns"), value.get("data")
     if isinstance(columns, list) and isinstance(rows, list) and rows and isinstance(rows[0], list):
         table = _array(rows)
         if table is not None and table.ndim == 2 and table.shape[1] == len(columns):
-            yield from (_signal(str(c), table[:, i], {**told, "name": ""}) for i, c in enumerate(columns))
+            given = units if isinstance(units, list) and len(units) == len(columns) else [""] * len(columns)
+            for index, (column, unit) in enumerate(zip(columns, given, strict=True)):
+                yield _signal(str(column), table[:, index], told | ({"unit": unit} if unit else {}))
             return
     samples = next(
         (key for key in value if key.lower() in _SAMPLES and _vector(value[key]) is not None), None
     )
-    named = _first(told, _NAME) or _first(told, _UNIT) or _first(told, _RATE)
-    if samples is not None and named is not None:
-        own = str(_first({k.lower(): v for k, v in value.items()}, _NAME) or name or samples)
-        yield _signal(own, _vector(value[samples]), told)
+    if samples is not None and (_first(told, (*_NAME, *_UNIT)) or _RATE in told):
+        yield _signal(str(_first(own, _NAME) or name or samples), _vector(value[samples]), told)
         value = {key: item for key, item in value.items() if key != samples}
-    rates = {key: told[key] for key in (*_RATE, *_STEP) if key in told}
+    shared = {key: told[key] for key in (_RATE, "units") if key in told}
+    shared = {key: item for key, item in shared.items() if key == _RATE or isinstance(item, dict)}
     for key, item in value.items():
-        yield from _walked(f"{name}.{key}" if name else key, item, rates)
+        yield from _walked(f"{name}.{key}" if name else key, item, shared)
+
+
+def _rate_in(value: Mapping[str, Any], *, inner: bool = False) -> Told | None:
+    """Return the rate that an object tells, or one in it that holds no lists, such as "info"."""
+    long = [key for key, item in value.items() if isinstance(item, list) and len(item) > _FEW]
+    if inner and long:
+        return None
+    unit = str(_first(value, _UNIT) or "") if inner else ""  # "sampling": {"rate": 25.6, "unit": "kHz"}
+    for key, item in value.items():
+        named = f"{key} {unit}" if unit.lower().endswith("hz") else key
+        if (
+            key not in long
+            and not isinstance(item, dict | None)
+            and (found := named_rate(named, item, weak=True))
+        ):
+            return found
+    found_in = [_rate_in(item, inner=True) for item in value.values() if isinstance(item, dict)]
+    rates = {found for found in found_in if found}
+    return rates.pop() if len(rates) == 1 else None
 
 
 def _of_list(name: str, value: list[Any], above: Mapping[str, Any]) -> Iterator[Signal]:
     array = _array(value)
-    if array is not None and array.ndim == 1:
+    if all(isinstance(item, str) for item in value):
+        yield _of_texts(name, value, above)
+    elif array is not None and array.ndim == 1:
         yield _signal(name or "column 1", array, above)
     elif array is not None and array.ndim == 2:
         by_rows = array.shape[0] >= array.shape[1]
@@ -89,6 +127,17 @@ def _of_list(name: str, value: list[Any], above: Mapping[str, Any]) -> Iterator[
         else:
             for index, item in enumerate(value):
                 yield from _walked(f"{name}({index + 1})" if name else f"({index + 1})", item, above)
+
+
+def _of_texts(name: str, value: list[str], above: Mapping[str, Any]) -> Signal:
+    """Return numbers or dates that are written as text, or a signal with a fault."""
+    import pandas as pd
+
+    try:
+        return _signal(name, numbers(name, pd.Series(value)), above)
+    except SourceError as fault:
+        what = str(fault).removeprefix(f"{name}: ")
+        return Signal(name, np.empty(0), fault=what)
 
 
 def _array(value: list[Any]) -> Any:
@@ -110,15 +159,10 @@ def _first(told: Mapping[str, Any], keys: tuple[str, ...]) -> Any:
 
 
 def _signal(name: str, samples: Any, told: Mapping[str, Any]) -> Signal:
-    rate, step, start = (_first(told, keys) for keys in (_RATE, _STEP, _START))
-    found: tuple[float, tuple[float, ...]] | None = None
-    if rate is not None:
-        in_hz = any(told.get(key) == rate for key in _RATE if key.endswith("_hz"))
-        number = 0.0 if isinstance(rate, str) else float(rate)
-        found = stated_rate(rate) if isinstance(rate, str) else (number, () if in_hz else (1e3 * number,))
-    elif step is not None:
-        seconds = readings_of(step)[0] if isinstance(step, str) else float(step)
-        found = (1 / seconds, unstated(1 / seconds)) if seconds > 0 else None
-    rate_hz, readings = found if found and found[0] > 0 else (None, ())
+    rate = told.get(_RATE) or Told(None)
+    start = _first(told, _START)
     start_s = float(start) if isinstance(start, int | float) else None
-    return Signal(name, samples, str(_first(told, _UNIT) or ""), rate_hz, start_s, readings)
+    unit = _first(told, _UNIT) or ""
+    if isinstance(unit, dict):
+        unit = unit.get(name, unit.get(name.rpartition(".")[2], ""))
+    return Signal(name, samples, str(unit), rate.rate_hz, start_s, rate.readings)

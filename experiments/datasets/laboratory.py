@@ -50,6 +50,7 @@ class _Notes:
     cut: list[str] = field(default_factory=list)
     unmatched: list[str] = field(default_factory=list)
     clocks: list[str] = field(default_factory=list)
+    apart: list[str] = field(default_factory=list)
     said: list[str] = field(default_factory=list)
     other_rates: set[str] = field(default_factory=set)
     pages: set[str] = field(default_factory=set)
@@ -68,6 +69,10 @@ class _Notes:
             ("records cut to their shortest channel", self.cut),
             ("rates other than in [sampling], as files or map tell", sorted(self.other_rates)),
             ("records whose channels state starts on different clocks, not compared", self.clocks),
+            (
+                "records with times that start apart, not compared, since no channel tells which is its own",
+                self.apart,
+            ),
         ]
         return tuple(f"{len(names)} {what}: {_some(names)}" for what, names in lines if names)
 
@@ -231,6 +236,7 @@ def _channels(
         with np.errstate(all="ignore"):  # what is not finite is told by the check of the campaign
             samples = np.asarray(signal.samples, dtype=np.float64) * _factor(file, signal, rule)
         channels[rule.channel] = Channel(rule.channel, samples, rate_hz)
+    notes.apart += [f"{file} ({names})" for names in sorted(clocks.apart)]
     if faulty := next(
         (s for s in signals if s.fault and _asked(s.name, rules, {t.name for t in signals})), None
     ):

@@ -20,13 +20,12 @@ import numpy.typing as npt
 
 from experiments.datasets.collected import SourceError, optional
 from experiments.datasets.parser_process import parsed_apart
+from experiments.datasets.rates import named_rate, stated_rate
 from experiments.datasets.signals import NOT_UNDERSTOOD, Signal
-from experiments.datasets.times import stated_rate, unstated
 
 ENDINGS = (".mat",)
 _EXPORTED = re.compile(r"Channel_(\d+)_Data")
-_RATE = re.compile(r"fs|f_s|srate|(fs|rate|f)_hz|(sampl\w*|abtast)_?(rate|freq\w*)(_hz)?", re.IGNORECASE)
-_STEP = re.compile(r"dt|delta_?t|t_?inc|sampl\w*_?(time|interval|period)", re.IGNORECASE)
+_FEW = 8  # numbers that are no signal: a rate for each of a few channels
 _PLAIN = (
     "double",
     "single",
@@ -123,7 +122,7 @@ def _text(value: Any) -> str:
 class _RateField:
     """Rate [Hz] that a field of a structure tells, its other meanings, the lengths of vectors beside."""
 
-    rate_hz: float
+    rate_hz: float | None
     readings: tuple[float, ...]
     lengths: frozenset[int]
 
@@ -131,22 +130,23 @@ class _RateField:
         """Return the rate of a vector; of several lengths it is that of one, and fits the others."""
         if len(self.lengths) < 2:
             return {"rate_hz": self.rate_hz, "readings": self.readings}
-        return {"readings": tuple(self.rate_hz * length / other for other in sorted(self.lengths))}
+        rates = self.readings if self.rate_hz is None else (self.rate_hz,)
+        return {"readings": tuple(rate * length / other for rate in rates for other in sorted(self.lengths))}
 
 
 def _rate_field(fields: Mapping[str, Any]) -> _RateField | None:
     """Return the rate that a field of a structure tells for the vectors in it."""
-    arrays = [value for value in fields.values() if isinstance(value, np.ndarray)]
+    told = {name: found for name, value in fields.items() if (found := named_rate(name, _few(value)))}
+    arrays = [v for name, v in fields.items() if isinstance(v, np.ndarray) and name not in told]
     lengths = frozenset(max(a.shape) for a in arrays if a.dtype.kind in "iuf" and a.ndim and a.size > 1)
-    for name, value in fields.items():
-        number = _number(value)
-        if isinstance(value, str) and _RATE.fullmatch(name) and (found := stated_rate(value)):
-            return _RateField(*found, lengths)
-        if number is not None and number > 0 and _RATE.fullmatch(name):
-            return _RateField(number, () if name.lower().endswith("hz") else (1e3 * number,), lengths)
-        if number is not None and number > 0 and _STEP.fullmatch(name):
-            return _RateField(1 / number, unstated(1 / number), lengths)
-    return None
+    return _RateField(*next(iter(told.values())), lengths) if told else None
+
+
+def _few(value: Any) -> Any:
+    """Return a number or a few of them in plain Python, None in place of a vector."""
+    if not isinstance(value, np.ndarray | np.number):
+        return value
+    return value.ravel().tolist() if value.size <= _FEW and value.dtype.kind in "iuf" else None
 
 
 def _rate_beside(fields: Mapping[str, Any]) -> _RateField | None:
@@ -167,6 +167,8 @@ def _vectors(name: str, value: Any, rate: _RateField | None) -> Iterator[Signal]
             yield from _vectors(f"{name}({index + 1})", one, rate)
         for field, item in ({} if length else value).items():
             yield from _vectors(f"{name}.{field}", item, _rate_field(value) or rate)
+    elif isinstance(value, list) and len(value) > 1 and all(isinstance(item, str) for item in value):
+        yield Signal(name, np.empty(0), fault="found cells of text, expected a vector of real numbers")
     elif isinstance(value, list):
         for index, item in enumerate(value, start=1):
             yield from _vectors(f"{name}{{{index}}}", item, rate)

@@ -80,6 +80,7 @@ class Clocks:
         self.times = [s for s in everything if s.name in given or (s.name not in taken and is_time(s))]
         times = {id(time) for time in self.times}
         self.signals = [signal for signal in everything if id(signal) not in times]
+        self.apart: set[str] = set()  # times of one length and rate that start apart
         self._idle = [s for s in self.signals if s.name not in taken]
 
     def of(self, signal: Signal, usual_hz: float) -> Clock | None:
@@ -115,8 +116,10 @@ class Clocks:
     def _agreed(self, signal: Signal, times: list[Signal], stated: Clock | None) -> Clock:
         clocks = [self._clock(time) for time in times]
         if all(abs(clock.rate_hz / clocks[0].rate_hz - 1) < _AGREE for clock in clocks):
-            alike = len({clock.start_s for clock in clocks}) == 1
-            return clocks[0] if alike else clocks[0]._replace(start_s=None)
+            if len({clock.start_s for clock in clocks}) == 1:
+                return clocks[0]
+            self.apart.add(" and ".join(f'"{time.name}"' for time in times))
+            return clocks[0]._replace(start_s=None)
         if stated is not None:
             return stated
         told = " and ".join(

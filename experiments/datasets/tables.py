@@ -13,15 +13,18 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from experiments.datasets import labview
+from experiments.datasets.cells import EMPTY, is_number, numbers, with_days
 from experiments.datasets.collected import SourceError
+from experiments.datasets.rates import Told, rate_above, stated_rate
 from experiments.datasets.signals import Signal
-from experiments.datasets.times import factor_of, is_time, stated_rate, stated_step
+from experiments.datasets.times import factor_of, is_time
 from experiments.datasets.units import symbols
 from rom.model.units import parse_unit
 
@@ -35,17 +38,6 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 _COMMENT = re.compile(r"^\s*(#+|%+|//+|!|\*)\s?")
-_NUMBER = {
-    ".": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?$"),
-    ",": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eEdD][+-]?\d+)?$"),
-}
-_EMPTY = frozenset(("", "nan", "na", "n/a", "null", "none", "-", "inf", "-inf", "+inf"))
-_CLOCK = re.compile(
-    r"((\d{4}-\d\d-\d\d|\d{1,2}([./])\d{1,2}\3\d{4})[ T])?\d{1,2}:\d\d:\d\d([.,]\d+)?(Z|[+-]\d\d:?\d\d)?$"
-)
-_RATE_LINE = re.compile(
-    r"\bf_?s\b|sampl|rate|abtast|échantillon|muestreo|campion|freq|bemonster", re.IGNORECASE
-)
 
 
 @dataclass(frozen=True)
@@ -64,10 +56,6 @@ class Dialect:
             for cell in next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
         ]
 
-    def is_number(self, cell: str) -> bool:
-        """Return whether a cell may be one of a signal: a number, a time of day, or none."""
-        return bool(_NUMBER[self.decimal].match(cell)) or bool(_CLOCK.match(cell))
-
 
 _DIALECTS = tuple(
     Dialect(separator, decimal) for separator in ("\t", ";", "|", ",", "") for decimal in (".", ",")
@@ -82,11 +70,24 @@ def read(path: Path) -> list[Signal]:
     SourceError
         If there is no table of numbers in it, or rows are of unequal length.
     """
-    lines = decoded(path).splitlines()
+    lines = decoded(path).replace("\u2212", "-").splitlines()
+    if labview.is_labview(lines):
+        return _of_labview(path.name, lines)
     dialect, start, width = _layout(path.name, lines)
     above = [_COMMENT.sub("", line) for line in lines[:start]]
     columns = _columns(path.name, lines[start:], dialect, width)
-    return named(path.name, [dialect.cells(line) for line in above], columns, _rate_above(above))
+    return named(path.name, [dialect.cells(line) for line in above], columns, rate_above(above))
+
+
+def _of_labview(file: str, lines: Sequence[str]) -> list[Signal]:
+    told = labview.header(file, lines)
+    columns = _columns(file, told.body, Dialect(told.separator, told.decimal), len(told.columns))
+    signals = []
+    for (name, unit, rate, start_s), column in zip(told.columns, columns, strict=True):
+        rate_hz, readings = rate or (None, ())
+        if len(filled := np.flatnonzero(~_missing(column))):
+            signals.append(Signal(name, column[: filled[-1] + 1], unit, rate_hz, start_s, readings))
+    return [*_slower(_with_shorter_times(signals))]
 
 
 def decoded(path: Path) -> str:
@@ -123,32 +124,34 @@ def _strict(path: Path, raw: bytes, encoding: str) -> str:
 def _layout(name: str, lines: Sequence[str]) -> tuple[Dialect, int, int]:
     """Return the dialect in which most lines are numbers, where these start, and cells in a row."""
     found = []
+    told = [i for i, line in enumerate(lines[:_HEAD]) if not _COMMENT.match(line)]
     for dialect in _DIALECTS:
-        widths = [_width(dialect, line) for line in lines[:_HEAD]]
+        widths = [_width(dialect, lines[i]) for i in told]
         if any(widths):
             width, rows = Counter(filter(None, widths)).most_common(1)[0]
-            pairs = zip(widths, [*widths[1:], 0], strict=True)
+            pairs = pairwise([*widths, 0])
             start = next((i for i, pair in enumerate(pairs) if pair == (width, width)), widths.index(width))
-            found.append((rows, dialect, start, width))
+            found.append((rows, dialect, told[start], width))
     most = max((rows for rows, *_ in found), default=0)
     best = [one[1:] for one in found if one[0] == most]
     # "1,5,2,5" is four numbers, or two with decimal commas: the names above know
     best = [one for one in best if _names_above(lines[: one[1]], one[0]) == one[2]] or best
     if not most or len({_values(lines[start], dialect) for dialect, start, _ in best}) > 1:
         what = "rows that may be read in two ways" if most else "no rows of numbers"
+        filled = [i for i in told if lines[i].strip()]
+        row = best[0][1] if best else filled[len(filled) // 2] if filled else None
+        shown = "" if row is None else f' (line {row + 1}: "{lines[row].strip()[:60]}")'
         raise SourceError(
-            f"{name}: found {what}, expected a table: names, then a row of numbers for each time"
+            f"{name}: found {what}{shown}, expected a table: names, then a row of numbers for each time"
         )
     return best[0]
 
 
 def _width(dialect: Dialect, line: str) -> int:
     """Return the number of cells of a row of numbers, 0 for any other line."""
-    if not line.strip() or _COMMENT.match(line):
-        return 0
-    cells = dialect.cells(line)
-    sound = all(dialect.is_number(cell) or cell.lower() in _EMPTY for cell in cells)
-    return len(cells) if sound and any(map(dialect.is_number, cells)) else 0
+    cells = dialect.cells(line) if line.strip() else []
+    sound = all(is_number(cell, dialect.decimal) or cell.lower() in EMPTY for cell in cells)
+    return len(cells) if sound and any(is_number(cell, dialect.decimal) for cell in cells) else 0
 
 
 def _names_above(above: Sequence[str], dialect: Dialect) -> int:
@@ -178,59 +181,11 @@ def _columns(name: str, lines: Sequence[str], dialect: Dialect, width: int) -> l
     return [numbers(f"{name}: column {i + 1}", table[i], dialect.decimal) for i in range(width)]
 
 
-def numbers(where: str, column: Any, decimal: str = ".") -> npt.NDArray[np.generic]:
-    """Return a column as numbers, or as times where it holds dates.
-
-    Parameters
-    ----------
-    where : str
-        File and column, for messages.
-    column : pandas.Series
-        Cells of n rows.
-    decimal : str
-        Decimal mark in text.
-
-    Returns
-    -------
-    array
-        Shape (n,), NaN where a cell is empty.
-
-    Raises
-    ------
-    SourceError
-        If a cell is neither.
-    """
-    import pandas as pd
-
-    if column.dtype.kind in "iufMm":
-        return np.asarray(column, dtype=None if column.dtype.kind in "Mm" else np.float64)
-    text = column.astype(object).where(column.notna(), "").astype(str).str.strip()
-    plain = text.str.replace(decimal, ".").str.replace(r"(?<=\d)[dD](?=[+-]?\d)", "e", regex=True)
-    found = pd.to_numeric(plain, errors="coerce")
-    odd = text[found.isna() & ~text.str.lower().isin(_EMPTY)]
-    if not len(odd):
-        return np.asarray(found, dtype=np.float64)
-    if len(odd) == len(text) and all(map(_CLOCK.match, text)):
-        return _dates(text)
-    raise SourceError(f'{where}: found "{odd.iloc[0]}" in data row {odd.index[0] + 1}, expected a number')
-
-
-def _dates(text: Any) -> npt.NDArray[np.generic]:
-    """Return dates, or times of day, in ns."""
-    import pandas as pd
-
-    text = text.str.replace(",", ".")
-    if not re.search(r"[-/]|\.\d+\.", text.iloc[0].split(":")[0]):
-        return np.asarray(pd.to_timedelta(text), dtype="m8[ns]")
-    dates = pd.to_datetime(text, format="mixed", dayfirst="-" not in text.iloc[0], utc=True)
-    return np.asarray(dates.dt.tz_localize(None), dtype="M8[ns]")
-
-
 def named(
     file: str,
     above: Sequence[Sequence[str]],
     columns: Sequence[npt.NDArray[np.generic]],
-    common: tuple[float, tuple[float, ...]] | None = None,
+    common: Told | None = None,
 ) -> list[Signal]:
     """Return the signals of a table: names and units from the rows above it.
 
@@ -242,7 +197,7 @@ def named(
         Cells of the rows above the numbers, some of them names and units, others remarks.
     columns : sequence of arrays
         A column each, with NaN where there is no number.
-    common : tuple, optional
+    common : Told, optional
         Rate [Hz] of all columns, and its other meanings.
 
     Returns
@@ -256,14 +211,15 @@ def named(
         If there are names for another number of columns, or a name is there twice.
     """
     above = [row for row in above if any(row)]
-    if not any(_fits(row, len(columns)) for row in above) and _missing(columns[-1]).all():
+    columns = with_days(columns)
+    while len(columns) > 1 and _missing(columns[-1]).all() and not any(_fits(r, len(columns)) for r in above):
         columns = columns[:-1]  # behind a separator at the end of each row
     names, units, others = _header(file, above, len(columns))
     signals = []
     for index, (column, name, unit) in enumerate(zip(columns, names, units, strict=True)):
         filled = np.flatnonzero(~_missing(column))
-        if not len(filled):
-            continue
+        if not len(filled) or _is_day(column):
+            continue  # nothing, or the day of all rows
         rate = next(
             (found for row in others if "Hz" in row[index] and (found := stated_rate(row[index]))), common
         )
@@ -274,6 +230,10 @@ def named(
     if shared:
         raise SourceError(f"{file}: {shared[0]}: found this column more than once, expected it once")
     return [*_slower(_with_shorter_times(signals))]
+
+
+def _is_day(column: npt.NDArray[np.generic]) -> bool:
+    return column.dtype.kind == "M" and bool((column == column[0].astype("M8[D]")).all())
 
 
 def _missing(column: npt.NDArray[np.generic]) -> npt.NDArray[np.bool_]:
@@ -329,15 +289,6 @@ def _known_unit(text: str) -> bool:
         return not text.isdigit() and bool(parse_unit(symbols(text)))
     except ValueError:
         return text in ("V", "mV", "mV/V", "°C", "degC", "µm/m", "um/m", "mm/m", "µε", "%", "Pa", "MPa", "dB")
-
-
-def _rate_above(above: Sequence[str]) -> tuple[float, tuple[float, ...]] | None:
-    """Return the rate that a remark tells: "Sample rate: 25,600 Hz", "dt = 0.05 ms"."""
-    short = [line for line in above if len(line) < 120]
-    steps = {line: stated_step(line) for line in short}
-    told = [steps[line] or (stated_rate(line) if _RATE_LINE.search(line) else None) for line in short]
-    rates = {rate for rate in told if rate is not None}
-    return rates.pop() if len(rates) == 1 else None
 
 
 def _with_shorter_times(signals: Sequence[Signal]) -> list[Signal]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from experiments.datasets.collected import SourceError, optional
+from experiments.datasets.rates import named_rate
 from experiments.datasets.signals import Signal
 from experiments.datasets.times import ABSOLUTE_S, SHOWN, factor_of, unstated
 
@@ -46,7 +47,8 @@ def read(path: Path) -> list[Signal]:
                 f"{path.name}: {name}: found a scale that nptdms does not apply ({said[0]}), expected one "
                 "that it does: linear, polynomial, table, strain, thermometers; save scaled values"
             )
-        signals.append(_signal(name, samples, channel.properties))
+        above = {**file.properties, **file[channel.group_name].properties}
+        signals.append(_signal(name, samples, channel.properties, above))
     return signals
 
 
@@ -67,22 +69,28 @@ def _heard(nptdms: Any) -> Iterator[list[str]]:
         console.setLevel(level)
 
 
-def _signal(name: str, samples: Any, known: dict[str, Any]) -> Signal:
+def _signal(name: str, samples: Any, known: Mapping[str, Any], above: Mapping[str, Any]) -> Signal:
     if samples.dtype.kind not in "iufMm":
         return Signal(name, np.empty(0), fault="found text or complex numbers, expected real numbers")
     unit = str(known.get("unit_string", "")).strip()
-    stated = str(known.get("wf_xunit_string", "")).strip()
+    told = known if "wf_increment" in known else {**above, **known}
+    stated = str(told.get("wf_xunit_string", "")).strip()
     axis = stated or "s"
-    if (factor := factor_of(axis)) is None and "wf_increment" in known:
+    if (factor := factor_of(axis)) is None and "wf_increment" in told:
         return Signal(name, np.empty(0), fault=f'found wf_xunit_string "{axis}", expected one of {SHOWN}')
-    step = float(known.get("wf_increment", 0.0)) * (factor or 0.0)
-    rate_hz = 1 / step if step > 0 else None
+    step = float(told.get("wf_increment", 0.0)) * (factor or 0.0)
+    if step < 0:
+        return Signal(name, np.empty(0), fault=f"found wf_increment {step:g}, expected one above 0")
+    if step == 0:  # a property of one's own, such as SampleRate
+        found = (named_rate(key, value) for key, value in {**above, **known}.items())
+        rate_hz, readings = next(filter(None, found), (None, ()))
+        return Signal(name, samples, unit, rate_hz, _start(known), readings)
     # a step of one is what LabVIEW writes for want of another
-    readings = unstated(1 / step) if step > 0 and (step == 1.0 or not stated) else ()
-    return Signal(name, samples, unit, rate_hz, _start(known), readings)
+    readings = unstated(1 / step) if step == 1.0 or not stated else ()
+    return Signal(name, samples, unit, 1 / step, _start(known), readings)
 
 
-def _start(known: dict[str, Any]) -> float | None:
+def _start(known: Mapping[str, Any]) -> float | None:
     """Return the start [s]: on the clock of the day where it is told, else after the trigger."""
     offset = known.get("wf_start_offset")
     if (moment := known.get("wf_start_time")) is not None:

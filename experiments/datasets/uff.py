@@ -41,7 +41,7 @@ def read(path: Path) -> list[Signal]:
         raise SourceError(f"{path.name}: found no -1 at its end, expected a whole universal file")
     sets = _sets(raw)
     in_si = any(one["type"] == 164 and one.get("units_code") == _SI for one in sets)
-    functions = [one for one in sets if one["type"] == 58 and one.get("abscissa_spec_data_type") == _TIME]
+    functions = [one for one in sets if one["type"] == 58]
     shared = Counter(_title(one) for one in functions)
     return [_signal(path, one, in_si, shared[_title(one)] > 1) for one in functions]
 
@@ -75,6 +75,10 @@ def _signal(path: Path, function: Mapping[str, Any], in_si: bool, shared: bool) 
     place = f"{function['rsp_node']}:{_DIRECTIONS.get(function['rsp_dir'], function['rsp_dir'])}"
     name = place if shared or not title else title
     data = np.asarray(function["data"])
+    if function.get("abscissa_spec_data_type") != _TIME:
+        return Signal(
+            name, np.empty(0), fault="found another abscissa than time, expected a function of time"
+        )
     if data.dtype.kind == "c":
         return Signal(name, np.empty(0), fault="found complex numbers, expected a function of time")
     if len(data) != function["num_pts"]:

@@ -12,6 +12,7 @@ from experiments.datasets.collected import SourceError, unreadable
 from experiments.datasets.parser_process import parsed_apart
 from rom.campaign.channels import FloatArray
 
+PRINTED = 1e-4  # of a sample: times that are off by more are rounded in print
 STEP_TOLERANCE = 0.25  # of a sample: jitter of a printed time; a lost sample is a whole one
 
 
@@ -81,7 +82,7 @@ def rate_of(where: str, time: FloatArray, rounding: FloatArray | float = 0.0) ->
         raise SourceError(
             f"{where}: found steps from {steps.min():.4g} to {steps.max():.4g} s, expected even steps"
         )
-    if np.any(rounding):  # the ends alone tell the rate of a short record badly
+    if np.abs(time - even).max() > PRINTED * step:  # the ends alone tell the rate of a short record badly
         step = float(np.polyfit(np.arange(len(time)), time, 1)[0])
     return float(1 / step)
 

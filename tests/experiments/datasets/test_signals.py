@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from experiments.datasets.channel_map import pattern_of
+from experiments.datasets.rates import readings_of
 from experiments.datasets.signals import Clocks, Signal
-from experiments.datasets.times import Clock, label, readings_of
+from experiments.datasets.times import Clock, label
 from experiments.datasets.units import si_factor
 
 
