@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,7 @@ from experiments.studies.figure_files import figures_into
 from experiments.studies.identify import Progress
 from experiments.studies.suspected import screening_of, suspected, write_without_records
 from experiments.text.suspicions import suspected_lines
-from rom.campaign.campaign import Campaign, read_campaign, read_settings
+from rom.campaign.campaign import Campaign, CampaignError, read_campaign, read_settings
 from rom.signals.measured_records import NothingLeftError, judged_by, screened, stored
 from rom.signals.suspicions import causes
 
@@ -132,13 +132,28 @@ def run(
     return folder / "ranking.json"
 
 
+@contextmanager
+def _of_campaign(path: Path, count: int) -> Iterator[None]:
+    """Say which of several campaigns a fault is of."""
+    try:
+        yield
+    except CampaignError as error:
+        if count == 1:
+            raise
+        raise CampaignError(f"{path.name}: {line}" for line in error.faults) from None
+
+
 def _read(paths: Sequence[Path], read: Callable[[Path], Campaign], tightening: bool) -> list[Campaign]:
     """Return campaigns of bolts of one kind; what one line of settings rules out is not read."""
     from discovery.ranking.specimens import check_one_bolt, check_one_kind
 
     for path in paths:
-        check_one_bolt(read_settings(path), path)
-    campaigns = [read(path) for path in paths]
+        with _of_campaign(path, len(paths)):
+            check_one_bolt(read_settings(path), path)
+    campaigns = []
+    for path in paths:
+        with _of_campaign(path, len(paths)):
+            campaigns.append(read(path))
     check_one_kind(campaigns, tightening)
     return campaigns
 

@@ -127,7 +127,7 @@ class CampaignSettings(_Settings):
     """All of `campaign.toml`, under its own names."""
 
     format: Literal["boltlaw-campaign/1"] = Field(description=f'"{FORMAT}"')
-    name: Annotated[str, Field(min_length=1)] = Field(description="text")
+    name: Annotated[str, Field(min_length=1)] = Field(description="text: the campaign's name")
     body: Annotated[tuple[BodySettings, ...], Field(min_length=1)] = Field(description="one [[body]] or more")
     link: Annotated[tuple[LinkSettings, ...], Field(min_length=1)] = Field(description="one [[link]] or more")
     bolt: BoltSettings | None = Field(None, description="a table [bolt]")

@@ -50,6 +50,9 @@ def parsing_faults(error: ValidationError) -> tuple[str, ...]:
     lines: dict[str, str] = {}
     excused: set[str] = set()
     for e in errors:
+        inside = (o for o in errors if o is not e and o["loc"][: len(e["loc"])] == e["loc"])
+        if e["type"] == "too_short" and e["input"] and any(inside):
+            continue  # what is in it is at fault
         if e["type"] == "extra_forbidden":
             *parent, key = e["loc"]
             known = (_TABLES[str(parent[0])] if parent else CampaignSettings).model_fields

@@ -154,6 +154,31 @@ def test_check_of_every_kind_of_test(boltlaw: Boltlaw, tmp_path: Path) -> None:
     assert listing(tmp_path) == before
 
 
+BARE = {
+    "": ["format", "name", "body", "link", "sampling", "record"],
+    'format = "boltlaw-campaign/1"': ["name", "body", "link", "sampling", "record"],
+    'format = "boltlaw-campaign/1"\nname = "x"\n[[body]]\n[[link]]\n[sampling]\n[[record]]': [
+        "body[0].name", "link[0].name", "link[0].between", "link[0].law", "sampling.motion_rate_hz",
+        "sampling.tension_rate_hz", "sampling.pretrigger_s", "record[0].file", "record[0].test",
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("text", BARE)
+def test_a_bare_campaign_is_told_key_by_key(text: str, boltlaw: Boltlaw, tmp_path: Path) -> None:
+    """No line is about a table that is there, and of several campaigns each line names its own."""
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "campaign.toml").write_text(text)
+    for command in (["check", tmp_path / "one"], ["discover", tmp_path / "one", tmp_path / "other"]):
+        ran = boltlaw(*command, "--jobs", 1)
+        assert (ran.code, ran.out) == (2, "")
+        of = "" if command[0] == "check" else "one: "
+        told = [line.partition(": found nothing, expected ")[::2] for line in ran.err.splitlines()]
+        assert [key for key, _ in told] == [f"{of}campaign.toml: {key}" for key in BARE[text]]
+        assert all(expected for _, expected in told)
+
+
 def test_check_tells_what_does_not_fit(rig_campaign: Path, boltlaw: Boltlaw, tmp_path: Path) -> None:
     shutil.copytree(rig_campaign, tmp_path / "campaign")
     campaign = rom.read_campaign(rig_campaign)
