@@ -193,6 +193,14 @@ def _late(y: FloatArray, time: FloatArray) -> FloatArray:
     return np.interp(time - 1e-3, time, y)
 
 
+def _later(y: FloatArray, time: FloatArray) -> FloatArray:
+    return np.interp(time - 12e-3, time, y)
+
+
+def _one_late(y: FloatArray, time: FloatArray, _: Rng) -> FloatArray:
+    return _late(y, time)
+
+
 def _fast_clock(y: FloatArray, time: FloatArray) -> FloatArray:
     return np.interp(time / 1.0005, time, y)
 
@@ -205,6 +213,22 @@ def _other_rate(record: Record, _: str, rng: Rng) -> Record:  # noqa: ARG001
 def _overload(y: FloatArray, _: FloatArray, rng: Rng) -> FloatArray:
     y[rng.integers(0, y.size, 4)] = 1e6 if np.abs(y).max() < 1e5 else 1e12
     return y
+
+
+def _low_code(y: FloatArray, time: FloatArray, rng: Rng) -> FloatArray:
+    late = np.flatnonzero(time > HIT_S + 0.05)
+    y[rng.choice(late, 3, replace=False)] = rng.uniform(2.0, 4.0) * float(np.abs(y).max())
+    return y
+
+
+def _frozen(y: FloatArray, time: FloatArray, rng: Rng) -> FloatArray:
+    start = int(np.searchsorted(time, HIT_S + rng.uniform(0.01, 0.2)))
+    y[start : start + int(rng.integers(200, 2000))] = y[start]
+    return y
+
+
+def _rounded(y: FloatArray, time: FloatArray) -> FloatArray:
+    return y * np.sin(np.pi * time / time[-1]) ** 2
 
 
 def _wrapped(y: FloatArray, _: FloatArray, rng: Rng) -> FloatArray:  # noqa: ARG001
@@ -227,12 +251,22 @@ def _stepped(y: FloatArray, time: FloatArray, rng: Rng) -> FloatArray:
 
 
 def _dropped(record: Record, _: str, rng: Rng) -> Record:
+    return _fallen(record, rng, 0.0)
+
+
+def _nearly_dropped(record: Record, _: str, rng: Rng) -> Record:
+    """To a few hundredths of the level, with the noise of an open input."""
+    return _fallen(record, rng, 0.03)
+
+
+def _fallen(record: Record, rng: Rng, share: float) -> Record:
     name = next((name for name in ("tension", "strain") if name in record.channels), None)
     if name is None:
         return record
     samples = record.channels[name].samples.copy()
     for start in rng.integers(50, samples.size - 50, 2):
-        samples[start : start + 20] = 0.0
+        level = share * float(np.median(samples))
+        samples[start : start + 20] = level * (1 + 0.1 * rng.standard_normal(20))
     return _with(record, {name: samples})
 
 
@@ -263,11 +297,17 @@ SLIPS: tuple[Slip, ...] = (
     Slip("force sign", "force sign", scaled("force", -1.0), -1.0),
     Slip("sign of one motion", "{motion} sign", one_scaled(-1.0), -1.0, bodies=2),
     Slip("motion 1 ms late", "late by", _of_motions(_late), number=(1.0, 0.05)),
+    Slip("one motion 1 ms late", "late by", _of_one(_one_late), number=(1.0, 0.2), bodies=2),
+    Slip("motion 12 ms late", "late by", _of_motions(_later), number=(12.0, 0.5)),
     Slip("clock 500 ppm fast", "late by", _of_motions(_fast_clock), number=(0.25, 0.03)),
     Slip("rate off by 500 ppm", "sampling rate", _other_rate, 1.0005, ways=_FEW),
     Slip("overload code", "overload", _of_one(_overload), ways=_FEW),
+    Slip("low overload code", "overload", _of_one(_low_code), ways=_FEW),
+    Slip("channel frozen", "channel frozen", _of_one(_frozen), ways=_FEW),
     Slip("wrap-around", "wrap-around", _of_one(_wrapped), ways=_FEW),
     Slip("dropouts", "dropouts", _dropped, ways=_FEW),
+    Slip("near dropouts", "dropouts", _nearly_dropped, ways=_FEW),
+    Slip("Hann window", "Hann window", _of_motions(_rounded)),
     Slip("exponential window", "exponential window", _of_motions(_windowed), number=(2.0, 0.1)),
     Slip("sensor settling", "sensor still settling", _of_one(_settling), motions=_G, ways=_FEW),
     Slip("mean moves", "mean moves", _of_one(_stepped), motions=_G, ways=_FEW),

@@ -26,7 +26,18 @@ class Suspicions(Group):
     unbalanced: float = number(
         0.02, "1", "share of the force's square left, below which no delay is looked for", _RIG
     )
-    latest_s: float = number(3e-3, "s", "delay beyond which motion belongs to another event")
+    latest_s: float = number(
+        3e-3, "s", "delay of motion behind the force, or behind where it begins, up to which is looked"
+    )
+    late_alike: float = number(
+        0.2, "1", "relative difference below which two delays are one", "chosen: light bodies tell to a tenth"
+    )
+    late_left: float = number(
+        2e-5, "1", "share of the force's square beyond noise, above which one motion may be late", _RIG
+    )
+    late_share: float = number(
+        0.4, "1", "share of the misfit that the delay of one motion may leave", "sound records: 0.9 and more"
+    )
     slip_left: float = number(1e-4, "1", "share of the force's square that a slip is to explain", _RIG)
     slip_share: float = number(
         0.15, "1", "share of that which a slip may leave", "rig: slips leave at most 1.4 %"
@@ -73,7 +84,10 @@ class Suspicions(Group):
     rate_same: float = number(1e-4, "1", "relative difference below which two rates are one")
     rate_other: float = number(0.02, "1", "relative difference above which another rate was meant")
     lone_samples: int = number(2, "1", "samples in a row, above which an extreme is a signal", _SEEN)
-    lone_share: float = number(0.1, "1", "share of lone samples' height that the rest stays below", _SEEN)
+    lone_share: float = number(
+        0.2, "1", "share of the distance of lone samples from those beside them that others stay below", _SEEN
+    )
+    lone_height: float = number(0.25, "1", "least distance of a lone sample, in the range of the rest", _SEEN)
     hit_guard_s: float = number(
         5e-3, "s", "time about a hit in which a lone sample may be the blow itself", _SEEN
     )
@@ -81,17 +95,17 @@ class Suspicions(Group):
     wrap_smooth: float = number(0.45, "1", "largest step in ranges that unwrapping may leave", _SEEN)
     wrap_beyond: float = number(0.02, "1", "least that unwrapping adds to the range, in ranges", _SEEN)
     dropped: float = number(0.5, "1", "share of the level beside a dropout", _SEEN)
+    dropped_to: float = number(0.1, "1", "share of the level that is left in a dropout", _SEEN)
     drop_noise: float = number(10.0, "1", "least level of a channel with dropouts, in its noise", _SEEN)
     drop_run: int = number(4, "1", "zeros in a row that are no chance at any level", _SEEN)
     drop_beside: int = number(
         5, "1", "samples beside a dropout that are looked at", "a loose bolt falls slowly"
     )
-    cut_run: int = number(8, "1", "zeros in a row that are a dropout of a motion", "chosen")
-    cut_digits: float = number(
-        10.0,
-        "1",
-        "least size of a motion beside a dropout, in its digits",
-        "chosen: at rest it goes by single ones",
+    held_run: float = number(
+        8.0, "1", "length of one value in a frozen motion, in usual lengths", "chosen: noise repeats none"
+    )
+    held_digits: float = number(
+        10.0, "1", "least jump at the end of it, in digits", "chosen: at rest it goes by single ones"
     )
     beyond_calibration: float = number(
         0.01, "1", "share of a strain beyond where its calibration rises", "chosen: more than lone samples"
@@ -102,6 +116,7 @@ class Suspicions(Group):
     window_straight: float = number(
         0.97, "1", "correlation of its logarithm with time from which noise fades evenly", _SEEN
     )
+    hann_like: float = number(0.15, "1", "scatter of the logarithm of noise about a window of Hann", _SEEN)
     settling_share: float = number(
         0.9, "1", "share of the variance before the hit that a settling sensor explains", _SEEN
     )

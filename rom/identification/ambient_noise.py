@@ -24,8 +24,6 @@ _LEAST_LEFT: Numerical[float] = 0.05  # of the noise: less tells none
 def whitener(gain: ComplexArray, root: ComplexArray, sensor: FloatArray) -> ComplexArray:
     """Return S^-1/2 at every line with S = G Q G^H + R, (lines, channels, channels), from a root of Q.
 
-    Where G is nearly singular, rounding would leave S less than no power.
-
     Parameters
     ----------
     gain : ndarray, shape (lines, channels, forces)
@@ -49,8 +47,11 @@ def whitener(gain: ComplexArray, root: ComplexArray, sensor: FloatArray) -> Comp
 
     if len(sensor) > 2:
         answer = product(gain, root)
-        power = product(answer, answer.conj().swapaxes(1, 2)) + np.diag(sensor)
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(power)))
+        own = np.broadcast_to(np.diag(np.sqrt(sensor)), (len(gain), len(sensor), len(sensor)))
+        # of a root of S: S itself would lose the sensors' noise to rounding where ambient forces are strong
+        whole = np.concatenate([answer, own], axis=2).conj().swapaxes(1, 2)
+        upper = np.linalg.qr(whole).R
+        return np.asarray(np.linalg.inv(upper.conj().swapaxes(1, 2)))
     out = np.empty((*gain.shape[:2], len(sensor)), dtype=np.complex128)
     gain, root = (np.ascontiguousarray(one, dtype=np.complex128) for one in (gain, root))
     if not whiteners(gain, root, np.ascontiguousarray(sensor, dtype=np.float64), out):

@@ -61,6 +61,17 @@ def receptances(s: Any, mass: Any, damping: Any, stiffness: Any, out: Any) -> bo
 
 
 @njit(nogil=True, **ALLOCATES_NOTHING)  # type: ignore[untyped-decorator]
+def _answer(gain: Any, root: Any, line: int, k: int) -> Any:
+    """Column k of G Q^1/2 at a line, of the first channel and of the second, where there is one."""
+    above, below = 0j, 0j
+    for j in range(gain.shape[2]):
+        above += gain[line, 0, j] * root[line, j, k]
+        if gain.shape[1] == 2:
+            below += gain[line, 1, j] * root[line, j, k]
+    return above, below
+
+
+@njit(nogil=True, **ALLOCATES_NOTHING)  # type: ignore[untyped-decorator]
 def whiteners(gain: Any, root: Any, sensor: Any, out: Any) -> bool:
     """Fill the inverse triangular roots of G Q G^H + R of one channel or two; whether all have one.
 
@@ -75,33 +86,30 @@ def whiteners(gain: Any, root: Any, sensor: Any, out: Any) -> bool:
     out : ndarray of complex, shape (lines, channels, channels)
         Filled.
     """
-    channels, forces = gain.shape[1], gain.shape[2]
+    forces = gain.shape[2]
     for line in range(gain.shape[0]):
-        first, second, across = sensor[0], 0.0, 0j
-        if channels == 2:
-            second = sensor[1]
+        first, second, across, apart = 0.0, 0.0, 0j, 0.0
         for k in range(forces):
-            above, below = 0j, 0j
-            for j in range(forces):
-                above += gain[line, 0, j] * root[line, j, k]
-                if channels == 2:
-                    below += gain[line, 1, j] * root[line, j, k]
+            above, below = _answer(gain, root, line, k)
             first += above.real**2 + above.imag**2
             second += below.real**2 + below.imag**2
             across += below * above.conjugate()
-        if first <= 0:
+            for j in range(k):
+                other_above, other_below = _answer(gain, root, line, j)
+                wedge = above * other_below - other_above * below
+                apart += wedge.real**2 + wedge.imag**2
+        whole = first + sensor[0]
+        if whole <= 0:
             return False
-        first = np.sqrt(first)
-        out[line, 0, 0] = 1.0 / first
-        if channels == 1:
+        out[line, 0, 0] = 1.0 / np.sqrt(whole)
+        if gain.shape[1] == 1:
             continue
-        across /= first
-        second -= across.real**2 + across.imag**2
-        if second <= 0:
+        # |b|^2 - |b a*|^2 / (|a|^2 + R_1) by Lagrange's identity: a difference would be lost to rounding
+        left = sensor[1] + (sensor[0] * second + apart) / whole
+        if left <= 0:
             return False
-        second = np.sqrt(second)
-        out[line, 0, 1], out[line, 1, 0] = 0.0, -across / (first * second)
-        out[line, 1, 1] = 1.0 / second
+        out[line, 0, 1], out[line, 1, 0] = 0.0, -across / (whole * np.sqrt(left))
+        out[line, 1, 1] = 1.0 / np.sqrt(left)
     return True
 
 

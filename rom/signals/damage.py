@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from scipy import ndimage
@@ -21,6 +20,7 @@ from rom.signals.calibration import Calibration
 from rom.signals.hits import Hit
 
 BEYOND = "strain beyond its calibration"
+HANN = "Hann window"
 WINDOW_PARTS: Numerical[int] = 8
 
 
@@ -36,7 +36,7 @@ class Damage:
     def at_hit(self) -> bool:
         """Whether samples of the hit itself may be wrong, so that they tell nothing else."""
         of_motion = self.likely == "dropouts" and self.channel not in BOLT_CHANNELS
-        return of_motion or self.likely in ("overload", "wrap-around")
+        return of_motion or self.likely in ("overload", "wrap-around", "channel frozen", HANN)
 
 
 def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Damage]:
@@ -60,9 +60,9 @@ def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Dama
             found = _dropped(channel, rules)
         found = found or _overflow(channel, hit_s, rules)
         if not found and hit_s is not None and name.partition("_")[0] in MOTIONS:
-            found = _cut_out(channel, rules)
-        if not found and hit_s is not None and name.partition("_")[0] in MOTIONS:
-            found = _windowed(channel, hit_s, rules)
+            found = (
+                _held(channel, rules) or _windowed(channel, hit_s, rules) or _rounded(channel, hit_s, rules)
+            )
         if not found and hit_s is not None and name.startswith("acceleration_"):
             moves = _moving(channel, hit_s, rules)
             found = _settling(channel, hit_s, rules, moves is not None) or moves
@@ -99,21 +99,19 @@ def beyond_calibration(record: Record, settings: CampaignSettings, rules: Suspic
 
 
 def _overflow(channel: Channel, hit_s: float | None, rules: Suspicions) -> tuple[str, str] | None:
-    """Lone samples far beyond all others: the code of an input that was overrun."""
-    height = np.abs(channel.samples - np.median(channel.samples))
-    high = height > 0.5 * height.max()
-    edges = np.flatnonzero(np.diff(high, prepend=False, append=False))
-    starts, stops = edges[::2], edges[1::2]
-    if (
-        not len(starts)
-        or (stops - starts).max() > rules.lone_samples
-        or height[~high].max() > rules.lone_share * height.max()
-    ):
+    """Lone samples far from all beside them: the code of an overrun input. A blow may be as short."""
+    samples = channel.samples
+    smooth = ndimage.median_filter(samples, 2 * rules.lone_samples + 1)
+    away = np.abs(samples - smooth)
+    if hit_s is not None:
+        guard = np.array([hit_s - rules.hit_guard_s, hit_s + rules.hit_guard_s]) * channel.rate_hz
+        away[slice(*np.maximum(guard.round().astype(int), 0))] = 0.0
+    lone = away > 0.5 * away.max()
+    others = float(away[~lone].max(initial=0.0))
+    if others > rules.lone_share * away.max() or away.max() <= rules.lone_height * np.ptp(smooth):
         return None
-    if hit_s is not None and np.all(np.abs(starts / channel.rate_hz - hit_s) < rules.hit_guard_s):
-        return None
-    value = channel.samples[np.argmax(height)]
-    return f"has {int(high.sum())} lone samples of {value:.4g}, all others stay far below", "overload"
+    value = samples[np.argmax(away)]
+    return f"has {int(lone.sum())} lone samples of {value:.4g}, far from all beside them", "overload"
 
 
 def _wrapped(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
@@ -131,45 +129,47 @@ def _wrapped(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
 
 
 def _dropped(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
-    """Samples of exactly zero amid a level far from it."""
+    """Samples near zero amid a level far from it, to which they fall and from which they rise at once."""
     level, noise = float(np.median(channel.samples)), white_noise(channel.samples)
-    zero = channel.samples == 0.0
-    if not zero.any() or level == 0.0:
+    if level == 0.0:
         return None
+    shares = channel.samples / level
     fallen = 0
-    for (run,) in ndimage.find_objects(ndimage.label(zero)[0]):
-        beside = (
-            channel.samples[max(run.start - rules.drop_beside, 0) : run.start],
-            channel.samples[run.stop :],
-        )
-        inside = run.start > 0 and run.stop < len(zero)
-        if not inside or min(ends[: rules.drop_beside].mean() / level for ends in beside) < rules.dropped:
+    for (run,) in ndimage.find_objects(ndimage.label(np.abs(shares) < rules.dropped_to)[0]):
+        before, after = shares[: run.start][-rules.drop_beside :], shares[run.stop :][: rules.drop_beside]
+        if not (len(before) and len(after)) or min(before.mean(), after.mean()) < rules.dropped:
             continue
-        fallen += abs(level) > rules.drop_noise * noise or run.stop - run.start >= rules.drop_run
+        long = run.stop - run.start
+        seen = abs(level) * np.sqrt(min(long, rules.drop_beside)) > rules.drop_noise * noise
+        fallen += seen or (long >= rules.drop_run and not channel.samples[run].any())
     if not fallen:
         return None
     return f"falls to zero {fallen} times amid a level of {level:.4g}", "dropouts"
 
 
-def _cut_out(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
-    """Runs of exact zeros to which a motion falls, and from which it comes back, by many of its digits."""
-    height = np.abs(channel.samples)
-    zero = height == 0.0
-    if not zero.any() or zero.all():
+def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
+    """Runs of one value that end in a jump of many digits, or last to the end of a record with noise."""
+    steps = np.abs(np.diff(channel.samples))
+    moved = np.flatnonzero(steps)
+    if len(moved) < rules.shortest:
         return None
-    digit = float(height[~zero].min())  # a quantised motion at rest goes to zero by single ones
-    edges = np.flatnonzero(np.diff(zero))
-    runs = pairwise(edges)
-    lost = [
-        stop - start
-        for start, stop in runs
-        if zero[stop]
-        and stop - start >= rules.cut_run
-        and min(height[start], height[stop + 1]) > rules.cut_digits * digit
-    ]
-    if not lost:
+    digit = float(steps[moved].min())  # a quantised motion at rest goes on by single ones
+    starts, stops = moved[:-1] + 1, moved[1:] + 1
+    usual = rules.held_run * max(float(np.median(stops - starts)), 1.0)
+    held = (stops - starts >= usual) & (steps[stops - 1] > rules.held_digits * digit)
+    runs = [slice(start, stop) for start, stop in zip(starts[held], stops[held], strict=True)]
+    size = len(channel.samples)
+    if (
+        size - stops[-1] >= max(usual, rules.shortest)
+        and white_noise(channel.samples) > rules.held_digits * digit
+    ):
+        runs.append(slice(stops[-1], size))
+    if not runs:
         return None
-    return f"falls to zero {len(lost)} times, for {sum(lost)} samples", "dropouts"
+    count, lasting = len(runs), sum(run.stop - run.start for run in runs)
+    if all(channel.samples[run.start] == 0.0 for run in runs):
+        return f"falls to zero {count} times, for {lasting} samples", "dropouts"
+    return f"keeps one value {count} times, for {lasting} samples", "channel frozen"
 
 
 def white_noise(samples: FloatArray) -> float:
@@ -203,6 +203,24 @@ def _windowed(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, s
     fallen = f"to {levels[-1] / quiet:.2g} of that before the hit"
     remedy = f"multiply motions and force by exp({decay:.3g} (t - t_hit))"
     return f"has a noise that fades with {decay:.3g} 1/s {fallen}: {remedy}", "exponential window"
+
+
+def _rounded(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, str] | None:
+    """Noise that swells and fades as a Hann window over the record does, away from the hit and the ends."""
+    count = 2 * WINDOW_PARTS
+    size = len(channel.samples) // count
+    if size < rules.shortest:
+        return None
+    levels = np.array([_sharp_noise(channel.samples[i * size : (i + 1) * size]) for i in range(count)])
+    middles = (np.arange(count) + 0.5) / count
+    hit = hit_s * channel.rate_hz / (size * count)
+    quiet = ((middles < hit - 1 / count) | (middles > 0.5)) & (np.arange(count) % (count - 1) > 0)
+    if levels[quiet].min() <= 0:
+        return None
+    off = np.log(levels / np.sin(np.pi * middles) ** 2)[quiet]
+    if off.std() > rules.hann_like:
+        return None
+    return "has a noise that swells and fades with the record: measure it without a window", HANN
 
 
 def _settling(channel: Channel, hit_s: float, rules: Suspicions, moves: bool) -> tuple[str, str] | None:

@@ -7,12 +7,12 @@ masses, of channels exchanged or rescaled, follows without the record.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import integrate, optimize
+from scipy import optimize
 
 from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.channels import MOTIONS, Channel, FloatArray
@@ -20,10 +20,10 @@ from rom.campaign.settings import GROUND
 from rom.criteria.number import Numerical
 from rom.criteria.suspicions import Suspicions
 from rom.signals.damage import white_noise
+from rom.signals.delays import Window, begins, free_masses, least, noise_share, ties_of
 from rom.signals.hits import Hit
 
 _KEPT: Numerical[float] = 0.03  # weight of gains of one, in the force: far below what noise leaves of it
-TREND: Numerical[int] = 3  # order of the polynomial that offsets and slow motion leave in displacements
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +37,9 @@ class HitBalance:
     root : ndarray, shape (1 + 3 n, 1 + 3 n)
         Triangular root of the products of force, accelerations, velocities, displacements, trends taken out.
     late_s, late_misfit : float
-        Delay of all motions behind the force that balances best [s], and the misfit that it leaves as a share
-        of that without.
+        Delay behind the force that balances best [s], and what it leaves of the misfit without it.
+    late : tuple of str
+        The motions with that delay.
     peak_n : float
         Largest force of the contact [N].
     noise : ndarray, shape (1 + n,)
@@ -55,6 +56,7 @@ class HitBalance:
     root: FloatArray
     late_s: float
     late_misfit: float
+    late: tuple[str, ...]
     noise: FloatArray
     rules: Suspicions
 
@@ -78,8 +80,7 @@ class HitBalance:
 
     def misfit_of_noise(self, masses: FloatArray) -> float:
         """Return what white noise of the channels leaves of the force, as a share of its square."""
-        left = self.noise[0] + masses**2 @ self.noise[1:]
-        return float(left / max(self.root[:, 0] @ self.root[:, 0], 1e-300))
+        return noise_share(self.root, self.noise, masses)
 
     def with_gains(
         self,
@@ -107,7 +108,7 @@ class HitBalance:
         order = np.arange(count) if channels is None else np.asarray(channels)
         places = np.concatenate([[0], *(1 + part * count + order for part in range(3))])
         root, scale = self.root[:, places], float(np.linalg.norm(self.root[:, 0]))
-        ties = _ties(root, self.grounded, signs)
+        ties = ties_of(root, self.grounded, signs)
         ties /= np.maximum(np.linalg.norm(ties, axis=0), 1e-300)
         # what balances whatever the gain keeps a gain of one
         weights = _KEPT * scale * np.abs(masses) / max(float(np.abs(masses).max()), 1e-300)
@@ -124,12 +125,12 @@ class HitBalance:
     @cached_property
     def masses(self) -> FloatArray:
         """Masses that balance best [kg], none below zero."""
-        return _free(self.root, self.grounded)[0]
+        return free_masses(self.root, self.grounded)[0]
 
     def masses_turned(self, bodies: Collection[str]) -> FloatArray:
         """Masses that balance best with the signs of some bodies' motions turned [kg], none below zero."""
         signs = np.where(np.isin(self.bodies, list(bodies)), -1.0, 1.0)
-        return _free(self.root * np.concatenate([[1.0], signs, signs, signs]), self.grounded)[0]
+        return free_masses(self.root * np.concatenate([[1.0], signs, signs, signs]), self.grounded)[0]
 
 
 def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Suspicions) -> HitBalance | None:
@@ -164,35 +165,29 @@ def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Sus
     order = max(MOTIONS.index(kind) for kind, _ in motions)
     orders = [order - MOTIONS.index(kind) for kind, _ in motions]
     rows = [channel.samples for _, channel in motions]
-    force = hit.force.samples[first:last]
-    reach = round(latest_s * rate)
-    lags = [lag for lag in range(-reach, reach + 1) if first + lag >= 0 and last + lag <= min(map(len, rows))]
-    roots = {0: _root(force, [row[first:last] for row in rows], order, orders, rate)}
-    left = {0: _free(roots[0], grounded)[1]}
-    for lag in lags if left[0] > rules.unbalanced else ():
-        roots[lag] = _root(force, [row[first + lag : last + lag] for row in rows], order, orders, rate)
-        left[lag] = _free(roots[lag], grounded)[1]
-    best = min(left, key=lambda lag: left[lag])
-    # half a period later a wrong sign is right, and a delay that explains little would hide what does more
-    opposed = _free(roots[0] * np.where(np.arange(roots[0].shape[1]) == 0, -1.0, 1.0), grounded)[1]
-    explains = left[best] <= rules.slip_share * left[0] and left[best] < opposed
-    is_late = explains or abs(best) < rules.late_s * rate
+    noise = (last - first) * np.array(
+        [_noise_before(hit.force, hit, rules) ** 2 * (order == 0)]
+        + [
+            _noise_before(channel, hit, rules) ** 2 * (times == 0)
+            for (_, channel), times in zip(motions, orders, strict=True)
+        ]
+    )
+    step = max((hit.stop - hit.start) // 6, 1)
+    window = Window(hit.force.samples, rows, (first, last), order, orders, rate, grounded, noise, step, rules)
+    first_motion = min(map(begins, rows)) - hit.start
+    delay = window.delay(round(latest_s * rate), first_motion, rules.late_s * rate)
+    names = tuple(channel.name for _, channel in motions)
     return HitBalance(
         bodies=record.bodies,
         grounded=grounded,
-        channels=tuple(channel.name for _, channel in motions),
+        channels=names,
         force=hit.force.name,
         peak_n=float(np.abs(hit.pulse).max()),
-        root=roots[best if is_late else 0],
-        late_s=_between(left, best) / rate if is_late else 0.0,
-        late_misfit=left[best] / max(left[0], 1e-300),
-        noise=np.array(
-            [(last - first) * _noise_before(hit.force, hit, rules) ** 2 * (order == 0)]
-            + [
-                (last - first) * _noise_before(channel, hit, rules) ** 2 * (times == 0)
-                for (_, channel), times in zip(motions, orders, strict=True)
-            ]
-        ),
+        root=delay.root,
+        late_s=delay.samples / rate,
+        late_misfit=delay.misfit,
+        late=tuple(names[place] for place in delay.places),
+        noise=noise,
         rules=rules,
     )
 
@@ -208,62 +203,11 @@ def _noise_before(channel: Channel, hit: Hit, rules: Suspicions) -> float:
     return white_noise(channel.samples[: hit.start]) if hit.start >= rules.shortest else 0.0
 
 
-def _between(left: Mapping[int, float], best: int) -> float:
-    """Return where a parabola through the misfits around the best whole lag has its lowest point."""
-    if not {best - 1, best + 1} <= left.keys():
-        return float(best)
-    before, at, after = (left[best + step] for step in (-1, 0, 1))
-    return best + 0.5 * (before - after) / max(before - 2 * at + after, 1e-300)
-
-
-def _root(
-    force: FloatArray, rows: Sequence[FloatArray], order: int, orders: Sequence[int], rate_hz: float
-) -> FloatArray:
-    accelerations = [
-        _integrated(row - row[0], times, rate_hz) for row, times in zip(rows, orders, strict=True)
-    ]
-    velocities = [_integrated(row, 1, rate_hz) for row in accelerations]
-    displacements = [_integrated(row, 1, rate_hz) for row in velocities]
-    columns = np.stack(
-        [_integrated(force, order, rate_hz), *accelerations, *velocities, *displacements], axis=1
-    )
-    trend = np.polynomial.polynomial.polyvander(np.linspace(-1, 1, len(columns)), TREND + order)
-    basis = np.linalg.qr(trend)[0]
-    return np.asarray(np.linalg.qr(columns - basis @ (basis.T @ columns), mode="r"))
-
-
-def _integrated(samples: FloatArray, times: int, rate_hz: float) -> FloatArray:
-    for _ in range(times):
-        samples = integrate.cumulative_trapezoid(samples, dx=1 / rate_hz, initial=0)
-    return samples
-
-
-def _ties(root: FloatArray, grounded: Sequence[bool], signs: FloatArray) -> FloatArray:
-    """Return columns of velocity and displacement of what is tied to the ground."""
-    count = len(grounded)
-    tied = [place for place, is_tied in enumerate(grounded) if is_tied]
-    return np.hstack([root[:, [1 + part * count + i for i in tied]] * signs[tied] for part in (1, 2)])
-
-
 def _misfit(root: FloatArray, masses: FloatArray, order: np.ndarray, grounded: Sequence[bool]) -> float:
     count = len(masses)
     places = np.concatenate([[0], *(1 + part * count + order for part in range(3))])
     columns = root[:, places]
     rest = columns[:, 0] - columns[:, 1 : 1 + count] @ masses
-    ties = _ties(columns, grounded, np.sign(masses))
-    left = float(np.linalg.norm(rest)) if ties.shape[1] == 0 else _least(ties, rest)[1]
+    ties = ties_of(columns, grounded, np.sign(masses))
+    left = float(np.linalg.norm(rest)) if ties.shape[1] == 0 else least(ties, rest)[1]
     return left**2 / max(float(columns[:, 0] @ columns[:, 0]), 1e-300)
-
-
-def _free(root: FloatArray, grounded: Sequence[bool]) -> tuple[FloatArray, float]:
-    """Return masses none of which is below zero, and what they leave of the force's square."""
-    count = len(grounded)
-    ties = _ties(root, grounded, np.ones(count))
-    found, left = _least(np.hstack([root[:, 1 : 1 + count], ties]), root[:, 0])
-    return found[:count], left**2 / max(float(root[:, 0] @ root[:, 0]), 1e-300)
-
-
-def _least(columns: FloatArray, rest: FloatArray) -> tuple[FloatArray, float]:
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    found, left = optimize.nnls(columns / scale, rest)
-    return np.asarray(found / scale), float(left)

@@ -23,25 +23,27 @@ _LENGTHS = {"acceleration": "mm/s2", "velocity": "mm/s", "displacement": "mm"}
 
 
 def late(records: Sequence[Evidence]) -> Iterator[Suspicion]:
-    """Motions that begin after the force, or before it."""
-    for record in records:
-        balance = record.balance
-        if balance is None or not delay_of(balance):
+    """Motions that begin after the force, or before it; by what records show alike, where they do."""
+    delays = [(record, record.balance, delay_of(record.balance)) for record in records]
+    shown: dict[str, list[float]] = {}
+    for _, balance, delay in delays:
+        for channel in balance.late if balance is not None and delay else ():
+            shown.setdefault(channel, []).append(delay)
+    for record, balance, delay in delays:
+        if balance is None or not delay:
             continue
-        word, size = ("late" if balance.late_s > 0 else "early"), f"{1e3 * abs(balance.late_s):.2g} ms"
-        for channel in balance.channels:
-            finding = f"{channel} begins {size} {'after' if balance.late_s > 0 else 'before'} the force"
-            confidence = 1 - balance.late_misfit
-            yield Suspicion(record.file, channel, finding, None, f"{word} by {size}", confidence)
+        for channel in balance.late:
+            usual = float(np.median(shown[channel]))
+            own = usual if abs(delay / usual - 1) < balance.rules.late_alike else delay
+            size = f"{1e3 * abs(own):.2g} ms"
+            finding = f"{channel} begins {size} {'after' if own > 0 else 'before'} the force"
+            likely = f"{'late' if own > 0 else 'early'} by {size}"
+            yield Suspicion(record.file, channel, finding, None, likely, 1 - balance.late_misfit)
 
 
 def delay_of(balance: HitBalance | None) -> float:
-    """Return the delay [s] of all motions behind the force, 0 where there is none."""
-    if (
-        balance is None
-        or abs(balance.late_s) < balance.rules.late_s
-        or balance.late_misfit > balance.rules.slip_share
-    ):
+    """Return the delay [s] of motions behind the force, 0 where there is none."""
+    if balance is None or abs(balance.late_s) < balance.rules.late_s:
         return 0.0
     return balance.late_s
 
@@ -370,7 +372,12 @@ def _unit(slip: _Slip, balance: HitBalance, shared: bool, wild: bool) -> tuple[s
         of_force = "force in kN"
     if of_force is not None:
         return of_force, True, False
-    unit = {g: "g", 1e-3 * g: "mg", inch: _LENGTHS[kind].replace("mm", "in"), 1e3: "km/s2"}
+    unit = {
+        g: "g",
+        1e-3 * g: "mg",
+        inch: _LENGTHS[kind].replace("mm", "in"),
+        1e3: "km/s2",
+    }
     likely = f"{kind} in {unit.get(slip.apparent, _LENGTHS[kind])}"
     mass = {1e3: "mass in t", 1e-3: "mass in g"}.get(slip.apparent)
     of_mass = mass is not None and shared and not (wild and whole and slip.apparent < 1)

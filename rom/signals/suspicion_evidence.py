@@ -122,7 +122,9 @@ def evidence(
         *damages(record, hit, criteria.suspicions),
         *beyond_calibration(record, settings, criteria.suspicions),
     )
-    spoilt = any(doubt.kind != "polarity" for doubt in doubts) or any(one.at_hit for one in damaged)
+    spoilt = any(doubt.kind not in ("polarity", "second-hit") for doubt in doubts) or any(
+        one.at_hit for one in damaged
+    )
     return Evidence(
         file=record.file,
         test=record.test,

@@ -43,6 +43,19 @@ def test_noise_of_forces_and_sensors_is_white_behind_its_whitener(bodies: int) -
 
 
 @pytest.mark.parametrize("bodies", [1, 2, 3])
+def test_a_whitener_knows_sensors_that_are_quieter_than_rounding_of_strong_forces(bodies: int) -> None:
+    """Forces that move all channels alike: what channels show apart is the sensors' noise alone."""
+    gain, root = np.zeros((2, _LINES, bodies, bodies), dtype=np.complex128)
+    gain[:, :, 0], root[:, 0, 0] = 1.0, 1e9
+    white = whitener(gain, root, np.ones(bodies))
+    apart = white[:, :, :1] - white[:, :, 1:]
+    assert np.isfinite(white).all()
+    assert np.abs(white.sum(axis=2)).max() < 1e-6
+    if bodies > 1:
+        np.testing.assert_allclose(np.linalg.norm(apart[..., 0], axis=1), np.sqrt(2.0), rtol=1e-6)
+
+
+@pytest.mark.parametrize("bodies", [1, 2, 3])
 def test_a_receptance_undoes_a_dynamic_stiffness(bodies: int) -> None:
     mass, damping, stiffness = _drawn(bodies, bodies)[:3].real  # of no symmetry: each entry has its place
     s = 2j * np.pi * np.linspace(0.1, 2.0, _LINES)

@@ -164,6 +164,7 @@ SLIPS: dict[str, tuple[Slip, str, float | None]] = {
     "force sign": (scaled("force", -1.0), "force sign", -1.0),
     "no force": (scaled("force", 0.0), "force not recorded", None),
     "late": (late(1e-3), "late by 1 ms", None),
+    "later": (late(12e-3), "late by 12 ms", None),
     "early": (late(-5e-4), "early by 0.5 ms", None),
     "tension in kN": (scaled("tension", 1e-3), "tension in kN", 1e3),
     "tension in lbf": (scaled("tension", 1 / 4.44822), "tension in lbf", 4.44822),
@@ -194,6 +195,18 @@ def test_one_accelerometer_in_g_is_told_from_the_others(body: str) -> None:
     found = told(campaign(CHAIN), settings_of(CHAIN), scaled(f"acceleration_{body}", 1 / G))
     assert {(one.channel, one.likely) for one in found} == {(f"acceleration_{body}", "acceleration in g")}
     assert len(found) == 6
+
+
+@pytest.mark.parametrize("few", [(), (1, 4)])
+@pytest.mark.parametrize(("of", "body"), [(PAPER, "lo"), (PAPER, "so"), *((CHAIN, body) for body in "abc")])
+def test_one_accelerometer_that_is_late_is_told_from_the_others(
+    of: Structure, body: str, few: tuple[int, ...]
+) -> None:
+    late_by = only(f"acceleration_{body}", lambda y, time: np.interp(time - 1e-3, time, y))
+    found = told(campaign(of), settings_of(of), late_by, few)
+    assert {one.channel for one in found} == {f"acceleration_{body}"}
+    assert {one.likely for one in found} <= {f"late by {size} ms" for size in ("0.99", "1", "1.1")}
+    assert {one.record for one in found} == {f"records/{place}.h5" for place in few or range(6)}
 
 
 @pytest.mark.parametrize(
