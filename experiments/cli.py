@@ -386,8 +386,10 @@ def _say(text: str, quiet: bool) -> None:
 def _finish(path: Path, summary: str, beside: str, quiet: bool) -> None:
     """Say what was found and written; an exit code of its own and one line where no model is good."""
     _say(summary, quiet)
-    _say(f"wrote {path}{beside}", quiet)
-    if unfit := json.loads(path.read_text(encoding="utf-8")).get("unfit"):
+    unfit = json.loads(path.read_text(encoding="utf-8")).get("unfit")
+    alone = unfit and not any(path.parent.rglob("*.svg"))  # no record was left to fit to
+    _say(f"wrote {path}{'' if alone else beside}", quiet)
+    if unfit:
         print(unfit, file=sys.stderr)
         raise typer.Exit(UNFIT)
 

@@ -19,7 +19,7 @@ from experiments.studies.identify import Progress
 from experiments.studies.suspected import screening_of, suspected, write_without_records
 from experiments.text.suspicions import suspected_lines
 from rom.campaign.campaign import Campaign, CampaignError, read_campaign, read_settings
-from rom.signals.measured_records import NothingLeftError, judged_by, screened, stored
+from rom.signals.measured_records import NothingLeftError, Screening, judged_by, screened, stored
 from rom.signals.suspicions import causes
 
 if TYPE_CHECKING:
@@ -109,8 +109,7 @@ def run(
         campaigns = [screened(one, jobs) for one in kept]
         subject = campaigns[0] if len(campaigns) == 1 else campaigns
         try:
-            for campaign in campaigns:
-                left_for_laws(campaign)
+            left_for_laws(campaigns, criteria.ranking.least_cases)
             if given_only:
                 ranking = discovery.compare(subject, given, jobs, report, seed, tightening, criteria)
             else:
@@ -218,21 +217,32 @@ def enough(campaigns: Sequence[Campaign], path: Path, least: float) -> None:
         )
 
 
-def left_for_laws(campaign: Campaign) -> None:
-    """Refuse a campaign all of whose loosening records are set aside.
+def left_for_laws(campaigns: Sequence[Campaign], least: float) -> None:
+    """Refuse campaigns whose loosening records are too few once suspicions have set some aside.
 
     Raises
     ------
     NothingLeftError
         With the causes.
     """
-    screening = screening_of(campaign)
-    if "loosening" in screening.lost:
-        raise NothingLeftError(
-            f"{campaign.path}: found all loosening records set aside, expected some that are not: "
-            f"{'; '.join(causes(screening.suspicions))}",
-            screening,
-        )
+    left = 0
+    lost: list[tuple[Campaign, Screening]] = []
+    for campaign in campaigns:
+        screening = screening_of(campaign)
+        training = {r.file for r in campaign.select("loosening") if not r.hold_out}
+        left += len(training - screening.doubts.keys())
+        if "loosening" in screening.lost or training & screening.doubts.keys():
+            lost.append((campaign, screening))
+    gone = next((one for one in lost if "loosening" in one[1].lost), None)
+    if gone is None and (left >= least or not lost):
+        return
+    campaign, screening = gone or lost[0]
+    told = "all loosening records set aside, expected some that are not"
+    if gone is None:
+        told = f"so many loosening records set aside that {left} are left, expected {least:g} or more"
+    raise NothingLeftError(
+        f"{campaign.path}: found {told}: {'; '.join(causes(screening.suspicions))}", screening
+    )
 
 
 def summary(path: Path) -> str:

@@ -48,7 +48,8 @@ def few_cases(
 def _of_near(fit: LawFit, tension: FloatArray) -> str:
     if tension.size == 1:
         return "found one tension above zero, too few for a curve: a constant stands for it"
-    span = f"from {tension.min():.4g} to {tension.max():.4g} N the records tell"
+    low, high = f"{tension.min():.4g}", f"{tension.max():.4g}"
+    span = f"{f'at {low}' if low == high else f'from {low} to {high}'} N the records tell"
     if len(fit.free) == 1:
         return f"{span} no change: a constant stands for it"
     return f"{span} {len(fit.free)} numbers ({fit.law.name}); beyond these tensions it is extrapolated"

@@ -16,6 +16,7 @@ from rom.campaign.campaign import read_campaign, write_campaign
 from rom.campaign.record import Channel
 from rom.parameters.he_2025 import paper_model
 from tests.conftest import Boltlaw
+from tests.rom.bolted import bolted_campaign
 
 FILES = {"identify": "model", "discover": "ranking", "close": "closure"}
 KEYS = ["record", "channel", "finding", "factor", "likely", "confidence"]
@@ -109,6 +110,19 @@ def test_a_strain_beyond_its_calibration_ends_no_command(
     assert named
     assert f", {len(named)} set aside" in ran.out
     assert list((tmp_path / "out").glob("**/*.svg"))
+
+
+def test_too_few_tests_left_to_compare_laws_end_with_3_and_the_reason(
+    tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    """Of six loosening tests two are held out, and the strains of another two are beyond the calibration."""
+    bolted_campaign(tmp_path / "c", "block", np.geomspace(10.0, 1500.0, 6).tolist(), strain=20.0)
+    ran = boltlaw("discover", tmp_path / "c", "--out", tmp_path / "out", "--jobs", 1)
+    assert ran.code == 3
+    (line,) = ran.err.splitlines()
+    assert "3 are left, expected 4 or more: strain beyond its calibration" in line
+    assert content(tmp_path / "out", "ranking")["laws"] == []
+    assert ran.out.splitlines()[-1] == f"wrote {tmp_path / 'out' / 'ranking.json'}"
 
 
 def test_exchanged_accelerometers_leave_no_test_of_the_joint(
