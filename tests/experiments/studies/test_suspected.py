@@ -16,6 +16,7 @@ from rom.campaign.campaign import read_campaign, write_campaign
 from rom.campaign.record import Channel
 from rom.parameters.he_2025 import paper_model
 from tests.conftest import Boltlaw
+from tests.rom.bolted import RATE_HZ as BOLTED_RATE_HZ
 from tests.rom.bolted import bolted_campaign
 
 FILES = {"identify": "model", "discover": "ranking", "close": "closure"}
@@ -110,6 +111,49 @@ def test_a_strain_beyond_its_calibration_ends_no_command(
     assert named
     assert f", {len(named)} set aside" in ran.out
     assert list((tmp_path / "out").glob("**/*.svg"))
+
+
+def windowed(rate_1_per_s: float) -> Change:
+    """Return the exponential window of an analyser over motions and force."""
+
+    def change(name: str, samples: np.ndarray) -> np.ndarray:
+        fading = np.exp(-rate_1_per_s * np.arange(len(samples)) / BOLTED_RATE_HZ)
+        return samples if name == "tension" else samples * fading
+
+    return change
+
+
+def settling(tau_s: float) -> Change:
+    """Return sensors that still settle by a tenth of their greatest reading."""
+
+    def change(name: str, samples: np.ndarray) -> np.ndarray:
+        fading = np.exp(-np.arange(len(samples)) / BOLTED_RATE_HZ / tau_s)
+        return samples + 0.1 * np.abs(samples).max() * fading if name.startswith("acceleration") else samples
+
+    return change
+
+
+@pytest.mark.parametrize("structure", ["block", "chain"])
+@pytest.mark.parametrize(
+    ("change", "likely"),
+    [
+        (windowed(2.0), "exponential window"),
+        (windowed(8.0), "exponential window"),
+        (settling(0.5), "sensor still settling"),
+        (settling(5.0), "sensor still settling"),
+    ],
+)
+def test_a_damping_that_windows_or_settling_sensors_would_add_is_not_stated(
+    change: Change, likely: str, structure: str, tmp_path: Path, boltlaw: Boltlaw
+) -> None:
+    bolted_campaign(tmp_path / "c", structure, [20.0, 400.0])
+    folder = spoilt(tmp_path / "c", tmp_path / "spoilt", change)
+    ran = boltlaw("identify", folder, "--out", tmp_path / "out", "--jobs", 1)
+    assert ran.code == 3
+    assert f"found all 4 training records set aside, expected one that is not: {likely}" in ran.err
+    data = content(tmp_path / "out", "model")
+    assert {row["likely"] for row in data["suspicions"]} == {likely}
+    assert "damping:" not in ran.out
 
 
 def test_too_few_tests_left_to_compare_laws_end_with_3_and_the_reason(
