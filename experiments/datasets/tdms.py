@@ -41,7 +41,10 @@ def read(path: Path) -> list[Signal]:
     for channel in channels:
         name = channel.name if shared[channel.name] == 1 else f"{channel.group_name}/{channel.name}"
         with _heard(nptdms) as said:
-            samples = channel[:]
+            try:
+                samples = channel[:]
+            except (KeyError, TypeError, ValueError) as cause:  # a number of the scale is missing
+                said.append(f"{cause}")
         if said:  # the numbers are those of the converter then
             raise SourceError(
                 f"{path.name}: {name}: found a scale that nptdms does not apply ({said[0]}), expected one "

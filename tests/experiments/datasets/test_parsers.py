@@ -212,7 +212,7 @@ def test_an_uneven_function_is_refused(lab: Path, put: Put) -> None:
     refused(put("uff"), "a.uff: F", "even steps")
 
 
-@pytest.mark.parametrize("kind", ["Mystery", "Reciprocal", "Teds"])
+@pytest.mark.parametrize("kind", ["Mystery", "Reciprocal", "RTD"])
 @pytest.mark.parametrize("known_before", [False, True])
 def test_a_scale_of_tdms_that_is_not_applied_is_refused(
     kind: str, known_before: bool, lab: Path, put: Put
