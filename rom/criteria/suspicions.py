@@ -23,6 +23,8 @@ class Suspicions(Group):
         "the same in durations of the contact, where that is shorter; so are the two below in proportion",
     )
     balance_guard_s: float = number(0.003, "s", "time before a contact that is balanced too")
+    balance_parts: int = number(16, "1", "parts of a driven record, each with a trend of its own", "chosen")
+    shortest_part: int = number(64, "1", "samples of such a part", "chosen: many more than its coefficients")
     unbalanced: float = number(
         0.02, "1", "share of the force's square left, below which no delay is looked for", _RIG
     )

@@ -55,9 +55,9 @@ def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Dama
     for name, channel in record.channels.items():
         if (name.startswith("force_") and record.test != "driven") or not np.ptp(channel.samples):
             continue  # a blow may be one sample; a channel that shows nothing is told as such
-        found = _wrapped(channel, rules)
-        if not found and name in BOLT_CHANNELS:  # before lone samples: those of a dropout lie at zero
-            found = _dropped(channel, rules)
+        # dropouts first: back at its level a channel looks unwrapped, and lone zeros as an overflow
+        found = _dropped(channel, rules) if name in BOLT_CHANNELS else None
+        found = found or _wrapped(channel, rules)
         found = found or _overflow(channel, hit_s, rules)
         if not found and hit_s is not None and name.partition("_")[0] in MOTIONS:
             found = (

@@ -89,13 +89,13 @@ class Window:
         found = Delay(0.0, 1.0, every, root)
         if left > rules.unbalanced:
             best = self._best(every, [*near, *(begins + lag for lag in near)], left, noise)
-            if abs(best.samples) < usual or self._explains(best, left, rules.slip_share):
+            if abs(best.samples) < usual or self._explains(best, left, noise, rules.slip_share):
                 found = best
-        least = max(rules.late_left, rules.slip_noise * noise)
+        least = self._least(noise)
         if len(every) < 2 or left - noise < least:
             return found
         alone = min((self._alone(place, near, left, noise) for place in every), key=lambda one: one.misfit)
-        told = abs(alone.samples) > usual and self._explains(alone, left, rules.late_share)
+        told = abs(alone.samples) > usual and self._explains(alone, left, noise, rules.late_share)
         better = (found.misfit - alone.misfit) * left > least
         return alone if told and better else found
 
@@ -120,13 +120,22 @@ class Window:
         share = max(misfits[best] - noise, 0.0) / max(left - noise, 1e-300)
         return Delay(_between(misfits, best), share, places, roots[best])
 
-    def _explains(self, found: Delay, left: float, most: float) -> bool:
-        """Whether a delay leaves little: less than the other sign, which is right half a period later."""
+    def _explains(self, found: Delay, left: float, noise: float, most: float) -> bool:
+        """Whether a delay leaves little: less than the other sign, which is right half a period later.
+
+        Where both leave noise alone, a force's sign is likelier than a delay of all motions; one motion
+        balances with either sign where its body is light.
+        """
         root, count = self.root(), len(self.rows)
         signs = np.ones(root.shape[1])
         signs[[1 + part * count + place for place in found.places for part in range(3)]] = -1.0
-        turned = free_masses(root * signs, self.grounded)[1]
-        return found.misfit <= most and found.misfit * left < turned
+        turned = free_masses(root * signs, self.grounded)[1] - noise
+        margin = self._least(noise) if len(found.places) == count else 0.0
+        return found.misfit <= most and found.misfit * (left - noise) < max(turned - margin, 0.0)
+
+    def _least(self, noise: float) -> float:
+        """Misfit that is more than noise and faults of sensors leave by chance."""
+        return max(self.rules.late_left, self.rules.slip_noise * noise)
 
 
 def begins(row: FloatArray) -> int:

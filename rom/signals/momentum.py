@@ -1,4 +1,4 @@
-"""The balance of momentum of one hit, kept small: what tells a unit, an exchange, a sign or a delay.
+"""The balance of momentum of a hit or of a driven record, kept small: what tells a unit, a sign, a delay.
 
 ``F = sum m_i a_i + c_i v_i + k_i x_i`` over all bodies, whatever happens between them; c_i and k_i, none
 below zero, tie bodies to the ground. Only products of its columns are kept, from which the misfit of any
@@ -20,15 +20,15 @@ from rom.campaign.settings import GROUND
 from rom.criteria.number import Numerical
 from rom.criteria.suspicions import Suspicions
 from rom.signals.damage import white_noise
-from rom.signals.delays import Window, begins, free_masses, least, noise_share, ties_of
+from rom.signals.delays import Window, begins, free_masses, least, noise_share, products, ties_of
 from rom.signals.hits import Hit
 
 _KEPT: Numerical[float] = 0.03  # weight of gains of one, in the force: far below what noise leaves of it
 
 
 @dataclass(frozen=True, eq=False)
-class HitBalance:
-    """What one hit did to the bodies that move: `root` holds the products of force and motions.
+class Balance:
+    """What force did to the bodies that move: `root` holds the products of force and motions.
 
     Attributes
     ----------
@@ -41,9 +41,11 @@ class HitBalance:
     late : tuple of str
         The motions with that delay.
     peak_n : float
-        Largest force of the contact [N].
+        Largest force [N].
     noise : ndarray, shape (1 + n,)
         Squares of white noise in the columns of force and accelerations.
+    parts : int
+        Of the record, that are balanced each: one hit, many of a driven record.
     rules : Suspicions
         The numbers that decide.
     """
@@ -58,6 +60,7 @@ class HitBalance:
     late_misfit: float
     late: tuple[str, ...]
     noise: FloatArray
+    parts: int
     rules: Suspicions
 
     def misfit(self, masses: Sequence[float] | FloatArray, channels: Sequence[int] | None = None) -> float:
@@ -75,8 +78,8 @@ class HitBalance:
 
     def shows(self, masses: FloatArray) -> bool:
         """Whether the masses that balance best are these, but for what sensors may do."""
-        least, most = _gains(masses, self.rules.scale_factor, self.rules.crossed)
-        return bool(np.all((self.masses > least * masses) & (self.masses < most * masses)))
+        low, high = _gains(masses, self.rules.scale_factor, self.rules.crossed)
+        return bool(np.all((self.masses > low * masses) & (self.masses < high * masses)))
 
     def misfit_of_noise(self, masses: FloatArray) -> float:
         """Return what white noise of the channels leaves of the force, as a share of its square."""
@@ -115,10 +118,10 @@ class HitBalance:
         kept = np.hstack([np.diag(weights), np.zeros((count, ties.shape[1]))])
         columns = np.vstack([np.hstack([root[:, 1 : 1 + count] * masses, ties]), kept])
         rest = np.concatenate([root[:, 0], weights])
-        least, most = np.zeros(columns.shape[1]), np.full(columns.shape[1], np.inf)
-        least[:count], most[:count] = _gains(masses, largest, crossed)
-        least[count : count + sum(self.grounded)] = -np.inf
-        found = optimize.lsq_linear(columns, rest, (least, most), method="bvls").x
+        low, high = np.zeros(columns.shape[1]), np.full(columns.shape[1], np.inf)
+        low[:count], high[:count] = _gains(masses, largest, crossed)
+        low[count : count + sum(self.grounded)] = -np.inf
+        found = optimize.lsq_linear(columns, rest, (low, high), method="bvls").x
         left = rest[: len(root)] - columns[: len(root)] @ found
         return float(left @ left) / max(scale**2, 1e-300), np.asarray(found[:count])
 
@@ -133,7 +136,7 @@ class HitBalance:
         return free_masses(self.root * np.concatenate([[1.0], signs, signs, signs]), self.grounded)[0]
 
 
-def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Suspicions) -> HitBalance | None:
+def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Suspicions) -> Balance | None:
     """Return the balance of a record's hit; None where force and motions are not sampled together.
 
     Parameters
@@ -147,9 +150,8 @@ def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Sus
     rules : Suspicions
         The numbers that decide.
     """
-    motions = [record.motion(body) for body in record.bodies]
-    rate = hit.force.rate_hz
-    if not motions or any(channel.rate_hz != rate for _, channel in motions):
+    rate, motions = hit.force.rate_hz, _Motions.of(record, settings)
+    if not motions.sampled_at(rate):
         return None
     contact = (hit.stop - hit.start) / rate  # of a small structure it is short, and all that follows
     window_s, guard_s, latest_s = (
@@ -157,50 +159,123 @@ def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Sus
         for seconds in (rules.balance_window_s, rules.balance_guard_s, rules.latest_s)
     )
     first = max(hit.start - round(guard_s * rate), 0)
-    last = min(hit.stop + round(window_s * rate), *(len(channel.samples) for _, channel in motions))
-    grounded = tuple(
-        any(GROUND in link.between and body in link.between for link in settings.link)
-        for body in record.bodies
-    )
-    order = max(MOTIONS.index(kind) for kind, _ in motions)
-    orders = [order - MOTIONS.index(kind) for kind, _ in motions]
-    rows = [channel.samples for _, channel in motions]
-    noise = (last - first) * np.array(
-        [_noise_before(hit.force, hit, rules) ** 2 * (order == 0)]
-        + [
-            _noise_before(channel, hit, rules) ** 2 * (times == 0)
-            for (_, channel), times in zip(motions, orders, strict=True)
-        ]
-    )
+    last = min(hit.stop + round(window_s * rate), *map(len, motions.rows))
+    quiet = [samples[: hit.start] for samples in (hit.force.samples, *motions.rows)]
+    noise = (last - first) * motions.noise(quiet, rules)
     step = max((hit.stop - hit.start) // 6, 1)
-    window = Window(hit.force.samples, rows, (first, last), order, orders, rate, grounded, noise, step, rules)
-    first_motion = min(map(begins, rows)) - hit.start
+    window = Window(
+        hit.force.samples, motions.rows, (first, last), motions.order, motions.orders, rate,
+        motions.grounded, noise, step, rules,
+    )  # fmt: skip
+    first_motion = min(map(begins, motions.rows)) - hit.start
     delay = window.delay(round(latest_s * rate), first_motion, rules.late_s * rate)
-    names = tuple(channel.name for _, channel in motions)
-    return HitBalance(
+    return Balance(
         bodies=record.bodies,
-        grounded=grounded,
-        channels=names,
+        grounded=motions.grounded,
+        channels=motions.names,
         force=hit.force.name,
         peak_n=float(np.abs(hit.pulse).max()),
         root=delay.root,
         late_s=delay.samples / rate,
         late_misfit=delay.misfit,
-        late=tuple(names[place] for place in delay.places),
+        late=tuple(motions.names[place] for place in delay.places),
         noise=noise,
+        parts=1,
         rules=rules,
     )
+
+
+def driven_balance(record: Record, settings: CampaignSettings, rules: Suspicions) -> Balance | None:
+    """Return the balance of a driven record, in parts; None where it shows no force sampled with all motions.
+
+    Parameters
+    ----------
+    record : Record
+        The record.
+    settings : CampaignSettings
+        For the links to the ground.
+    rules : Suspicions
+        The numbers that decide.
+    """
+    motions = _Motions.of(record, settings)
+    forces = [force for body in record.bodies if (force := record.force(body)) is not None]
+    if record.relative or not forces or not all(motions.sampled_at(force.rate_hz) for force in forces):
+        return None
+    total, rate = np.sum([force.samples for force in forces], axis=0), forces[0].rate_hz
+    size = len(total) // rules.balance_parts
+    if size < rules.shortest_part:
+        return None
+    parts = [slice(i * size, (i + 1) * size) for i in range(rules.balance_parts)]
+    roots = [
+        products(total[part], [row[part] for row in motions.rows], motions.order, motions.orders, rate)
+        for part in parts
+    ]
+    root = np.asarray(np.linalg.qr(np.vstack(roots), mode="r"))
+    if not root[:, 0].any():
+        return None
+    return Balance(
+        bodies=record.bodies,
+        grounded=motions.grounded,
+        channels=motions.names,
+        force=forces[0].name,
+        peak_n=float(np.abs(total).max()),
+        root=root,
+        late_s=0.0,
+        late_misfit=1.0,
+        late=(),
+        noise=len(total) * motions.noise([total, *motions.rows], rules),
+        parts=len(parts),
+        rules=rules,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Motions:
+    """Channels of a record's bodies; how often force and each is integrated; which bodies are grounded."""
+
+    channels: tuple[Channel, ...]
+    order: int
+    orders: tuple[int, ...]
+    grounded: tuple[bool, ...]
+
+    @classmethod
+    def of(cls, record: Record, settings: CampaignSettings) -> _Motions:
+        motions = [record.motion(body) for body in record.bodies]
+        kinds = [MOTIONS.index(kind) for kind, _ in motions]
+        order = max(kinds, default=0)
+        grounded = tuple(
+            any(GROUND in link.between and body in link.between for link in settings.link)
+            for body in record.bodies
+        )
+        orders = tuple(order - kind for kind in kinds)
+        return cls(tuple(channel for _, channel in motions), order, orders, grounded)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(channel.name for channel in self.channels)
+
+    @property
+    def rows(self) -> list[FloatArray]:
+        return [channel.samples for channel in self.channels]
+
+    def sampled_at(self, rate_hz: float) -> bool:
+        return bool(self.channels) and all(channel.rate_hz == rate_hz for channel in self.channels)
+
+    def noise(self, quiet: Sequence[FloatArray], rules: Suspicions) -> FloatArray:
+        """Square of white noise of force and accelerations at a sample; zero where too few tell it."""
+        measured = (self.order == 0, *(times == 0 for times in self.orders))
+        return np.array(
+            [
+                white_noise(samples) ** 2 * (told and len(samples) >= rules.shortest)
+                for samples, told in zip(quiet, measured, strict=True)
+            ]
+        )
 
 
 def _gains(masses: FloatArray, largest: float, crossed: float) -> tuple[FloatArray, FloatArray]:
     """Return the least and the largest gain of each body's sensor; a light one shows more of the others."""
     seen = crossed * np.max(np.abs(masses)) / np.maximum(np.abs(masses), 1e-300)
     return 1 / largest - seen, largest + seen
-
-
-def _noise_before(channel: Channel, hit: Hit, rules: Suspicions) -> float:
-    """White noise of a channel before the hit, zero where too few samples tell it."""
-    return white_noise(channel.samples[: hit.start]) if hit.start >= rules.shortest else 0.0
 
 
 def _misfit(root: FloatArray, masses: FloatArray, order: np.ndarray, grounded: Sequence[bool]) -> float:

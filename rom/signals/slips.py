@@ -15,7 +15,7 @@ from scipy.constants import g, inch, lbf
 from rom.campaign.campaign import CampaignSettings
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
-from rom.signals.momentum import HitBalance
+from rom.signals.momentum import Balance
 from rom.signals.suspicion_evidence import Evidence, Suspicion
 
 _LEAST_KG: Numerical[float] = 1e-12  # of which a logarithm can be taken
@@ -41,7 +41,7 @@ def late(records: Sequence[Evidence]) -> Iterator[Suspicion]:
             yield Suspicion(record.file, channel, finding, None, likely, 1 - balance.late_misfit)
 
 
-def delay_of(balance: HitBalance | None) -> float:
+def delay_of(balance: Balance | None) -> float:
     """Return the delay [s] of motions behind the force, 0 where there is none."""
     if balance is None or abs(balance.late_s) < balance.rules.late_s:
         return 0.0
@@ -56,7 +56,7 @@ class _Slip:
     apparent: float = 1.0
     exchanged: bool = False
 
-    def fitted(self, balance: HitBalance, masses: FloatArray) -> tuple[float, float]:
+    def fitted(self, balance: Balance, masses: FloatArray) -> tuple[float, float]:
         """Return what is left of the force's square beyond noise, and the factor with the sensors' gains."""
         count = len(masses)
         factors = np.where(np.isin(np.arange(count), self.places), self.apparent, 1.0)
@@ -82,7 +82,7 @@ def slips(records: Sequence[Evidence], settings: CampaignSettings, fewest: int) 
     settings : CampaignSettings
         The campaign's.
     fewest : int
-        Records that tell a mass which nobody declares.
+        Hits, or parts of driven records, that tell a mass which nobody declares.
     """
     judged = [r for r in records if r.balance is not None and (not r.doubts or delay_of(r.balance))]
     guesses = [_told_by(judged, masses) for masses in _guesses(judged, settings, fewest)]
@@ -94,7 +94,7 @@ def slips(records: Sequence[Evidence], settings: CampaignSettings, fewest: int) 
             yield from _described(record, *found[record.file], shared, wild)
 
 
-def _is_wild(balance: HitBalance) -> bool:
+def _is_wild(balance: Balance) -> bool:
     """Whether the masses that balance would be shaken harder by their hit than any that are tested."""
     mass = float(balance.masses.sum())
     return mass > 0 and balance.peak_n > balance.rules.wild_m_per_s2 * mass
@@ -175,9 +175,9 @@ def _of_few(
 
 def _of_same_bodies(
     records: Sequence[Evidence], masses: Mapping[str, float]
-) -> list[list[tuple[str, HitBalance, FloatArray]]]:
+) -> list[list[tuple[str, Balance, FloatArray]]]:
     """Return records of the same bodies together: file, balance, and masses as known [kg]."""
-    groups: dict[tuple[str, ...], list[tuple[str, HitBalance, FloatArray]]] = {}
+    groups: dict[tuple[str, ...], list[tuple[str, Balance, FloatArray]]] = {}
     for record in records:
         if record.balance is not None:
             known = {**masses, **_own(record)}
@@ -186,7 +186,7 @@ def _of_same_bodies(
     return list(groups.values())
 
 
-def _unlike(balance: HitBalance, usual: FloatArray) -> tuple[_Slip, float, float] | None:
+def _unlike(balance: Balance, usual: FloatArray) -> tuple[_Slip, float, float] | None:
     """Return the unit by which the masses that balance best differ from the usual ones, if one explains what
     is left as well as any masses would.
     """
@@ -207,7 +207,7 @@ def _unlike(balance: HitBalance, usual: FloatArray) -> tuple[_Slip, float, float
     return None
 
 
-def _left(balance: HitBalance, masses: FloatArray) -> float:
+def _left(balance: Balance, masses: FloatArray) -> float:
     """Share of the force's square that noise and faults of sensors leave."""
     left, _ = balance.with_gains(masses, balance.rules.slip_near, crossed=balance.rules.crossed)
     return left - balance.misfit_of_noise(masses)
@@ -243,10 +243,19 @@ def _masses(
     turned: Collection[str] | None = None,
     likelier: bool = True,
 ) -> dict[str, float]:
-    """Masses [kg] as declared, or as bodies alone show them, or, with signs of some turned, as most do."""
+    """Masses [kg] as declared, or as bodies alone show them, or, with signs of some turned, as most do.
+
+    A driven record of more than one body tells none: points of an elastic structure may add up to no sum.
+    """
     masses = {}
     for body in settings.body:
-        of_body = [r.balance for r in records if r.balance is not None and body.name not in _own(r)]
+        of_body = [
+            balance
+            for r in records
+            if (balance := r.balance) is not None
+            and body.name not in _own(r)
+            and (balance.parts == 1 or len(balance.bodies) == 1)
+        ]
         shown = [
             (b, float(b.masses_turned(turned or ())[b.bodies.index(body.name)]))
             for b in of_body
@@ -255,7 +264,7 @@ def _masses(
         alone = [] if turned is not None else [mass for b, mass in shown if len(b.bodies) == 1]
         if body.mass_kg is not None:
             masses[body.name] = body.mass_kg
-        elif alone or len(shown) >= fewest:
+        elif alone or sum(balance.parts for balance, _ in shown) >= fewest:
             masses[body.name] = _usual(alone or [mass for _, mass in shown], likelier)
     return {body: mass for body, mass in masses.items() if mass > 0}
 
@@ -268,7 +277,7 @@ def _usual(masses: Sequence[float], likelier: bool) -> float:
     return low if (high < np.sqrt(1e3 * g) * low) == likelier else high
 
 
-def _slip_of(balance: HitBalance, masses: FloatArray) -> _Told | None:
+def _slip_of(balance: Balance, masses: FloatArray) -> _Told | None:
     """Return the slip that a balance shows, its factor, and its confidence; a slip of None has no name."""
     rules = balance.rules
     noise, left = balance.misfit_of_noise(masses), _left(balance, masses)
@@ -296,7 +305,7 @@ def _slip_of(balance: HitBalance, masses: FloatArray) -> _Told | None:
     return slip, measured, min(1 - share / left, 1.0)
 
 
-def _without_name(balance: HitBalance, masses: FloatArray) -> _Told | None:
+def _without_name(balance: Balance, masses: FloatArray) -> _Told | None:
     """Return the factor that all masses seem to have, where it is more than a gain."""
     rules, left = balance.rules, balance.misfit(masses)
     if left < rules.scale_left:
@@ -310,7 +319,7 @@ def _without_name(balance: HitBalance, masses: FloatArray) -> _Told | None:
     return None
 
 
-def _candidates(balance: HitBalance) -> Iterator[_Slip]:
+def _candidates(balance: Balance) -> Iterator[_Slip]:
     every = tuple(range(len(balance.channels)))
     small = (1e-3 * g,) if all(one.startswith("acceleration") for one in balance.channels) else ()
     for apparent in (g, *small, 1 / g, 1e-3, 1e3, 1 / lbf, inch, -1.0):
@@ -359,7 +368,7 @@ def _sign(slip: _Slip, record: Evidence) -> tuple[str, bool, bool]:
     return ("force sign" if of_force else f"{kind} sign"), of_force, False
 
 
-def _unit(slip: _Slip, balance: HitBalance, shared: bool, wild: bool) -> tuple[str, bool, bool]:
+def _unit(slip: _Slip, balance: Balance, shared: bool, wild: bool) -> tuple[str, bool, bool]:
     """Return the likeliest wrong unit, and whether it is the force's, or that of declared masses.
 
     What all motions of all records share may be the masses' as well: both are named, unless masses so small

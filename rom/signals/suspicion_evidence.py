@@ -14,8 +14,8 @@ from rom.criteria.number import Numerical
 from rom.criteria.suspicions import Suspicions
 from rom.signals.damage import Damage, beyond_calibration, damages
 from rom.signals.filters import find_impact
-from rom.signals.hits import first_hit
-from rom.signals.momentum import HitBalance, hit_balance
+from rom.signals.hits import Hit, first_hit
+from rom.signals.momentum import Balance, driven_balance, hit_balance
 from rom.signals.motion import stands_out
 from rom.signals.quality import HIT_TESTS, Doubt
 
@@ -81,7 +81,7 @@ class Evidence:
     preload_n: float | None
     doubts: tuple[Doubt, ...]
     pushed: bool
-    balance: HitBalance | None
+    balance: Balance | None
     unhit: str
     gauge: tuple[str, float] | None
     damages: tuple[Damage, ...]
@@ -130,16 +130,22 @@ def evidence(
         test=record.test,
         preload_n=record.preload_n,
         doubts=doubts,
-        pushed=hit is None or float(hit.pulse.sum()) > 0,
-        balance=hit_balance(record, settings, hit, criteria.suspicions)
-        if hit is not None and not spoilt
-        else None,
+        pushed=record.test != "driven" and (hit is None or float(hit.pulse.sum()) > 0),
+        balance=None if spoilt else _balance(record, settings, hit, criteria.suspicions),
         unhit=forces[0].name if missed else "",
         gauge=_gauge(record, settings, None if hit is None else hit.start / hit.force.rate_hz),
         damages=damaged,
         rates={name: channel.rate_hz for name, channel in record.channels.items()},
         given=record.settings.given,
     )
+
+
+def _balance(
+    record: Record, settings: CampaignSettings, hit: Hit | None, rules: Suspicions
+) -> Balance | None:
+    if record.test == "driven":
+        return driven_balance(record, settings, rules)
+    return None if hit is None else hit_balance(record, settings, hit, rules)
 
 
 def _moves(record: Record, rules: Suspicions) -> bool:
