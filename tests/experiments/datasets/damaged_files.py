@@ -11,6 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from tests.experiments.datasets.matlab_objects import with_object, with_object_73
+from tests.experiments.datasets.test_cells import LABVIEW
 from tests.experiments.datasets.test_tables import CATMAN, written_xlsx
 from tests.experiments.source_files import (
     Signals,
@@ -39,6 +40,8 @@ def text(content: str, encoding: str = "utf-8") -> Callable[[Path, Signals], Non
     return lambda path, _: path.write_bytes(content.encode(encoding)) and None
 
 
+HEAD = LABVIEW.format(axes="One", decimal=".", late="5", dimension="Time", step=1 / HZ)
+
 KINDS: dict[str, tuple[str, str, Callable[[Path, Signals], None]]] = {
     "catman": ("catman", ".bin", write_catman),
     "catman text": ("catman", ".asc", text(CATMAN + lines("\t", ","), "cp1252")),
@@ -53,6 +56,7 @@ KINDS: dict[str, tuple[str, str, Callable[[Path, Signals], None]]] = {
     "csv": ("csv", ".csv", text("time,F,A\ns,N,m/s2\n" + lines(",", "."))),
     "csv utf-16": ("csv", ".csv", text("Zeit;F;A\n" + lines(";", ","), "utf-16")),
     "columns": ("csv", ".txt", text("# time F A\n" + lines(" ", "."))),
+    "labview": ("csv", ".lvm", text(f"{HEAD}X_Value\tF\tA\tComment\n" + lines("\t", "."))),
     "xlsx": ("xlsx", ".xlsx", lambda path, _: written_xlsx(path, {"run": [["time", "F", "A"], *ROWS]})),
     "json": ("json", ".json", text(json.dumps({"fs": HZ, "F": FORCE.tolist(), "A": ACCELERATION.tolist()}))),
 }

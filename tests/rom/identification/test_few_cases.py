@@ -10,7 +10,7 @@ import pytest
 from rom.identification.curve_fits import LawFit, fit_law, gamma_curve
 from rom.identification.few_cases import few_cases
 from rom.identification.gamma_law import loosening_law
-from rom.model.laws import logistic_loosening, power_loosening
+from rom.model.laws import Law, logistic_damping, logistic_loosening, power_loosening
 from tests.rom.identification.test_curve_fits import LAWS, starts
 from tests.rom.identification.test_gamma import MODEL, WINDOW_S, with_true_losses
 
@@ -71,19 +71,26 @@ def test_three_tests_of_a_bolt_tell_no_limits_of_its_law() -> None:
     assert "3 numbers from 3 records" in found.warnings[0]
 
 
-def test_a_mirrored_curve_is_written_the_papers_way() -> None:
+@pytest.mark.parametrize(
+    ("name", "mirrored"),
+    [
+        ("Eq. 11", logistic_damping(1853.0 - 1717.4, -1717.4, 0.01)),
+        ("Eq. 13", logistic_loosening(11.79 - 7.974, -7.974, 0.004)),
+    ],
+)
+def test_a_mirrored_curve_is_written_the_papers_way(name: str, mirrored: Law) -> None:
+    """It starts from the same curve the other way round."""
     tension = np.geomspace(6.0, 3000.0, 12)
-    law, free, curve = LAWS["Eq. 13"]
+    law, free, curve = LAWS[name]
     values, files = curve(law, tension), ["one.h5"] * len(tension)
-    start = logistic_loosening(11.79 - 7.974, -7.974, 0.004)  # the same curve the other way round
-    fit = fit_law([start], free, tension, values, 1e-4 * np.eye(len(tension)), files, gamma_curve)
+    fit = fit_law([mirrored], free, tension, values, 1e-4 * np.eye(len(tension)), files, curve)
     for number in free:
         assert fit.law.parameters[number].value == pytest.approx(law.parameters[number].value, rel=1e-4)
-    np.testing.assert_allclose(fit.log_error(tension), fitted_error(tension), rtol=1e-3)
+    np.testing.assert_allclose(fit.log_error(tension), fitted_error(name, tension), rtol=1e-3)
 
 
-def fitted_error(tension: np.ndarray) -> np.ndarray:
+def fitted_error(name: str, tension: np.ndarray) -> np.ndarray:
     """Error of the curve as fitted from the paper's side, for values with errors of 1 %."""
-    law, free, curve = LAWS["Eq. 13"]
+    law, free, curve = LAWS[name]
     covariance, files = 1e-4 * np.eye(len(tension)), ["one.h5"] * len(tension)
     return fit_law([law], free, tension, curve(law, tension), covariance, files, curve).log_error(tension)
