@@ -121,17 +121,22 @@ class Window:
         return Delay(_between(misfits, best), share, places, roots[best])
 
     def _explains(self, found: Delay, left: float, noise: float, most: float) -> bool:
-        """Whether a delay leaves little: less than the other sign, which is right half a period later.
+        """Whether a delay leaves little: less than any other sign, which is right half a period later.
 
         Where both leave noise alone, a force's sign is likelier than a delay of all motions; one motion
         balances with either sign where its body is light.
         """
+        count = len(self.rows)
+        margin = self._least(noise) if len(found.places) == count else 0.0
+        turned = min(self._turned(places) for places in (range(count), *((i,) for i in range(count)))) - noise
+        return found.misfit <= most and found.misfit * (left - noise) < max(turned - margin, 0.0)
+
+    def _turned(self, places: Collection[int]) -> float:
+        """Return what is left with the signs of motions at some places turned."""
         root, count = self.root(), len(self.rows)
         signs = np.ones(root.shape[1])
-        signs[[1 + part * count + place for place in found.places for part in range(3)]] = -1.0
-        turned = free_masses(root * signs, self.grounded)[1] - noise
-        margin = self._least(noise) if len(found.places) == count else 0.0
-        return found.misfit <= most and found.misfit * (left - noise) < max(turned - margin, 0.0)
+        signs[[1 + part * count + place for place in places for part in range(3)]] = -1.0
+        return free_masses(root * signs, self.grounded)[1]
 
     def _least(self, noise: float) -> float:
         """Misfit that is more than noise and faults of sensors leave by chance."""
