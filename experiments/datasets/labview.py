@@ -57,7 +57,8 @@ def header(file: str, lines: Sequence[str]) -> Header:
     told = {row[0].strip(): row[1:] for row in rows[: ends[0]]}
     own = {row[0].strip(): row[1:] for row in rows[ends[0] + 1 : at - 1] if len(row) > 1}
     names = [cell.strip() for cell in rows[at]]
-    names = names[:-1] if names[-1] == "Comment" else names
+    said = names[-1] == "Comment"  # a column of words that rows may leave out
+    names = names[:-1] if said else names
     axes = {cell.strip() for cell in own.get("X_Dimension", [])} - {"", "Time"}
     if axes:
         raise SourceError(f'{file}: found X_Dimension "{axes.pop()}", expected Time')
@@ -66,10 +67,20 @@ def header(file: str, lines: Sequence[str]) -> Header:
         if name.startswith("X_Value") or not (name or index):
             columns.append(Column("X_Value" if index == 0 else f"X_Value {index + 1}", "s"))
         else:
-            columns.append(_column(name, own, channel, (told.get("X_Columns") or ["One"])[0].strip()))
+            try:
+                columns.append(_column(name, own, channel, (told.get("X_Columns") or ["One"])[0].strip()))
+            except ValueError:
+                step = _cell(own, "Delta_X", channel)
+                raise SourceError(f'{file}: {name}: found Delta_X "{step}", expected a number') from None
             channel += 1
     decimal = "," if mark != "," and "".join(told.get("Decimal_Separator", [])).strip() == "," else "."
-    return Header(columns, mark, decimal, [mark.join(x.split(mark)[: len(names)]) for x in lines[at + 1 :]])
+    return Header(columns, mark, decimal, [_cut(x, mark, len(names)) if said else x for x in lines[at + 1 :]])
+
+
+def _cut(line: str, mark: str, width: int) -> str:
+    """Return a line without its comment; one with more behind it stays as it is, to be refused."""
+    cells = line.split(mark)
+    return line if len(cells) > width + 2 else mark.join(cells[:width])
 
 
 def _cell(own: dict[str, list[str]], key: str, channel: int) -> str:

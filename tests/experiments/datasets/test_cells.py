@@ -163,6 +163,7 @@ def test_a_file_of_labview(axes: str, decimal: str, put: Put) -> None:
         (labview("No", step=1.0), ("a.lvm: F", "1 Hz", "[sampling]")),
         (labview("One") + "\n" + labview("One").split("***\t\n", 1)[1], ("a.lvm", "2 segments")),
         (labview("One").split("\nX_Value")[0], ("a.lvm", "End_of_Header")),
+        (labview("One").replace("Delta_X\t3", "Delta_X\tx3"), ("a.lvm: F", "Delta_X", "a number")),
     ],
 )
 def test_a_file_of_labview_that_cannot_be_is_refused(text: str, words: tuple[str, ...], put: Put) -> None:
