@@ -211,7 +211,17 @@ def _integrated(samples: FloatArray, times: int, rate_hz: float) -> FloatArray:
 
 
 def ties_of(root: FloatArray, grounded: Sequence[bool], signs: FloatArray) -> FloatArray:
-    """Return columns of velocity and displacement of what is tied to the ground."""
+    """Return columns of velocity and displacement of what is tied to the ground.
+
+    Parameters
+    ----------
+    root : ndarray, shape (1 + 3 n, 1 + 3 n)
+        Of the products of force and motions.
+    grounded : sequence of bool, shape (n,)
+        Whether each body is tied to the ground.
+    signs : ndarray, shape (n,)
+        Minus one for a channel of the wrong sign.
+    """
     count = len(grounded)
     tied = [place for place, is_tied in enumerate(grounded) if is_tied]
     return np.hstack([root[:, [1 + part * count + i for i in tied]] * signs[tied] for part in (1, 2)])
