@@ -33,6 +33,11 @@ class Identifying(Group):
         2e-5, "1", "least scatter of ln k and ln c that limits of a curve rest on: samples, filters",
         "rig campaigns without noise: up to 1.5e-5 of k and 4e-5 of c",
     )  # fmt: skip
+    discretised_link: float = number(
+        1e-4, "1", "least error of ln k and ln c of a linear link that limits rest on: samples, filters, "
+        "tensions that fall within a hit",
+        "rig campaigns without noise: up to 1.0e-4 of k, a chain of three 3e-5",
+    )  # fmt: skip
     discretised_rate: float = number(5e-4, "1", "the same of ln gamma", "rig campaigns without noise")
     level_step: float = number(0.1, "1", "logarithm of tension by which two levels differ")
     left_open: float = number(

@@ -117,6 +117,7 @@ def _constant(law: Callable[[float], Law], parameter: str, linear: OutputErrorFi
     made = law(value)
     if error > RULES.undetermined:
         return made
+    error = float(np.hypot(error, RULES.discretised_link))
     limited = replace(
         made.parameters[parameter],
         low=value * np.exp(-Z95 * error),

@@ -26,9 +26,15 @@ def test_limits_hold_the_truth(plant: Plant, seed: int, tmp_path: Path) -> None:
     (loosening,) = plant.loosening
     truth = {name: getattr(plant, name) for name in ("k_i", "alpha", "beta", "c_d", "c_i", "eta")}
     truth |= {name: getattr(loosening, name) for name in ("gamma_d", "gamma_i", "rho")}
+    links = {
+        "flexure_lo.stiffness.k": plant.stiffness_lo * plant.stiffening_lo,
+        "flexure_so.stiffness.k": plant.stiffness_so * plant.stiffening_so,
+        "flexure_lo.damping.c": plant.damping_lo,
+        "flexure_so.damping.c": plant.damping_so,
+    }
     numbers = {path.rpartition(".")[2]: number for path, number in found.items()}
-    for name, value in truth.items():
-        number = numbers[name]
+    for name, value in (truth | links).items():
+        number = found[name] if name in found else numbers[name]
         assert number.low is not None
         assert number.high is not None
         assert number.low <= value <= number.high
