@@ -1,8 +1,8 @@
 """Sound campaigns for a screening: of the virtual rig with something undeclared, and of other structures.
 
 A seed decides all of a campaign: structure, noise, what is undeclared, which motion is measured, whether the
-masses are declared. Half of the campaigns are the rig's, and each of its effects has its turn. The other
-structures are linear, with sensors that have faults.
+masses are declared, how many bits samples have. Half of the campaigns are the rig's, and each of its effects
+has its turn. The other structures are linear, with sensors that have faults.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ PERCENT = {"fault": (0.5, 9.0), "reading": (0.5, 9.0)}
 """Influence [%] of sensors' faults, which is met to a tenth; of all else it is up to 60 %."""
 SIZES = {"acceleration": 1.0, "velocity": 1e-4, "displacement": 1e-7}
 """Noise of sensors beside that of an accelerometer."""
+BITS = (14, 16, 24)
+"""Of the analyser, in three of ten campaigns."""
 LATEST_S = 2e-4
 """Delay of sensors sampled in turn."""
 
@@ -57,12 +59,31 @@ def sound(seed: int) -> Sound:
     rng = np.random.default_rng([seed, 54])
     kind, noise = KINDS[seed % len(KINDS)], float(rng.choice(NOISES))
     made = _of_rig(rng, seed, noise) if kind == "rig" else _lumped(rng, kind, noise)
-    return made if rng.uniform() < 0.7 else _undeclared_masses(made)
+    made = made if rng.uniform() < 0.7 else _undeclared_masses(made)
+    return made if rng.uniform() < 0.7 else _digitised(made, int(rng.choice(BITS)))
 
 
 def _undeclared_masses(of: Sound) -> Sound:
     bodies = [body.model_copy(update={"mass_kg": None}) for body in of.settings.body]
     return replace(of, settings=of.settings.model_copy(update={"body": tuple(bodies)}))
+
+
+def _digitised(of: Sound, bits: int) -> Sound:
+    """The same behind an analyser that has one range for each channel in all records."""
+    largest: dict[str, float] = {}
+    for record in of.records:
+        for name, channel in record.channels.items():
+            largest[name] = max(largest.get(name, 0.0), float(np.abs(channel.samples).max()))
+
+    def change(record: Record) -> Record:
+        digit = {name: largest[name] / 2 ** (bits - 1) for name in record.channels}
+        rows = {
+            name: replace(channel, samples=digit[name] * np.round(channel.samples / digit[name]))
+            for name, channel in record.channels.items()
+        }
+        return replace(record, channels=rows)
+
+    return replace(of, records=tuple(map(change, of.records)))
 
 
 def _of_rig(rng: np.random.Generator, seed: int, noise: float) -> Sound:

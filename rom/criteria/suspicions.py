@@ -71,6 +71,9 @@ class Suspicions(Group):
         3e4, "m/s2", "peak force over mass above which motions in mm are likelier than masses in g",
         "a blow of 1500 N shakes the rig with 2e2, a structure of 2 kg with 7e2",
     )  # fmt: skip
+    unlike_noise: float = number(
+        1.1, "1", "rise of a motion's root mean square at a hit, below which only a line shows motion", _SEEN
+    )
     force_noise: float = number(8.0, "1", "peak of a force in its noise, below which it shows nothing")
     fewest: int = number(3, "1", "records that tell a mass or a preload which nobody declares")
     preload_factor: float = number(
@@ -96,6 +99,12 @@ class Suspicions(Group):
     wrap_step: float = number(0.6, "1", "jump in ranges of a channel that may be a wrap-around", _SEEN)
     wrap_smooth: float = number(0.45, "1", "largest step in ranges that unwrapping may leave", _SEEN)
     wrap_beyond: float = number(0.02, "1", "least that unwrapping adds to the range, in ranges", _SEEN)
+    wrap_noise: float = number(
+        30.0, "1", "least range of a channel that may wrap around, in its noise", _SEEN
+    )
+    wrap_lasts: int = number(
+        4, "1", "samples beyond half of what is unwrapped; fewer are a short blow", _SEEN
+    )
     dropped: float = number(0.5, "1", "share of the level beside a dropout", _SEEN)
     dropped_to: float = number(0.1, "1", "share of the level that is left in a dropout", _SEEN)
     drop_noise: float = number(10.0, "1", "least level of a channel with dropouts, in its noise", _SEEN)

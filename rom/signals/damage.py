@@ -53,17 +53,20 @@ def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Dama
     """
     hit_s = None if hit is None else hit.start / hit.force.rate_hz
     for name, channel in record.channels.items():
-        if (name.startswith("force_") and record.test != "driven") or not np.ptp(channel.samples):
-            continue  # a blow may be one sample; a channel that shows nothing is told as such
-        # dropouts first: back at its level a channel looks unwrapped, and lone zeros as an overflow
-        found = _dropped(channel, rules) if name in BOLT_CHANNELS else None
-        found = found or _wrapped(channel, rules)
-        found = found or _overflow(channel, hit_s, rules)
-        if not found and hit_s is not None and name.partition("_")[0] in MOTIONS:
-            found = (
-                _held(channel, rules) or _windowed(channel, hit_s, rules) or _rounded(channel, hit_s, rules)
-            )
-        if not found and hit_s is not None and name.startswith("acceleration_"):
+        if not np.ptp(channel.samples):
+            continue  # a channel that shows nothing is told as such
+        family, of_hammer = name.partition("_")[0], name.startswith("force_") and record.test != "driven"
+        if of_hammer:
+            found = _wrapped(channel, rules)  # else a blow may be one sample
+        else:
+            # dropouts and lone samples first: unwrapped by the range that they make they look smooth
+            found = _dropped(channel, rules) if name in BOLT_CHANNELS else None
+            found = found or _overflow(channel, hit_s, rules) or _wrapped(channel, rules)
+        if hit_s is not None and not of_hammer:
+            found = found or _held(channel, rules)
+        if hit_s is not None and family in MOTIONS:
+            found = found or _windowed(channel, hit_s, rules) or _rounded(channel, hit_s, rules)
+        if hit_s is not None and family == "acceleration" and not found:
             moves = _moving(channel, hit_s, rules)
             found = _settling(channel, hit_s, rules, moves is not None) or moves
         if found:
@@ -118,12 +121,17 @@ def _wrapped(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     """Jumps over the whole range without which the signal is smooth, goes beyond it and comes back."""
     low, high = float(channel.samples.min()), float(channel.samples.max())
     steps = np.abs(np.diff(channel.samples))
-    if high <= low or np.sum(steps > rules.wrap_step * (high - low)) < rules.lone_samples:
+    if (
+        high - low <= rules.wrap_noise * white_noise(channel.samples)
+        or np.sum(steps > rules.wrap_step * (high - low)) < rules.lone_samples
+    ):
         return None
     whole = np.unwrap(channel.samples, period=high - low)
     smooth = np.abs(np.diff(whole)).max() < rules.wrap_smooth * (high - low)
     beyond = max(whole.max() - high, low - whole.min()) > rules.wrap_beyond * (high - low)
-    if not (smooth and beyond and abs(whole[-1] - channel.samples[-1]) < 0.5 * (high - low)):
+    height = np.abs(whole - np.median(whole))
+    lasting = np.sum(height > 0.5 * height.max()) > rules.wrap_lasts
+    if not (smooth and beyond and lasting and abs(whole[-1] - channel.samples[-1]) < 0.5 * (high - low)):
         return None
     return f"jumps from one end of its range, {low:.4g} to {high:.4g}, to the other", "wrap-around"
 
@@ -148,26 +156,25 @@ def _dropped(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
 
 
 def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
-    """Runs of one value that end in a jump of many digits, or last to the end of a record with noise."""
+    """Runs of one value amid motion of many digits, or from there to the end of the record."""
     steps = np.abs(np.diff(channel.samples))
     moved = np.flatnonzero(steps)
     if len(moved) < rules.shortest:
         return None
-    digit = float(steps[moved].min())  # a quantised motion at rest goes on by single ones
+    least = rules.held_digits * float(steps[moved].min())  # a quantised motion at rest goes by single ones
     starts, stops = moved[:-1] + 1, moved[1:] + 1
+    beside = round(rules.held_run)
+    before = ndimage.maximum_filter1d(steps, beside, origin=(beside - 1) // 2)[starts - 1]
     usual = rules.held_run * max(float(np.median(stops - starts)), 1.0)
-    held = (stops - starts >= usual) & (steps[stops - 1] > rules.held_digits * digit)
+    held = (stops - starts >= usual) & (steps[stops - 1] > least) & (before > least)
     runs = [slice(start, stop) for start, stop in zip(starts[held], stops[held], strict=True)]
     size = len(channel.samples)
-    if (
-        size - stops[-1] >= max(usual, rules.shortest)
-        and white_noise(channel.samples) > rules.held_digits * digit
-    ):
+    if size - stops[-1] >= max(usual, rules.shortest) and white_noise(channel.samples[: stops[-1]]) > least:
         runs.append(slice(stops[-1], size))
-    if not runs:
-        return None
+    if not runs or (channel.name in BOLT_CHANNELS and not channel.samples[runs[0].start]):
+        return None  # a loose bolt rests at no tension
     count, lasting = len(runs), sum(run.stop - run.start for run in runs)
-    if all(channel.samples[run.start] == 0.0 for run in runs):
+    if not any(channel.samples[run.start] for run in runs):
         return f"falls to zero {count} times, for {lasting} samples", "dropouts"
     return f"keeps one value {count} times, for {lasting} samples", "channel frozen"
 

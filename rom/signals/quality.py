@@ -15,6 +15,7 @@ from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.channels import BOLT_CHANNELS
 from rom.criteria.criteria import RECORD_CRITERIA
 from rom.criteria.records import Records
+from rom.criteria.suspicions import Suspicions
 from rom.signals.clipping import flat_top, resolution
 from rom.signals.hits import Hit, first_hit, second_hit, signs
 from rom.signals.motion import stands_out
@@ -61,6 +62,8 @@ def assess(
     hit = first_hit(record, rules) if record.test in HIT_TESTS and not clipped else None
     if hit is None:
         return clipped
+    if unmoved := tuple(_unmoved(record, hit, RECORD_CRITERIA.suspicions)):
+        return unmoved
     flipped = tuple(_flipped(record, settings, hit))
     return flipped or tuple(_second_hit(record, hit))
 
@@ -88,6 +91,20 @@ def _still(record: Record) -> Iterator[Doubt]:
         and not any(stands_out(channel.samples) for channel in motions)
     ):
         yield Doubt(record.file, first, "still", f"nothing moves in the record: noise alone in {names}")
+
+
+def _unmoved(record: Record, hit: Hit, rules: Suspicions) -> Iterator[Doubt]:
+    """Yield a doubt for a channel of the motion that shows noise alone, before a hit and after."""
+    for body in record.bodies:
+        channel = record.motion(body)[1]
+        start = round(hit.start / hit.force.rate_hz * channel.rate_hz)
+        before, after = channel.samples[:start], channel.samples[start:]
+        if len(before) < rules.shortest or len(after) < rules.shortest:
+            continue
+        span = after[: len(before)]
+        if span.std() < rules.unlike_noise * before.std() and not stands_out(channel.samples):
+            message = f"{channel.name} shows noise alone while {hit.force.name} shows a hit"
+            yield Doubt(record.file, channel.name, "still", message)
 
 
 def _clipped(record: Record, rules: Records) -> Iterator[Doubt]:

@@ -69,7 +69,7 @@ class Evidence:
     unhit : str
         The force channel, where it shows no hit and there should be one.
     gauge : tuple
-        The bolt's channel and its mean before the hit, in its own unit; None without one.
+        The bolt's channel and its median before the hit, in its own unit; None without one.
     rates : mapping of str to float
         Sampling rates [Hz] by channel.
     given : mapping of str to float
@@ -172,4 +172,4 @@ def _gauge(record: Record, settings: CampaignSettings, hit_s: float | None) -> t
     start, end = settings.windows.initial_s
     end = end if hit_s is None else min(end, 0.98 * hit_s)
     span = channel.samples[round(start * channel.rate_hz) : round(end * channel.rate_hz)]
-    return (name, float(span.mean())) if span.size else None
+    return (name, float(np.median(span))) if span.size else None  # lone samples may be wrong

@@ -187,6 +187,8 @@ class _Gauge:
 def _wrong_unit(channel: str, factor: float) -> str:
     if factor < 0:
         return f"{channel} sign"
+    if factor == 1e-3 and channel == "tension":
+        return "preload in kN, or tension in mN"
     unit = {**_GAUGE_UNITS, **_NEAR_UNITS}[factor]
     return f"tension in {unit}" if channel == "tension" else "strain in another unit"
 

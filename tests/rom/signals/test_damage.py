@@ -86,6 +86,10 @@ DAMAGES: dict[str, tuple[str, Callable[[FloatArray, FloatArray], FloatArray]]] =
     "overload of three peaks": ("motion", overrun_a_little),
     "channel frozen": ("motion", frozen),
     "channel frozen to its end": ("motion", frozen_to_its_end),
+    "channel frozen, of the gauge": ("tension", lambda y, _: np.where(np.arange(len(y)) > 1500, y[1500], y)),
+    "overload of the gauge": ("tension", lambda y, _: np.where(np.arange(len(y)) % 1700 == 900, 65535.0, y)),
+    "nothing moves": ("motion", lambda y, _: 0.05 * np.random.default_rng(1).standard_normal(len(y))),
+    "wrap-around of the force": ("force", wrapped),
     "Hann window": ("motion", rounded),
     "wrap-around": ("motion", wrapped),
     "dropouts": ("tension", dropped),
@@ -100,12 +104,24 @@ DAMAGES: dict[str, tuple[str, Callable[[FloatArray, FloatArray], FloatArray]]] =
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_damage_of_a_channel_is_named_in_each_record(name: str, damage: str) -> None:
     of, (kind, change) = STRUCTURES[name], DAMAGES[damage]
-    channel = f"acceleration_{of.struck}" if kind == "motion" else "tension"
-    spoil = only(channel, change, RATE_HZ if kind == "motion" else 4800.0)
+    names = {"motion": f"acceleration_{of.struck}", "force": f"force_{of.struck}"}
+    channel = names.get(kind, kind)
+    spoil = only(channel, change, 4800.0 if kind == "tension" else RATE_HZ)
     found = told(campaign(of), settings_of(of), spoil, few=(0, 3))
     named = [one for one in found if damage.startswith(one.likely or "-")]
     assert [(one.record, one.channel) for one in named] == [(f"records/{i}.h5", channel) for i in (0, 3)]
     assert {one.record for one in found} == {"records/0.h5", "records/3.h5"}
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+@pytest.mark.parametrize("bits", [12, 16])
+def test_digits_of_an_analyser_are_no_damage(name: str, bits: int) -> None:
+    def digitised(_: str, y: FloatArray) -> FloatArray:
+        digit = np.abs(y).max() / 2 ** (bits - 1)
+        return digit * np.round(y / digit)
+
+    of = STRUCTURES[name]
+    assert told(campaign(of), settings_of(of), lambda record: changed(record, digitised)) == ()
 
 
 @pytest.mark.parametrize(

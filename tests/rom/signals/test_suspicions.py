@@ -190,6 +190,19 @@ def test_a_slip_is_named_with_its_factor(name: str, slip: str, few: tuple[int, .
         assert [one.factor for one in found] == pytest.approx([factor] * len(found), rel=0.03)
 
 
+@pytest.mark.parametrize("name", STRUCTURES)
+@pytest.mark.parametrize("few", [(), (1, 4)])
+def test_preloads_in_kilonewton_are_told(name: str, few: tuple[int, ...]) -> None:
+    def in_kilonewton(record: Record) -> Record:
+        preload = record.settings.preload_n or 0.0
+        told = record.settings.model_copy(update={"preload_n": 1e-3 * preload})
+        return Record(told, record.channels, record.bodies)
+
+    found = told(campaign(STRUCTURES[name]), settings_of(STRUCTURES[name]), in_kilonewton, few)
+    assert {one.likely for one in found} == {"preload in kN, or tension in mN"}
+    assert {one.record for one in found} == {f"records/{place}.h5" for place in few or range(6)}
+
+
 @pytest.mark.parametrize("body", ["a", "b", "c"])
 def test_one_accelerometer_in_g_is_told_from_the_others(body: str) -> None:
     found = told(campaign(CHAIN), settings_of(CHAIN), scaled(f"acceleration_{body}", 1 / G))
