@@ -161,15 +161,22 @@ def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     moved = np.flatnonzero(steps)
     if len(moved) < rules.shortest:
         return None
-    least = rules.held_digits * float(steps[moved].min())  # a quantised motion at rest goes by single ones
     starts, stops = moved[:-1] + 1, moved[1:] + 1
+    # a quantised motion at rest goes by single digits, behind a window by smaller and smaller ones
+    height = np.where(channel.samples == 0, np.inf, np.abs(channel.samples))
+    digit = ndimage.minimum_filter1d(height, 4 * rules.shortest)[starts]
+    digit = np.where(np.isinf(height[starts]), digit, steps[moved].min())
+    least = rules.held_digits * digit
     beside = round(rules.held_run)
     before = ndimage.maximum_filter1d(steps, beside, origin=(beside - 1) // 2)[starts - 1]
     usual = rules.held_run * max(float(np.median(stops - starts)), 1.0)
     held = (stops - starts >= usual) & (steps[stops - 1] > least) & (before > least)
     runs = [slice(start, stop) for start, stop in zip(starts[held], stops[held], strict=True)]
     size = len(channel.samples)
-    if size - stops[-1] >= max(usual, rules.shortest) and white_noise(channel.samples[: stops[-1]]) > least:
+    if (
+        size - stops[-1] >= max(usual, rules.shortest)
+        and white_noise(channel.samples[: stops[-1]]) > rules.held_digits * steps[moved].min()
+    ):
         runs.append(slice(stops[-1], size))
     if not runs or (channel.name in BOLT_CHANNELS and not channel.samples[runs[0].start]):
         return None  # a loose bolt rests at no tension
