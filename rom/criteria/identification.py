@@ -30,15 +30,17 @@ class Identifying(Group):
         "(0.32 at 0.01); a constant is met a tenth worse at most",
     )
     discretised_curve: float = number(
-        2e-5, "1", "least scatter of ln k and ln c that limits of a curve rest on: samples, filters",
-        "rig campaigns without noise: up to 1.5e-5 of k and 4e-5 of c",
+        1e-4, "1", "least scatter of ln k and ln c that limits of a curve rest on: samples, filters",
+        "campaigns without noise: rig up to 1.5e-5 of k and 4e-5 of c, a chain of three 1.1e-4",
     )  # fmt: skip
     discretised_link: float = number(
         1e-4, "1", "least error of ln k and ln c of a linear link that limits rest on: samples, filters, "
         "tensions that fall within a hit",
         "rig campaigns without noise: up to 1.0e-4 of k, a chain of three 3e-5",
     )  # fmt: skip
-    discretised_rate: float = number(5e-4, "1", "the same of ln gamma", "rig campaigns without noise")
+    discretised_rate: float = number(
+        2e-3, "1", "the same of ln gamma", "campaigns without noise: a chain of three 2.4e-3"
+    )
     level_step: float = number(0.1, "1", "logarithm of tension by which two levels differ")
     left_open: float = number(
         0.3, "1", "relative error of a shared number, from which joints are put on their curve"

@@ -57,7 +57,8 @@ def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Dama
             continue  # a channel that shows nothing is told as such
         family, of_hammer = name.partition("_")[0], name.startswith("force_") and record.test != "driven"
         if of_hammer:
-            found = _wrapped(channel, rules)  # else a blow may be one sample
+            brief = hit is None or hit.stop - hit.start < rules.wrap_lasts  # a blow may be one sample
+            found = (None if brief else _overflow(channel, hit_s, rules)) or _wrapped(channel, rules)
         else:
             # dropouts and lone samples first: unwrapped by the range that they make they look smooth
             found = _dropped(channel, rules) if name in BOLT_CHANNELS else None
@@ -231,7 +232,7 @@ def _rounded(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, st
     quiet = ((middles < hit - 1 / count) | (middles > 0.5)) & (np.arange(count) % (count - 1) > 0)
     if levels[quiet].min() <= 0:
         return None
-    off = np.log(levels / np.sin(np.pi * middles) ** 2)[quiet]
+    off = np.log(levels[quiet] / np.sin(np.pi * middles[quiet]) ** 2)
     if off.std() > rules.hann_like:
         return None
     return "has a noise that swells and fades with the record: measure it without a window", HANN

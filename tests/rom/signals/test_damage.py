@@ -89,6 +89,7 @@ DAMAGES: dict[str, tuple[str, Callable[[FloatArray, FloatArray], FloatArray]]] =
     "channel frozen, of the gauge": ("tension", lambda y, _: np.where(np.arange(len(y)) > 1500, y[1500], y)),
     "overload of the gauge": ("tension", lambda y, _: np.where(np.arange(len(y)) % 1700 == 900, 65535.0, y)),
     "nothing moves": ("motion", lambda y, _: 0.05 * np.random.default_rng(1).standard_normal(len(y))),
+    "overload of the force": ("force", overrun),
     "wrap-around of the force": ("force", wrapped),
     "Hann window": ("motion", rounded),
     "wrap-around": ("motion", wrapped),
