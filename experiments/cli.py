@@ -386,10 +386,8 @@ def _say(text: str, quiet: bool) -> None:
 def _finish(path: Path, summary: str, beside: str, quiet: bool) -> None:
     """Say what was found and written; an exit code of its own and one line where no model is good."""
     _say(summary, quiet)
-    unfit = json.loads(path.read_text(encoding="utf-8")).get("unfit")
-    alone = unfit and not any(path.parent.rglob("*.svg"))  # no record was left to fit to
-    _say(f"wrote {path}{'' if alone else beside}", quiet)
-    if unfit:
+    _say(f"wrote {path}{beside if any(path.parent.rglob('*.svg')) else ''}", quiet)
+    if unfit := json.loads(path.read_text(encoding="utf-8")).get("unfit"):
         print(unfit, file=sys.stderr)
         raise typer.Exit(UNFIT)
 

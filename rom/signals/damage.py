@@ -57,8 +57,9 @@ def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Dama
             continue  # a channel that shows nothing is told as such
         family, of_hammer = name.partition("_")[0], name.startswith("force_") and record.test != "driven"
         if of_hammer:
-            brief = hit is None or hit.stop - hit.start < rules.wrap_lasts  # a blow may be one sample
-            found = (None if brief else _overflow(channel, hit_s, rules)) or _wrapped(channel, rules)
+            found = _wrapped(channel, rules)
+            if _lasts(channel, rules):  # else a blow may be one sample
+                found = _overflow(channel, None, rules) or found
         else:
             # dropouts and lone samples first: unwrapped by the range that they make they look smooth
             found = _dropped(channel, rules) if name in BOLT_CHANNELS else None
@@ -100,6 +101,14 @@ def beyond_calibration(record: Record, settings: CampaignSettings, rules: Suspic
         f"beyond {' or '.join(ends)}, where its calibration stops rising: no tension is told there"
     )
     yield Damage(name, finding, BEYOND)
+
+
+def _lasts(channel: Channel, rules: Suspicions) -> bool:
+    """Whether a hammer's contact is longer than lone samples."""
+    smooth = ndimage.median_filter(channel.samples, 2 * rules.lone_samples + 1)
+    height = np.abs(smooth - np.median(smooth))
+    seen = height.max() > rules.force_noise * white_noise(channel.samples)
+    return bool(seen and np.sum(height > 0.5 * height.max()) > rules.lone_samples)
 
 
 def _overflow(channel: Channel, hit_s: float | None, rules: Suspicions) -> tuple[str, str] | None:
