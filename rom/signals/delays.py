@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy import integrate, optimize
@@ -191,22 +192,25 @@ def products(
     rate_hz : float
         Of sampling.
     """
-    accelerations = [
-        _integrated(row - row[0], times, rate_hz) for row, times in zip(rows, orders, strict=True)
-    ]
-    velocities = [_integrated(row, 1, rate_hz) for row in accelerations]
-    displacements = [_integrated(row, 1, rate_hz) for row in velocities]
-    columns = np.stack(
-        [_integrated(force, order, rate_hz), *accelerations, *velocities, *displacements], axis=1
-    )
-    trend = np.polynomial.polynomial.polyvander(np.linspace(-1, 1, len(columns)), TREND + order)
-    basis = np.linalg.qr(trend)[0]
+    rows = [_integrated(row - row[0], times, rate_hz) for row, times in zip(rows, orders, strict=True)]
+    accelerations = np.stack(rows, axis=1)
+    velocities = _integrated(accelerations, 1, rate_hz)
+    displacements = _integrated(velocities, 1, rate_hz)
+    pushed = _integrated(force, order, rate_hz)[:, None]
+    columns = np.concatenate([pushed, accelerations, velocities, displacements], axis=1)
+    basis = _trend(len(columns), TREND + order)
     return np.asarray(np.linalg.qr(columns - basis @ (basis.T @ columns), mode="r"))
+
+
+@lru_cache(maxsize=16)
+def _trend(samples: int, order: int) -> FloatArray:
+    """Return an orthonormal basis of polynomials, (samples, 1 + order)."""
+    return np.linalg.qr(np.polynomial.polynomial.polyvander(np.linspace(-1, 1, samples), order))[0]
 
 
 def _integrated(samples: FloatArray, times: int, rate_hz: float) -> FloatArray:
     for _ in range(times):
-        samples = integrate.cumulative_trapezoid(samples, dx=1 / rate_hz, initial=0)
+        samples = integrate.cumulative_trapezoid(samples, dx=1 / rate_hz, axis=0, initial=0)
     return samples
 
 

@@ -144,9 +144,9 @@ def test_without_a_place_to_store_it_a_record_is_read_again(noted: Noting, rig: 
 
 EAGER = discovery.Criteria().changed(
     records={"hit_share": 0.0, "hit_noise": 0.0, "hit_alone": 0.0, "hit_likeness": -1.0},
-    suspicions={"unbalanced": -1.0, "late_s": 0.0, "slip_share": 1e9},
+    suspicions={"lone_share": 1e9, "lone_height": 0.0},
 )
-"""A second hit is seen where none is, and in every hit a delay."""
+"""A second hit is seen where none is, and overflow codes in every channel."""
 
 
 def test_a_stored_record_is_judged_by_the_criteria_of_its_campaign(rig: Path) -> None:

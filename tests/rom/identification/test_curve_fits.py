@@ -80,7 +80,7 @@ def test_limits_hold_the_truth_as_often_as_they_say(name: str) -> None:
 def test_errors_scale_the_limits() -> None:
     """Ten times the noise, ten times the limits; an error that all records share is never averaged away."""
     values = truth("Eq. 5")
-    narrow, wide = refit("Eq. 5", values, 0.001), refit("Eq. 5", values, 0.01)
+    narrow, wide = refit("Eq. 5", values, 0.01), refit("Eq. 5", values, 0.1)
     np.testing.assert_allclose(wide.log_error(TENSION), 10 * narrow.log_error(TENSION), rtol=1e-3)
     shared = fit_law(
         starts("Eq. 5"),

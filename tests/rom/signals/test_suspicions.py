@@ -14,7 +14,7 @@ from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import FloatArray
 from rom.campaign.record import Channel
 from rom.signals.quality import assess
-from rom.signals.suspicions import Suspicion, causes, doubts_of, evidence, nameless, suspicions
+from rom.signals.suspicions import Evidence, Suspicion, causes, doubts_of, evidence, nameless, suspicions
 from tests.rom.lumped import LinkRow, pulse, respond
 
 RATE_HZ, SAMPLES, HIT_S, G = 19200.0, 16000, 0.3, 9.80665
@@ -138,8 +138,17 @@ def exchanged(record: Record) -> Record:
 def told(
     records: Sequence[Record], settings: CampaignSettings, slip: Slip | None = None, few: Collection[int] = ()
 ) -> tuple[Suspicion, ...]:
-    spoilt = [slip(r) if slip and (not few or i in few) else r for i, r in enumerate(records)]
-    return suspicions([evidence(r, settings, assess(r, settings)) for r in spoilt], settings)
+    found = [
+        seen.__wrapped__(slip(r), settings) if slip and (not few or i in few) else seen(r, settings)
+        for i, r in enumerate(records)
+    ]
+    return suspicions(found, settings)
+
+
+@cache
+def seen(record: Record, settings: CampaignSettings) -> Evidence:
+    """What is kept of a record; of one that is as measured, once."""
+    return evidence(record, settings, assess(record, settings))
 
 
 @pytest.mark.parametrize("name", STRUCTURES)
