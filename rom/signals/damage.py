@@ -167,33 +167,37 @@ def _dropped(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
 
 def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     """Runs of one value amid motion of many digits, or from there to the end of the record."""
-    steps = np.abs(np.diff(channel.samples))
+    samples, steps = channel.samples, np.abs(np.diff(channel.samples))
     moved = np.flatnonzero(steps)
     if len(moved) < rules.shortest:
         return None
     starts, stops = moved[:-1] + 1, moved[1:] + 1
-    # a quantised motion at rest goes by single digits, behind a window by smaller and smaller ones
-    height = np.where(channel.samples == 0, np.inf, np.abs(channel.samples))
-    digit = ndimage.minimum_filter1d(height, 4 * rules.shortest)[starts]
-    digit = np.where(np.isinf(height[starts]), digit, steps[moved].min())
-    least = rules.held_digits * digit
+    least = rules.held_digits * _digits(samples, steps, 4 * rules.shortest)
     beside = round(rules.held_run)
-    before = ndimage.maximum_filter1d(steps, beside, origin=(beside - 1) // 2)[starts - 1]
+    before = ndimage.maximum_filter1d(steps, beside, origin=(beside - 1) // 2)
     usual = rules.held_run * max(float(np.median(stops - starts)), 1.0)
-    held = (stops - starts >= usual) & (steps[stops - 1] > least) & (before > least)
+    moves = (steps[stops - 1] > least[starts]) & (before[starts - 1] > least[starts])
+    held = moves & (stops - starts >= usual)
     runs = [slice(start, stop) for start, stop in zip(starts[held], stops[held], strict=True)]
-    size = len(channel.samples)
-    if (
-        size - stops[-1] >= max(usual, rules.shortest)
-        and white_noise(channel.samples[: stops[-1]]) > rules.held_digits * steps[moved].min()
-    ):
-        runs.append(slice(stops[-1], size))
-    if not runs or (channel.name in BOLT_CHANNELS and not channel.samples[runs[0].start]):
+    last, end = stops[-1], len(samples)
+    if end - last >= max(usual, rules.shortest) and white_noise(samples[:last]) > least[last]:
+        runs.append(slice(last, end))
+    if not runs or (channel.name in BOLT_CHANNELS and not samples[runs[0].start]):
         return None  # a loose bolt rests at no tension
     count, lasting = len(runs), sum(run.stop - run.start for run in runs)
-    if not any(channel.samples[run.start] for run in runs):
+    if not any(samples[run.start] for run in runs):
         return f"falls to zero {count} times, for {lasting} samples", "dropouts"
     return f"keeps one value {count} times, for {lasting} samples", "channel frozen"
+
+
+def _digits(samples: FloatArray, steps: FloatArray, size: int) -> FloatArray:
+    """Least step of so many before each sample; at zero the least height about it.
+
+    A quantised motion at rest goes by single ones, behind a window by smaller and smaller ones.
+    """
+    least = ndimage.minimum_filter1d(np.where(steps == 0, np.inf, steps), size, origin=(size - 1) // 2)
+    height = np.where(samples == 0, np.inf, np.abs(samples))
+    return np.where(samples == 0, ndimage.minimum_filter1d(height, size), np.append(np.inf, least))
 
 
 def white_noise(samples: FloatArray) -> float:
