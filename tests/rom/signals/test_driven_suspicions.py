@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
+from rom.campaign.campaign import CampaignSettings, Record, RecordSettings, read_campaign
 from rom.campaign.record import Channel
 from tests.rom.lumped import respond
 from tests.rom.signals.test_suspicions import (
@@ -22,6 +22,7 @@ from tests.rom.signals.test_suspicions import (
     settings_of,
     told,
 )
+from tests.shared import measured
 
 RATE_HZ, SAMPLES, G = 4096.0, 8192, 9.80665
 RECORDS = 2
@@ -103,6 +104,24 @@ def test_the_sign_of_a_force_is_told_without_a_declared_mass(motion: str) -> Non
     records = campaign(BLOCK, motion)[:1]
     found = told(records, driven_settings(BLOCK, masses=False), scaled("force", -1.0))
     assert {(one.channel, one.likely) for one in found} == {("force_block", "force sign")}
+
+
+MEASURED = ("bolted-double-beam", "cart-driven", "cart-free-decay", "clamp-at-rest", "friction-damper",
+            "wing-driven-acceleration")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_campaigns_that_others_measured_are_not_accused(name: str) -> None:
+    found = read_campaign(measured(f"others/{name}"), 1)
+    assert told([found.load(record) for record in found.settings.record], found.settings) == ()
+
+
+def test_a_measured_cart_with_its_force_reversed_is_told_without_its_mass() -> None:
+    found = read_campaign(measured("others/cart-driven"), 1)
+    records = [found.load(record) for record in found.settings.record]
+    one = told(records, found.settings, scaled("force", -1.0))
+    assert {(s.channel, s.likely) for s in one} == {("force_cart1", "force sign")}
+    assert len(one) == len(records)
 
 
 def test_points_that_add_up_to_no_sum_of_masses_are_not_accused_where_nobody_declares_masses() -> None:
