@@ -64,10 +64,10 @@ def damages(record: Record, hit: Hit | None, rules: Suspicions) -> Iterator[Dama
             # dropouts and lone samples first: unwrapped by the range that they make they look smooth
             found = _dropped(channel, rules) if name in BOLT_CHANNELS else None
             found = found or _overflow(channel, hit_s, rules) or _wrapped(channel, rules)
+        if hit_s is not None and family in MOTIONS:  # few digits behind a window are zeros for a while
+            found = found or _windowed(channel, hit_s, rules) or _rounded(channel, hit_s, rules)
         if hit_s is not None and not of_hammer:
             found = found or _held(channel, rules)
-        if hit_s is not None and family in MOTIONS:
-            found = found or _windowed(channel, hit_s, rules) or _rounded(channel, hit_s, rules)
         if hit_s is not None and family == "acceleration" and not found:
             moves = _moving(channel, hit_s, rules)
             found = _settling(channel, hit_s, rules, moves is not None) or moves
