@@ -189,12 +189,21 @@ def _time(channel: Channel) -> FloatArray:
     return np.arange(channel.samples.size) / channel.rate_hz
 
 
+def _resampled(y: FloatArray, time: FloatArray, at: FloatArray) -> FloatArray:
+    """Samples at other times, in the digits that they have."""
+    values, found = np.unique(y), np.interp(at, time, y)
+    if values.size > y.size / 2:
+        return found
+    digit = float(np.diff(values).min())
+    return digit * np.round(found / digit)
+
+
 def _late(y: FloatArray, time: FloatArray) -> FloatArray:
-    return np.interp(time - 1e-3, time, y)
+    return _resampled(y, time, time - 1e-3)
 
 
 def _later(y: FloatArray, time: FloatArray) -> FloatArray:
-    return np.interp(time - 12e-3, time, y)
+    return _resampled(y, time, time - 12e-3)
 
 
 def _one_late(y: FloatArray, time: FloatArray, _: Rng) -> FloatArray:
@@ -202,7 +211,7 @@ def _one_late(y: FloatArray, time: FloatArray, _: Rng) -> FloatArray:
 
 
 def _fast_clock(y: FloatArray, time: FloatArray) -> FloatArray:
-    return np.interp(time / 1.0005, time, y)
+    return _resampled(y, time, time / 1.0005)
 
 
 def _other_rate(record: Record, _: str, rng: Rng) -> Record:  # noqa: ARG001

@@ -118,6 +118,9 @@ class Suspicions(Group):
     held_digits: float = number(
         10.0, "1", "least jump at the end of it, in digits", "chosen: at rest it goes by single ones"
     )
+    repeated: float = number(
+        0.01, "1", "share of values that last longer than a sample, above which digits are coarse", "chosen"
+    )
     beyond_calibration: float = number(
         0.01, "1", "share of a strain beyond where its calibration rises", "chosen: more than lone samples"
     )

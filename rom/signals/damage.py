@@ -119,9 +119,12 @@ def _overflow(channel: Channel, hit_s: float | None, rules: Suspicions) -> tuple
     if hit_s is not None:
         guard = np.array([hit_s - rules.hit_guard_s, hit_s + rules.hit_guard_s]) * channel.rate_hz
         away[slice(*np.maximum(guard.round().astype(int), 0))] = 0.0
+    digits = rules.held_digits * _digit(np.abs(np.diff(samples)), rules)
+    if away.max() <= max(digits, rules.lone_height * np.ptp(smooth)):
+        return None
     lone = away > 0.5 * away.max()
     others = float(away[~lone].max(initial=0.0))
-    if others > rules.lone_share * away.max() or away.max() <= rules.lone_height * np.ptp(smooth):
+    if others > rules.lone_share * away.max():
         return None
     value = samples[np.argmax(away)]
     return f"has {int(lone.sum())} lone samples of {value:.4g}, far from all beside them", "overload"
@@ -172,7 +175,8 @@ def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     if len(moved) < rules.shortest:
         return None
     starts, stops = moved[:-1] + 1, moved[1:] + 1
-    least = rules.held_digits * _digits(samples, steps, 4 * rules.shortest)
+    digit = np.maximum(_digit(steps, rules), _about_zero(samples, 4 * rules.shortest))
+    least = rules.held_digits * digit
     beside = round(rules.held_run)
     before = ndimage.maximum_filter1d(steps, beside, origin=(beside - 1) // 2)
     usual = rules.held_run * max(float(np.median(stops - starts)), 1.0)
@@ -190,14 +194,18 @@ def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     return f"keeps one value {count} times, for {lasting} samples", "channel frozen"
 
 
-def _digits(samples: FloatArray, steps: FloatArray, size: int) -> FloatArray:
-    """Least step of so many before each sample; at zero the least height about it.
-
-    A quantised motion at rest goes by single ones, behind a window by smaller and smaller ones.
-    """
-    least = ndimage.minimum_filter1d(np.where(steps == 0, np.inf, steps), size, origin=(size - 1) // 2)
+def _about_zero(samples: FloatArray, size: int) -> FloatArray:
+    """Least height about zeros, nothing elsewhere: behind a window digits grow smaller and smaller."""
     height = np.where(samples == 0, np.inf, np.abs(samples))
-    return np.where(samples == 0, ndimage.minimum_filter1d(height, size), np.append(np.inf, least))
+    return np.where(samples == 0, ndimage.minimum_filter1d(height, size), 0.0)
+
+
+def _digit(steps: FloatArray, rules: Suspicions) -> float:
+    """Return about a digit of a channel whose samples often repeat the one before, nothing of a fine one."""
+    moved = np.flatnonzero(steps)
+    if len(moved) < 2 or np.mean(np.diff(moved) > 1) < rules.repeated:
+        return 0.0
+    return float(np.median(steps[moved]))  # resampled since, digits are no multiples of one step
 
 
 def white_noise(samples: FloatArray) -> float:
