@@ -105,7 +105,7 @@ def ambient_forces(
     ndarray
         Shape (lines, forces, forces).
     """
-    inverses = [inverse(part.gain) for part in parts]
+    inverses = [_to_forces(part.gain) for part in parts]
     noises = [product(back * sensor, back.conj().swapaxes(1, 2)) for back in inverses]
     forces = [product(b, p.unweighted[:, :, None])[:, :, 0] for b, p in zip(inverses, parts, strict=True)]
     wide = _SMOOTHING_HZ / (frequency[1] - frequency[0])
@@ -123,6 +123,14 @@ def ambient_forces(
         mean = np.divide(_running_sum(total, half), near, out=np.zeros_like(total), where=near > 0)
         ambient = positive_part(mean)
     return np.asarray(ambient)
+
+
+def _to_forces(gain: ComplexArray) -> ComplexArray:
+    """Return what brings channels to forces: to the least ones where a joint is all but rigid."""
+    try:
+        return inverse(gain)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(gain))
 
 
 def _running_sum(values: npt.NDArray[Any], half: int) -> npt.NDArray[Any]:

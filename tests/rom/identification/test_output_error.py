@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from rom.identification.ambient_noise import whitener
+from rom.identification.ambient_noise import ambient_forces, whitener
 from rom.identification.output_error import OutputErrorFit, fit_output_error
 from rom.identification.small_matrices import root_of
 from rom.identification.spectral_model import (
@@ -178,3 +179,21 @@ def test_ambient_forces_through_bodies_that_hardly_move_apart_leave_power_on_all
     assert together.max() < 1.0 + 1e-6  # a unit of power that S holds
     with pytest.raises(np.linalg.LinAlgError):
         np.linalg.cholesky(gain @ ambient @ gain.conj().swapaxes(1, 2) + np.diag(sensor))
+
+
+@pytest.mark.parametrize("bodies", [2, 3])
+def test_of_a_joint_that_is_all_but_rigid_ambient_forces_are_the_least_that_do_the_same(bodies: int) -> None:
+    rng = np.random.default_rng(0)
+    lines = 400
+    gain = np.ones((lines, bodies, bodies), dtype=complex)  # all bodies move as one
+    moved = (rng.normal(size=(lines, 1)) + 1j * rng.normal(size=(lines, 1))) * np.ones((1, bodies))
+    part = SimpleNamespace(gain=gain, unweighted=moved)
+    found = ambient_forces(
+        np.linspace(0, 100, lines),
+        [part],
+        np.full(bodies, 1e-9),
+        [np.ones(lines)],  # type: ignore[list-item]
+    )
+    assert np.isfinite(found).all()
+    # each takes 1 / n of the sum, whose mean square is 2
+    np.testing.assert_allclose(found.mean(axis=0).real, 2 / bodies**2, rtol=0.2)
