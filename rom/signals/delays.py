@@ -71,14 +71,14 @@ class Window:
         ]
         return products(self.force[first:last], cut, self.order, self.orders, self.rate_hz)
 
-    def delay(self, reach: int, begins: int, usual: float) -> Delay:
+    def delay(self, reach: int, onset: int, usual: float) -> Delay:
         """Return the delay of all motions, or of one, that balances best.
 
         Parameters
         ----------
         reach : int
             Samples about no delay, and about where motion begins, in which it is looked for.
-        begins : int
+        onset : int
             Samples from the force to the first motion.
         usual : float
             Samples by which sensors may be late.
@@ -89,7 +89,7 @@ class Window:
         noise = noise_share(root, self.noise, masses)
         found = Delay(0.0, 1.0, every, root)
         if left > rules.unbalanced:
-            best = self._best(every, [*near, *(begins + lag for lag in near)], left, noise)
+            best = self._best(every, [*near, *(onset + lag for lag in near)], left, noise)
             if abs(best.samples) < usual or self._explains(best, left, noise, rules.slip_share):
                 found = best
         least = self._least(noise)

@@ -56,12 +56,12 @@ class Balance:
     force: str
     peak_n: float
     root: FloatArray
-    late_s: float
-    late_misfit: float
-    late: tuple[str, ...]
     noise: FloatArray
-    parts: int
     rules: Suspicions
+    late_s: float = 0.0
+    late_misfit: float = 1.0
+    late: tuple[str, ...] = ()
+    parts: int = 1
 
     def misfit(self, masses: Sequence[float] | FloatArray, channels: Sequence[int] | None = None) -> float:
         """Return what is left of the force, as a share of its square.
@@ -180,7 +180,6 @@ def hit_balance(record: Record, settings: CampaignSettings, hit: Hit, rules: Sus
         late_misfit=delay.misfit,
         late=tuple(motions.names[place] for place in delay.places),
         noise=noise,
-        parts=1,
         rules=rules,
     )
 
@@ -220,9 +219,6 @@ def driven_balance(record: Record, settings: CampaignSettings, rules: Suspicions
         force=forces[0].name,
         peak_n=float(np.abs(total).max()),
         root=root,
-        late_s=0.0,
-        late_misfit=1.0,
-        late=(),
         noise=len(total) * motions.noise([total, *motions.rows], rules),
         parts=len(parts),
         rules=rules,
