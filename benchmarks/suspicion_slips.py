@@ -11,6 +11,7 @@ from scipy.constants import g, lbf
 from benchmarks.suspicion_campaigns import HIT_S, LATEST_S, Sound
 from rom.campaign.campaign import Record
 from rom.campaign.channels import MOTIONS, Channel, FloatArray
+from rom.signals.damage import white_noise
 from rom.signals.suspicions import Suspicion
 
 FEW = 2
@@ -189,13 +190,17 @@ def _time(channel: Channel) -> FloatArray:
     return np.arange(channel.samples.size) / channel.rate_hz
 
 
-def _resampled(y: FloatArray, time: FloatArray, at: FloatArray) -> FloatArray:
-    """Samples at other times, in the digits that they have."""
-    values, found = np.unique(y), np.interp(at, time, y)
-    if values.size > y.size / 2:
+def _in_digits(found: FloatArray, of: FloatArray) -> FloatArray:
+    """What is measured, in the digits that a channel has."""
+    values = np.unique(of)
+    if values.size > of.size / 2:
         return found
     digit = float(np.diff(values).min())
     return digit * np.round(found / digit)
+
+
+def _resampled(y: FloatArray, time: FloatArray, at: FloatArray) -> FloatArray:
+    return _in_digits(np.interp(at, time, y), y)
 
 
 def _late(y: FloatArray, time: FloatArray) -> FloatArray:
@@ -250,13 +255,13 @@ def _windowed(y: FloatArray, time: FloatArray) -> FloatArray:
 
 
 def _settling(y: FloatArray, time: FloatArray, rng: Rng) -> FloatArray:
-    return y + float(rng.choice([-1.0, 1.0])) * 0.2 * np.abs(y).max() * np.exp(-time / 0.5)
+    return _in_digits(y + float(rng.choice([-1.0, 1.0])) * 0.2 * np.abs(y).max() * np.exp(-time / 0.5), y)
 
 
 def _stepped(y: FloatArray, time: FloatArray, rng: Rng) -> FloatArray:
     after = float(y[time > HIT_S].std())
     size = float(rng.choice([-1.0, 1.0])) * rng.uniform(1.0, 4.0) * after
-    return y + np.where(time > HIT_S + rng.uniform(0.1, 0.5), size, 0.0)
+    return _in_digits(y + np.where(time > HIT_S + rng.uniform(0.1, 0.5), size, 0.0), y)
 
 
 def _dropped(record: Record, _: str, rng: Rng) -> Record:
@@ -264,8 +269,13 @@ def _dropped(record: Record, _: str, rng: Rng) -> Record:
 
 
 def _nearly_dropped(record: Record, _: str, rng: Rng) -> Record:
-    """To a few hundredths of the level, with the noise of an open input."""
-    return _fallen(record, rng, 0.03)
+    """To a few hundredths of the level, with the noise of an open input; noise near the level hides it."""
+    fallen = _fallen(record, rng, 0.03)
+    for name in ("tension", "strain"):
+        channel = record.channels.get(name)
+        if channel and white_noise(channel.samples) > 0.05 * abs(float(np.median(channel.samples))):
+            return record
+    return fallen
 
 
 def _fallen(record: Record, rng: Rng, share: float) -> Record:

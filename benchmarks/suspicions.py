@@ -72,12 +72,13 @@ def judged(seed: int, ways: Sequence[Way]) -> Judged:
     for slip in SLIPS:
         for way in slip.ways:
             if (slip.name, way) in ways and slip.fits(of, way):
-                told[slip.name, way] = _told(of, kept, slip, way, np.random.default_rng([seed, 55]))
+                spoilt, wrong = made(of, slip, way, np.random.default_rng([seed, 55]))
+                if wrong:
+                    told[slip.name, way] = _told(spoilt, kept, slip, wrong)
     return Judged(seed, of.structure, of.noise, of.effect, accused, told)
 
 
-def _told(of: Sound, kept: Mapping[Record, Evidence], slip: Slip, way: str, rng: np.random.Generator) -> Told:
-    spoilt, wrong = made(of, slip, way, rng)
+def _told(spoilt: Sound, kept: Mapping[Record, Evidence], slip: Slip, wrong: Spoilt) -> Told:
     again = slip.change is None
     seen = [
         kept[record] if record in kept and not again else looked_at(record, spoilt)

@@ -130,6 +130,16 @@ class Suspicions(Group):
     window_straight: float = number(
         0.97, "1", "correlation of its logarithm with time from which noise fades evenly", _SEEN
     )
+    window_exact: float = number(
+        0.999, "1", "the same of digits, where none changes before the hit", "digits behind a window: 0.9999"
+    )
+    one_digit: float = number(
+        0.3, "1", "share of the largest step above which a step is a change of digit", "chosen: up to three"
+    )
+    digit_changes: int = number(8, "1", "changes of digit that tell its size", "chosen: a spike has fewer")
+    no_digit: float = number(
+        0.02, "1", "the same below which only a window changes a sample", "chosen: noise has steps between"
+    )
     hann_like: float = number(0.15, "1", "scatter of the logarithm of noise about a window of Hann", _SEEN)
     settling_share: float = number(
         0.9, "1", "share of the variance before the hit that a settling sensor explains", _SEEN

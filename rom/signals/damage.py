@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, stats
 
 from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.channels import BOLT_CHANNELS, MOTIONS, Channel, FloatArray
@@ -175,14 +175,15 @@ def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     if len(moved) < rules.shortest:
         return None
     starts, stops = moved[:-1] + 1, moved[1:] + 1
-    digit = np.maximum(_digit(steps, rules), _about_zero(samples, 4 * rules.shortest))
-    least = rules.held_digits * digit
-    beside = round(rules.held_run)
-    before = ndimage.maximum_filter1d(steps, beside, origin=(beside - 1) // 2)
+    digit = max(_digit(steps, rules), float(steps[moved].min()))
+    least = rules.held_digits * np.maximum(digit, _about_zero(samples, 4 * rules.shortest))
     usual = rules.held_run * max(float(np.median(stops - starts)), 1.0)
-    moves = (steps[stops - 1] > least[starts]) & (before[starts - 1] > least[starts])
-    held = moves & (stops - starts >= usual)
-    runs = [slice(start, stop) for start, stop in zip(starts[held], stops[held], strict=True)]
+    long = stops - starts >= usual
+    runs = [
+        slice(start, stop)
+        for start, stop in zip(starts[long], stops[long], strict=True)
+        if _moves_beside(samples, start, stop, least[start])
+    ]
     last, end = stops[-1], len(samples)
     if end - last >= max(usual, rules.shortest) and white_noise(samples[:last]) > least[last]:
         runs.append(slice(last, end))
@@ -192,6 +193,16 @@ def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     if not any(samples[run.start] for run in runs):
         return f"falls to zero {count} times, for {lasting} samples", "dropouts"
     return f"keeps one value {count} times, for {lasting} samples", "channel frozen"
+
+
+def _moves_beside(samples: FloatArray, start: int, stop: int, least: float) -> bool:
+    """Whether a signal goes further than this in half the time both before and after it keeps one value.
+
+    Where it turns it goes by 1.5 digits in that time, at an inflection by 3.5.
+    """
+    half = (stop - start) // 2
+    before, after = samples[max(start - half, 0) : start], samples[stop : stop + half]
+    return bool(len(before) and len(after) and min(np.ptp(before), np.ptp(after)) > least)
 
 
 def _about_zero(samples: FloatArray, size: int) -> FloatArray:
@@ -220,43 +231,64 @@ def _sharp_noise(samples: FloatArray) -> float:
     return float(np.sqrt(np.mean(steps[within] ** 2) / 20.0))
 
 
+def _size_of_digits(part: FloatArray, rules: Suspicions) -> float:
+    """The digit of a part whose noise few digits hide, nothing of another: a window fades digits too."""
+    steps = np.abs(np.diff(part))
+    largest = float(steps.max())
+    changes = steps[steps > rules.one_digit * largest]
+    between = np.sum(steps > rules.no_digit * largest) - len(changes)
+    in_digits = len(changes) >= rules.digit_changes and between <= rules.repeated * len(steps)
+    return float(np.median(changes)) if in_digits else 0.0
+
+
 def _windowed(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, str] | None:
-    """Noise that fades evenly along the record: an analyser's exponential window."""
-    start = round((hit_s + rules.hit_guard_s) * channel.rate_hz)
-    before, after = channel.samples[: round(hit_s * channel.rate_hz)], channel.samples[start:]
+    """Noise that fades evenly along the record, or digits: an analyser's exponential window."""
+    hit, guard = round(hit_s * channel.rate_hz), round(rules.hit_guard_s * channel.rate_hz)
+    before, after = channel.samples[: max(hit - guard, 0)], channel.samples[hit + guard :]
     size = len(after) // WINDOW_PARTS
     if size < rules.shortest or len(before) < rules.shortest:
         return None
-    levels = np.array([_sharp_noise(after[i * size : (i + 1) * size]) for i in range(WINDOW_PARTS)])
-    quiet = _sharp_noise(before[-min(len(before), size) :])
     last = WINDOW_PARTS // 2  # before it the ringing of fast modes may pass for noise
-    if quiet <= 0 or levels.min() <= 0 or levels[-1] > rules.window_noise * quiet:
-        return None
-    time, logs = np.arange(last, WINDOW_PARTS) * size / channel.rate_hz, np.log(levels[last:])
-    if np.corrcoef(time, logs)[0, 1] > -rules.window_straight:
-        return None
-    decay = -float(np.polyfit(time, logs, 1)[0])
-    fallen = f"to {levels[-1] / quiet:.2g} of that before the hit"
-    remedy = f"multiply motions and force by exp({decay:.3g} (t - t_hit))"
-    return f"has a noise that fades with {decay:.3g} 1/s {fallen}: {remedy}", "exponential window"
+    parts = [before[-size:], *after[last * size : WINDOW_PARTS * size].reshape(-1, size)]
+    time = np.arange(last, WINDOW_PARTS) * size / channel.rate_hz
+    noise = np.array([_sharp_noise(part) for part in parts])
+    digits = np.array([_size_of_digits(part, rules) for part in parts])
+    for quiet, levels, straight in (
+        (noise[0], noise[1:], rules.window_straight if noise[0] else np.inf),
+        (digits[0], digits[1:], rules.window_straight if digits[0] else rules.window_exact),
+    ):
+        if levels.min() <= 0 or not np.ptp(levels):
+            continue
+        slope, at_hit = np.polyfit(time, np.log(levels), 1)
+        fallen = levels[-1] / (quiet or np.exp(at_hit))  # before the hit no digit may change
+        if fallen < rules.window_noise and np.corrcoef(time, np.log(levels))[0, 1] < -straight:
+            remedy = f"multiply motions and force by exp({-slope:.3g} (t - t_hit))"
+            found = f"has a noise that fades with {-slope:.3g} 1/s to {fallen:.2g} of that before the hit"
+            return f"{found}: {remedy}", "exponential window"
+    return None
 
 
 def _rounded(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, str] | None:
-    """Noise that swells and fades as a Hann window over the record does, away from the hit and the ends."""
+    """Noise or digits that swell and fade as a Hann window does, away from the hit and the ends."""
     count = 2 * WINDOW_PARTS
     size = len(channel.samples) // count
     if size < rules.shortest:
         return None
-    levels = np.array([_sharp_noise(channel.samples[i * size : (i + 1) * size]) for i in range(count)])
+    parts = channel.samples[: size * count].reshape(count, size)
     middles = (np.arange(count) + 0.5) / count
     hit = hit_s * channel.rate_hz / (size * count)
     quiet = ((middles < hit - 1 / count) | (middles > 0.5)) & (np.arange(count) % (count - 1) > 0)
-    if levels[quiet].min() <= 0:
-        return None
-    off = np.log(levels[quiet] / np.sin(np.pi * middles[quiet]) ** 2)
-    if off.std() > rules.hann_like:
-        return None
-    return "has a noise that swells and fades with the record: measure it without a window", HANN
+    for levels in (
+        np.array([_sharp_noise(part) for part in parts]),
+        np.array([_size_of_digits(part, rules) for part in parts]),
+    ):
+        known = quiet & (levels > 0)
+        if np.sum(known) < count // 4:
+            continue
+        off = np.log(levels[known] / np.sin(np.pi * middles[known]) ** 2)
+        if stats.median_abs_deviation(off, scale="normal") < rules.hann_like:
+            return "has a noise that swells and fades with the record: measure it without a window", HANN
+    return None
 
 
 def _settling(channel: Channel, hit_s: float, rules: Suspicions, moves: bool) -> tuple[str, str] | None:

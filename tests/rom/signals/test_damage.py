@@ -13,6 +13,7 @@ from rom.signals.calibration import Calibration
 from tests.rom.signals.test_suspicions import (
     BLOCK,
     CHAIN,
+    HIT_S,
     RATE_HZ,
     STRUCTURES,
     UNEQUAL,
@@ -268,3 +269,50 @@ def test_a_window_is_told_with_its_rate_whatever_is_measured(motion: str) -> Non
     assert {one.likely for one in found} == {"exponential window"}
     rates = [float(one.finding.split("fades with ")[1].split()[0]) for one in found]
     assert rates == pytest.approx([4.0] * 6, abs=0.6)  # three deviations of half a second
+
+
+def in_digits(y: FloatArray, digit: float) -> FloatArray:
+    return digit * np.round(y / digit)
+
+
+def windowed_from_the_hit(y: FloatArray, time: FloatArray) -> FloatArray:
+    return y * np.exp(-4.0 * np.maximum(time - HIT_S, 0.0))
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+@pytest.mark.parametrize(
+    ("window", "likely"), [(windowed_from_the_hit, "exponential window"), (rounded, "Hann window")]
+)
+def test_a_window_is_told_by_the_size_of_digits_where_they_hide_the_noise(
+    name: str, window: Callable[[FloatArray, FloatArray], FloatArray], likely: str
+) -> None:
+    of, digit = STRUCTURES[name], 4 * 0.003  # four deviations of the noise
+    channel = f"acceleration_{of.struck}"
+    soft = [record for record in campaign(of) if record.test == "coupled"]
+    assert told(soft, settings_of(of), only(channel, lambda y, _: in_digits(y, digit))) == ()
+    found = told(soft, settings_of(of), only(channel, lambda y, time: window(in_digits(y, digit), time)))
+    assert [one.channel for one in found if one.likely == likely] == [channel] * 3
+
+
+@pytest.mark.parametrize(("frequency_hz", "digits"), [(2.0, 300), (2.0, 3e4), (40.0, 300), (40.0, 3e4)])
+def test_a_slow_motion_that_freezes_is_named_and_one_that_turns_is_not(
+    frequency_hz: float, digits: float
+) -> None:
+    def swings(y: FloatArray, time: FloatArray) -> FloatArray:
+        later = np.maximum(time - HIT_S, 0.0)
+        slow = np.sin(2 * np.pi * frequency_hz * later) + 0.5 * np.sin(3.1 * np.pi * frequency_hz * later)
+        largest = float(np.abs(y).max())
+        return in_digits(largest * slow, largest / digits)
+
+    def stuck(y: FloatArray, time: FloatArray) -> FloatArray:
+        moved = swings(y, time)
+        moved[9000:9900] = moved[9000]
+        return moved
+
+    def of(change: Callable[[FloatArray, FloatArray], FloatArray]) -> list[str]:
+        spoil = only("displacement_block", change)
+        found = told(campaign(BLOCK, motion="displacement"), settings_of(BLOCK), spoil, few=(0,))
+        return [one.likely for one in found if one.likely in ("channel frozen", "dropouts")]
+
+    assert of(swings) == []
+    assert of(stuck) == ["channel frozen"]
