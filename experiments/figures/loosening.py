@@ -66,7 +66,11 @@ def gamma_cases(gamma: Sequence[GammaEstimate]) -> Figure:
     bound = np.array([g.at_bound for g in gamma])
     tension_axis(ax, tension, "Initial tension [N]")
     _decades_about_zero(ax, value)
-    groups = ((value > 0, "o", BLUE, "Net loosening"), (value < 0, "v", GREEN, "Net tightening"))
+    groups = (
+        (value > 0, "o", BLUE, "Net loosening"),
+        (value < 0, "v", GREEN, "Net tightening"),
+        (value == 0, "s", BACKGROUND, "No change"),
+    )
     for chosen, marker, colour, text in groups:
         if np.any(chosen & ~bound):
             ax.plot(tension[chosen & ~bound], value[chosen & ~bound], marker, color=colour, label=text)

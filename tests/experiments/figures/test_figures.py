@@ -358,3 +358,12 @@ def test_a_pdf_holds_its_letters_whatever_figures_were_written_before(tmp_path: 
     assert b"<0416>" in rare  # the letter's code beside its glyph: text can be copied
     assert b"<0416>" not in first
     assert b"<0054>" in first
+
+
+def test_cases_that_did_not_loosen_are_shown_as_such() -> None:
+    cases = [replace(case, gamma=0.0, final=case.initial) for case in gamma_and_fit()[0][:3]]
+    (ax,) = figures.gamma_cases(cases).axes
+    assert [line.get_label() for line in ax.lines if len(np.asarray(line.get_xdata())) == 3] == ["No change"]
+    legend = ax.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["No change"]
