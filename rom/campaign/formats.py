@@ -37,7 +37,12 @@ def _read_h5(path: Path) -> Iterator[tuple[str, Read]]:
 
     with h5py.File(path, "r") as file:
         for name in file:
-            yield name, partial(_h5_samples, file, name)
+            yield in_text(name), partial(_h5_samples, file, name)
+
+
+def in_text(name: str | bytes) -> str:
+    """A name of HDF5, which comes as bytes where it is no text."""
+    return name if isinstance(name, str) else name.decode("utf-8", "backslashreplace")
 
 
 def _h5_samples(file: Any, name: str) -> tuple[Any, Any]:
@@ -110,8 +115,9 @@ def _read_mat_hdf5(path: Path) -> Iterator[tuple[str, Read]]:
         return samples, rate
 
     with h5py.File(path, "r") as file:
-        for name in _mat_channels(file):
-            yield name, partial(read, name)
+        names = {in_text(name): name for name in file}
+        for name in _mat_channels(names):
+            yield name, partial(read, names[name])
 
 
 def _read_mat_level_5(path: Path) -> Iterator[tuple[str, Read]]:

@@ -34,6 +34,10 @@ class Suspicions(Group):
     late_alike: float = number(
         0.2, "1", "relative difference below which two delays are one", "chosen: light bodies tell to a tenth"
     )
+    late_alone: float = number(
+        2.0, "1", "delay of one motion alone that is told, in delays that sensors sampled in turn may have",
+        "sound rig: 1.1; a heavy body's gain looks like a light one's delay",
+    )  # fmt: skip
     late_left: float = number(
         2e-5, "1", "share of the force's square beyond noise, above which one motion may be late", _RIG
     )

@@ -177,12 +177,13 @@ class RingDown:
             tolerance=tolerance,
         )
 
-    def parts(self, periods: float) -> tuple[RingDown, ...]:
-        """The record cut into equal parts of at least some periods of its strongest line."""
+    def parts(self, periods: float, most: int | None = None) -> tuple[RingDown, ...]:
+        """The first of the equal parts of some periods of its strongest line, two samples each or more."""
         seen, strongest = self.measurement, self.measurement.strongest_hz
-        count = 1 if strongest is None else max(int(seen.samples / seen.rate_hz * strongest / periods), 1)
-        edges = np.linspace(0, seen.samples, count + 1).astype(int)
-        return tuple(self._between(*ends) for ends in pairwise(edges.tolist())) if count > 1 else (self,)
+        per_period = np.inf if strongest is None else max(seen.rate_hz / strongest, 2.0)
+        count = max(int(seen.samples / (periods * per_period)), 1)
+        edges = np.linspace(0, seen.samples, count + 1).astype(int)[: (most or count) + 1].tolist()
+        return tuple(self._between(*ends) for ends in pairwise(edges)) if count > 1 else (self,)
 
     def _between(self, first: int, last: int) -> RingDown:
         seen, rows = self.measurement, slice(first, last)
@@ -311,7 +312,7 @@ def first_state(ring: RingDown, model: Model, tension: Tension = None) -> FloatA
     tension : mapping of str to float or None
         Of bolted links [N].
     """
-    first = ring.parts(PERIODS)[0]
+    first = ring.parts(PERIODS, most=1)[0]
     starts = _linear_states(first, model, tension)
     return min((_settled(first, model, one, tension) for one in starts), key=lambda fit: fit[1])[0]
 

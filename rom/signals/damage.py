@@ -278,12 +278,11 @@ def _rounded(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, st
     middles = (np.arange(count) + 0.5) / count
     hit = hit_s * channel.rate_hz / (size * count)
     quiet = ((middles < hit - 1 / count) | (middles > 0.5)) & (np.arange(count) % (count - 1) > 0)
-    for levels in (
-        np.array([_sharp_noise(part) for part in parts]),
-        np.array([_size_of_digits(part, rules) for part in parts]),
-    ):
+    noise = np.array([_sharp_noise(part) for part in parts])
+    digits = np.array([_size_of_digits(part, rules) for part in parts])
+    for levels, fewest in ((noise, np.sum(quiet)), (digits, count // 3)):
         known = quiet & (levels > 0)
-        if np.sum(known) < count // 4:
+        if np.sum(known) < fewest:
             continue
         off = np.log(levels[known] / np.sin(np.pi * middles[known]) ** 2)
         if stats.median_abs_deviation(off, scale="normal") < rules.hann_like:

@@ -96,7 +96,9 @@ class Window:
         if len(every) < 2 or left - noise < least:
             return found
         alone = min((self._alone(place, near, left, noise) for place in every), key=lambda one: one.misfit)
-        told = abs(alone.samples) > usual and self._explains(alone, left, noise, rules.late_share)
+        told = abs(alone.samples) > rules.late_alone * usual and self._explains(
+            alone, left, noise, rules.late_share
+        )
         better = (found.misfit - alone.misfit) * left > least
         return alone if told and better else found
 

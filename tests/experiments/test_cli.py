@@ -116,6 +116,7 @@ def test_several_faults_take_a_line_each(tmp_path: Path, boltlaw: Boltlaw) -> No
         (("report", "emty"), ("emty", "nearest", "empty")),
         (("rig", "campaign"), ("campaign", "exists")),
         (("rig", "new", "--cases", "1"), ("--cases", "2")),
+        (("rig", "new", "--cases", "9" * 400), ("--cases", "10000")),
         (("rig", "new", "--noise", "-1"), ("--noise", "0")),
         (("rig", "new", "--noise", "nan"), ("--noise",)),
         (("rig", "new", "--duration-s", "0.2"), ("duration", "0.2", "2.5")),

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -112,6 +113,12 @@ def test_a_draft_may_lie_elsewhere(boltlaw: Boltlaw, tmp_path: Path) -> None:
     assert listing(tmp_path / "lab") == before
 
 
+def with_a_name_that_is_no_text(folder: Path) -> None:
+    """Write a record one of whose channels has bytes for a name."""
+    with h5py.File(folder / "a.h5", "w") as file:
+        file.create_dataset(b"force\xff_lo", data=np.zeros(8))
+
+
 def with_a_campaign(folder: Path) -> None:
     """Write a record and settings."""
     write(folder / "a.h5", "tension")
@@ -125,6 +132,7 @@ def with_a_campaign(folder: Path) -> None:
         (lambda f: (f / "a.tdms").write_bytes(b""), ("no records", ".h5", "boltlaw import")),
         (lambda f: (f / "a.csv").write_bytes(b"no such thing"), ("a.csv", "time_s")),
         (lambda f: (f / "a.csv").write_bytes("Prüfstand;3".encode("cp1252")), ("a.csv", "boltlaw import")),
+        (with_a_name_that_is_no_text, ("force\\xff_lo", "boltlaw import")),
         (with_a_campaign, ("campaign.toml", "existing")),
     ],
 )

@@ -134,6 +134,18 @@ def test_without_a_force_the_masses_are_not_told(campaign: rom.Campaign) -> None
     assert found.modes[1].frequency_hz.value == pytest.approx(beams.FREQUENCY[1], rel=1e-3)
 
 
+def test_a_line_beyond_what_the_rate_can_show_makes_no_more_parts_than_samples(
+    campaign: rom.Campaign,
+) -> None:
+    """Of a record whose rate is a millionth of the declared one each part was less than a sample."""
+    record = next(r for r in campaign.settings.record if r.test == "free")
+    seen = measured_record(campaign, record).measurement
+    ring = ring_down(replace(seen, rate_hz=1e-6 * seen.rate_hz), modal=True)
+    lengths = [part.measurement.samples for part in ring.parts(6.0)]
+    assert (min(lengths), sum(lengths)) == (12, seen.samples)
+    assert [part.measurement.samples for part in ring.parts(6.0, most=1)] == lengths[:1]
+
+
 def test_a_wave_that_travels_is_no_real_mode(campaign: rom.Campaign) -> None:
     """Sensors whose decays are a quarter of a period apart."""
     record = next(r for r in campaign.settings.record if r.test == "free")
