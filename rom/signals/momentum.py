@@ -262,7 +262,7 @@ class _Motions:
         measured = (self.order == 0, *(times == 0 for times in self.orders))
         return np.array(
             [
-                white_noise(samples) ** 2 * (told and len(samples) >= rules.shortest)
+                white_noise(samples) ** 2 if told and len(samples) >= rules.shortest else 0.0
                 for samples, told in zip(quiet, measured, strict=True)
             ]
         )
