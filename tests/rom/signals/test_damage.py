@@ -10,6 +10,8 @@ import pytest
 from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.record import Channel
 from rom.signals.calibration import Calibration
+from rom.signals.quality import assess
+from rom.signals.suspicions import evidence
 from tests.rom.signals.test_suspicions import (
     BLOCK,
     CHAIN,
@@ -316,3 +318,14 @@ def test_a_slow_motion_that_freezes_is_named_and_one_that_turns_is_not(
 
     assert of(swings) == []
     assert of(stuck) == ["channel frozen"]
+
+
+def test_a_hit_at_the_first_sample_leaves_no_noise_to_tell() -> None:
+    """Two samples before it have no third difference, of which there is no mean."""
+    whole, settings, start_s = campaign(BLOCK)[1], settings_of(BLOCK), HIT_S - 2 / RATE_HZ
+    cut = {name: c.samples[round(start_s * c.rate_hz) :] for name, c in whole.channels.items()}
+    channels = {name: Channel(name, y, whole.channels[name].rate_hz) for name, y in cut.items()}
+    record = Record(whole.settings, channels, whole.bodies)
+    seen = evidence(record, settings, assess(record, settings))
+    assert seen.balance is not None
+    assert np.array_equal(seen.balance.noise, np.zeros(2))

@@ -393,14 +393,3 @@ def test_causes_come_with_what_would_mend_them_and_doubts_with_a_line_for_each()
     doubts = doubts_of(found, kept)
     assert list(doubts) == ["records/0.h5", "records/2.h5"]
     assert [doubt.kind for of in doubts.values() for doubt in of] == ["suspicion"] * 2
-
-
-def test_a_hit_at_the_first_sample_leaves_no_noise_to_tell() -> None:
-    """Two samples before it have no third difference, of which there is no mean."""
-    whole, settings, start_s = campaign(BLOCK)[1], settings_of(BLOCK), HIT_S - 2 / RATE_HZ
-    cut = {name: c.samples[round(start_s * c.rate_hz) :] for name, c in whole.channels.items()}
-    channels = {name: Channel(name, y, whole.channels[name].rate_hz) for name, y in cut.items()}
-    record = Record(whole.settings, channels, whole.bodies)
-    seen = evidence(record, settings, assess(record, settings))
-    assert seen.balance is not None
-    assert np.array_equal(seen.balance.noise, np.zeros(2))
