@@ -242,18 +242,22 @@ def _least_squares(
     curve: Curve,
 ) -> tuple[Law, FloatArray]:
     first = np.array([start.parameters[name].value for name in free])
-    low, high = zip(*(start.parameters[name].bounds for name in free), strict=True)
+    low, high = np.transpose([start.parameters[name].bounds for name in free])
+    unit = np.where(first != 0, np.abs(first), 1.0)  # a fit ends by the size of its numbers
     logarithms = np.log(values)
 
+    def law_of(parameters: FloatArray) -> Law:
+        return start.with_values(
+            **dict(zip(free, np.clip(parameters * unit, low, high).tolist(), strict=True))
+        )
+
     def residual(parameters: FloatArray) -> FloatArray:
-        law = start.with_values(**dict(zip(free, parameters, strict=True)))
-        return np.asarray(whitener @ (np.clip(_logarithm(law, tension, curve), -50, 100) - logarithms))
+        logarithm = np.clip(_logarithm(law_of(parameters), tension, curve), -50, 100)
+        return np.asarray(whitener @ (logarithm - logarithms))
 
     with np.errstate(over="ignore"):
-        fit = optimize.least_squares(
-            residual, first, x_scale=np.maximum(np.abs(first), 1e-9), bounds=(low, high)
-        )
-    return start.with_values(**dict(zip(free, fit.x, strict=True))), fit.fun
+        fit = optimize.least_squares(residual, first / unit, bounds=(low / unit, high / unit))
+    return law_of(fit.x), fit.fun
 
 
 def excess_scatter(residual: FloatArray, log_covariance: FloatArray, parameters: int) -> float:
