@@ -37,10 +37,10 @@ def _read_h5(path: Path) -> Iterator[tuple[str, Read]]:
 
     with h5py.File(path, "r") as file:
         for name in file:
-            yield in_text(name), partial(_h5_samples, file, name)
+            yield _in_text(name), partial(_h5_samples, file, name)
 
 
-def in_text(name: str | bytes) -> str:
+def _in_text(name: str | bytes) -> str:
     """A name of HDF5, which comes as bytes where it is no text."""
     return name if isinstance(name, str) else name.decode("utf-8", "backslashreplace")
 
@@ -115,7 +115,7 @@ def _read_mat_hdf5(path: Path) -> Iterator[tuple[str, Read]]:
         return samples, rate
 
     with h5py.File(path, "r") as file:
-        names = {in_text(name): name for name in file}
+        names = {_in_text(name): name for name in file}
         for name in _mat_channels(names):
             yield name, partial(read, names[name])
 
