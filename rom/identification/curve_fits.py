@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import optimize, stats
@@ -17,6 +18,7 @@ from scipy import optimize, stats
 from rom.campaign.channels import FloatArray
 from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
+from rom.model.expressions import is_linear_in
 from rom.model.laws import Law, Parameter
 
 Curve = Callable[[Law, FloatArray], FloatArray]
@@ -48,6 +50,41 @@ class LawFit:
         jacobian = _log_jacobian(self.law, self.free, tension, self.curve)
         variance = np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)))  # rounding, where parameters trade places
+
+
+@dataclass(frozen=True)
+class FreeNumbers:
+    """The numbers of a law that a fit moves, in steps from 1: a fit then ends alike in all units.
+
+    ``p = p_0 + (steps - 1) u``. The unit u is a number's own size; but 1 for a pure number such as a
+    logarithm, which another unit of what it is of shifts.
+    """
+
+    law: Law
+    free: tuple[str, ...]
+
+    @cached_property
+    def _first(self) -> FloatArray:
+        return np.array([self.law.parameters[name].value for name in self.free])
+
+    @cached_property
+    def unit(self) -> FloatArray:
+        """Sizes of the steps, (free,)."""
+        equation, of = self.law.equation, self.law.parameters
+        pure = [of[name].unit == "1" and not is_linear_in(equation, name) for name in self.free]
+        return np.where(pure | (self._first == 0), 1.0, np.abs(self._first))
+
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Bounds of the steps, low and high."""
+        low, high = np.transpose([self.law.parameters[name].bounds for name in self.free])
+        return 1 + (low - self._first) / self.unit, 1 + (high - self._first) / self.unit
+
+    def law_at(self, steps: FloatArray) -> Law:
+        """Return the law so many steps off; rounding leads no number past its bounds."""
+        low, high = np.transpose([self.law.parameters[name].bounds for name in self.free])
+        values = np.clip(self._first + (steps - 1) * self.unit, low, high)
+        return self.law.with_values(**dict(zip(self.free, values.tolist(), strict=True)))
 
 
 def link_curve(law: Law, tension: FloatArray) -> FloatArray:
@@ -219,9 +256,8 @@ def _logarithm(law: Law, tension: FloatArray, curve: Curve) -> FloatArray:
 def _log_jacobian(law: Law, free: Sequence[str], tension: FloatArray, curve: Curve) -> FloatArray:
     """Return d ln f / d p by central differences: (tensions, free parameters)."""
     columns = []
-    for name in free:
-        value = law.parameters[name].value
-        step = 1e-5 * max(abs(value), 1e-6)
+    for name, unit in zip(free, FreeNumbers(law, tuple(free)).unit, strict=True):
+        value, step = law.parameters[name].value, 1e-5 * unit
         upper = _logarithm(law.with_values(**{name: value + step}), tension, curve)
         lower = _logarithm(law.with_values(**{name: value - step}), tension, curve)
         columns.append((upper - lower) / (2 * step))
@@ -241,23 +277,15 @@ def _least_squares(
     whitener: FloatArray,
     curve: Curve,
 ) -> tuple[Law, FloatArray]:
-    first = np.array([start.parameters[name].value for name in free])
-    low, high = np.transpose([start.parameters[name].bounds for name in free])
-    unit = np.where(first != 0, np.abs(first), 1.0)  # a fit ends by the size of its numbers
-    logarithms = np.log(values)
+    numbers, logarithms = FreeNumbers(start, tuple(free)), np.log(values)
 
-    def law_of(parameters: FloatArray) -> Law:
-        return start.with_values(
-            **dict(zip(free, np.clip(parameters * unit, low, high).tolist(), strict=True))
-        )
-
-    def residual(parameters: FloatArray) -> FloatArray:
-        logarithm = np.clip(_logarithm(law_of(parameters), tension, curve), -50, 100)
+    def residual(steps: FloatArray) -> FloatArray:
+        logarithm = np.clip(_logarithm(numbers.law_at(steps), tension, curve), -50, 100)
         return np.asarray(whitener @ (logarithm - logarithms))
 
     with np.errstate(over="ignore"):
-        fit = optimize.least_squares(residual, first / unit, bounds=(low / unit, high / unit))
-    return law_of(fit.x), fit.fun
+        fit = optimize.least_squares(residual, np.ones(len(free)), bounds=numbers.bounds)
+    return numbers.law_at(fit.x), fit.fun
 
 
 def excess_scatter(residual: FloatArray, log_covariance: FloatArray, parameters: int) -> float:

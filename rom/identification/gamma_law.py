@@ -17,7 +17,15 @@ from scipy import optimize
 from rom.campaign.channels import FloatArray
 from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
-from rom.identification.curve_fits import LawFit, covariance_of, fit_law, gamma_curve, upright, with_limits
+from rom.identification.curve_fits import (
+    FreeNumbers,
+    LawFit,
+    covariance_of,
+    fit_law,
+    gamma_curve,
+    upright,
+    with_limits,
+)
 from rom.identification.few_cases import few_cases
 from rom.identification.form_selection import Form, fit_form, reference_tension, with_given
 from rom.identification.gamma_per_case import GammaEstimate, LooseningCase, final_tensions, identify_gamma
@@ -30,6 +38,7 @@ from rom.progress import Progress
 
 _REFINEMENTS: Numerical[int] = 3
 _EVALUATIONS: Numerical[int] = 30  # of a refinement, at most; 4 are usual
+_STEP: Numerical[float] = 1e-3  # of slopes, in units of FreeNumbers
 _LEAST_LOSS_ERROR: Numerical[float] = 1e-9  # [N]
 _LEAST_SCATTER: Numerical[float] = 1e-6  # of ln gamma
 _LARGEST_SCATTER: Numerical[float] = 10.0
@@ -199,32 +208,30 @@ def refine_gamma_law(
     initial = np.array([case.initial for case in cases])
     measured = initial - np.array([case.final for case in cases])
     error = np.maximum([case.loss_error for case in cases], _LEAST_LOSS_ERROR)
-    scatter, values = fit.scatter, np.array([fit.law.parameters[name].value for name in fit.free])
+    numbers, scatter = FreeNumbers(fit.law, fit.free), fit.scatter
+    steps = np.ones(len(fit.free))
 
     known: dict[bytes, FloatArray] = {}  # a fit begins with the slopes that the one before ended with
 
-    def loss(parameters: FloatArray) -> FloatArray:
-        here = parameters.tobytes()
+    def loss(steps: FloatArray) -> FloatArray:
+        here = steps.tobytes()
         if here not in known:
-            law = fit.law.with_values(**dict(zip(fit.free, parameters, strict=True)))
-            final = final_tensions(model.with_tension_law(law), cases, window_s)
+            final = final_tensions(model.with_tension_law(numbers.law_at(steps)), cases, window_s)
             known[here] = np.asarray(initial - np.where(np.isfinite(final), final, 0.0))
         return known[here]
 
     covariance = fit.covariance
-    bounds = optimize.Bounds(*np.transpose([fit.law.parameters[name].bounds for name in fit.free]))
     for _ in range(_REFINEMENTS):
         found = optimize.least_squares(
-            partial(_loss_misfit, loss, measured, error, scatter), values, xtol=1e-6, ftol=1e-8,
-            x_scale=np.maximum(np.abs(values), 1e-9), diff_step=np.full(len(values), 1e-4),
-            max_nfev=_EVALUATIONS, bounds=bounds,
+            partial(_loss_misfit, loss, measured, error, scatter), steps, xtol=1e-6, ftol=1e-8,
+            diff_step=np.full(len(steps), _STEP), max_nfev=_EVALUATIONS, bounds=numbers.bounds,
         )  # fmt: skip
-        values, simulated = found.x, np.maximum(loss(found.x), _LEAST_LOSS_ERROR)
+        steps, simulated = found.x, np.maximum(loss(found.x), _LEAST_LOSS_ERROR)
         by_noise, rough = error / simulated, max(scatter, RULES.discretised_rate)
         rows = np.hypot(scatter, by_noise) / np.hypot(rough, by_noise)
-        covariance = covariance_of(np.asarray(found.jac) * rows[:, None])
-        scatter = _loss_scatter(measured, loss(values), error, len(values))
-    law, turn = upright(fit.law.with_values(**dict(zip(fit.free, values, strict=True))), fit.free)
+        covariance = covariance_of(np.asarray(found.jac) / numbers.unit * rows[:, None])
+        scatter = _loss_scatter(measured, loss(steps), error, len(steps))
+    law, turn = upright(numbers.law_at(steps), fit.free)
     covariance = turn @ covariance @ turn.T
     limited = with_limits(law, fit.free, covariance, len(cases) - len(fit.free))
     files = tuple(case.file for case in cases)
@@ -239,9 +246,9 @@ def _loss_misfit(
     measured: FloatArray,
     error: FloatArray,
     scatter: float,
-    values: FloatArray,
+    steps: FloatArray,
 ) -> FloatArray:
-    return _standardised(measured, loss(values), error, scatter)
+    return _standardised(measured, loss(steps), error, scatter)
 
 
 def _standardised(measured: FloatArray, loss: FloatArray, error: FloatArray, scatter: float) -> FloatArray:

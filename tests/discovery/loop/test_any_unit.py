@@ -101,17 +101,22 @@ def test_a_slow_joint_is_identified(times: float, tmp_path: Path, shared: Shared
     [
         ({"tension": MILLION}, {"alpha": -1, "beta": 1, "eta": -1, "rho": -1}),
         ({"mass": MILLION}, {"k": 1, "c": 1, "mass": 1, "k_i": 1, "c_d": 1, "c_i": 1}),
+        ({"length": MILLION}, {}),
     ],
     ids=str,
 )
 def test_numbers_of_a_joint_scale_exactly(
     scale: Scale, of: dict[str, int], tmp_path: Path, shared: Shared
 ) -> None:
-    """A fit that ends by the size of its numbers left beta 0.9 % off where tensions are a million times."""
+    """A fit that ends by the size of its numbers left beta 0.9 % off where tensions are a million times, and
+    gamma 0.02 % where lengths are.
+    """
     campaign = hammered(shared, cubic=False, cases=10)
     usual, other = (rom.identify(c, jobs=1) for c in (campaign, rescaled(campaign, tmp_path / "s", **scale)))
     for path, number in usual.parameters.items():
         expected = number.value * MILLION ** of.get(path.rpartition(".")[2], 0)
+        if path.endswith("gamma_d"):  # the logarithm of a rate per (m/s)^4
+            expected -= 4 * np.log10(scale.get("length", 1.0))
         assert other.parameter(path).value == pytest.approx(expected, rel=1e-6), path
 
 
