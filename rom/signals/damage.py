@@ -6,7 +6,7 @@ Each test keeps silent unless the evidence is strong, and none needs a model.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -241,6 +241,13 @@ def _size_of_digits(part: FloatArray, rules: Suspicions) -> float:
     return float(np.median(changes)) if in_digits else 0.0
 
 
+def _levels(parts: Iterable[FloatArray], rules: Suspicions) -> tuple[FloatArray, FloatArray]:
+    """The noise of every part of a channel, and the digit."""
+    each = [(_sharp_noise(part), _size_of_digits(part, rules)) for part in parts]
+    noise, digits = np.transpose(each)
+    return noise, digits
+
+
 def _windowed(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, str] | None:
     """Noise that fades evenly along the record, or digits: an analyser's exponential window."""
     hit, guard = round(hit_s * channel.rate_hz), round(rules.hit_guard_s * channel.rate_hz)
@@ -251,8 +258,7 @@ def _windowed(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, s
     last = WINDOW_PARTS // 2  # before it the ringing of fast modes may pass for noise
     parts = [before[-size:], *after[last * size : WINDOW_PARTS * size].reshape(-1, size)]
     time = np.arange(last, WINDOW_PARTS) * size / channel.rate_hz
-    noise = np.array([_sharp_noise(part) for part in parts])
-    digits = np.array([_size_of_digits(part, rules) for part in parts])
+    noise, digits = _levels(parts, rules)
     for quiet, levels, straight in (
         (noise[0], noise[1:], rules.window_straight if noise[0] else np.inf),
         (digits[0], digits[1:], rules.window_straight if digits[0] else rules.window_exact),
@@ -278,8 +284,7 @@ def _rounded(channel: Channel, hit_s: float, rules: Suspicions) -> tuple[str, st
     middles = (np.arange(count) + 0.5) / count
     hit = hit_s * channel.rate_hz / (size * count)
     quiet = ((middles < hit - 1 / count) | (middles > 0.5)) & (np.arange(count) % (count - 1) > 0)
-    noise = np.array([_sharp_noise(part) for part in parts])
-    digits = np.array([_size_of_digits(part, rules) for part in parts])
+    noise, digits = _levels(parts, rules)
     for levels, fewest in ((noise, np.sum(quiet)), (digits, count // 3)):
         known = quiet & (levels > 0)
         if np.sum(known) < fewest:
