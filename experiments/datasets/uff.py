@@ -21,6 +21,7 @@ ENDINGS = (".uff", ".unv", ".uf", ".u58")
 _END = b"-1"  # closes every data set; one that is not closed would pass unseen
 _BINARY = re.compile(rb"^ *58b", re.MULTILINE)
 _HEADER = 12  # lines of a data set 58 before its numbers, with that of its kind
+_SINGLE, _SINGLES_ON_A_LINE, _DOUBLES_ON_A_LINE = 2, 6, 4  # numbers; a pair x, y is two of them
 _TIME, _SI = 17, 1  # codes of the abscissa's kind and, in data set 164, of the units
 _SI_UNITS = {8: "m", 9: "N", 11: "m/s", 12: "m/s2", 13: "N"}  # by the ordinate's kind
 _DIRECTIONS = {1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
@@ -81,6 +82,8 @@ def _signal(path: Path, function: Mapping[str, Any], in_si: bool, shared: bool) 
         )
     if data.dtype.kind == "c":
         return Signal(name, np.empty(0), fault="found complex numbers, expected a function of time")
+    function = _without_filling(function)
+    data = np.asarray(function["data"])
     if len(data) != function["num_pts"]:
         found, expected = len(data), function["num_pts"]
         raise SourceError(f"{path.name}: {name}: found {found} samples, expected {expected} as in its header")
@@ -89,6 +92,17 @@ def _signal(path: Path, function: Mapping[str, Any], in_si: bool, shared: bool) 
     if not unit and in_si:
         unit = _SI_UNITS.get(function.get("ordinate_spec_data_type", 0), "")
     return Signal(name, data, unit, rate_hz, start_s, readings)
+
+
+def _without_filling(function: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a function without the zeros with which some programs fill its last line of text."""
+    pairs, count = function["abscissa_spacing"] == 0, function["num_pts"]
+    on_a_line = _SINGLES_ON_A_LINE if function["ord_data_type"] == _SINGLE else _DOUBLES_ON_A_LINE
+    surplus = len(function["data"]) - count
+    behind = [function[name][count:] for name in (("data", "x") if pairs else ("data",))]
+    if function["binary"] or not 0 < surplus < on_a_line / (1 + pairs) or any(map(np.any, behind)):
+        return function
+    return {**function, "data": function["data"][:count], "x": function["x"][:count]}
 
 
 def _axis(where: str, function: Mapping[str, Any]) -> tuple[float, float, tuple[float, ...]]:

@@ -17,6 +17,7 @@ from scipy.io import savemat
 from tests.experiments.datasets.lab_case import (
     CHANNELS,
     HZ,
+    N,
     Outcome,
     clock,
     force_and_acceleration,
@@ -28,12 +29,12 @@ FORCE, ACCELERATION = force_and_acceleration()
 Put = Callable[..., Outcome]
 
 
-def sound(found: Outcome, rate_hz: float = HZ, rtol: float = 1e-12) -> None:
+def sound(found: Outcome, rate_hz: float = HZ, rtol: float = 1e-12, samples: int = N) -> None:
     """Require both channels as written."""
     assert found.code == 0, found.line
     assert found.rates == pytest.approx({"force_m": rate_hz, "acceleration_m": rate_hz}, rel=1e-4)
-    np.testing.assert_allclose(found.samples["force_m"], FORCE, rtol=rtol, atol=rtol)
-    np.testing.assert_allclose(found.samples["acceleration_m"], ACCELERATION, rtol=rtol, atol=rtol)
+    np.testing.assert_allclose(found.samples["force_m"], FORCE[:samples], rtol=rtol, atol=rtol)
+    np.testing.assert_allclose(found.samples["acceleration_m"], ACCELERATION[:samples], rtol=rtol, atol=rtol)
 
 
 def refused(found: Outcome, *words: str) -> None:
@@ -151,21 +152,22 @@ def function(name: str, samples: Any, **more: Any) -> dict[str, Any]:
     return dict(pyuff.prepare_58(**{**fields, **more}))
 
 
-def write_functions(path: Path, **more: Any) -> None:
-    """Write F and A."""
+def write_functions(path: Path, count: int = N, **more: Any) -> None:
+    """Write F and A; pyuff writes single precision only if it is told so."""
     import pyuff
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ResourceWarning)
         for name, samples in (("F", FORCE), ("A", ACCELERATION)):
-            pyuff.UFF(str(path)).write_sets([function(name, samples, **more)], "add")
+            one = function(name, samples[:count], **more)
+            pyuff.UFF(str(path)).write_sets([one], "add", force_double=more.get("ord_data_type") != 2)
 
 
 @cache
-def functions(kind: int, spacing: int) -> str:
+def functions(kind: int, spacing: int, count: int = N) -> str:
     """Return the text of a universal file of F and A."""
     with TemporaryDirectory() as folder:
-        write_functions(Path(folder) / "a.uff", ord_data_type=kind, abscissa_spacing=spacing)
+        write_functions(Path(folder) / "a.uff", count, ord_data_type=kind, abscissa_spacing=spacing)
         return (Path(folder) / "a.uff").read_text()
 
 
@@ -189,6 +191,27 @@ def test_padded_universal_files_are_good_files(
     ending = "\r\n" if padding == "crlf" else "\n"
     path.write_bytes((ending.join(lines) + ("\0" * 9 if padding == "zeros" else "")).encode())
     sound(put("uff"), rtol=1e-4 if kind == 2 else 1e-11)
+
+
+@pytest.mark.parametrize("kind", [2, 4])
+@pytest.mark.parametrize("spacing", [0, 1])
+@pytest.mark.parametrize(("filling", "code"), [("", 0), (" ", 0), ("0", 0), ("1", 2)])
+def test_a_last_line_may_be_filled_with_blanks_or_zeros(
+    kind: int, spacing: int, filling: str, code: int, lab: Path, put: Put
+) -> None:
+    lines = functions(kind, spacing, N - 3).splitlines()
+    whole = [f"{float(filling):.5e}" if filling.strip() else ""] * 6
+    widths = {(2, 1): [13] * 6, (4, 1): [20] * 4, (2, 0): [13] * 6, (4, 0): [13, 20] * 2}[kind, spacing]
+    for last in [at - 1 for at, line in enumerate(lines) if line == "    -1"][1::2]:
+        there = len(lines[last].split())
+        filled = [word.rjust(width) for word, width in zip(whole, widths, strict=False)]
+        lines[last] += "".join(filled[there:]) if filling else ""
+    (lab / "a.uff").write_text("\n".join(lines) + "\n")
+    found = put("uff")
+    if code:
+        refused(found, "a.uff: F: found", f"samples, expected {N - 3} as in its header")
+    else:
+        sound(found, rtol=1e-5 if kind == 2 else 1e-11, samples=N - 3)
 
 
 @pytest.mark.parametrize("start", [0.0, 12.5])
