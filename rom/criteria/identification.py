@@ -56,6 +56,10 @@ class Identifying(Group):
     much_misfit: float = number(
         0.3, "1", "systematic share of what coupled tests leave over that is warned of"
     )
+    much_motion: float = number(
+        5e-4, "1", "the same as a share of the motion, below which it is not warned of",
+        "without noise: discretisation leaves 1e-4 of a block's, friction that is not declared 1e-3 and more",
+    )  # fmt: skip
     prior_stiffness: float = number(
         0.02, "1", "least error of ln k from an uncoupled test", "amplitudes differ from coupled tests"
     )

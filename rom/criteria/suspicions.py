@@ -122,6 +122,10 @@ class Suspicions(Group):
     held_digits: float = number(
         10.0, "1", "least jump at the end of it, in digits", "chosen: at rest it goes by single ones"
     )
+    held_noise: float = number(
+        1.0, "1", "white noise beside such a length of a tension, in digits",
+        "a loss that goes with the fourth power of velocity rests where that is zero, smoothly",
+    )  # fmt: skip
     repeated: float = number(
         0.01, "1", "share of values that last longer than a sample, above which digits are coarse", "chosen"
     )

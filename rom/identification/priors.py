@@ -43,29 +43,34 @@ class Misfit:
     """What a fit leaves over in records of a kind.
 
     `share` of the whitened residual's square is systematic: a short answer to the hit that is alike in
-    neighbouring lines, which noise is not. `systematic` is the cost of what goes beyond chance.
+    neighbouring lines, which noise is not. `systematic` is the cost of what goes beyond chance. `of_motion`
+    is the systematic part as a share of the motion, both weighted alike.
     """
 
     group: str
     share: float
     systematic: float
+    of_motion: float
 
 
 def misfits(records: Sequence[SpectralRecord], parts: Sequence[Linearised]) -> tuple[Misfit, ...]:
     """Return the misfit of every group: |sum_k conj(z_k) z_k+1| / sum_k |z_k|^2 over its lines z_k."""
-    sums: dict[str, tuple[complex, float, int]] = {}
+    sums: dict[str, tuple[complex, float, float, int]] = {}
     for record, part in zip(records, parts, strict=True):
         shape = record.motion.shape
         count = record.motion.size
         lines = (part.residual[:count] + 1j * part.residual[count : 2 * count]).reshape(shape)
-        product, square, n = sums.get(record.group, (0j, 0.0, 0))
+        product, square, motion, n = sums.get(record.group, (0j, 0.0, 0.0, 0))
         product += complex(np.sum(lines[:-1].conj() * lines[1:]))
-        sums[record.group] = product, square + float(np.sum(np.abs(lines) ** 2)), n + count
+        square += float(np.sum(np.abs(lines) ** 2))
+        motion += float(np.sum(part.projected(record.motion) ** 2))
+        sums[record.group] = product, square, motion, n + count
     found = []
-    for group, (product, square, n) in sums.items():
+    for group, (product, square, motion, n) in sums.items():
         share = abs(product) / max(square, 1e-300)
         beyond = max(share - max(RULES.misfit_share, RULES.misfit_chance / np.sqrt(n)), 0.0)
-        found.append(Misfit(group, share, beyond * square))
+        of_motion = float(np.sqrt(abs(product) / max(motion, 1e-300)))
+        found.append(Misfit(group, share, beyond * square, of_motion))
     return tuple(found)
 
 

@@ -217,9 +217,8 @@ def unsettled(model: Model, fit: OutputErrorFit) -> tuple[str, ...]:
     """Return reasons to doubt that an identified model is near its plant: unlikely numbers, or much misfit in
     the coupled tests without an uncoupled test that would hold the links.
     """
-    share = max(
-        (m.share for m in fit.misfits if m.systematic and not m.group.startswith(UNCOUPLED)), default=0
-    )
+    seen = (m for m in fit.misfits if m.systematic and m.of_motion > RULES.much_motion)
+    share = max((m.share for m in seen if not m.group.startswith(UNCOUPLED)), default=0)
     lines = unlikely(model, fit.ties)
     if share > RULES.much_misfit and not of_stiffness(fit.ties):
         text = (

@@ -6,7 +6,7 @@ Each test keeps silent unless the evidence is strong, and none needs a model.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ from rom.signals.hits import Hit
 
 BEYOND = "strain beyond its calibration"
 HANN = "Hann window"
+_DIFFERENCES: Numerical[int] = 3  # that noise is told by
 WINDOW_PARTS: Numerical[int] = 8
 
 
@@ -176,18 +177,21 @@ def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
         return None
     starts, stops = moved[:-1] + 1, moved[1:] + 1
     digit = max(_digit(steps, rules), float(steps[moved].min()))
-    least = rules.held_digits * np.maximum(digit, _about_zero(samples, 4 * rules.shortest))
+    of_bolt = channel.name in BOLT_CHANNELS
+    size, digits = (white_noise, rules.held_noise) if of_bolt else (np.ptp, rules.held_digits)
+    floor = np.maximum(digit, _about_zero(samples, 4 * rules.shortest))
     usual = rules.held_run * max(float(np.median(stops - starts)), 1.0)
     long = stops - starts >= usual
     runs = [
         slice(start, stop)
         for start, stop in zip(starts[long], stops[long], strict=True)
-        if _moves_beside(samples, start, stop, least[start])
+        if _moves_beside(samples, start, stop, size, digits * floor[start])
     ]
     last, end = stops[-1], len(samples)
-    if end - last >= max(usual, rules.shortest) and white_noise(samples[:last]) > least[last]:
+    lasts = end - last >= max(usual, rules.shortest)
+    if lasts and white_noise(samples[:last]) > rules.held_digits * floor[last]:
         runs.append(slice(last, end))
-    if not runs or (channel.name in BOLT_CHANNELS and not samples[runs[0].start]):
+    if not runs or (of_bolt and not samples[runs[0].start]):
         return None  # a loose bolt rests at no tension
     count, lasting = len(runs), sum(run.stop - run.start for run in runs)
     if not any(samples[run.start] for run in runs):
@@ -195,14 +199,17 @@ def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     return f"keeps one value {count} times, for {lasting} samples", "channel frozen"
 
 
-def _moves_beside(samples: FloatArray, start: int, stop: int, least: float) -> bool:
-    """Whether a signal goes further than this in half the time both before and after it keeps one value.
+def _moves_beside(
+    samples: FloatArray, start: int, stop: int, size: Callable[[FloatArray], float], least: float
+) -> bool:
+    """Whether a signal's size exceeds this in half the time both before and after it keeps one value.
 
-    Where it turns it goes by 1.5 digits in that time, at an inflection by 3.5.
+    Where it turns it goes by 1.5 digits in that time, at an inflection by 3.5; a tension that falls with the
+    fourth power of a velocity by 15 where that is zero, or more, but then smoothly.
     """
     half = (stop - start) // 2
     before, after = samples[max(start - half, 0) : start], samples[stop : stop + half]
-    return bool(len(before) and len(after) and min(np.ptp(before), np.ptp(after)) > least)
+    return min(len(before), len(after)) > _DIFFERENCES and bool(min(size(before), size(after)) > least)
 
 
 def _about_zero(samples: FloatArray, size: int) -> FloatArray:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rom.campaign.campaign import Campaign, CampaignSettings, read_campaign, write_campaign
-from rom.campaign.record import Channel
+from rom.campaign.channels import Channel, FloatArray
 from rom.model.description import LinkLaws
 from rom.model.laws import (
     constant_damping,
@@ -49,7 +49,12 @@ _MODELS = {
 
 
 def bolted_campaign(
-    folder: Path, name: str, preloads: Sequence[float], offset: float = 0.0, strain: float | None = None
+    folder: Path,
+    name: str,
+    preloads: Sequence[float],
+    offset: float = 0.0,
+    strain: float | None = None,
+    noise: float = 1.0,
 ) -> Campaign:
     """Write a small and a loosening hit for each preload, every third of the latter held out, and read them.
 
@@ -65,6 +70,8 @@ def bolted_campaign(
         What the accelerometers show at rest [m/s2].
     strain : float, optional
         With it the gauge shows a strain, this many times what the cubic calibration takes for the tension.
+    noise : float
+        Multiplies the noise of all channels.
 
     Returns
     -------
@@ -73,6 +80,10 @@ def bolted_campaign(
     """
     structure, laws = _MODELS[name]
     model, rng = Model(structure=structure, link_laws=laws), np.random.default_rng(1)
+
+    def white(deviation: float) -> FloatArray:
+        return noise * deviation * rng.standard_normal(SAMPLES)
+
     time, struck = np.arange(SAMPLES) / RATE_HZ, structure.bodies[0].name
     grid = np.linspace(-0.4, 3.2, 100_000)
     rows, files = [], []
@@ -81,11 +92,12 @@ def bolted_campaign(
             inside = (time > HIT_S) & (time < HIT_S + length)
             force = np.where(inside, peak * np.sin(np.pi * (time - HIT_S) / length), 0.0)
             moved = model.simulate({struck: force}, rate_hz=RATE_HZ, initial_tension=float(preload))
-            channels = {f"force_{struck}": force + 0.02 * rng.standard_normal(SAMPLES)}
+            channels = {f"force_{struck}": force + white(0.02)}
             for body in structure.bodies:
-                white = 2e-5 * peak * rng.standard_normal(SAMPLES)
-                channels[f"acceleration_{body.name}"] = moved.acceleration[body.name] + offset + white
-            tension = np.asarray(moved.tension) + 0.01 * rng.standard_normal(SAMPLES)
+                channels[f"acceleration_{body.name}"] = (
+                    moved.acceleration[body.name] + offset + white(2e-5 * peak)
+                )
+            tension = np.asarray(moved.tension) + white(0.01)
             if strain is None:
                 channels["tension"] = tension
             else:

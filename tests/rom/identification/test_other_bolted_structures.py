@@ -49,6 +49,14 @@ def test_three_preloads_leave_nothing_to_test_the_law(name: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize("name", ["block", "chain"])
+def test_what_discretisation_leaves_without_noise_is_no_misfit(name: str, tmp_path: Path) -> None:
+    """All that the linear model leaves over is systematic then; it is 1e-4 of the motion."""
+    told, suspicions = found(tmp_path / "c", name, WIDE, noise=0.0)
+    assert not suspicions
+    assert not told.unsettled
+
+
+@pytest.mark.parametrize("name", ["block", "chain"])
 def test_sensors_that_show_gravity_tell_the_same_numbers(name: str, tmp_path: Path) -> None:
     told, suspicions = found(tmp_path / "c", name, WIDE, offset=9.80665)
     assert not suspicions

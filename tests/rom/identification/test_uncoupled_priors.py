@@ -129,6 +129,7 @@ def test_misfit_without_uncoupled_tests_leaves_a_fit_unsettled() -> None:
     found = identified(1.0, uncoupled=False)
     assert found.linear is not None
     assert found.settled
-    astray = replace(found.linear, misfits=(Misfit("coupled:lo,so:100", 0.8, 1e4),))
-    (line,) = unsettled(found.model, astray)
+    large, small = (Misfit("coupled:lo,so:100", 0.8, 1e4, of_motion) for of_motion in (2e-2, 1e-4))
+    (line,) = unsettled(found.model, replace(found.linear, misfits=(large,)))
     assert "80 %" in line
+    assert not unsettled(found.model, replace(found.linear, misfits=(small,)))
