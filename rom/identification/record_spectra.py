@@ -35,7 +35,9 @@ _FIRST_CORNER: Numerical[float] = 0.5  # [rad/s]: a time constant of 2 s
 HIGHEST_HZ: Numerical[float] = 1000.0
 """No line of an impact or a driven force is looked at above, if the strongest frequency is far below."""
 _HIGHEST_OF_STRONGEST: Numerical[float] = 8.0
+_HIGHEST_AFTER_HIT: Numerical[float] = 62.5  # a stiff joint's own mode lies at ten times and more
 _LENGTH_S: Numerical[float] = 8.0
+_FEWEST_PERIODS: Numerical[float] = 32.0  # in those seconds, of which half a per cent of damping leaves 0.37
 _BEFORE_IMPACT_S: Numerical[float] = 0.1
 _LOWEST_LINES: Numerical[float] = 1.5
 STRIDES: Numerical[tuple[int, ...]] = (1, 2, 4, 8)
@@ -76,9 +78,10 @@ def spectral_records(
 ) -> tuple[SpectralRecord, ...]:
     """Return the spectra of one record with all terms that act on its moving bodies.
 
-    An impact record is cut after 8 s. Its part above four times the strongest frequency is taken from the
-    first second alone, where fast modes ring: the end states make any cut exact, and later samples would add
-    noise and work. `start_s` leaves out what comes before that time [s], the hit with it.
+    An impact record is cut after 8 s, or 32 periods of the strongest frequency. Its part above four times
+    that frequency is taken from the first second alone, where fast modes ring: the end states make any cut
+    exact, and later samples would add noise and work. `start_s` leaves out what comes before that time [s],
+    the hit with it.
 
     Parameters
     ----------
@@ -97,7 +100,8 @@ def spectral_records(
     bodies = tuple(body for body in settings.body_names if body in measurement.motion)
     rate, start, stop = measurement.rate_hz, 0, measurement.samples
     force = np.stack([measurement.force.get(body, np.zeros(stop)) for body in bodies], axis=1)
-    within = _lowest(measurement), max(HIGHEST_HZ, _HIGHEST_OF_STRONGEST * (measurement.strongest_hz or 0.0))
+    ratio = _HIGHEST_OF_STRONGEST if measurement.impact_s is None else _HIGHEST_AFTER_HIT
+    within = _lowest(measurement), max(HIGHEST_HZ, ratio * (measurement.strongest_hz or 0.0))
     low, high = _band(force, rate, within)
     parts = [(stop, (low, high))]
     if measurement.impact_s is not None:
@@ -106,8 +110,9 @@ def spectral_records(
         if start_s is not None:
             start = min(int(start_s * rate), stop - 16)
             low, high = _band(np.zeros_like(force), rate, within)
-        parts = [(start + _fast(min(stop - start, int(times * _LENGTH_S * rate))), (low, high))]
         strongest = measurement.strongest_hz
+        length_s = max(times * _LENGTH_S, _FEWEST_PERIODS / (strongest or np.inf))
+        parts = [(start + _fast(min(stop - start, int(length_s * rate))), (low, high))]
         if strongest is not None and _SPLIT * strongest < high:
             split, brief = _SPLIT * strongest, max(_BRIEF_S, _BRIEF_PERIODS / strongest)
             parts = [
