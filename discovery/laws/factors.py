@@ -17,7 +17,7 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.model.laws import Parameter, Place, free_form_law
 
-_USUAL_N: Numerical[tuple[float, float]] = (3.0, 3000.0)
+_USUAL_N: Numerical[tuple[float, float]] = (20.0, 500.0)  # grids then reach past all preloads
 _BASE_UNITS = {
     "v": {"m": 1.0, "s": -1.0},
     "x": {"m": 1.0},
@@ -242,7 +242,7 @@ def tension_power(r: float = 1.0, *, free: bool = False) -> Factor:
 
 
 def usual_unit(tension: float) -> float:
-    """Return the power of ten [N] in which a tension [N] is that of a usual bolt: 1 from 3 N to 3 kN."""
+    """Return the power of ten [N] in which a tension [N] is that of a usual bolt: 1 from 20 to 500 N."""
     low, high = _USUAL_N
     return 1.0 if low <= tension <= high else float(10.0 ** round(math.log10(max(tension, 1e-300) / 100.0)))
 

@@ -24,10 +24,14 @@ from rom.signals.calibration import Calibration
 RATE_HZ, SAMPLES, HIT_S = 9600.0, 9600, 0.2
 STIFFNESS, ALPHA, GAMMA_D = 9e5, -0.03, 11.0
 CUBIC = (2718.7, 2363.7, -575.63)  # rises up to a strain of 3.226, to 14 kN
+JOINT = {
+    "k_i": STIFFNESS, "alpha": ALPHA, "beta": 8.0, "c_d": 900.0, "c_i": 800.0, "eta": -0.008,
+    "gamma_d": GAMMA_D, "gamma_i": 7.5, "rho": -0.004,
+}  # fmt: skip
 _JOINT = LinkLaws(
-    logistic_stiffness(STIFFNESS, ALPHA, 8.0),
-    logistic_damping(900.0, 800.0, -0.008),
-    logistic_loosening(GAMMA_D, 7.5, -0.004),
+    logistic_stiffness(*(JOINT[name] for name in ("k_i", "alpha", "beta"))),
+    logistic_damping(*(JOINT[name] for name in ("c_d", "c_i", "eta"))),
+    logistic_loosening(*(JOINT[name] for name in ("gamma_d", "gamma_i", "rho"))),
 )
 _MODELS = {
     "block": (
@@ -55,6 +59,7 @@ def bolted_campaign(
     offset: float = 0.0,
     strain: float | None = None,
     noise: float = 1.0,
+    rate_hz: float = RATE_HZ,
 ) -> Campaign:
     """Write a small and a loosening hit for each preload, every third of the latter held out, and read them.
 
@@ -72,6 +77,8 @@ def bolted_campaign(
         With it the gauge shows a strain, this many times what the cubic calibration takes for the tension.
     noise : float
         Multiplies the noise of all channels.
+    rate_hz : float
+        Of all channels [Hz].
 
     Returns
     -------
@@ -80,18 +87,19 @@ def bolted_campaign(
     """
     structure, laws = _MODELS[name]
     model, rng = Model(structure=structure, link_laws=laws), np.random.default_rng(1)
+    count = round(SAMPLES / RATE_HZ * rate_hz)
 
     def white(deviation: float) -> FloatArray:
-        return noise * deviation * rng.standard_normal(SAMPLES)
+        return noise * deviation * rng.standard_normal(count)
 
-    time, struck = np.arange(SAMPLES) / RATE_HZ, structure.bodies[0].name
+    time, struck = np.arange(count) / rate_hz, structure.bodies[0].name
     grid = np.linspace(-0.4, 3.2, 100_000)
     rows, files = [], []
     for place, preload in enumerate(preloads):
         for test, peak, length in (("coupled", 25.0, 2e-3), ("loosening", 700.0, 1.3e-3)):
             inside = (time > HIT_S) & (time < HIT_S + length)
             force = np.where(inside, peak * np.sin(np.pi * (time - HIT_S) / length), 0.0)
-            moved = model.simulate({struck: force}, rate_hz=RATE_HZ, initial_tension=float(preload))
+            moved = model.simulate({struck: force}, rate_hz=rate_hz, initial_tension=float(preload))
             channels = {f"force_{struck}": force + white(0.02)}
             for body in structure.bodies:
                 channels[f"acceleration_{body.name}"] = (
@@ -105,14 +113,14 @@ def bolted_campaign(
             held = test == "loosening" and place % 3 == 2
             row = {"file": f"{test}_{place}.h5", "test": test, "preload_n": float(preload), "hold_out": held}
             rows.append(row)
-            files.append({key: Channel(key, values, RATE_HZ) for key, values in channels.items()})
+            files.append({key: Channel(key, values, rate_hz) for key, values in channels.items()})
     data = {
         "format": "boltlaw-campaign/1",
         "name": name,
         "body": [{"name": body.name, "mass_kg": body.mass} for body in structure.bodies],
         "link": [{"name": x.name, "between": [x.first, x.second], "law": x.law} for x in structure.links],
         "bolt": {"link": "joint"} | ({} if strain is None else {"calibration": CUBIC}),
-        "sampling": {"motion_rate_hz": RATE_HZ, "tension_rate_hz": RATE_HZ, "pretrigger_s": HIT_S},
+        "sampling": {"motion_rate_hz": rate_hz, "tension_rate_hz": rate_hz, "pretrigger_s": HIT_S},
         "windows": {"initial_s": [0.0, 0.15], "final_s": [0.6, 1.0]},
         "record": rows,
     }

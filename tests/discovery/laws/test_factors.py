@@ -95,3 +95,9 @@ def test_ranges_of_the_tension_go_with_the_bolts_own(scale: float) -> None:
     assert np.allclose(
         scale * np.array(logistic.inner["rho"].grid), factors.tension_logistic().inner["rho"].grid
     )
+
+
+def test_no_tension_is_far_from_the_middle_of_its_grids() -> None:
+    """A bolt of 3 kN had the grids of one of 100 N: what fades at 4 kN was sought up to 2 kN."""
+    for tension in np.geomspace(1e-9, 1e9, 200):
+        assert 0.19 < tension / (100.0 * factors.usual_unit(tension)) < 5.1

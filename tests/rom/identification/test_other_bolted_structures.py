@@ -10,7 +10,7 @@ import pytest
 from rom.identification.identify import Identification, identify_campaign
 from rom.signals.measured_records import screened, stored
 from rom.signals.suspicions import Suspicion
-from tests.rom.bolted import GAMMA_D, STIFFNESS, bolted_campaign
+from tests.rom.bolted import GAMMA_D, JOINT, STIFFNESS, bolted_campaign
 
 WIDE = np.geomspace(10.0, 1500.0, 5)
 
@@ -78,3 +78,16 @@ def test_strains_beyond_their_calibration_are_named_and_the_others_are_judged(
     assert "slack" not in f"{told.warnings} {told.set_aside}"
     numbers = told.model.parameters
     assert all(np.isfinite(number.value) for number in numbers.values())
+
+
+@pytest.mark.parametrize("name", ["block", "chain"])
+def test_limits_without_noise_hold_the_truth(name: str, tmp_path: Path) -> None:
+    told, suspicions = found(tmp_path / "c", name, np.geomspace(8.0, 1500.0, 7), noise=0.0, rate_hz=19200.0)
+    assert not suspicions
+    numbers = {path.rpartition(".")[2]: number for path, number in told.model.parameters.items()}
+    for path, truth in JOINT.items():
+        number = numbers[path]
+        assert number.low is not None
+        assert number.high is not None
+        assert number.low <= truth <= number.high
+        assert number.high - number.low < 2e-2 * abs(truth)
