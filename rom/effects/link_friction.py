@@ -18,6 +18,9 @@ Array = MutableSequence[float]
 _KAPPA = {"kappa": 0.1}
 _SHARE = {"kappa": (0.0, 1.0)}  # all of a link may slip
 _SLIDER = {**_SHARE, "mu": (0.0, math.inf)}
+_BENDS = {**_SHARE, "beta": (0.5, 4.0)}
+"""Below 2 all of the share slips in the end; above, it is stiffer on every way out, and stiffer still on the
+way back, so that a closed motion always loses energy. Joints slip: elsewhere either is possible."""
 
 
 def _coulomb(
@@ -48,7 +51,7 @@ def _bouc_wen(
     z = x - s[0]
     r = min(abs(z) / p[1], 10.0) ** p[2]
     sign = 1.0 if z >= 0.0 else -1.0
-    ds[0] = (p[3] * abs(v) * sign + (1.0 - p[3]) * v) * r
+    ds[0] = (min(p[3], 1.0) * abs(v) * sign + (1.0 - p[3]) * v) * r
     return -p[0] * k * s[0]
 
 
@@ -138,7 +141,7 @@ MEMBERS = (
         "bouc-wen",
         ("joint", "ground"),
         "z = x - z1; r = min(abs(z) / x_y, 10) ** n; F = -kappa * k * z1; "
-        "dz1/dt = (beta * abs(v) * sign(z) + (1 - beta) * v) * r",
+        "dz1/dt = (min(beta, 1) * abs(v) * sign(z) + (1 - beta) * v) * r",
         {
             "kappa": parameter(0.25, "1", 0.0, 0.8),
             "x_y": parameter(6e-5, "m", 1e-5, 1e-3),
@@ -150,10 +153,10 @@ MEMBERS = (
         "Wen, J. Eng. Mech. Div. 102, 249 (1976)",
         _bouc_wen,
         state_units=("m",),
-        inner={"x_y": (2e-5, 6e-5, 1.5e-4)},
+        inner={"x_y": (2e-5, 6e-5, 1.5e-4), "beta": (0.5, 2.5)},
         passive=True,
         ground={"kappa": parameter(0.05, "1", 0.0, 0.8), "x_y": parameter(3e-4, "m", 1e-5, 1e-2)},
-        ends=_SHARE,
+        ends=_BENDS,
     ),
     Member(
         "lugre",

@@ -182,6 +182,20 @@ def test_bouc_wen_yields_at_its_yield_displacement():
     assert abs(small).max() < 1e-4 * spring * 1e-7
 
 
+@pytest.mark.parametrize("beta", [1.0, 1.5, 2.375, 3.5])
+def test_bouc_wen_bends_by_beta_less_two_on_the_way_out_and_by_beta_on_the_way_back(beta):
+    """With n = 1 dz/dx is 1 + (beta - 2) z / x_y where z grows and 1 + beta z / x_y where it falls."""
+    effect, spring, x_y = CATALOGUE["bouc-wen"].at("joint"), 0.3 * 9e5, 2e-4
+    t = np.linspace(0, 0.125, 8001)
+    path = t, 1e-4 * np.sin(32 * np.pi * t), 32e-4 * np.pi * np.cos(32 * np.pi * t), t[2]
+    x, force = path[1][::2], driven(effect.function, [0.3, x_y, 1.0, beta], effect.states, path)
+    z = force / spring + x
+    step, between = np.diff(x), (z[1:] + z[:-1]) / 2
+    bend = np.where(between * step > 0, beta - 2, beta) * np.abs(between) / x_y
+    steady = np.abs(step) > 0.1 * np.abs(step).max()  # away from where the motion turns
+    assert (np.diff(z) / step)[steady] == pytest.approx(1 + bend[steady], rel=1e-3)
+
+
 def test_microslip_softening_ends_at_its_share_of_the_stiffness():
     effect = at("microslip-softening", "joint", alpha=0.3, x_s=5e-5, q=2.0)
     assert compiled(effect, 0, 1e-8, 0, 100, 9e5, 1)[0] == pytest.approx(0, abs=1e-6 * 9e5 * 1e-8)

@@ -11,11 +11,12 @@ import rom
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.acceptance import is_accepted
 from discovery.decide.chance import p_value
-from discovery.explain.force_balance import _slope, explain
-from discovery.explain.force_balance_screen import screen
+from discovery.explain.force_balance import _slope, best_fit, explain
+from discovery.explain.force_balance_screen import screen, starts_of
 from discovery.explain.probes import by_chance, probed_in_pieces
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.options import Options
+from discovery.residual.base import cost
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.channels import FloatArray
 from tests.discovery import driven_twins as twins
@@ -108,6 +109,32 @@ def test_false_alarms_of_the_whole_catalogue_in_noise_are_as_many_as_are_asked()
         assert largest is not None
         alarms += p_value(probes[0][0].gain, largest) <= CRITERIA.chance.false_alarms
     assert alarms <= 4  # binomial: more come with a chance below 1 %
+
+
+def test_hysteresis_stiffer_on_every_way_out_is_fitted_as_such() -> None:
+    """A cycled contact whose hysteresis is stepped here: where slip must soften, no share of it explains."""
+    rng, (kappa, x_y, beta), k, records = np.random.default_rng(3), (0.4, 1e-4, 2.6), 3e4, {}
+    for file, held in (("first.h5", False), ("second.h5", True)):
+        time = np.arange(int(6 * twins.CYCLED_HZ)) / twins.CYCLED_HZ
+        x = 1e-4 * (0.2 + time / 6) * np.sin(2 * np.pi * 5.0 * time + (0.3 if held else 0.0))
+        z, spring = 0.0, np.empty_like(x)
+        for at, step in enumerate(np.diff(x, prepend=0.0)):
+            for _ in range(10):
+                out = z * step > 0
+                z += step / 10 * (1 + (beta - 2 if out else beta) * abs(z) / x_y)
+            spring[at] = (1 - kappa) * k * x[at] + kappa * k * z
+        noisy = spring + 50.0 * np.gradient(x, 1 / twins.CYCLED_HZ) + 2e-3 * rng.normal(size=len(x))
+        shown = {"link_displacement_contact": x, "link_force_contact": noisy}
+        records[file] = ("cycled", held, shown, twins.CYCLED_HZ)
+    campaign = twins.campaign_of(Shared.here.new_folder() / "twin", "slider", "contact", "linear", records)
+    residual = BalanceRefits.of(campaign, Options()).start().residual
+    assert isinstance(residual, ForceBalanceResidual)
+    probes = next(ones for ones in screen(residual, Options()) if ones[0].member.name == "bouc-wen")
+    after, (found,) = best_fit(starts_of(probes, residual))
+    numbers = {name: number.value for name, number in found.parameters.items()}
+    assert numbers["beta"] == pytest.approx(beta, rel=0.05)
+    assert numbers["kappa"] / numbers["x_y"] == pytest.approx(kappa / x_y, rel=0.1)  # that, not either alone
+    assert cost(after) < 0.01 * cost(residual)
 
 
 def test_a_number_far_below_what_it_is_added_to_is_stepped_by_what_is_seen() -> None:
