@@ -48,7 +48,8 @@ class Member:
     state_units : tuple of str
         Units of a kernel's internal states, in order.
     inner : mapping of str to tuple of float
-        A small grid of plausible values for parameters other than strengths, for screening.
+        A small grid of plausible values for parameters other than strengths, for screening; where a place's
+        range ends before, its end.
     linear : bool
         Whether force, rate or channel is linear in the strengths.
     passive : bool

@@ -49,7 +49,7 @@ def test_a_member_is_complete(member):
         assert low <= 0.0 < least <= high
         assert abs(member.parameters[name].value) >= least or member.parameters[name].value == 0.0
     for name, grid in member.inner.items():
-        low, high = member.parameters[name].bounds
+        low, high = member.ends.get(name, member.parameters[name].bounds)
         assert all(low <= value <= high for value in grid)
 
 
