@@ -22,9 +22,10 @@ from rom.criteria.identification import RULES
 from rom.criteria.number import Numerical
 from rom.identification.free_scale import Scale, mass_of, scale_of
 from rom.identification.modal_starts import of_modes
-from rom.identification.record_spectra import LinearNames, with_starts
+from rom.identification.record_spectra import LinearNames
 from rom.identification.record_spectra import spectral_records as spectra_of
 from rom.identification.ring_down import RingDown, ring_down
+from rom.identification.starting_values import with_starts
 from rom.model.description import LinkLaws
 from rom.model.laws import Z95, Law, Parameter, constant_damping, constant_stiffness
 from rom.model.model import Model
