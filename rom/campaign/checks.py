@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,11 +21,13 @@ from rom.campaign.record import inspect_channels
 from rom.campaign.sensors import modal_faults, sensors_of
 from rom.campaign.settings import CampaignSettings, RecordSettings
 from rom.campaign.settings_faults import file_fault, moving_faults
+from rom.criteria.number import Numerical
 
 MINIMUM_SAMPLES = 16  # fewer cannot be filtered (third order, both ways)
 IMPACT_TESTS = ("uncoupled", "coupled", "loosening", "driven")
 GROUND_TESTS = ("driven", "loosening")
 RESTING_TESTS = ("cycled", "hold")
+_ONE_RATE: Numerical[float] = 5e-3  # relative: clocks and printed times
 
 
 @dataclass(frozen=True)
@@ -105,7 +108,8 @@ def check_record(folder: Path, settings: CampaignSettings, index: int) -> Check:
     elif found.complete and not any(moving_faults(record, settings.body_names)):
         faults += _absent(index, settings, found.names)
     if found.channels:
-        faults += _too_short(record, settings, max(found.channels.values(), key=lambda c: c.duration_s))
+        longest = max(found.channels.values(), key=lambda c: c.duration_s)
+        faults += [*_tenfold(record, settings, found.channels)] or _too_short(record, settings, longest)
     needs_calibration = settings.bolt is not None and settings.bolt.calibration is None
     needs_calibration &= "strain" in found.names and "tension" not in found.names
     digest = file_digest(path) if not faults else ""
@@ -180,6 +184,32 @@ def _absent_link(links: tuple[str, ...], names: Collection[str]) -> Iterator[str
 def _or(names: Iterable[str]) -> str:
     *most, last = names
     return f"{', '.join(most)} or {last}" if most else last
+
+
+def _tenfold(
+    record: RecordSettings, settings: CampaignSettings, channels: Mapping[str, Channel]
+) -> Iterator[str]:
+    """Say of motions and forces at a power of ten times the usual rate that their time is in another unit.
+
+    Other than impact tests may be so slow: of these only times in ms, us or ns are told.
+    """
+    usual_hz, least = settings.sampling.motion_rate_hz, 3 if record.test in ("driven", "free") else 1
+    for name, channel in channels.items():
+        decades = math.log10(channel.rate_hz / usual_hz)
+        whole = round(decades)
+        near = abs(channel.rate_hz / usual_hz / 10.0**whole - 1) < _ONE_RATE
+        if (
+            name not in BOLT_CHANNELS
+            and record.test not in RESTING_TESTS
+            and near
+            and whole
+            and not whole % least
+        ):
+            yield (
+                f"{name}: found {channel.rate_hz:g} Hz, expected a rate near {usual_hz:g} Hz of [sampling], "
+                "not off by a power of ten: give times in s and rates in Hz, or another motion_rate_hz"
+            )
+            return
 
 
 def _too_short(record: RecordSettings, settings: CampaignSettings, longest: Channel) -> Iterator[str]:
