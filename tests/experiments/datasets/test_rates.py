@@ -55,6 +55,11 @@ def test_a_rate_at_odds_by_a_power_of_ten_is_refused(
     refused(matlab(variables, motion_hz=motion_hz), "[sampling]", f"{motion_hz:g}")
 
 
+@pytest.mark.parametrize("times", [1e-6, 1e-3, 0.01, 0.1, 10.0, 100.0, 1e3, 1e6])
+def test_any_power_of_ten_is_refused(times: float, matlab: Put) -> None:
+    refused(matlab({"fs": times * 19200.0}), "a.mat: F", "[sampling]", "19200")
+
+
 @pytest.mark.parametrize(
     ("motion_hz", "tension_hz", "code"), [(25600, 6400, 0), (19200, 6400, 2), (25600, 4800, 2)]
 )
@@ -176,6 +181,7 @@ def uff(path: Path, step: float, label: str, start: float = 0.0, factor: float =
         (1 / HZ, "", HZ),
         (1e3 / HZ, "", None),
         (1e6 / HZ, "", None),
+        (1e3 / HZ, "s", None),
         (1.0, "s", None),
         (1 / HZ, "Hz", None),
     ],
