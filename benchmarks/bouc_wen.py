@@ -23,8 +23,9 @@ import numba
 import numpy as np
 
 from benchmarks import one_body
+from benchmarks.matlab_rows import rows
 from experiments.datasets.collected import Collected, file_of
-from experiments.datasets.vectors import mat_vectors, same_length
+from experiments.datasets.vectors import same_length
 from rom.campaign.channels import Channel, FloatArray
 
 RATE_HZ, FINER, PERIOD = 750.0, 20, 8192
@@ -154,7 +155,7 @@ def _official(folder: Path, name: str) -> tuple[FloatArray, FloatArray]:
     found = {}
     for kind in ("uval", "yval"):
         variable = f"{kind}_{name}"
-        found |= mat_vectors(file_of(folder, f"{variable}.mat"), (variable,))
+        found[variable] = rows(file_of(folder, f"{variable}.mat"), variable, 1)[0]
     same_length(folder, found)
     force, moved = found.values()
     times = PERIODS if name == "multisine" else 1

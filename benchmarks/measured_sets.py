@@ -11,15 +11,13 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
-from scipy.io import loadmat
-
 from benchmarks import bouc_wen, one_body
+from benchmarks.matlab_rows import rows
 from experiments.datasets import emps, silverbox
-from experiments.datasets.collected import Collected, SourceError, file_of, optional, unreadable
-from experiments.datasets.vectors import mat_vectors, same_length
+from experiments.datasets.collected import Collected, SourceError, file_of, optional
+from experiments.datasets.vectors import same_length
 from rom.campaign.campaign import FORMAT, CampaignSettings
-from rom.campaign.channels import Channel, FloatArray
+from rom.campaign.channels import Channel
 from rom.campaign.record import in_a_line
 
 CHAMPNEYS, NOEL = "Champneys et al. 2024", "Noël et al. 2016"
@@ -156,7 +154,7 @@ def _silverbox_tests(folder: Path | None) -> tuple[Scored, ...]:
     first = start + int(_TRAINING_SHARE * (stop - start)) + _STATE
     parts = tuple(
         (f"records/multisine_{number:02d}.h5", slice(max(first - part.start, 0), stop - part.start))
-        for number, part in enumerate(silverbox.multisines(path.name, mat_vectors(path, ("V1",))["V1"]), 1)
+        for number, part in enumerate(silverbox.multisines(path.name, rows(path, "V1", 1)[0]), 1)
         if part.stop > first
     )
     arrow = "records/arrow.h5"
@@ -187,8 +185,8 @@ def _tanks(folder: Path | None, _seed: int) -> Collected:
     assert folder is not None
     path = file_of(folder, "dataBenchmark.mat")
     names = ("uEst", "yEst", "uVal", "yVal")
-    vectors = mat_vectors(path, names)
-    rate_hz = 1 / float(mat_vectors(path, ("Ts",))["Ts"][0])
+    vectors = {name: rows(path, name, 1)[0] for name in names}
+    rate_hz = 1 / float(rows(path, "Ts", 1)[0, 0])
     files = {"records/estimation.h5": "Est", "records/validation.h5": "Val"}
     name = "Cascaded tanks; volts taken as N and m"
     settings = one_body.settings(name, "level", "outflow", rate_hz, tuple(files), ("records/validation.h5",))
@@ -211,7 +209,7 @@ def _f16(folder: Path | None, _seed: int) -> Collected:
     assert folder is not None
     paths = {file: file_of(folder, name) for file, name in F16_FILES.items()}
     first = next(iter(paths.values()))
-    rate_hz = float(_rows(first, "Fs", 1)[0, 0])
+    rate_hz = float(rows(first, "Fs", 1)[0, 0])
     settings = CampaignSettings.model_validate(
         {
             "format": FORMAT,
@@ -228,27 +226,13 @@ def _f16(folder: Path | None, _seed: int) -> Collected:
 
     def records() -> Iterator[tuple[str, Mapping[str, Channel]]]:
         for file, path in paths.items():
-            accelerations = _rows(path, "Acceleration", len(F16_SENSORS))
-            shown = {"force_exc": _rows(path, "Force", 1)[0]}
+            accelerations = rows(path, "Acceleration", len(F16_SENSORS))
+            shown = {"force_exc": rows(path, "Force", 1)[0]}
             shown |= {f"acceleration_{b}": a for b, a in zip(F16_SENSORS, accelerations, strict=True)}
             same_length(path, shown)
             yield file, {name: Channel(name, samples, rate_hz) for name, samples in shown.items()}
 
     return Collected(settings, records())
-
-
-def _rows(path: Path, name: str, count: int) -> FloatArray:
-    """A matrix of a MATLAB file, (count, samples)."""
-    try:
-        values = loadmat(str(path), variable_names=(name,))[name]
-    except Exception as cause:  # a parser of foreign bytes may fail in any way
-        raise unreadable(path, "MATLAB file", cause) from None
-    sound = values.ndim == 2 and len(values) == count and values.dtype.kind in "iuf"
-    if not sound or not np.isfinite(values).all():
-        raise SourceError(
-            f"{path.name}: {name}: found shape {values.shape}, expected {count} rows of numbers"
-        )
-    return np.asarray(values, dtype=np.float64)
 
 
 def _f16_tests(_folder: Path | None) -> tuple[Scored, ...]:

@@ -226,7 +226,9 @@ def errors_of(fit: Fit) -> dict[str, float]:
     spread = max(float(fit.rows @ fit.rows) / len(fit.rows), 1.0)
     pieces = fit.residual.pieces
     scores = np.stack([np.bincount(pieces, weights=column * fit.rows) for column in table.T], axis=1)
-    errors = standard_errors(inverse, np.asarray(scores, dtype=np.float64), spread) / size
+    of_units = standard_errors(inverse, np.asarray(scores, dtype=np.float64), spread)
+    with np.errstate(over="ignore"):  # what shows next to nothing has errors without an end
+        errors = of_units / size
     return dict(zip(fit.paths, errors.tolist(), strict=False))
 
 

@@ -33,7 +33,7 @@ from rom.effects import ModelCorrection
 from rom.evaluation.error_measures import ErrorsByKind, Kind, summarise
 from rom.evaluation.evaluate import evaluate
 from rom.identification.balance_warnings import noise_warnings, sign_warnings
-from rom.identification.force_balance import Balances, balances_of, model_of, standard_errors
+from rom.identification.force_balance import OFFSET, Balances, balances_of, model_of, standard_errors
 from rom.model.laws import Z95
 from rom.model.model import Model
 from rom.signals.measured_records import measured_record
@@ -182,14 +182,15 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
     def doubts(self, history: LoopHistory) -> tuple[str, ...]:
         """Masses and stiffnesses that effects drive to zero, dampings that they drive below it beyond chance.
 
-        A damping of zero is none: friction may be all that there is.
+        A damping of zero is none: friction may be all that there is. An offset may have either sign.
         """
         first, last = (self.own(state.residual) for state in (history.states[0], history.last))
         least = dict(zip(self.balances.names, _largest_plausible(last).tolist(), strict=True))
         return tuple(
             f"{name}: zero with the effects, {first.values[name]:.4g} without them"
             for name in self.balances.names
-            if first.values[name] > 0
+            if not name.endswith(f".{OFFSET}.F_0")
+            and first.values[name] > 0
             and not last.values[name] > 0
             and (".damping." not in name or least[name] < 0)
         )

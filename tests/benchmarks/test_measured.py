@@ -196,7 +196,7 @@ class TestFiles:
         savemat(
             tmp_path / benchmark.files[0], {"Force": motion[:1], "Acceleration": motion[:2], "Fs": [[400.0]]}
         )
-        with pytest.raises(SourceError, match=r"Level1.mat: Acceleration: found shape \(2, 20\)"):
+        with pytest.raises(SourceError, match=r"Level1.mat: Acceleration: found \(2, 20\)"):
             list(benchmark.collect(tmp_path, 0).records)
 
     def test_a_folder_that_is_none_ends_the_command(

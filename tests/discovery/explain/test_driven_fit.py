@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import pytest
 from discovery.criteria.criteria import CRITERIA
 from discovery.decide.acceptance import meets_worse
 from discovery.explain.driven_fit import fitted_by_simulation
+from discovery.explain.simulation import errors_of
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.options import Options
 from rom.campaign.channels import FloatArray
@@ -47,6 +50,17 @@ def test_numbers_that_are_off_are_brought_to_the_truth_and_shapes_are_held(tmp_p
         assert low - 1e-3 * true < true < high + 1e-3 * true, path
     assert fitted.parameter("guide.coulomb-friction.v_s").value == 2e-3
     assert set(numbers) == {*TRUTH, "guide.coulomb-friction.F_c"}
+
+
+def test_a_number_that_shows_next_to_nothing_has_an_error_without_an_end() -> None:
+    """Its slopes are below the smallest normal number: warnings are errors here."""
+    rows = np.random.default_rng(1).normal(size=50)
+    slopes = np.stack([np.ones(50), np.full(50, 1e-310) * np.sign(rows)], axis=1)
+    residual = SimpleNamespace(pieces=np.arange(50) // 10)
+    fit: Any = SimpleNamespace(slopes=slopes, rows=rows, residual=residual, paths=("seen", "unseen"))
+    errors = errors_of(fit)
+    assert errors["seen"] == pytest.approx(1 / np.sqrt(50), rel=0.5)
+    assert errors["unseen"] == np.inf
 
 
 def test_records_that_nothing_drives_are_fitted_to_nothing(tmp_path: Path) -> None:

@@ -320,6 +320,9 @@ def test_a_mass_or_a_stiffness_at_zero_is_a_doubt_a_damping_only_if_it_would_be_
     refits = BalanceRefits.of(twins.driven(tmp_path / "clean"), Options())
     first = refits.start()
     assert isinstance(first.residual, ForceBalanceResidual)
+    offset = next(name for name in first.residual.values if name.endswith("F_0"))
+    values = {**first.residual.values, offset: 0.1}
+    first = replace(first, residual=replace(first.residual, values=values))
 
     def doubts(name: str, *effects: ModelCorrection) -> list[str]:
         values = {**first.residual.values, name: 0.0}  # type: ignore[attr-defined]
@@ -331,4 +334,5 @@ def test_a_mass_or_a_stiffness_at_zero_is_a_doubt_a_damping_only_if_it_would_be_
     assert doubts(mass) == [mass]
     assert doubts(stiffness) == [stiffness]
     assert doubts(damping) == []
+    assert doubts(offset) == []
     assert doubts(damping, friction.with_values(F_c=10.0)) == [damping]
