@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import rom
 from rom.identification.identify import Identification, identify_campaign
 from rom.signals.measured_records import screened, stored
 from rom.signals.suspicions import Suspicion
+from tests.rescaled import rescaled
 from tests.rom.bolted import GAMMA_D, JOINT, STIFFNESS, bolted_campaign
 
 WIDE = np.geomspace(10.0, 1500.0, 5)
@@ -91,3 +93,20 @@ def test_limits_without_noise_hold_the_truth(name: str, tmp_path: Path) -> None:
         assert number.high is not None
         assert number.low <= truth <= number.high
         assert number.high - number.low < 2e-2 * abs(truth)
+
+
+@pytest.mark.parametrize(
+    ("name", "scale", "of"),
+    [
+        ("block", {"tension": 2.0**20}, {"alpha": -1, "beta": 1, "eta": -1, "rho": -1}),
+        ("chain", {"mass": 2.0**-20}, dict.fromkeys(("mass", "k", "c", "k_i", "c_d", "c_i"), -1)),
+    ],
+)
+def test_numbers_scale_exactly(
+    name: str, scale: dict[str, float], of: dict[str, int], tmp_path: Path
+) -> None:
+    campaign = bolted_campaign(tmp_path / "c", name, WIDE.tolist(), strain=1.0)
+    usual, other = (rom.identify(c, jobs=1) for c in (campaign, rescaled(campaign, tmp_path / "s", **scale)))
+    for path, number in usual.parameters.items():
+        expected = number.value * 2.0 ** (20 * of.get(path.rpartition(".")[2], 0))
+        assert other.parameter(path).value == pytest.approx(expected, rel=1e-6), path
