@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -213,16 +212,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     if missing := [folder for folder in options.data if not folder.is_dir()]:
         parser.error(f"--data: found no folder {missing[0]}")
+    outcomes = list[Outcome]()
     with tempfile.TemporaryDirectory() as scratch, Progress(console=Console(stderr=True)) as progress:
         found, lines = sources(options.only, options.data, Path(scratch) if options.download else None)
-        print(*lines, sep="\n", file=sys.stderr)
-        outcomes = [
-            outcome_of(name, BENCHMARKS[name], source, options.seed, options.jobs, progress)
-            for name, source in found.items()
-        ]
+        _tell(lines, progress)
+        for name, source in found.items():
+            try:
+                one = outcome_of(name, BENCHMARKS[name], source, options.seed, options.jobs, progress)
+            except SourceError as fault:
+                _tell([f"{name}: skipped: {fault}"], progress)
+                continue
+            outcomes.append(one)
+            _tell(table([one])[2:], progress)
     print("\n".join([*table(outcomes), "", *cited(outcomes)]))
     for one in outcomes:
         print(f"\n{equation(one)}")
+
+
+def _tell(lines: Sequence[str], progress: Progress) -> None:
+    """Print lines on standard error, above the stages."""
+    for line in lines:
+        progress.console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 if __name__ == "__main__":

@@ -199,6 +199,17 @@ class TestFiles:
         with pytest.raises(SourceError, match=r"Level1.mat: Acceleration: found \(2, 20\)"):
             list(benchmark.collect(tmp_path, 0).records)
 
+    def test_files_of_something_else_are_skipped_with_a_line(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        (tmp_path / "dataBenchmark.mat").write_bytes(b"no such thing")
+        measured.main(["--only", "cascaded-tanks", "emps", "--data", str(tmp_path)])
+        shown = capsys.readouterr()
+        skipped = {line.partition(":")[0]: line for line in shown.err.splitlines() if "skipped" in line}
+        assert "dataBenchmark.mat" in skipped["cascaded-tanks"]
+        assert "found no DATA_EMPS.mat" in skipped["emps"]
+        assert len([line for line in shown.out.splitlines() if line.startswith("|")]) == 2  # the head alone
+
     def test_a_folder_that_is_none_ends_the_command(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
