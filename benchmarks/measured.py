@@ -38,6 +38,7 @@ from rom.model.model import Model
 from rom.signals.measured_records import measured_record, with_stored_records
 
 SKIPPED = "{name}: skipped: found no {file}; give its folder with --data, or --download to have it fetched"
+REGENERATED = "{name}: regenerated from its published equation: found no {file}"
 HEAD = ("benchmark", "test", "unit", "declared", "ours", "best published", "by", "verdict", "wall s", "CPU s")
 
 
@@ -169,7 +170,7 @@ def equation(one: Outcome) -> str:
 def sources(
     names: Sequence[str], folders: Sequence[Path], downloads: Path | None
 ) -> tuple[dict[str, Path | None], list[str]]:
-    """Return the folder of each benchmark's files, and a line for every benchmark that is skipped.
+    """Return the folder of each benchmark's files, and a line for every benchmark that has none.
 
     Parameters
     ----------
@@ -189,10 +190,11 @@ def sources(
                 source = benchmark.fetched(downloads / name)
             except SourceError as cause:
                 fault = f" ({cause})"
-        if source is None and benchmark.needs_files:
-            lines.append(SKIPPED.format(name=name, file=benchmark.missing(folders)) + fault)
-        else:
+        if source is not None or not benchmark.needs_files:
             found[name] = source
+        if source is None:
+            without = SKIPPED if benchmark.needs_files else REGENERATED
+            lines.append(without.format(name=name, file=benchmark.missing(folders)) + fault)
     return found, lines
 
 

@@ -103,7 +103,7 @@ class Benchmark:
         Raises
         ------
         SourceError
-            If the loader is not installed, or gets nothing.
+            If the loader is not installed, or does not get all files.
         """
         package = optional("nonlinear_benchmarks", "datasets")
         module, _, name = self.loader.rpartition(".")
@@ -112,6 +112,8 @@ class Benchmark:
             load(data_file_locations=True, dir_placement=str(folder))
         except Exception as cause:  # network, archive, disk: each means that there are no files
             raise SourceError(f"{self.title} could not be fetched ({in_a_line(cause)})") from None
+        if left_out := self.missing([folder]):
+            raise SourceError(f"{self.title}: its loader left no {left_out}")
         return folder
 
 

@@ -153,8 +153,10 @@ class TestFiles:
         write_emps(tmp_path / "deep" / "below")
         found, lines = measured.sources(tuple(BENCHMARKS), [tmp_path], None)
         assert found == {"emps": tmp_path, "bouc-wen": None}
-        assert [line.partition(":")[0] for line in lines] == ["silverbox", "cascaded-tanks", "f-16"]
-        assert all("skipped: found no " in line and "--download" in line for line in lines)
+        said = dict(line.split(": ", 1) for line in lines)
+        assert said.pop("bouc-wen").startswith("regenerated from its published equation: found no uval_")
+        assert set(said) == {"silverbox", "cascaded-tanks", "f-16"}
+        assert all("skipped: found no " in line and "--download" in line for line in said.values())
 
     def test_they_are_fetched_by_their_loader(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         def tanks(*, data_file_locations: bool, dir_placement: str) -> None:
@@ -171,9 +173,14 @@ class TestFiles:
 
         loader: Any = types.ModuleType("nonlinear_benchmarks")
         loader.Cascaded_Tanks, loader.Silverbox = tanks, offline
-        monkeypatch.setitem(sys.modules, "nonlinear_benchmarks", loader)
-        found, (line,) = measured.sources(("silverbox", "cascaded-tanks"), [], tmp_path)
-        assert "no route to host" in line
+        others: Any = types.ModuleType("nonlinear_benchmarks.not_splitted_benchmarks")
+        others.BoucWen = lambda **_: None
+        for module in (loader, others):
+            monkeypatch.setitem(sys.modules, module.__name__, module)
+        found, lines = measured.sources(("silverbox", "bouc-wen", "cascaded-tanks"), [], tmp_path)
+        assert "no route to host" in lines[0]
+        assert "its loader left no uval_multisine.mat" in lines[1]
+        assert found["bouc-wen"] is None
         made = BENCHMARKS["cascaded-tanks"].collect(found["cascaded-tanks"], 0)
         shown = dict(made.records)
         assert [(r.file, r.hold_out) for r in made.settings.record] == [
