@@ -63,7 +63,7 @@ def read(path: Path) -> list[Signal]:
         if not objects or not _OF_OBJECTS.search(text):
             warnings.warn(text, stacklevel=2)
     rates = {name[8:]: _rate(path, name, value) for name, value in content.items() if name[:8] == "rate_hz_"}
-    fields = {name: value for name, value in content.items() if not name.startswith("__")}
+    fields = {n: value for n, value in content.items() if not n.startswith("__") and n not in rates}
     common = _rate_field(fields) or _rate_beside(fields)
     header_rate = _common_rate(content.get("File_Header"))
     signals = [Signal(name, np.empty(0), fault=f"{what}, {_REMEDY}") for name, what in objects.items()]

@@ -74,6 +74,19 @@ def test_a_rate_beside_signals_of_two_lengths_fits_sampling_or_is_refused(
     assert found.code == code, found.line
 
 
+def test_a_rate_beside_is_of_those_without_one_of_their_own(
+    capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "lab").mkdir()
+    tension = 100 + np.random.default_rng(2).standard_normal(N // 4)
+    variables = {"F": FORCE, "A": ACCELERATION, "T": tension, "fs": 25600.0, "rate_hz_T": 6400.0}
+    savemat(tmp_path / "lab" / "a.mat", variables)
+    rules = {**CHANNELS, "T": '{channel = "tension", unit = "N"}'}
+    found = imported(capfd, tmp_path / "lab", "matlab", rules)
+    assert found.code == 0, found.line
+    assert found.rates == {"force_m": HZ, "acceleration_m": HZ, "tension": HZ / 4}
+
+
 @pytest.mark.parametrize(("rates", "code"), [("19200 4800", 0), ("25600 6400", 2), ("25600;19200", 0)])
 def test_several_rates_of_an_export(
     rates: str, code: int, capfd: pytest.CaptureFixture[str], tmp_path: Path
