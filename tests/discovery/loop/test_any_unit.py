@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,13 +34,23 @@ def strength(closure: rom.Closure, scale: Scale) -> float:
     return float(closure.effects[0].effect.parameters["k3"].value / unit)
 
 
+def driven(shared: Shared) -> Campaign:
+    """A driven body on a cubic spring, made once."""
+
+    def work() -> Path:
+        folder = shared.new_folder() / "campaign"
+        driven_twins.driven(folder, extra=lambda x, v: 4e8 * x**3 + 0.0 * v, seconds=2.0)
+        return folder
+
+    return rom.read_campaign(shared.once("any unit driven", work))
+
+
 @pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.parametrize("scale", [*EACH, {"time": 2.0**10}, {"time": 2.0**-10}], ids=str)
-def test_a_driven_body(scale: Scale, tmp_path: Path) -> None:
-    campaign = driven_twins.driven(tmp_path / "c", extra=lambda x, v: 4e8 * x**3 + 0.0 * v, seconds=2.0)
-    usual, other = (
-        close_loop(one, jobs=1) for one in (campaign, rescaled(campaign, tmp_path / "s", **scale))
-    )
+def test_a_driven_body(scale: Scale, tmp_path: Path, shared: Shared) -> None:
+    campaign = driven(shared)
+    usual = shared.once("any unit driven closed", lambda: close_loop(campaign, jobs=1))
+    other = close_loop(rescaled(campaign, tmp_path / "s", **scale), jobs=1)
     assert other.verdict == usual.verdict == "closed"
     assert named(other) == named(usual) == [("cubic-stiffness", "guide")]
     assert strength(other, scale) == pytest.approx(strength(usual, {}), rel=1e-6)
@@ -83,7 +94,7 @@ def test_a_hammered_joint(scale: Scale, tmp_path: Path, shared: Shared) -> None:
     assert strength(closure, scale) == pytest.approx(4.5e12, rel=0.03)
 
 
-@pytest.mark.parametrize("times", [1 / 32, 8.0, 64.0, MILLION])
+@pytest.mark.parametrize("times", [1 / 32, 64.0, MILLION])
 def test_a_fast_or_slow_joint_is_identified(times: float, tmp_path: Path, shared: Shared) -> None:
     """Times of a usual joint would hide the first mode, take it for drift, end the loss and bound gamma; its
     frequencies would leave out the mode in which a fast joint works.
@@ -114,7 +125,8 @@ def test_numbers_of_a_joint_scale_exactly(
     gamma 0.02 % where lengths are.
     """
     campaign = hammered(shared, cubic=False, cases=10)
-    usual, other = (rom.identify(c, jobs=1) for c in (campaign, rescaled(campaign, tmp_path / "s", **scale)))
+    usual = shared.once("any unit identified", lambda: rom.identify(campaign, jobs=1))
+    other = rom.identify(rescaled(campaign, tmp_path / "s", **scale), jobs=1)
     for path, number in usual.parameters.items():
         expected = number.value * MILLION ** of.get(path.rpartition(".")[2], 0)
         if path.endswith("gamma_d"):  # the logarithm of a rate per (m/s)^4
@@ -126,18 +138,16 @@ def test_numbers_of_a_joint_scale_exactly(
 @pytest.mark.parametrize(
     "scale",
     [
-        FAST,
         SLOWEST,
-        *(pytest.param(scale, marks=pytest.mark.variant) for scale in (SLOW, {"mass": MILLION}, *MORE[:2])),
+        *(pytest.param(s, marks=pytest.mark.variant) for s in (FAST, SLOW, {"mass": MILLION}, *MORE[:2])),
     ],
     ids=str,
 )
 def test_laws_of_the_tension(scale: Scale, tmp_path: Path, shared: Shared) -> None:
     campaign = hammered(shared, cubic=False, cases=10)
-    usual, other = (
-        discover(one, criteria=FEWER, libraries=["velocity"], max_terms=1, jobs=1)
-        for one in (campaign, rescaled(campaign, tmp_path / "s", **scale))
-    )
+    laws = partial(discover, criteria=FEWER, libraries=["velocity"], max_terms=1, jobs=1)
+    usual = shared.once("any unit laws", lambda: laws(campaign))
+    other = laws(rescaled(campaign, tmp_path / "s", **scale))
     forms = [[tuple(law.parameters) for law in found.laws[:3]] for found in (usual, other)]
     assert forms[0] == forms[1]
     powers = [[law.parameters["n"].value for law in found.laws[:3]] for found in (usual, other)]
