@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import h5py
 import joblib
 import numpy as np
 import pytest
@@ -167,45 +166,6 @@ def test_records_are_selected_by_test_and_hold_out(campaign: Campaign) -> None:
     assert files(test="driven", hold_out=False) == []
     with pytest.raises(ValueError, match='"loosening"'):
         campaign.select(test="losening")
-
-
-def _slow(path: Path, times: float) -> None:
-    """Let a record's file state times that are so many times as long, as those in ms are that stand for s."""
-    if path.suffix == ".csv":
-        head, *rows = path.read_text().splitlines()
-        parts = [row.partition(",") for row in rows]
-        path.write_text("\n".join([head, *(f"{times * float(at):.9g},{rest}" for at, _, rest in parts)]))
-    else:
-        with h5py.File(path, "r+") as file:
-            for channel in file.values():
-                channel.attrs["rate_hz"] = channel.attrs["rate_hz"] / times
-
-
-@pytest.mark.parametrize(
-    ("file", "times", "fault"),
-    [
-        (LOOSENING, 10.0, "acceleration_lo: found 40 Hz"),
-        (UNCOUPLED, 1e6, "force_lo: found 0.0004 Hz"),
-        (LOOSENING, 0.01, "acceleration_lo: found 40000 Hz"),
-        (DRIVEN, 1e3, "force_lo: found 0.4 Hz"),
-        (FREE, 1e3, "displacement_lo: found 0.4 Hz"),
-        (LOOSENING, 4 / 3, ""),
-        (DRIVEN, 10.0, ""),
-        (HOLD, 1e3, ""),
-    ],
-)
-def test_times_in_another_unit_are_refused_and_a_rate_of_its_own_is_not(
-    file: str, times: float, fault: str, edited: Callable[..., Path]
-) -> None:
-    folder = edited(lambda _: None)
-    _slow(folder / file, times)
-    if not fault:
-        assert len(read_campaign(folder).settings.record) == len(FILES)
-        return
-    with pytest.raises(CampaignError) as refusal:
-        read_campaign(folder)
-    (line,) = refusal.value.faults
-    assert line.startswith(f"{file}: {fault}, expected a rate near 400 Hz of [sampling]")
 
 
 def test_folder_or_settings_file_one_job_or_two_give_the_same(sound: Path, campaign: Campaign) -> None:
