@@ -91,7 +91,10 @@ class Suspicions(Group):
         0.05, "1", "share of the largest preload, below which a wrong zero explains it"
     )
     rate_same: float = number(1e-4, "1", "relative difference below which two rates are one")
-    rate_other: float = number(0.02, "1", "relative difference above which another rate was meant")
+    rate_other: float = number(
+        0.02, "1", "relative difference above which another rate was meant, unless by the declared one alone "
+        "the hit is within half of it at the declared time",
+    )  # fmt: skip
     lone_samples: int = number(2, "1", "samples in a row, above which an extreme is a signal", _SEEN)
     lone_share: float = number(
         0.2, "1", "share of the distance of lone samples from those beside them that others stay below", _SEEN

@@ -72,6 +72,8 @@ class Evidence:
         The bolt's channel and its median before the hit, in its own unit; None without one.
     rates : mapping of str to float
         Sampling rates [Hz] by channel.
+    hit_s : float, optional
+        Time of the hit by its channel's rate [s]; None without one.
     given : mapping of str to float
         Masses and stiffnesses of this record alone, by path.
     """
@@ -86,6 +88,7 @@ class Evidence:
     gauge: tuple[str, float] | None
     damages: tuple[Damage, ...]
     rates: Mapping[str, float]
+    hit_s: float | None = None
     given: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -122,6 +125,7 @@ def evidence(
         *damages(record, hit, criteria.suspicions),
         *beyond_calibration(record, settings, criteria.suspicions),
     )
+    hit_s = None if hit is None else hit.start / hit.force.rate_hz
     spoilt = any(doubt.kind not in ("polarity", "second-hit") for doubt in doubts) or any(
         one.at_hit for one in damaged
     )
@@ -133,9 +137,10 @@ def evidence(
         pushed=record.test != "driven" and (hit is None or float(hit.pulse.sum()) > 0),
         balance=None if spoilt else _balance(record, settings, hit, criteria.suspicions),
         unhit=forces[0].name if missed else "",
-        gauge=_gauge(record, settings, None if hit is None else hit.start / hit.force.rate_hz),
+        gauge=_gauge(record, settings, hit_s),
         damages=damaged,
         rates={name: channel.rate_hz for name, channel in record.channels.items()},
+        hit_s=hit_s,
         given=record.settings.given,
     )
 

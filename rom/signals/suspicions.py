@@ -14,7 +14,7 @@ import numpy as np
 from scipy.constants import g, lbf
 
 from rom.campaign.campaign import CampaignSettings
-from rom.campaign.channels import default_rate
+from rom.campaign.channels import BOLT_CHANNELS, default_rate
 from rom.criteria.criteria import RECORD_CRITERIA
 from rom.criteria.suspicions import Suspicions
 from rom.signals.damage import BEYOND
@@ -203,6 +203,22 @@ def _rates(records: Sequence[Evidence], settings: CampaignSettings, rules: Suspi
     for record in records:
         for channel, rate in record.rates.items():
             declared = default_rate(channel, sampling.motion_rate_hz, sampling.tension_rate_hz)
-            if rules.rate_same < abs(rate / declared - 1) < rules.rate_other:
-                finding = f"{channel} is sampled at {rate:.7g} Hz, {declared:.7g} Hz is declared"
+            off = abs(rate / declared - 1)
+            hit = channel not in BOLT_CHANNELS and _hit_as_declared(record, rate / declared, settings, rules)
+            if rules.rate_same < off < rules.rate_other or hit:
+                by = (
+                    f", and by that the hit is at the {sampling.pretrigger_s:g} s of pretrigger_s"
+                    if hit
+                    else ""
+                )
+                finding = f"{channel} is sampled at {rate:.7g} Hz, {declared:.7g} Hz is declared{by}"
                 yield Suspicion(record.file, channel, finding, rate / declared, "sampling rate", OF_DOUBTS)
+
+
+def _hit_as_declared(record: Evidence, ratio: float, settings: CampaignSettings, rules: Suspicions) -> bool:
+    """Whether the hit is at the declared time by the declared rate, but not by one so many times as high."""
+    expected, found = settings.sampling.pretrigger_s, record.hit_s
+    if not expected or found is None:
+        return False
+    by_file, by_declared = (abs(time / expected - 1) for time in (found, found * ratio))
+    return by_declared < rules.rate_other / 2 and by_file > rules.rate_other
