@@ -6,7 +6,7 @@ Each test keeps silent unless the evidence is strong, and none needs a model.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -178,14 +178,14 @@ def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     starts, stops = moved[:-1] + 1, moved[1:] + 1
     digit = max(_digit(steps, rules), float(steps[moved].min()))
     of_bolt = channel.name in BOLT_CHANNELS
-    size, digits = (white_noise, rules.held_noise) if of_bolt else (np.ptp, rules.held_digits)
+    noise = rules.held_noise if of_bolt else 0.0
     floor = np.maximum(digit, _about_zero(samples, 4 * rules.shortest))
     usual = rules.held_run * max(float(np.median(stops - starts)), 1.0)
     long = stops - starts >= usual
     runs = [
         slice(start, stop)
         for start, stop in zip(starts[long], stops[long], strict=True)
-        if _moves_beside(samples, start, stop, size, digits * floor[start])
+        if _moves_beside(samples, start, stop, rules.held_digits * floor[start], noise * floor[start])
     ]
     last, end = stops[-1], len(samples)
     lasts = end - last >= max(usual, rules.shortest)
@@ -199,17 +199,18 @@ def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     return f"keeps one value {count} times, for {lasting} samples", "channel frozen"
 
 
-def _moves_beside(
-    samples: FloatArray, start: int, stop: int, size: Callable[[FloatArray], float], least: float
-) -> bool:
-    """Whether a signal's size exceeds this in half the time both before and after it keeps one value.
+def _moves_beside(samples: FloatArray, start: int, stop: int, least: float, noise: float) -> bool:
+    """Whether a signal goes further than this in half the time both before and after it keeps one value, and
+    with so much noise.
 
     Where it turns it goes by 1.5 digits in that time, at an inflection by 3.5; a tension that falls with the
     fourth power of a velocity by 15 where that is zero, or more, but then smoothly.
     """
     half = (stop - start) // 2
-    before, after = samples[max(start - half, 0) : start], samples[stop : stop + half]
-    return min(len(before), len(after)) > _DIFFERENCES and bool(min(size(before), size(after)) > least)
+    beside = samples[max(start - half, 0) : start], samples[stop : stop + half]
+    if min(map(len, beside)) <= _DIFFERENCES:
+        return False
+    return all(np.ptp(part) > least and white_noise(part) >= noise for part in beside)
 
 
 def _about_zero(samples: FloatArray, size: int) -> FloatArray:

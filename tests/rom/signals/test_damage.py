@@ -329,3 +329,15 @@ def test_a_hit_at_the_first_sample_leaves_no_noise_to_tell() -> None:
     seen = evidence(record, settings, assess(record, settings))
     assert seen.balance is not None
     assert np.array_equal(seen.balance.noise, np.zeros(2))
+
+
+@pytest.mark.parametrize("noise", [0.3, 0.5, 0.7, 1.0])
+def test_a_gauge_whose_noise_is_about_a_digit_is_not_frozen(noise: float) -> None:
+    """Of so many samples a few in a row are equal by chance."""
+    rng = np.random.default_rng(3)
+
+    def coarse(y: FloatArray, _: FloatArray) -> FloatArray:
+        return np.round(1000.0 + noise * rng.normal(size=y.size))
+
+    found = told(campaign(BLOCK), settings_of(BLOCK), only("tension", coarse))
+    assert "channel frozen" not in {one.likely for one in found}
