@@ -1,7 +1,9 @@
 """Every explainer by name: what it takes, and where it is.
 
 An explainer is a function ``explain(residual, options)`` that returns an `Explanation` of every effect that
-it knows. A new one is a module of this folder and a line here.
+it knows. A new one is a module of this folder, a line here, and its place in the loop: what shows before the
+hits is called by name in `discovery.loop.rest_stage`; of the others the refits of each kind of record
+(`discovery.loop.impact_refits` and its fellows) take the steps, screen and fits, one by one.
 """
 
 from __future__ import annotations

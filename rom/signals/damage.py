@@ -21,7 +21,7 @@ from rom.signals.hits import Hit
 
 BEYOND = "strain beyond its calibration"
 HANN = "Hann window"
-_DIFFERENCES: Numerical[int] = 3  # that noise is told by
+_ROUNDING: Numerical[float] = 8 * np.finfo(float).eps  # of a number, which is no digit of a channel
 WINDOW_PARTS: Numerical[int] = 8
 
 
@@ -176,22 +176,22 @@ def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     if len(moved) < rules.shortest:
         return None
     starts, stops = moved[:-1] + 1, moved[1:] + 1
-    digit = max(_digit(steps, rules), float(steps[moved].min()))
-    of_bolt = channel.name in BOLT_CHANNELS
-    noise = rules.held_noise if of_bolt else 0.0
+    least = max(float(steps[moved].min()), _ROUNDING * float(np.abs(samples).max()))
+    digit = max(_digit(steps, rules), least)
     floor = np.maximum(digit, _about_zero(samples, 4 * rules.shortest))
     usual = rules.held_run * max(float(np.median(stops - starts)), 1.0)
     long = stops - starts >= usual
     runs = [
         slice(start, stop)
         for start, stop in zip(starts[long], stops[long], strict=True)
-        if _moves_beside(samples, start, stop, rules.held_digits * floor[start], noise * floor[start])
+        if steps[stop - 1] > rules.held_jump * least
+        and _moves_beside(samples, start, stop, rules.held_digits * floor[start])
     ]
     last, end = stops[-1], len(samples)
     lasts = end - last >= max(usual, rules.shortest)
     if lasts and white_noise(samples[:last]) > rules.held_digits * floor[last]:
         runs.append(slice(last, end))
-    if not runs or (of_bolt and not samples[runs[0].start]):
+    if not runs or (channel.name in BOLT_CHANNELS and not samples[runs[0].start]):
         return None  # a loose bolt rests at no tension
     count, lasting = len(runs), sum(run.stop - run.start for run in runs)
     if not any(samples[run.start] for run in runs):
@@ -199,18 +199,15 @@ def _held(channel: Channel, rules: Suspicions) -> tuple[str, str] | None:
     return f"keeps one value {count} times, for {lasting} samples", "channel frozen"
 
 
-def _moves_beside(samples: FloatArray, start: int, stop: int, least: float, noise: float) -> bool:
-    """Whether a signal goes further than this in half the time both before and after it keeps one value, and
-    with so much noise.
+def _moves_beside(samples: FloatArray, start: int, stop: int, least: float) -> bool:
+    """Whether a signal goes further than this in half the time both before and after it keeps one value.
 
-    Where it turns it goes by 1.5 digits in that time, at an inflection by 3.5; a tension that falls with the
-    fourth power of a velocity by 15 where that is zero, or more, but then smoothly.
+    Where it turns it goes by 1.5 digits in that time, at an inflection by 3.5 and more, where several modes
+    pass for rest: but then it goes on by single digits, where a channel that was frozen jumps.
     """
     half = (stop - start) // 2
-    beside = samples[max(start - half, 0) : start], samples[stop : stop + half]
-    if min(map(len, beside)) <= _DIFFERENCES:
-        return False
-    return all(np.ptp(part) > least and white_noise(part) >= noise for part in beside)
+    before, after = samples[max(start - half, 0) : start], samples[stop : stop + half]
+    return bool(len(before) and len(after) and min(np.ptp(before), np.ptp(after)) > least)
 
 
 def _about_zero(samples: FloatArray, size: int) -> FloatArray:

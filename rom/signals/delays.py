@@ -96,7 +96,8 @@ class Window:
         if len(every) < 2 or left - noise < least:
             return found
         alone = min((self._alone(place, near, left, noise) for place in every), key=lambda one: one.misfit)
-        late = rules.late_alone * usual < abs(alone.samples) < reach  # at its end no delay balances best
+        # at the end of what is looked at no delay balances best
+        late = rules.late_alone * usual < abs(alone.samples) < reach - self.step
         told = late and self._explains(alone, left, noise, rules.late_share)
         better = (found.misfit - alone.misfit) * left > least
         return alone if told and better else found

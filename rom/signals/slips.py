@@ -291,7 +291,7 @@ def _slip_of(balance: Balance, masses: FloatArray) -> _Told | None:
     met = [
         (slip, share, measured)
         for slip, share, measured in fits
-        if share < rules.slip_share * left
+        if share < (rules.exchanged_share if slip.exchanged else rules.slip_share) * left
         and abs(np.log(measured / slip.apparent)) < np.log(rules.slip_near)
         and (slip.apparent < 0 or slip.exchanged or share == best[slip.places])
     ]

@@ -204,21 +204,20 @@ def _rates(records: Sequence[Evidence], settings: CampaignSettings, rules: Suspi
         for channel, rate in record.rates.items():
             declared = default_rate(channel, sampling.motion_rate_hz, sampling.tension_rate_hz)
             off = abs(rate / declared - 1)
-            hit = channel not in BOLT_CHANNELS and _hit_as_declared(record, rate / declared, settings, rules)
+            hit = channel not in BOLT_CHANNELS and _hit_as_declared(record, rate, declared, settings, rules)
             if rules.rate_same < off < rules.rate_other or hit:
-                by = (
-                    f", and by that the hit is at the {sampling.pretrigger_s:g} s of pretrigger_s"
-                    if hit
-                    else ""
-                )
-                finding = f"{channel} is sampled at {rate:.7g} Hz, {declared:.7g} Hz is declared{by}"
+                at = f"; by that the hit is at the {sampling.pretrigger_s:g} s of pretrigger_s" if hit else ""
+                finding = f"{channel} is sampled at {rate:.7g} Hz, {declared:.7g} Hz is declared{at}"
                 yield Suspicion(record.file, channel, finding, rate / declared, "sampling rate", OF_DOUBTS)
 
 
-def _hit_as_declared(record: Evidence, ratio: float, settings: CampaignSettings, rules: Suspicions) -> bool:
-    """Whether the hit is at the declared time by the declared rate, but not by one so many times as high."""
+def _hit_as_declared(
+    record: Evidence, rate_hz: float, declared_hz: float, settings: CampaignSettings, rules: Suspicions
+) -> bool:
+    """Whether the hit is at the declared time by the declared rate, but not by that of force and channel."""
     expected, found = settings.sampling.pretrigger_s, record.hit_s
-    if not expected or found is None:
+    forces = {rate for name, rate in record.rates.items() if name.startswith("force_")}
+    if not expected or found is None or forces != {rate_hz}:
         return False
-    by_file, by_declared = (abs(time / expected - 1) for time in (found, found * ratio))
+    by_file, by_declared = (abs(at / expected - 1) for at in (found, found * rate_hz / declared_hz))
     return by_declared < rules.rate_other / 2 and by_file > rules.rate_other

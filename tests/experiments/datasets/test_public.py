@@ -16,6 +16,7 @@ from scipy import signal
 from scipy.io import loadmat, savemat
 
 import rom
+from experiments.datasets.collected import SourceError
 from experiments.datasets.silverbox import multisines
 from tests.experiments.source_files import silverbox_drive, write_emps, write_silverbox, write_tribometer
 from tests.experiments.test_cli import listing, one_line
@@ -79,6 +80,13 @@ def test_multisines_start_where_the_drive_does(length: int, rests: list[int], se
     drive, starts = silverbox_drive([length + 110 - rest for rest in [*rests[1:], 110]], [*rests, 500], seed)
     found = multisines("twin", drive)
     assert [part.start for part in found] == starts
+
+
+def test_a_sample_whose_square_is_no_number_leaves_no_multisine() -> None:
+    drive = np.random.default_rng(0).normal(size=100_000)
+    drive[70_000] = 1e300
+    with pytest.raises(SourceError, match="found 0 multisines"):
+        multisines("twin", drive)
 
 
 def test_silverbox_with_other_multisines_is_refused(boltlaw: Boltlaw, tmp_path: Path) -> None:

@@ -341,3 +341,16 @@ def test_a_gauge_whose_noise_is_about_a_digit_is_not_frozen(noise: float) -> Non
 
     found = told(campaign(BLOCK), settings_of(BLOCK), only("tension", coarse))
     assert "channel frozen" not in {one.likely for one in found}
+
+
+@pytest.mark.parametrize("noise", [0.5, 3.0])
+def test_a_gauge_in_digits_that_keeps_one_value_is_frozen(noise: float) -> None:
+    rng = np.random.default_rng(3)
+
+    def stuck(y: FloatArray, _: FloatArray) -> FloatArray:
+        coarse = np.round(5000.0 + noise * rng.normal(size=y.size) - 0.3 * np.arange(y.size))
+        coarse[1500:1900] = coarse[1500]
+        return coarse
+
+    found = told(campaign(BLOCK), settings_of(BLOCK), only("tension", stuck))
+    assert "channel frozen" in {one.likely for one in found}
