@@ -19,7 +19,8 @@ def flat_top(
 
     A parabola that stays within a band b of its top for n samples falls by 3 b over the next n / 2 on either
     side, which points to 1.5 b above the band; a clipped signal falls faster. The band is as wide as readings
-    of one value scatter; but where noise is finely resolved, equal readings in a row are no chance.
+    of one value scatter; but where noise is finely resolved, equal readings in a row are no chance. On a flat
+    top readings change between two steps of quantisation at most: a crest of two modes goes over more.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def flat_top(
     bands = [band for band in (0.0, scatter) if band or noise > rules.fine_steps * step or not scatter]
     for band in bands:
         start, stop = _flat_stretch(samples, peak, band, rules) if peak > rules.flat_height * band else (0, 0)
-        if stop > start and samples[start:stop].std() <= rules.level_noise * noise + step:
+        if stop > start and samples[start:stop].std() <= rules.level_noise * noise + 0.5 * step:
             return stop - start, float(samples.max())
     return None
 

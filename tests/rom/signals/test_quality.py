@@ -147,8 +147,9 @@ class TestClipped:
             np.where(TIME < 0.5, 317.0, 316.0 + np.exp(-(TIME - 0.5))),  # a step down
             np.sin(2 * np.pi * 15 * TIME) * np.exp(-TIME),
             np.random.default_rng(0).standard_normal(len(TIME)).astype(np.float32).astype(np.float64),
+            np.maximum(np.round(170 - 2 * (((np.arange(len(TIME)) - 1000) / 14) ** 2 - 1) ** 2), 0),
         ],
-        ids=["zero", "constant", "coarse", "fine", "dithered", "step", "decay", "noise"],
+        ids=["zero", "constant", "coarse", "fine", "dithered", "step", "decay", "noise", "two modes"],
     )
     @pytest.mark.parametrize("name", ["displacement_lo", "tension"])
     def test_quiet_and_quantised_channels_are_not(self, samples: FloatArray, name: str) -> None:
