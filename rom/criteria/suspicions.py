@@ -42,11 +42,9 @@ class Suspicions(Group):
         2e-5, "1", "share of the force's square beyond noise, above which one motion may be late", _RIG
     )
     late_share: float = number(
-        0.15,
-        "1",
-        "share of the misfit that the delay of one motion may leave",
-        "late by 1 ms: at most 0.06; 2 sound records of 1000 campaigns: 0.33 and 0.38",
-    )
+        0.02, "1", "share of the misfit that the delay of one motion may leave",
+        "late by 1 ms: 95 of 100 records below; three sound ones of 2000 campaigns: 0.05 to 0.4",
+    )  # fmt: skip
     slip_left: float = number(1e-4, "1", "share of the force's square that a slip is to explain", _RIG)
     slip_share: float = number(
         0.15, "1", "share of that which a slip may leave", "rig: slips leave at most 1.4 %"
