@@ -106,7 +106,9 @@ class SimulatedFit:
             return None
         return replace(self.start, baseline=baseline, residual=rows, jacobian=slopes, simulated=None)
 
-    def rows(self, baseline: FreeParameters, *, hold_out: bool = False) -> FloatArray:
+    def rows(
+        self, baseline: FreeParameters, *, hold_out: bool = False, before: FloatArray | None = None
+    ) -> FloatArray:
         """What the model leaves over of records of one kind; infinite where a simulation does not finish.
 
         Parameters
@@ -115,6 +117,9 @@ class SimulatedFit:
             The model.
         hold_out : bool
             Of which records; rows of all others are zero.
+        before : ndarray, shape (rows,)
+            What was left of the same records before a step. Those that most was left of come first, and
+            the rest is not simulated once more is left than of all before.
 
         Returns
         -------
@@ -122,9 +127,16 @@ class SimulatedFit:
             Of all records.
         """
         found = np.zeros(len(self.start.residual))
-        for trace, stored, here in self.records:
-            if trace.settings.hold_out is hold_out:
-                found[here] = self._rows_of(trace, stored.as_type(np.float64), baseline)
+        asked = [one for one in self.records if one[0].settings.hold_out is hold_out]
+        left, most = 0.0, np.inf
+        if before is not None:
+            asked.sort(key=lambda one: -float(before[one[2]] @ before[one[2]]))
+            most = float(before @ before)
+        for trace, stored, here in asked:
+            found[here] = self._rows_of(trace, stored.as_type(np.float64), baseline)
+            left += float(found[here] @ found[here])
+            if left > most:
+                break
         return found
 
     def _fall_as_measured(self, model: Model, *, hold_out: bool) -> None:
@@ -156,12 +168,13 @@ class SimulatedFit:
         self, baseline: FreeParameters, rows: FloatArray, slopes: FloatArray, units: FloatArray
     ) -> tuple[FloatArray, FreeParameters, FloatArray] | None:
         """A Gauss-Newton step, damped ones where it does not lower the cost; where it ends, what is left."""
-        none = np.zeros(len(units))
+        orthogonal, triangle = np.linalg.qr(slopes)
+        along, none = orthogonal.T @ rows, np.zeros(len(units))
         for damping in DAMPINGS:
-            stacked = np.concatenate([slopes, np.sqrt(damping) * np.eye(len(units))])
-            step = np.linalg.lstsq(stacked, np.concatenate([rows, none]), rcond=_SAME)[0]
+            stacked = np.concatenate([triangle, np.sqrt(damping) * np.eye(len(units))])
+            step = np.linalg.lstsq(stacked, np.concatenate([along, none]), rcond=_SAME)[0]
             moved = baseline.stepped(dict(zip(self.start.names, (step / units).tolist(), strict=True)))
-            left = self.rows(moved)
+            left = self.rows(moved, before=rows)
             if left @ left < rows @ rows:
                 return step, moved, left
         return None

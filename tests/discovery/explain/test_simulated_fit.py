@@ -86,8 +86,11 @@ class _Decay(SimulatedFit):
         """Amplitude and rate; the size is such that noise alone moves either by some parts in a hundred."""
         return np.asarray(numbers[0] * np.sin(60 * numbers[1] * self.time) * np.exp(-3 * self.time))
 
-    def rows(self, baseline: FreeParameters, *, hold_out: bool = False) -> FloatArray:
+    def rows(
+        self, baseline: FreeParameters, *, hold_out: bool = False, before: FloatArray | None = None
+    ) -> FloatArray:
         assert not hold_out
+        assert before is None or before.shape == self.time.shape
         return np.asarray(self.seen - self.shown(cast("_Numbers", baseline).numbers))
 
     def ended(self, numbers: FloatArray) -> FloatArray:
