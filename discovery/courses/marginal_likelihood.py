@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from discovery.courses.between_bolts import Variances
 from discovery.courses.fitted import Fit
@@ -28,6 +29,7 @@ from rom.criteria.number import Numerical
 
 _TALLEST_STEP: Numerical[float] = 1.0
 _STEP_U: Numerical[float] = 1e-4
+_AT_MODE: Numerical[float] = 1e-5  # of the deviance, that one more Newton step would gain
 _STEP: Numerical[float] = 1e-4
 _LEAST: Numerical[float] = 1e-3
 _SAME_SCATTER: Numerical[float] = 0.01  # of a and b: changes the deviance in second order
@@ -52,7 +54,9 @@ class State:
 
 
 Course = Callable[[Candidate, FrozenMotion, FloatArray], FloatArray]
-"""From a candidate, frozen motion and deviations, (cases,): changes of tension [N], (cases, bins)."""
+"""From a candidate, frozen motion and deviations, (cases,): changes of tension [N], (cases, bins).
+
+Those of a case whose deviation is NaN are not asked for."""
 
 
 @dataclass(eq=False)
@@ -214,24 +218,33 @@ class Problem:
         candidate = self.at(theta)
         tau2, bolts = tau(scatter, self.frozen.initial, self.rules) ** 2, self.frozen.bolts
         sigma2 = sigma(scatter, self.rules) ** 2
+        residual, slope = np.empty((2, *self.frozen.change.shape))
+        moving = np.ones(len(u), dtype=bool)
         for step in range(steps + 1):
-            residual = self._whitened(self.frozen.change - self._course(candidate, u))
-            ahead = self._whitened(self.frozen.change - self._course(candidate, u + _STEP_U))
-            slope = (residual - ahead) / _STEP_U
+            residual[moving], slope[moving] = self._of_moving(candidate, u, moving)
             information = (slope**2).sum(axis=1)
             own = self._within_bolts(u, tau2, sigma2)
             gradient = (slope * residual).sum(axis=1) - own / tau2
-            if bolts is None:
-                newton = gradient / (information + 1 / tau2)
-            else:
+            newton = gradient / (information + 1 / tau2)
+            if bolts is not None:
                 newton = bolts.newton(gradient, information, tau2, sigma2)
-            if step == steps or np.abs(newton).max() < 1e-3:
+            moving = ~(newton**2 * (information + 1 / tau2) < _AT_MODE)
+            if step == steps or not moving.any():
                 break
-            u = u + np.clip(newton, -_TALLEST_STEP, _TALLEST_STEP)
+            u = u + moving * np.clip(newton, -_TALLEST_STEP, _TALLEST_STEP)
         by_case = (residual**2).sum(axis=1) + own**2 / tau2 + np.log1p(tau2 * information)
         if bolts is not None:
             by_case += bolts.deviance(bolts.modes(u, tau2, sigma2), information, tau2, sigma2)
         return State(theta, scatter, u, residual, slope, by_case)
+
+    def _of_moving(
+        self, candidate: Candidate, u: FloatArray, moving: npt.NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Residuals and slopes of the cases whose deviations moved; the others need not be followed again."""
+        here = np.where(moving, u, np.nan)
+        residual = self._whitened(self.frozen.change - self._course(candidate, here))
+        ahead = self._whitened(self.frozen.change - self._course(candidate, here + _STEP_U))
+        return residual[moving], (residual - ahead)[moving] / _STEP_U
 
     def _within_bolts(self, u: FloatArray, tau2: FloatArray, sigma2: float) -> FloatArray:
         """Deviations less what the tests of a bolt share."""
@@ -262,10 +275,8 @@ class Problem:
         if self.frozen.bolts is not None:
             return self._of_bolts(state, information, seen)
         slopes = self.jacobian(state) if restricted else np.zeros((*state.residual.shape, 0))
-        cross, numbers = (
-            np.einsum("cb,cbp->cp", state.slope, slopes),
-            np.einsum("cbp,cbq->pq", slopes, slopes),
-        )
+        cross = np.einsum("cb,cbp->cp", state.slope, slopes)
+        numbers = np.einsum("cbp,cbq->pq", slopes, slopes)
         between = BetweenTests(self.frozen.initial, information, seen, cross, numbers, self.rules)
         scatter = between.best(state.scatter)
         if np.abs(scatter - state.scatter).max() < _SAME_SCATTER:
@@ -383,9 +394,7 @@ class Problem:
 
         here = values(theta)
         columns = []
-        for place in range(len(theta)):
+        for place, unit in enumerate(np.eye(len(theta))):
             step = 1e-5 * max(self.least_sizes[place], abs(theta[place]))
-            moved = theta.copy()
-            moved[place] += step
-            columns.append((values(moved) - here) / step)
+            columns.append((values(theta + step * unit) - here) / step)
         return np.stack(columns, axis=1)

@@ -17,7 +17,8 @@ def follow_courses(
     """Mean tensions in bins, shape (cases, bins), along ``nodes``, shape (t x v F D, nodes of all cases).
 
     Heun's rule between nodes, the rate at a predicted tension taken for that at the node; ``p`` has a row of
-    parameters for every case, ``edges`` [s] are those of the bins of all. NaN where a tension is not finite.
+    parameters for every case, ``edges`` [s] are those of the bins of all. NaN where a tension is not finite,
+    or a parameter is not a number: such a case is not followed.
 
     Parameters
     ----------
@@ -39,6 +40,9 @@ def follow_courses(
         Filled [N].
     """
     for case in range(starts.size - 1):
+        if np.isnan(p[case].sum()):
+            result[case] = np.nan
+            continue
         i, last = starts[case], starts[case + 1] - 1
         T, total, at_edge, edge = initial[case], 0.0, 0.0, 0
         rate = invoke(
