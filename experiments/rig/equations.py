@@ -100,7 +100,22 @@ def pulse_at(time: float, pulse: Pulse) -> float:
 
 @njit(nogil=True, cache=True, forceinline=True)
 def motion_at(place: int, state: Any, ground: float, speed: float) -> tuple[float, float]:
-    """Displacement [m] and velocity [m/s] that a force sees: of a link, or of a body."""
+    """Displacement [m] and velocity [m/s] that a force sees: of a link, or of a body.
+
+    Parameters
+    ----------
+    place : int
+        Of the force: a link or a body.
+    state : tuple of float
+        (x_LO, v_LO, x_SO, v_SO, T) [m, m/s, m, m/s, N].
+    ground, speed : float
+        Displacement [m] and velocity [m/s] of the ground.
+
+    Returns
+    -------
+    tuple of float
+        Displacement and velocity.
+    """
     if place == JOINT:
         return state[0] - state[2], state[1] - state[3]
     if place == FLEXURE_LO:
@@ -112,7 +127,28 @@ def motion_at(place: int, state: Any, ground: float, speed: float) -> tuple[floa
 
 @njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
 def added_forces(time: float, state: Any, inner: Any, slopes: Any, k: Any, ground: Any, table: Table) -> Any:
-    """Undeclared forces on LO, on SO and in the joint [N]; fills the slopes of the effects' own states."""
+    """Undeclared forces on LO, on SO and in the joint [N]; fills the slopes of the effects' own states.
+
+    Parameters
+    ----------
+    time : float
+        [s]
+    state : tuple of float
+        (x_LO, v_LO, x_SO, v_SO, T) [m, m/s, m, m/s, N].
+    inner, slopes : ndarray
+        States of the effects and, filled, their slopes.
+    k : tuple of float
+        Stiffness of every link [N/m].
+    ground : tuple of float
+        Displacement [m] and velocity [m/s] of the ground.
+    table : Table
+        The undeclared effects; None without.
+
+    Returns
+    -------
+    tuple of float
+        Forces [N].
+    """
     on_lo, on_so, joint = 0.0, 0.0, 0.0
     if table is None:
         return on_lo, on_so, joint
@@ -144,7 +180,26 @@ def relative_rate(tension: float, terms: Any) -> float:
 
 @njit(nogil=True, cache=True, error_model="numpy", forceinline=True)
 def changed_rate(rate: float, tension: float, motion: Any, terms: Any, table: Table) -> float:
-    """Tension rate [N/s] as every undeclared effect in turn changes it."""
+    """Tension rate [N/s] as every undeclared effect in turn changes it.
+
+    Parameters
+    ----------
+    rate : float
+        Of the law [N/s].
+    tension : float
+        [N]
+    motion : tuple of float
+        What an effect on the rate sees of the joint.
+    terms : tuple
+        Of the law.
+    table : Table
+        The undeclared effects; None without.
+
+    Returns
+    -------
+    float
+        Rate [N/s].
+    """
     if table is None:
         return rate
     if table.rates.shape[0] > 0:
@@ -196,7 +251,20 @@ def derivative(time: float, state: Any, inner: Any, slopes: Any, system: Any) ->
 
 @njit(nogil=True, cache=True, forceinline=True)
 def advance(state: Any, step: float, slope: Any) -> Any:
-    """Return state + step * slope, both tuples of five."""
+    """Return state + step * slope, both tuples of five.
+
+    Parameters
+    ----------
+    state, slope : tuple of float
+        (x_LO, v_LO, x_SO, v_SO, T) and its slope.
+    step : float
+        [s]
+
+    Returns
+    -------
+    tuple of float
+        Five.
+    """
     return (
         state[0] + step * slope[0],
         state[1] + step * slope[1],
@@ -208,7 +276,20 @@ def advance(state: Any, step: float, slope: Any) -> Any:
 
 @njit(nogil=True, cache=True, forceinline=True)
 def advance_inner(inner: Any, step: float, slope: Any, out: Any) -> Any:
-    """Fill and return out = inner + step * slope, arrays."""
+    """Fill and return out = inner + step * slope, arrays.
+
+    Parameters
+    ----------
+    inner, slope, out : ndarray, shape (states,)
+        States of the effects, their slopes, what is filled; None without.
+    step : float
+        [s]
+
+    Returns
+    -------
+    ndarray
+        ``out``.
+    """
     if inner is not None:
         for i in range(inner.size):
             out[i] = inner[i] + step * slope[i]
@@ -219,7 +300,24 @@ def advance_inner(inner: Any, step: float, slope: Any, out: Any) -> Any:
 def runge_kutta(time: float, state: Any, inner: Any, k1: Any, s: Any, h: float, system: Any) -> Any:
     """One step of length h from the slopes k1 and s[0] at its start.
 
-    Returns the state; advances `inner` in place. s holds five arrays like `inner`.
+    Returns the state; advances `inner` in place.
+
+    Parameters
+    ----------
+    time : float
+        At the start [s].
+    state : tuple of float
+        (x_LO, v_LO, x_SO, v_SO, T) [m, m/s, m, m/s, N].
+    inner : ndarray, shape (states,)
+        States of the effects; None without.
+    k1 : tuple of float
+        Slope at the start.
+    s : tuple of ndarray
+        Five arrays like ``inner``; the first holds its slope at the start.
+    h : float
+        Step [s].
+    system : tuple
+        What ``derivative`` takes.
     """
     trial = advance_inner(inner, 0.5 * h, s[0], s[4])
     k2 = derivative(time + 0.5 * h, advance(state, 0.5 * h, k1), trial, s[1], system)

@@ -188,7 +188,17 @@ def evaluate_rates(program: Program, p: Any, block: Block) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def evaluate_laws(program: Program, p: Any, block: Block) -> None:
-    """Stiffness and damping beyond the linear part at nodes 1 to 4, of links with a tension."""
+    """Stiffness and damping beyond the linear part at nodes 1 to 4, of links with a tension.
+
+    Parameters
+    ----------
+    program : Program
+        The structure.
+    p : ndarray, shape (coefficients,)
+        Its numbers: k [N/m], c [N s/m] and what their laws hold.
+    block : Block
+        Tensions [N] at its nodes; filled.
+    """
     for a in range(block.active.size):
         link, bolt = block.active[a], program.tension[block.active[a]]
         stiffness, damping = program.laws[link, 1], program.laws[link, 3]
@@ -285,7 +295,15 @@ def restart(program: Program, p: Any, block: Block, t: float) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def copy_node(block: Block, node: int, target: int) -> None:
-    """Take the values at a node for those at another."""
+    """Take the values at a node for those at another.
+
+    Parameters
+    ----------
+    block : Block
+        Motion, forces and rates at nodes.
+    node, target : int
+        Places of the nodes.
+    """
     for i in range(block.y.shape[1]):
         block.y[target, i] = block.y[node, i]
     for a in range(block.N.shape[1]):

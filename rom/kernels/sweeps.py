@@ -242,7 +242,22 @@ def _quadrature_error(values: Any, column: int, d: float) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def errors(block: Block, d: float, scale: Any) -> Any:
-    """Estimated errors of a block: the largest of impulses [N s], of tensions [N], of states (relative)."""
+    """Estimated errors of a block: the largest of impulses [N s], of tensions [N], of states (relative).
+
+    Parameters
+    ----------
+    block : Block
+        A block after its last sweep.
+    d : float
+        Step between its nodes [s].
+    scale : ndarray, shape (2 + states,)
+        Sizes of velocity [m/s], tension [N] and states, which errors are relative to.
+
+    Returns
+    -------
+    tuple of float
+        Of impulses [N s], tensions [N] and states [1].
+    """
     impulse = tension = state = 0.0
     for a in range(block.active.size):
         impulse = max(impulse, _quadrature_error(block.N, a, d))
