@@ -20,6 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from discovery.explain.motion_fit import DAMPINGS, with_effects
+from discovery.residual.base import level
 from discovery.residual.free_parameters import FreeParameters, is_of_effect
 from discovery.residual.output_error import WhitenedResidual
 from discovery.residual.trajectory import (
@@ -42,7 +43,8 @@ _MOST: Numerical[int] = 8  # steps by the slopes of one round
 _DIFFERENCE: Numerical[float] = 1e-4  # of a number's size: a mode that rings soon shows more than its slope
 _OF_EFFECT: Numerical[float] = 1e-3  # of an effect's: a gap opens and closes between a simulation's steps
 _LITTLE: Numerical[float] = 0.1  # gained by a step, in squares of noise: a number at its limit loses four
-_SETTLED: Numerical[float] = 0.5  # gained in a round
+_ROUND: Numerical[float] = 5.0  # times that in a round
+_OF_NO_USE: Numerical[float] = 1e-3  # gained by a step, of the cost of a fit that states nothing
 _TOLERANCE: Numerical[float] = 1e-8  # of simulations: a stiff gap shows in a fit what 1.5e-6 leaves out
 _SAME: Numerical[float] = 1e-9  # of the largest singular value
 
@@ -75,6 +77,7 @@ class SimulatedFit:
             parts.setdefault(trace.settings.file, []).append((part, linear))
         self.parts = parts
         self.final_s = final_s
+        self.enough = max(residual.criteria.acceptance.noise_level, level(residual))
         self.own: dict[str, Model] = {}
 
     def fitted(self, progress: Progress | None = None) -> WhitenedResidual | None:
@@ -96,7 +99,7 @@ class SimulatedFit:
                 return None
             slopes, before = self._slopes(baseline, rows, progress), float(rows @ rows)
             baseline, rows = self._lowered(baseline, rows, slopes)
-            if before - float(rows @ rows) < _SETTLED * self._square_of_noise(rows):
+            if before - float(rows @ rows) < _ROUND * self._little(rows):
                 break
         self._fall_as_measured(baseline.model, hold_out=True)
         rows += self.rows(baseline, hold_out=True)
@@ -156,13 +159,18 @@ class SimulatedFit:
             step, baseline, left = better
             slopes += np.multiply.outer(rows - left - slopes @ (step / units), step * units / (step @ step))
             gained, rows = float(rows @ rows) - float(left @ left), left
-            if gained < _LITTLE * self._square_of_noise(rows):
+            if gained < self._little(rows):
                 break
         return baseline, rows
 
-    def _square_of_noise(self, rows: FloatArray) -> float:
-        """Mean square of what is left of a row: a share of the whole cost can be far from its minimum."""
-        return float(rows @ rows) / max(int(np.count_nonzero(self.start.training)), 1)
+    def _little(self, rows: FloatArray) -> float:
+        """Gain of a step that is the last, by the noise: a share of the cost can be far from its minimum.
+
+        A share of the cost where outputs along the measured motion leave less: the fit states nothing then.
+        """
+        cost = float(rows @ rows)
+        noise = cost / max(int(np.count_nonzero(self.start.training)), 1)
+        return _LITTLE * noise if noise <= self.enough else _OF_NO_USE * cost
 
     def _better(
         self, baseline: FreeParameters, rows: FloatArray, slopes: FloatArray, units: FloatArray

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 import rom
-from discovery.courses.frozen_motion import freeze
+from discovery.courses.frozen_motion import FrozenMotion, freeze
 from discovery.courses.likelihood_steps import climbed, least_within
+from discovery.courses.marginal_likelihood import Problem
 from discovery.courses.tension_likelihood import course, law_candidate, law_problem, resimulated
+from discovery.laws.candidate import Candidate
+from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE
 from tests.discovery.synthetic import measured
 
@@ -47,3 +50,30 @@ def test_a_law_is_found_from_far_where_a_number_is_at_the_end_of_its_range() -> 
     least = fitted()
     for far, more in ((4.0, 2.0), (1.0, 2.0), (20.0, 8.0)):  # the last is 23 off by plain Gauss-Newton steps
         assert fitted(loosening_ratchet_r=far, gamma_d=12.7, gamma_i=8.8) < least + more
+
+
+@pytest.mark.parametrize("steps", [0, 1, 2, 12])
+def test_what_is_kept_of_a_case_is_of_the_deviation_that_it_has(steps: int) -> None:
+    """Cases come to their modes one after the other, and are not followed any more from there on."""
+    true = law_candidate(rom.paper_model(), None, ("gamma_d",), 0)
+    held = freeze(
+        rom.paper_model(), measured(true, preloads=(15.0, 60.0, 300.0, 1500.0), strengths=(1.0, 0.5))
+    )
+    asked: list[int] = []
+
+    def counted(candidate: Candidate, frozen: FrozenMotion, u: FloatArray) -> FloatArray:
+        asked.append(int(np.isfinite(u).sum()))
+        return course(candidate, frozen, u)
+
+    problem = Problem(true, held, np.zeros_like(held.change), counted)
+    away = np.linspace(-0.5, 0.5, len(held))
+    state = problem.solve(problem.theta0, _SCATTER, away, steps)
+    assert asked == sorted(asked, reverse=True)
+    assert steps < 12 or asked[-1] < len(held)
+    whole = problem.solve(problem.theta0, _SCATTER, state.u, 0)
+    np.testing.assert_allclose(state.residual, whole.residual, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(state.slope, whole.slope, rtol=1e-9, atol=1e-9)
+    assert state.deviance == pytest.approx(whole.deviance)
+    if steps == 12:
+        further = problem.solve(problem.theta0, _SCATTER, state.u, 1)
+        assert state.deviance == pytest.approx(further.deviance, abs=1e-4)

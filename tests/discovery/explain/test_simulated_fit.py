@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -77,6 +77,7 @@ class _Decay(SimulatedFit):
     def __init__(self, seed: int) -> None:
         self.time = np.linspace(0, 1, 40_000)
         self.seen = self.shown(np.ones(2)) + np.random.default_rng(seed).standard_normal(len(self.time))
+        self.enough, self.asked = np.inf, 0
         self.start = cast(
             "WhitenedResidual",
             SimpleNamespace(names=("a", "b"), training=np.ones(len(self.time), dtype=bool)),
@@ -91,6 +92,7 @@ class _Decay(SimulatedFit):
     ) -> FloatArray:
         assert not hold_out
         assert before is None or before.shape == self.time.shape
+        self.asked += 1
         return np.asarray(self.seen - self.shown(cast("_Numbers", baseline).numbers))
 
     def ended(self, numbers: FloatArray) -> FloatArray:
@@ -120,3 +122,45 @@ def test_steps_end_where_noise_would_not_tell_the_numbers_from_the_best(seed: in
     best = optimize.least_squares(left, np.ones(2), xtol=1e-12)
     found = fit.ended(np.array([1.5, 1.02]))
     assert 2 * best.cost < np.sum(left(found) ** 2) < 2 * best.cost + 0.1
+
+
+def test_a_fit_that_would_state_nothing_ends_sooner() -> None:
+    asked = []
+    for enough in (np.inf, 0.0):
+        fit = _Decay(0)
+        fit.enough = enough
+        fit.ended(np.array([1.5, 1.02]))
+        asked.append(fit.asked)
+    assert asked[1] < asked[0]
+
+
+class _Records(SimulatedFit):
+    """Three records of two rows each, the last one held out; a candidate leaves what it says."""
+
+    def __init__(self) -> None:
+        trace = [SimpleNamespace(settings=SimpleNamespace(hold_out=k == 2, file=k)) for k in range(3)]
+        stored = SimpleNamespace(as_type=lambda _: None)
+        self.records = cast("list", [(t, stored, slice(2 * k, 2 * k + 2)) for k, t in enumerate(trace)])
+        self.start = cast("WhitenedResidual", SimpleNamespace(residual=np.zeros(6)))
+        self.seen: list[int] = []
+
+    def _rows_of(self, trace: Any, _measurement: object, baseline: Any) -> FloatArray:
+        self.seen.append(trace.settings.file)
+        return np.asarray(baseline[trace.settings.file])
+
+
+@pytest.mark.parametrize(
+    ("left", "seen", "found"),
+    [
+        ([[1, 1], [2, 2], [9, 9]], [1, 0], [1, 1, 2, 2, 0, 0]),
+        ([[1, 1], [4, 4], [9, 9]], [1], [0, 0, 4, 4, 0, 0]),
+        ([[1, 1], [np.inf, 0], [9, 9]], [1], [0, 0, np.inf, 0, 0, 0]),
+    ],
+)
+def test_a_step_too_far_is_given_up_after_the_record_that_most_was_left_of(
+    left: list[list[float]], seen: list[int], found: list[float]
+) -> None:
+    fit, before = _Records(), np.array([1.0, 1.0, 3.0, 3.0, 0.0, 0.0])
+    rows = fit.rows(cast("FreeParameters", left), before=before)
+    assert fit.seen == seen
+    np.testing.assert_array_equal(rows, found)
