@@ -105,7 +105,7 @@ def motion_at(place: int, state: Any, ground: float, speed: float) -> tuple[floa
     Parameters
     ----------
     place : int
-        Of the force: a link or a body.
+        Where the force acts: a link or a body.
     state : tuple of float
         (x_LO, v_LO, x_SO, v_SO, T) [m, m/s, m, m/s, N].
     ground, speed : float
@@ -132,7 +132,7 @@ def added_forces(time: float, state: Any, inner: Any, slopes: Any, k: Any, groun
     Parameters
     ----------
     time : float
-        [s]
+        Time [s].
     state : tuple of float
         (x_LO, v_LO, x_SO, v_SO, T) [m, m/s, m, m/s, N].
     inner, slopes : ndarray
@@ -185,13 +185,13 @@ def changed_rate(rate: float, tension: float, motion: Any, terms: Any, table: Ta
     Parameters
     ----------
     rate : float
-        Of the law [N/s].
+        Tension rate of the law [N/s].
     tension : float
-        [N]
+        Tension [N].
     motion : tuple of float
         What an effect on the rate sees of the joint.
     terms : tuple
-        Of the law.
+        Terms of the law.
     table : Table
         The undeclared effects; None without.
 
@@ -217,7 +217,7 @@ def derivative(time: float, state: Any, inner: Any, slopes: Any, system: Any) ->
     Parameters
     ----------
     time : float
-        [s].
+        Time [s].
     state : tuple of float
         Displacements [m], velocities [m/s] and tension [N], in the order of the slope.
     inner, slopes : ndarray, shape (states,), or None
@@ -258,12 +258,12 @@ def advance(state: Any, step: float, slope: Any) -> Any:
     state, slope : tuple of float
         (x_LO, v_LO, x_SO, v_SO, T) and its slope.
     step : float
-        [s]
+        Step of time [s].
 
     Returns
     -------
     tuple of float
-        Five.
+        (x_LO, v_LO, x_SO, v_SO, T) after the step.
     """
     return (
         state[0] + step * slope[0],
@@ -283,7 +283,7 @@ def advance_inner(inner: Any, step: float, slope: Any, out: Any) -> Any:
     inner, slope, out : ndarray, shape (states,)
         States of the effects, their slopes, what is filled; None without.
     step : float
-        [s]
+        Step of time [s].
 
     Returns
     -------
@@ -305,7 +305,7 @@ def runge_kutta(time: float, state: Any, inner: Any, k1: Any, s: Any, h: float, 
     Parameters
     ----------
     time : float
-        At the start [s].
+        Time at the start [s].
     state : tuple of float
         (x_LO, v_LO, x_SO, v_SO, T) [m, m/s, m, m/s, N].
     inner : ndarray, shape (states,)
@@ -315,7 +315,7 @@ def runge_kutta(time: float, state: Any, inner: Any, k1: Any, s: Any, h: float, 
     s : tuple of ndarray
         Five arrays like ``inner``; the first holds its slope at the start.
     h : float
-        Step [s].
+        Step of time [s].
     system : tuple
         What ``derivative`` takes.
     """
