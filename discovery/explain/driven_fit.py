@@ -10,7 +10,7 @@ it, and fits would wander along it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -34,28 +34,33 @@ _EVALUATIONS: Numerical[int] = 12
 Numbers = dict[str, Parameter]
 
 
-def fitted_by_simulation(
-    model: Model, names: Sequence[str], measurements: Sequence[Measurement], criteria: Criteria
-) -> tuple[Model, Numbers] | None:
-    """Return a model of driven bodies with the numbers that simulate its records best, and these by path.
+def driven_residual(
+    model: Model,
+    names: Sequence[str],
+    measurements: Sequence[Measurement],
+    criteria: Criteria,
+    row_rates_hz: Mapping[str, float] | None = None,
+) -> SimulationResidual | None:
+    """Return what simulations of records with driven bodies leave over of their motion.
 
     Parameters
     ----------
     model : Model
-        Where the fit starts. Faults of its sensors are taken out of the records, as they are.
+        Faults of its sensors are taken out of the records; the residual's model has its forces alone.
     names : sequence of str
-        Paths of the declared model's numbers that move; one that is zero stays so. Those of its forces move
-        beside them.
+        Paths of the declared model's numbers that a fit moves; one that is zero stays so. Those of its forces
+        move beside them.
     measurements : sequence of Measurement
-        Records that may be fitted to.
+        Records.
     criteria : Criteria
         The numbers that decide.
+    row_rates_hz : mapping of str to float
+        Rates of the rows [Hz] by file; some rows a period of a record's strongest line where not given.
 
     Returns
     -------
-    tuple of (Model, dict of str to Parameter) or None
-        Numbers that were fitted come with 95 % limits, the wider of this fit's and the start's. None where no
-        record has a force that drives a body.
+    SimulationResidual or None
+        None where no record has a force that drives a body.
     """
     driven = [one for one in measurements if one.test == "driven" and _is_driven(one)]
     if not driven:
@@ -63,23 +68,57 @@ def fitted_by_simulation(
     moved = replace(model, effects=model.effects_of("force"))
     own = {path for effect in model.effects for path in (f"{effect.path}.{n}" for n in effect.parameters)}
     free = tuple(n for n in names if n in model.parameters and n not in own and model.parameter(n).value)
-    rings = tuple(ring_down(corrected(one, model), moved) for one in driven)
+    rates = row_rates_hz or {}
+    rings = tuple(ring_down(corrected(one, model), moved, row_rate_hz=rates.get(one.file)) for one in driven)
     started = frozenset(r.file for r in rings if starts_at_first_samples(moved, r.measurement))
     states = tuple(_state(ring, moved, known=ring.file in started) for ring in rings)
+    return SimulationResidual(rings, moved, free, states, criteria, started)
+
+
+def fitted_by_simulation(
+    model: Model,
+    names: Sequence[str],
+    measurements: Sequence[Measurement],
+    criteria: Criteria,
+    row_rates_hz: Mapping[str, float] | None = None,
+    evaluations: int = _EVALUATIONS,
+) -> tuple[Model, Numbers] | None:
+    """Return a model of driven bodies with the numbers that simulate its records best, and these by path.
+
+    Parameters
+    ----------
+    model : Model
+        Where the fit starts.
+    names, criteria, row_rates_hz
+        As for `driven_residual`.
+    measurements : sequence of Measurement
+        Records that may be fitted to.
+    evaluations : int
+        Of the residual, at most; with 1 the numbers stay and get limits.
+
+    Returns
+    -------
+    tuple of (Model, dict of str to Parameter) or None
+        Numbers that were fitted come with 95 % limits, the wider of this fit's and the start's. None where no
+        record has a force that drives a body.
+    """
+    residual = driven_residual(model, names, measurements, criteria, row_rates_hz)
+    if residual is None:
+        return None
+    moved = residual.model
     strengths = {e.path: [n for n in _strengths(e) if e.parameters[n].value] for e in moved.effects}
-    residual = SimulationResidual(rings, moved, free, states, criteria, started)
-    fit = refitted(residual, strengths, _EVALUATIONS)
+    fit = refitted(residual, strengths, evaluations)
     found = fit.residual.model
     numbers = {
-        path: limited_number(found.parameter(path), max(error, _known_error(moved.parameter(path))))
+        path: limited_number(found.parameter(path), max(error, standard_error(moved.parameter(path))))
         for path, error in errors_of(fit).items()
     }
     effects = [_of_effect(old, new, numbers) for old, new in zip(moved.effects, found.effects, strict=True)]
     return replace(found, effects=(*effects, *model.effects_of("sensor fault"))), numbers
 
 
-def _known_error(number: Parameter) -> float:
-    """Standard error of the balances' fit, shapes free; with shapes held simulations would tell too much."""
+def standard_error(number: Parameter) -> float:
+    """Standard error that a number's 95 % limits tell, in its unit; 0 without limits."""
     return 0.0 if number.low is None or number.high is None else (number.high - number.low) / (2 * Z95)
 
 

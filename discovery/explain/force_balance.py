@@ -167,8 +167,10 @@ def fitted(
 
 def _widened(effect: ModelCorrection, factor: float) -> ModelCorrection:
     """The effect with wider ranges where a number that has a unit ended away from zero; itself otherwise."""
-    wider = {}
+    wider, strict = {}, member_of(effect).strict
     for name, number in effect.parameters.items():
+        if name in strict:
+            continue
         end = next((bound for bound in number.bounds if bound == number.value != 0.0), None)
         if end is not None and number.unit != "1" and abs(end) == max(map(abs, number.bounds)):
             low, high = (factor * bound if bound == end else bound for bound in number.bounds)
@@ -178,6 +180,8 @@ def _widened(effect: ModelCorrection, factor: float) -> ModelCorrection:
 
 def _fitted(state: ForceBalanceResidual, new: Sequence[ModelCorrection], evaluations: int) -> Fit:
     numbers = _numbers(state, new)
+    if not numbers:  # a stiffness cut off below zero where a link has no spring
+        return replace(state, effects=(*state.effects, *new)).with_numbers(), tuple(new)
     balances, rows = state.balances, state.balances.training
     own = [n.name for n in numbers if n.effect is None]
     kept = [k for k, name in enumerate(balances.names) if name not in own]

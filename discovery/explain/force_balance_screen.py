@@ -62,14 +62,14 @@ def candidates_in_balances(residual: ForceBalanceResidual) -> Iterator[tuple[Mem
             scale = scale_of(balances, f"body:{added.channel.partition('_')[2]}")
             if not added.other and scale is not None:
                 yield member, rescaled(added, scale)
-        elif member.kind == "force" and not _is_double(member, added, residual):
+        elif member.kind == "force" and not _is_beside_spring(member, added, residual):
             effect = _at_place(member, added, residual)
             if effect is not None:
                 yield member, effect
 
 
-def _is_double(member: Member, added: ModelCorrection, residual: ForceBalanceResidual) -> bool:
-    """Whether a slider by itself is the same as one that takes a share of the link's own spring."""
+def _is_beside_spring(member: Member, added: ModelCorrection, residual: ForceBalanceResidual) -> bool:
+    """Whether an effect is of no use beside the spring that the link has."""
     return member.springless and f"{added.enters}.stiffness.k" in residual.balances.names
 
 

@@ -135,7 +135,7 @@ def by_chance(probes: Sequence[Sequence[Probe]], criteria: Criteria = CRITERIA) 
 def promising(
     probes: Sequence[Sequence[Probe]], left: float, criteria: Criteria = CRITERIA
 ) -> list[Sequence[Probe]]:
-    """The first effects of a screen, and what shares a class and place with the very first.
+    """The first effects of a screen, special cases of them, and what shares a class and place with the first.
 
     Not those that explain next to nothing of what is left, or far less than the first.
 
@@ -165,7 +165,12 @@ def promising(
 
     near = [one for one in probes if one[0].gain >= max(rules.share_of_first * first.gain, least)]
     most = int(rules.fitted_effects)
-    return [*near[:most], *(one for one in near[most:] if in_class(one))]
+    special = {(name, one[0].effect.enters) for one in near[:most] for name in one[0].member.contains}
+
+    def is_special(one: Sequence[Probe]) -> bool:
+        return (one[0].effect.name, one[0].effect.enters) in special
+
+    return [*near[:most], *(one for one in near[most:] if in_class(one) or is_special(one))]
 
 
 def fit_promising(

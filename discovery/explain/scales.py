@@ -161,7 +161,7 @@ def at_scale(member: Member, effect: Effect, scale: Scale, *, ground: bool, crit
         low, high = (bound * factor for bound in number.bounds)
         if name in member.ends:
             low, high = member.ends[name]
-        elif number.unit != "1":
+        elif number.unit != "1" and name not in member.strict:
             low, high = low * (wider if low < 0 else 1 / wider), high * wider
         scaled[name] = replace(number, value=number.value * factor, bounds=(low, high))
     made = member.at(effect.enters, scaled)

@@ -12,6 +12,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+import numpy.typing as npt
 
 from discovery.decide.explanation import Explanation, limited, standard_errors
 from discovery.explain.force_balance import explanation
@@ -21,7 +22,7 @@ from discovery.explain.probes import Probe, cut_to_bounds, fit_promising, probed
 from discovery.explain.scales import Scale, at_scale, ends_of
 from discovery.options import Options
 from discovery.residual.base import cost
-from discovery.residual.simulation import EVALUATIONS, Fit, SimulationResidual, refitted
+from discovery.residual.simulation import Fit, SimulationResidual, refitted
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, ModelCorrection, candidates_of, places
@@ -79,10 +80,16 @@ def _is_seen(probe: ModelCorrection, residual: SimulationResidual) -> bool:
 
 
 def candidates_in_decays(residual: SimulationResidual) -> Iterator[tuple[Member, Effect]]:
-    """Core forces of the catalogue at the scales of their places: as simulated, the others cost too much."""
+    """Forces of the catalogue at the scales of their places.
+
+    Those with a memory are tried from the core alone: as simulated, they cost much.
+    """
     kinds = places(residual.model)
-    for member, added in candidates_of(Effect, residual.model):
-        if member.kind != "force" or member.by_record:
+    for member, added in candidates_of(Effect, residual.model, core=False):
+        has_spring = f"{added.enters}.stiffness.k" in residual.names
+        if member.kind != "force" or member.by_record or (member.springless and has_spring):
+            continue
+        if member.state_units and not member.core:
             continue
         scale = scale_at(residual, added.enters)
         if scale is not None:
@@ -192,17 +199,19 @@ def fitted(residual: SimulationResidual, effect: ModelCorrection) -> SimulationR
 def _begun(parts: SimulationResidual, starts: Sequence[ModelCorrection]) -> SimulationResidual:
     """A short fit of one more effect to parts of the records, from the start that suits them best.
 
-    A linear damping has taken the place of what is missing: fits start with all of it and with half.
+    A linear damping has taken the place of what is missing: fits start with all of it and with half, unless
+    balances of forces have told it.
     """
+    shares = _DAMPINGS[:1] if parts.thorough else _DAMPINGS
     dampings = {path: parts.model.parameter(path).value for path in parts.names if path.endswith(".c")}
     found = []
-    for effect, share in product(starts, _DAMPINGS):
+    for effect, share in product(starts, shares):
         model = parts.model.with_values({path: share * value for path, value in dampings.items()})
         found.append(together(replace(parts, model=model.with_effect(effect)), _SHORT))
     return min(found, key=cost)
 
 
-def together(residual: SimulationResidual, evaluations: int = EVALUATIONS) -> SimulationResidual:
+def together(residual: SimulationResidual, evaluations: int | None = None) -> SimulationResidual:
     """All numbers fitted again beside each other; effects with 95 % limits."""
     effects = residual.model.effects
     fit = refitted(
@@ -219,17 +228,32 @@ def together(residual: SimulationResidual, evaluations: int = EVALUATIONS) -> Si
 
 
 def errors_of(fit: Fit) -> dict[str, float]:
-    """Standard errors by path, the larger of those of single rows and of blocks of rows that err as one."""
-    size = np.maximum(np.linalg.norm(fit.slopes, axis=0), np.finfo(float).tiny)
-    table = fit.slopes / size
+    """Standard errors by path, the larger of those of single rows and of blocks of rows that err as one.
+
+    Those beside a number that a bound holds are those of a fit without it.
+    """
+    model, columns = fit.residual.model, np.arange(fit.slopes.shape[1])
+    held = [
+        k for k, path in enumerate(fit.paths) if model.parameter(path).value in model.parameter(path).bounds
+    ]
+    errors = _errors_of(fit, columns)
+    free = np.setdiff1d(columns, held)
+    errors[free] = _errors_of(fit, free)
+    return dict(zip(fit.paths, errors.tolist(), strict=False))
+
+
+def _errors_of(fit: Fit, columns: npt.NDArray[np.int64]) -> FloatArray:
+    """Standard errors of the numbers of some columns of the slopes, the others held."""
+    slopes = fit.slopes[:, columns]
+    size = np.maximum(np.linalg.norm(slopes, axis=0), np.finfo(float).tiny)
+    table = slopes / size
     inverse = np.asarray(np.linalg.pinv(table.T @ table, rcond=1e-12, hermitian=True))
     spread = max(float(fit.rows @ fit.rows) / len(fit.rows), 1.0)
     pieces = fit.residual.pieces
     scores = np.stack([np.bincount(pieces, weights=column * fit.rows) for column in table.T], axis=1)
     of_units = standard_errors(inverse, np.asarray(scores, dtype=np.float64), spread)
     with np.errstate(over="ignore"):  # what shows next to nothing has errors without an end
-        errors = of_units / size
-    return dict(zip(fit.paths, errors.tolist(), strict=False))
+        return np.asarray(of_units / size)
 
 
 def _shown_numbers(effect: ModelCorrection, residual: SimulationResidual) -> tuple[str, ...]:

@@ -2,26 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from discovery.decide.acceptance import MaterialErrors, at_noise_floor, meets_worse
+from discovery.decide.acceptance import (
+    MaterialErrors,
+    at_noise_floor,
+    is_material,
+    meets_worse,
+    motion_errors,
+)
 from discovery.decide.explanation import Explanation
 from discovery.detection.force_balance import BalanceMeter
 from discovery.detection.limit import Meter
 from discovery.explain import free_force
-from discovery.explain.driven_fit import fitted_by_simulation
+from discovery.explain.driven_fit import fitted_by_simulation, standard_error
 from discovery.explain.force_balance import explain_screened, fitted
 from discovery.explain.force_balance_screen import screen
 from discovery.localisation.force import localise_forces, numbers_of
 from discovery.localisation.localise import Localisation
+from discovery.loop.driven_stage import searched
 from discovery.loop.history import LoopHistory
 from discovery.loop.refits import FixedTensionRefits, Probes
 from discovery.loop.refitted_numbers import with_limits
-from discovery.loop.state import State, errors_of
+from discovery.loop.state import State
 from discovery.options import Options
 from discovery.residual.base import Residual, level
 from discovery.residual.course_fit import Misfit
@@ -34,9 +41,10 @@ from rom.evaluation.error_measures import ErrorsByKind, Kind, summarise
 from rom.evaluation.evaluate import evaluate
 from rom.identification.balance_warnings import noise_warnings, sign_warnings
 from rom.identification.force_balance import OFFSET, Balances, balances_of, model_of, standard_errors
-from rom.model.laws import Z95
+from rom.model.laws import Z95, Parameter
 from rom.model.model import Model
 from rom.signals.measured_records import measured_record
+from rom.signals.processing import Measurement
 from rom.signals.quality import Doubt
 
 
@@ -106,23 +114,46 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
         found = fitted_by_simulation(state.model, own.balances.names, measured, rules)
         if found is None:
             return state
-        model = with_limits(*found)
-        evaluations = self._simulated(model)
-        errors = errors_of(evaluations)
-        after = errors["training"]["motion_nrmse"]
-        gained = after is not None and after <= (1 - rules.acceptance.material_error) * before
-        if not gained or any(meets_worse(state.errors[kind], errors[kind]) for kind in errors):
+        after = self.with_numbers(*found, own)
+        error = after.errors["training"]["motion_nrmse"]
+        gained = error is not None and error <= (1 - rules.acceptance.material_error) * before
+        if not gained or any(meets_worse(state.errors[kind], after.errors[kind]) for kind in after.errors):
             return state
         line = (
             f"numbers are fitted by simulation, with which the motion of training records is met within "
-            f"{100 * (after or 0.0):.3g} % and not {100 * before:.3g} %; what is left of the forces is that "
+            f"{100 * (error or 0.0):.3g} % and not {100 * before:.3g} %; what is left of the forces is that "
             "of the numbers that balance them best"
         )
-        values = dict(own.values) | {n: p.value for n, p in model.parameters.items() if n in own.values}
-        return replace(
-            state, model=model, errors=errors, material=self._material_errors(own, errors),
-            evaluations=evaluations, warnings=(*self._model_of(replace(own, values=values))[1], line),
-        )  # fmt: skip
+        material = self._material_errors(own, after.errors)
+        return replace(after, residual=own, material=material, warnings=(*after.warnings, line))
+
+    @cached_property
+    def row_rates_hz(self) -> dict[str, float]:
+        """Rates at which the forces are balanced [Hz], by file."""
+        return {r.settings.file: r.smoothing.rate_hz(r.rate_hz) for r in self.balances.records}
+
+    def with_numbers(
+        self, model: Model, numbers: Mapping[str, Parameter], residual: ForceBalanceResidual
+    ) -> State:
+        """A model whose numbers are not those of the balances, its errors, and what it leaves unbalanced.
+
+        Parameters
+        ----------
+        model : Model
+            With its offsets and effects.
+        numbers : mapping of str to Parameter
+            Those that were fitted, with limits, by path.
+        residual : ForceBalanceResidual
+            Of other numbers and effects.
+        """
+        known, names = model.parameters, self.balances.names
+        values = dict(residual.values) | {name: known[name].value for name in names if name in known}
+        offsets = {name.rpartition(".")[0] for name in names}
+        effects = tuple(effect for effect in model.effects if effect.path not in offsets)
+        own = replace(residual, effects=effects, values=values)
+        errors = [standard_error(numbers[name]) if name in numbers else 0.0 for name in names]
+        lines = model_of(self.balances, [values[name] for name in names], errors)[1]
+        return self._state(own, with_limits(model, numbers), lines)
 
     def _material_errors(self, residual: ForceBalanceResidual, errors: ErrorsByKind) -> MaterialErrors:
         """Of the forces, and of the motion on hold-out records where there are any."""
@@ -174,6 +205,40 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
     def explain(self, probes: Probes, residual: Residual) -> list[Explanation]:
         """Fits of the effects that a screen promises, but for those with which the motion is met worse."""
         return self._not_worse(residual, explain_screened(probes, self.own(residual), self.options))
+
+    def in_simulation(self, history: LoopHistory) -> LoopHistory:
+        """The history with forces that free simulations show beside those of the balances.
+
+        The same object where balances leave noise alone, where a record is no driven one, and where nothing
+        is found with which the motion of held-out records is met better than with the balances' numbers.
+        """
+        records, model, names = self.sound, history.last.model, self.balances.names
+        if history.at_noise_floor or any(record.test != "driven" for record in records):
+            return history
+        measured = [measured_record(self.campaign, record).measurement for record in records]
+        found = searched(self.campaign, measured, model, names, self.row_rates_hz, self.options)
+        if found is None or not found.selections:
+            return history
+        last = self._with_limits_of(found, history, [one for one in measured if not one.hold_out])
+        before, after = (motion_errors(state.errors) for state in (history.last, last))
+        if not is_material(before, after, criteria=history.criteria):
+            return history
+        for selection, state in zip(found.selections, (*found.states[1:-1], last), strict=True):
+            history = history.extended(selection, state)
+        return history
+
+    def _with_limits_of(
+        self, found: LoopHistory, history: LoopHistory, training: Sequence[Measurement]
+    ) -> State:
+        """The last model of a search in simulations with limits, and what it leaves of the forces."""
+        names, rules = self.balances.names, self.options.criteria
+        model, numbers = fitted_by_simulation(
+            found.last.model, names, training, rules, self.row_rates_hz, evaluations=1
+        ) or (found.last.model, {})
+        state = self.with_numbers(model, numbers, self.own(history.last.residual))
+        shown = ", ".join(selection.best.effect.name for selection in found.selections)
+        line = f"numbers are fitted by simulation: {shown} shows in the motion, not in the balance of forces"
+        return replace(state, warnings=(*state.warnings, line))
 
     def free_forms(self, state: State) -> Sequence[Explanation]:
         """The best sparse sum of terms in one link."""

@@ -83,7 +83,7 @@ def close_loop(
     refits, history = gauged(refits, LoopHistory((refits.start(),), criteria=criteria))
     start = law_first(refits, before_hits(refits, history))
     history = with_later_disturbances(refits, start)
-    history = settled_at_end(refits, or_free_form(refits, history, start))
+    history = refits.in_simulation(settled_at_end(refits, or_free_form(refits, history, start)))
     history = along_found_law(refits, in_tension(refits, history))
     return _closure(refits, settled_at_end(refits, history))
 

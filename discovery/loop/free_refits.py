@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from discovery.decide.explanation import Explanation
 from discovery.detection.limit import Meter
 from discovery.detection.simulation import DecayMeter
+from discovery.explain.probes import cut_to_bounds
 from discovery.explain.simulation import explain_screened, fitted, free_forms, screen, together
 from discovery.localisation.localise import Localisation
 from discovery.localisation.simulation import localise_motion
@@ -21,7 +22,7 @@ from discovery.residual.simulation import LEAST_MASS, SimulationResidual, refitt
 from rom.campaign.campaign import Campaign
 from rom.campaign.settings import RecordSettings
 from rom.criteria.number import Numerical
-from rom.effects import ModelCorrection
+from rom.effects import CATALOGUE, ModelCorrection
 from rom.identification.force_noise import with_force_noise
 from rom.identification.free_decay import fit_free_decay, free_model, ring_downs
 from rom.identification.identify import identify_campaign
@@ -138,7 +139,7 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
         return fitted(residual, effect)
 
     def _fitted_without(self, residual: SimulationResidual, effect: ModelCorrection) -> SimulationResidual:
-        others = tuple(e for e in residual.model.effects if e.path != effect.path)
+        others = tuple(_beside(e, effect) for e in residual.model.effects if e.path != effect.path)
         return together(replace(residual, model=replace(residual.model, effects=others)))
 
     def refit_from(self, residual: Residual, effect: ModelCorrection) -> Residual | None:
@@ -175,3 +176,13 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
     def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:
         """Where the residual lives."""
         return localise_motion(self.own(state.residual))
+
+
+def _beside(other: ModelCorrection, dropped: ModelCorrection) -> ModelCorrection:
+    """An effect that takes over the strength of a special case of it that is dropped in its place."""
+    member = CATALOGUE.get(other.name)
+    if member is None or dropped.name not in member.contains or dropped.enters != other.enters:
+        return other
+    shared = [name for name in member.strengths if name in dropped.parameters]
+    sums = {n: other.parameters[n].value + dropped.parameters[n].value for n in shared}
+    return cut_to_bounds(other, sums)

@@ -163,6 +163,10 @@ class CampaignRefits(ABC, Generic[ResidualT]):
         """Terms without the catalogue, fitted."""
         return ()
 
+    def in_simulation(self, history: LoopHistory) -> LoopHistory:
+        """The history with effects that free simulations alone show, where those are not its residual."""
+        return history
+
     def tension(self, state: State) -> TensionResidual | None:
         """What the model's law leaves over of the tension's histories; None without a bolt."""
         return None
@@ -244,6 +248,10 @@ class FixedTensionRefits(CampaignRefits[ResidualT]):
         """The model of a residual with its tension law and its errors."""
         own = self.own(residual)
         model, warnings = self._model_of(own)
+        return self._state(own, model, warnings)
+
+    def _state(self, own: ResidualT, model: Model, warnings: tuple[str, ...]) -> State:
+        """A model that leaves a residual, its errors by free simulation."""
         evaluations = self._simulated(model)
         errors = errors_of(evaluations)
         least = self.options.criteria.acceptance.material_error

@@ -29,13 +29,15 @@ from rom.identification.ring_down import PERIODS, RingDown, first_state, fitted_
 from rom.model.model import Model
 
 LEAST_MASS: Numerical[float] = 1e-3  # of what it is before a fit
-EVALUATIONS: Numerical[int] = 10
+_EVALUATIONS: Numerical[int] = 10
+_THOROUGH: Numerical[int] = 30  # evaluations
 _PARTS: Numerical[int] = 32
 _MODAL_PARTS: Numerical[int] = 8  # each has several sensors and modes
 _SETTLED: Numerical[float] = 1e-5  # of the cost
 _CHANGE: Numerical[float] = 3e-3  # of the motion, by which a step for a slope moves it
 _FIRST_STEP: Numerical[float] = 1e-4
 _LARGEST_STEP: Numerical[float] = 0.1
+_AT_END: Numerical[float] = 1e-4  # of an end: beyond it a fit would go on
 _WORST: Numerical[float] = 3.0  # times the motion, where a simulation does not end
 
 
@@ -55,6 +57,8 @@ class SimulationResidual(ProjectedResidual):
         State of each record at its first sample, (2 bodies,) [m], [m/s].
     started : frozenset of str
         Files of records whose state is known and not fitted.
+    thorough : bool
+        Whether fits take all the steps that they need, the model being near enough from the start.
     """
 
     kind: ClassVar[Kind] = "simulation"
@@ -64,6 +68,12 @@ class SimulationResidual(ProjectedResidual):
     states: tuple[FloatArray, ...]
     criteria: Criteria = CRITERIA
     started: frozenset[str] = frozenset()
+    thorough: bool = False
+
+    @property
+    def evaluations(self) -> int:
+        """Of the residual, at most, in one fit."""
+        return _THOROUGH if self.thorough else _EVALUATIONS
 
     @cached_property
     def shown(self) -> tuple[FloatArray | None, ...]:
@@ -129,9 +139,13 @@ class SimulationResidual(ProjectedResidual):
         return np.concatenate(found)
 
     def of_model(self, model: Model) -> SimulationResidual:
-        """The same of another model, the states of training records those that suit their first periods."""
+        """The same of another model, the states of training records those that suit their first periods.
+
+        Known states stay.
+        """
+        kept = self.started | {ring.file for ring in self.rings if ring.hold_out}
         pairs = zip(self.rings, self.states, strict=True)
-        states = tuple(old if ring.hold_out else first_state(ring, model) for ring, old in pairs)
+        states = tuple(old if ring.file in kept else first_state(ring, model) for ring, old in pairs)
         return replace(self, model=model, states=states)
 
     def in_parts(self, most: int | None = None) -> SimulationResidual:
@@ -144,7 +158,8 @@ class SimulationResidual(ProjectedResidual):
         parts = [part for k in self.trained for part in self.rings[k].parts(PERIODS)]
         usual = _PARTS if self.model.shapes is None else _MODAL_PARTS
         parts = parts[:: -(-len(parts) // (most or usual))]
-        return replace(self, rings=tuple(parts), states=tuple(first_state(p, self.model) for p in parts))
+        states = tuple(first_state(part, self.model) for part in parts)
+        return replace(self, rings=tuple(parts), states=states, started=frozenset())
 
 
 def left_over(ring: RingDown, shown: FloatArray | None) -> FloatArray:
@@ -201,7 +216,7 @@ def _sizes(numbers: Sequence[_Number], count: int) -> FloatArray:
 def refitted(
     residual: SimulationResidual,
     free: Mapping[str, Sequence[str]] | None = None,
-    evaluations: int = EVALUATIONS,
+    evaluations: int | None = None,
 ) -> Fit:
     """Fit the model's numbers, those of its effects and all states.
 
@@ -211,8 +226,8 @@ def refitted(
         Where the fit starts.
     free : mapping of str to sequence of str
         Names of the parameters that move, by the path of an effect; none of an effect that is not there.
-    evaluations : int
-        Of the residual, at most.
+    evaluations : int or None
+        Of the residual, at most; None: as many as it asks for itself.
 
     Returns
     -------
@@ -243,9 +258,9 @@ def refitted(
     margin = 1e-9 * np.minimum(high - low, 1.0)
     found = optimize.least_squares(
         rows, np.clip(start, low + margin, high - margin), jac=slopes, bounds=(low, high), x_scale="jac",
-        max_nfev=evaluations, ftol=_SETTLED, xtol=1e-8,
+        max_nfev=evaluations or residual.evaluations, ftol=_SETTLED, xtol=1e-8,
     )  # fmt: skip
-    after = at(on_ends(found.x, low, high))
+    after = at(on_ends(found.x, low, high, _AT_END))
     slopes_there = np.asarray(found.jac) / _sizes(numbers, len(found.x))
     return Fit(_with_held_out(after), paths, slopes_there, _trained_rows(after))
 

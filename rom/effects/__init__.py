@@ -146,8 +146,10 @@ def candidates(
     )
 
 
-def candidates_of(kind: type[E], model: Model, channels: Iterable[str] = ()) -> tuple[tuple[Member, E], ...]:
-    """Core candidates of one type that the model does not hold yet.
+def candidates_of(
+    kind: type[E], model: Model, channels: Iterable[str] = (), *, core: bool = True
+) -> tuple[tuple[Member, E], ...]:
+    """Candidates of one type that the model does not hold yet.
 
     Parameters
     ----------
@@ -155,11 +157,11 @@ def candidates_of(kind: type[E], model: Model, channels: Iterable[str] = ()) -> 
         `Effect`, `LawChange`, `Reading` or `SensorFault`.
     model : Model
         The model that may lack one.
-    channels : iterable of str
+    channels, core
         As for `candidates`.
     """
     known = {effect.path for effect in model.effects}
-    found = candidates(model, channels)
+    found = candidates(model, channels, core=core)
     return tuple((m, e) for m, e in found if isinstance(e, kind) and e.path not in known)
 
 

@@ -73,8 +73,11 @@ class Member:
         Parameters that are not strengths, and at zero leave another effect.
     contains : tuple of str
         Members that are special cases of this one.
+    strict : tuple of str
+        Parameters whose ranges do not grow: a period of which a stroke shows less than half is none.
     springless : bool
-        Whether it is of use only where a link has no stiffness that it could take a share of.
+        Whether it is of use only where a link has no stiffness: a slider could take a share of that, and
+        about a spring's rest positions are where the motion turns.
     """
 
     name: str
@@ -99,6 +102,7 @@ class Member:
     limits: tuple[str, ...] = ()
     needs: tuple[str, ...] = ()
     contains: tuple[str, ...] = ()
+    strict: tuple[str, ...] = ()
     springless: bool = False
 
     @property

@@ -206,7 +206,13 @@ class RingDown:
         return np.concatenate([x, omega * x])
 
 
-def ring_down(measurement: Measurement, model: Model | None = None, *, modal: bool = False) -> RingDown:
+def ring_down(
+    measurement: Measurement,
+    model: Model | None = None,
+    *,
+    modal: bool = False,
+    row_rate_hz: float | None = None,
+) -> RingDown:
     """Return a processed record as it is compared.
 
     Parameters
@@ -217,13 +223,15 @@ def ring_down(measurement: Measurement, model: Model | None = None, *, modal: bo
         A model of modes, where it is known.
     modal : bool
         Whether modes are to be told from it, of any frequency in its band.
+    row_rate_hz : float or None
+        Rate of the rows [Hz], about; None: some rows a period of the strongest line.
     """
     shapes = None if model is None else model.shapes
     if model is not None and shapes is not None:
         measurement = replace(measurement, strongest_hz=slowest_mode(model))
     bodies = tuple(b for b in measurement.motion)
     is_modal = modal or shapes is not None
-    rate = _modal_rate(measurement) if is_modal else _row_rate(measurement)
+    rate = _modal_rate(measurement) if is_modal else _row_rate(measurement, row_rate_hz)
     measured, noise = [], []
     for body in bodies:
         motion = measurement.motion[body]
@@ -243,11 +251,12 @@ def _modal_rate(measurement: Measurement) -> float:
     return measurement.rate_hz / max(1, int(measurement.rate_hz / (_PER_BAND * measurement.chain.band_hz[1])))
 
 
-def _row_rate(measurement: Measurement) -> float:
+def _row_rate(measurement: Measurement, wanted_hz: float | None) -> float:
     strongest = measurement.strongest_hz
-    if strongest is None:
+    if wanted_hz is None and strongest is None:
         return measurement.rate_hz
-    return measurement.rate_hz / max(1, int(measurement.rate_hz / (_SAMPLES * strongest)))
+    wanted_hz = wanted_hz or _SAMPLES * (strongest or measurement.rate_hz)
+    return measurement.rate_hz / max(1, int(measurement.rate_hz / wanted_hz))
 
 
 def _compared(measurement: Measurement, kind: str, samples: FloatArray, rate_hz: float) -> FloatArray:

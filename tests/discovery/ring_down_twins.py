@@ -20,6 +20,7 @@ RATE_HZ, SECONDS = 200.0, 1.5
 MASS, STIFFNESS, DAMPING = 1.5, 900.0, 0.7
 AMPLITUDES = (0.02, 0.028, 0.017)  # the last one is held out
 EFFECTS = {
+    "amplitude-stiffness": {"alpha": 0.2, "c_x": 60.0, "x_s": 0.005, "q": 1.2},
     "coulomb-friction": {"F_c": 0.15, "mu": 0.0, "v_s": 1e-3},
     "cubic-stiffness": {"k3": 2e5},
     "quadratic-damping": {"c2": 3.0},

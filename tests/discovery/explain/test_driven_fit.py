@@ -18,6 +18,7 @@ from discovery.loop.balance_refits import BalanceRefits
 from discovery.options import Options
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE
+from rom.model.laws import Parameter
 from rom.signals.measured_records import measured_record
 from tests.discovery import driven_twins as twins
 
@@ -56,7 +57,8 @@ def test_a_number_that_shows_next_to_nothing_has_an_error_without_an_end() -> No
     """Its slopes are below the smallest normal number: warnings are errors here."""
     rows = np.random.default_rng(1).normal(size=50)
     slopes = np.stack([np.ones(50), np.full(50, 1e-310) * np.sign(rows)], axis=1)
-    residual = SimpleNamespace(pieces=np.arange(50) // 10)
+    model = SimpleNamespace(parameter=lambda _: Parameter(0.0, "1"))
+    residual = SimpleNamespace(pieces=np.arange(50) // 10, model=model)
     fit: Any = SimpleNamespace(slopes=slopes, rows=rows, residual=residual, paths=("seen", "unseen"))
     errors = errors_of(fit)
     assert errors["seen"] == pytest.approx(1 / np.sqrt(50), rel=0.5)

@@ -11,7 +11,7 @@ import rom
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.acceptance import is_accepted
 from discovery.decide.chance import p_value
-from discovery.explain.force_balance import _slope, best_fit, explain
+from discovery.explain.force_balance import _slope, best_fit, explain, fitted
 from discovery.explain.force_balance_screen import screen, starts_of
 from discovery.explain.probes import by_chance, probed_in_pieces
 from discovery.loop.balance_refits import BalanceRefits
@@ -19,6 +19,7 @@ from discovery.options import Options
 from discovery.residual.base import cost
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.channels import FloatArray
+from rom.effects import CATALOGUE
 from tests.discovery import driven_twins as twins
 from tests.shared import Shared, once_per_run
 
@@ -149,3 +150,14 @@ def test_a_number_far_below_what_it_is_added_to_is_stepped_by_what_is_seen() -> 
     slopes = [_slope(left, here, at, place, ends, float(np.linalg.norm(here))) for place in range(2)]
     np.testing.assert_allclose(slopes[0], 1.0, rtol=0.01)
     np.testing.assert_allclose(slopes[1], normal, rtol=0.3)  # by a step of a thousandth, as ever
+
+
+def test_a_stiffness_that_is_cut_off_in_a_link_without_a_spring_gains_nothing() -> None:
+    """Below zero it would take a share of a spring that is not there: no number of it shows."""
+    campaign = twins.driven(Shared.here.new_folder() / "free", stiffness=0.0, sizes=(1.0,) * 3, seconds=3.0)
+    residual = BalanceRefits.of(campaign, Options()).start().residual
+    assert isinstance(residual, ForceBalanceResidual)
+    negative = CATALOGUE["quintic-stiffness"].at("guide", ground=True).with_values(k5=-1e14)
+    after, effects = fitted(residual, (negative,))
+    assert effects == (negative,)
+    assert cost(after) == pytest.approx(cost(residual))

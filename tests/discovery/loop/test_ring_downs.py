@@ -39,6 +39,31 @@ def test_what_a_ring_down_lacks_is_found(tmp_path: Path, effect: str) -> None:
     assert first.effect.name in CATALOGUE
 
 
+@pytest.mark.usefixtures("without_detection_limits")
+@pytest.mark.slow
+def test_softening_and_the_damping_that_comes_with_it_are_found_one_after_the_other(tmp_path: Path) -> None:
+    """One form that holds both leads to its parts: hysteresis, which has both too, explains less."""
+    found = close_loop(twins.free(tmp_path / "twin", "amplitude-stiffness"))
+    names = {one.effect.name for one in found.effects}
+    assert names in ({"microslip-softening", "displacement-damping"}, {"amplitude-stiffness"})
+    assert found.verdict == "closed"
+    before, after = (step.errors["hold_out"]["motion_nrmse"] for step in (found.steps[0], found.steps[-1]))
+    assert before is not None
+    assert after is not None
+    assert after < 0.2 * before
+
+
+@pytest.mark.usefixtures("without_detection_limits")
+@pytest.mark.slow
+@pytest.mark.variant  # the twin's softening is in every run
+def test_a_measured_bolted_beam_softens_as_its_damping_rises() -> None:
+    found = close_loop(rom.read_campaign(measured("others/bolted-double-beam")))
+    assert {one.effect.name for one in found.effects} == {"microslip-softening", "displacement-damping"}
+    held = found.steps[-1].errors["hold_out"]["motion_nrmse"]
+    assert held is not None
+    assert held < 1.15 * 0.028
+
+
 @pytest.mark.parametrize(("folder", "most"), [("cart-free-decay", 0.115), ("bolted-double-beam", 0.30)])
 def test_the_linear_model_of_measured_ring_downs(folder: str, most: float) -> None:
     campaign = rom.read_campaign(measured(f"others/{folder}"))

@@ -249,18 +249,6 @@ def test_a_force_of_the_wrong_sign_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("without_detection_limits")
-def test_emps_lacks_coulomb_friction(tmp_path: Path) -> None:
-    found = close_loop(twins.emps(measured("emps"), tmp_path / "emps"))
-    (one,) = found.effects
-    assert (one.effect.name, one.effect.enters) == ("coulomb-friction", "guide")
-    assert one.effect.parameters["F_c"].value == pytest.approx(20.0, rel=0.05)
-    assert found.model.structure.bodies[0].mass == pytest.approx(95.1, rel=0.02)
-    before, after = numbers(found)
-    assert before["force_error_hold_out"] == pytest.approx(0.17, abs=0.01)
-    assert after["force_error_hold_out"] < 0.05
-
-
-@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
 @pytest.mark.variant  # the twin with cubic stiffness is in every run
 @pytest.mark.parametrize("parts", [(0, 1, 2, 3, 10), range(11)])
