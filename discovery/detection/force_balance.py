@@ -11,6 +11,7 @@ import numpy as np
 from discovery.detection.limit import by_kind, by_piece, dispersion
 from discovery.detection.power import Background, Response, background_of
 from discovery.explain.force_balance_screen import candidates_in_balances
+from discovery.explain.probes import LARGEST
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.channels import FloatArray
 from rom.effects import Member, ModelCorrection
@@ -76,9 +77,10 @@ class BalanceMeter:
 
     def _response(self, force: FloatArray) -> Response | None:
         residual = self.residual
-        if not np.isfinite(force).all():
+        white = residual.whitened(force)
+        if not np.abs(white).max(initial=0.0) < LARGEST:
             return None
-        beyond = self._left_over(residual.whitened(force))
+        beyond = self._left_over(white)
         mine, noise, pieces = residual.training, residual.balances.noise, residual.pieces
         trained = by_piece(beyond[mine] ** 2, pieces)
         scores = by_piece(beyond[mine] * residual.residual[mine], pieces)

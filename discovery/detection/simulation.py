@@ -10,6 +10,7 @@ import numpy as np
 
 from discovery.detection.limit import by_piece, dispersion
 from discovery.detection.power import Background, Response, background_of
+from discovery.explain.probes import LARGEST
 from discovery.explain.simulation import candidates_in_decays, moved_little
 from discovery.residual.simulation import SimulationResidual
 from rom.campaign.channels import FloatArray
@@ -36,7 +37,7 @@ class DecayMeter:
 
     def pairs(self) -> Iterable[tuple[Member, ModelCorrection]]:
         """Core forces at the scales of their places."""
-        return candidates_in_decays(self.residual)
+        return (pair for pair in candidates_in_decays(self.residual) if pair[0].core)
 
     def unavailable(self, member: Member, effect: ModelCorrection) -> str:  # noqa: ARG002
         """All have a limit."""
@@ -84,7 +85,7 @@ class DecayMeter:
             output: FloatArray | None = small[1]
         else:
             output = residual.output_of(effect)
-        if output is None or not np.isfinite(output).all():
+        if output is None or not np.abs(output).max(initial=0.0) < LARGEST:
             return None
         return self._of_output(output).scaled(factor)
 

@@ -18,7 +18,7 @@ from rom.effects import Member, ModelCorrection, look_alikes
 from rom.progress import counted
 
 _IMITATED: Numerical[float] = 1e-12  # share of an output that is left beyond the model's numbers: rounding
-_LARGEST: Numerical[float] = 1e150  # times noise; the square of much more is no number
+LARGEST: Numerical[float] = 1e150  # times noise; the square of much more is no number
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +110,7 @@ def probed_in_pieces(
     residual : ProjectedResidual
         Of the model so far.
     """
-    if np.abs(output).max(initial=0.0) > _LARGEST:
+    if np.abs(output).max(initial=0.0) > LARGEST:
         return None
     beyond, mine = residual.beyond(output), output[residual.training]
     whole = float(mine @ mine)
