@@ -69,7 +69,7 @@ def driven_residual(
     own = {path for effect in model.effects for path in (f"{effect.path}.{n}" for n in effect.parameters)}
     free = tuple(n for n in names if n in model.parameters and n not in own and model.parameter(n).value)
     rates = row_rates_hz or {}
-    rings = tuple(ring_down(corrected(one, model), moved, row_rate_hz=rates.get(one.file)) for one in driven)
+    rings = tuple(ring_down(corrected(one, model), moved, rows_hz=rates.get(one.file)) for one in driven)
     started = frozenset(r.file for r in rings if starts_at_first_samples(moved, r.measurement))
     states = tuple(_state(ring, moved, known=ring.file in started) for ring in rings)
     return SimulationResidual(rings, moved, free, states, criteria, started)

@@ -207,11 +207,7 @@ class RingDown:
 
 
 def ring_down(
-    measurement: Measurement,
-    model: Model | None = None,
-    *,
-    modal: bool = False,
-    row_rate_hz: float | None = None,
+    measurement: Measurement, model: Model | None = None, *, modal: bool = False, rows_hz: float | None = None
 ) -> RingDown:
     """Return a processed record as it is compared.
 
@@ -223,7 +219,7 @@ def ring_down(
         A model of modes, where it is known.
     modal : bool
         Whether modes are to be told from it, of any frequency in its band.
-    row_rate_hz : float or None
+    rows_hz : float or None
         Rate of the rows [Hz], about; None: some rows a period of the strongest line.
     """
     shapes = None if model is None else model.shapes
@@ -231,7 +227,7 @@ def ring_down(
         measurement = replace(measurement, strongest_hz=slowest_mode(model))
     bodies = tuple(b for b in measurement.motion)
     is_modal = modal or shapes is not None
-    rate = _modal_rate(measurement) if is_modal else _row_rate(measurement, row_rate_hz)
+    rate = _modal_rate(measurement) if is_modal else _row_rate(measurement, rows_hz)
     measured, noise = [], []
     for body in bodies:
         motion = measurement.motion[body]
