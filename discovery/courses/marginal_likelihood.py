@@ -71,6 +71,7 @@ class Problem:
     log_determinant: FloatArray = field(init=False)
     theta0: FloatArray = field(init=False)
     _last: dict[bytes, Candidate] = field(init=False, default_factory=dict)
+    _slopes_at: tuple[State, FloatArray] | None = field(init=False, default=None)
     _known_scales: dict[object, dict[str, tuple[float, bool]]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -89,12 +90,8 @@ class Problem:
         values, scales = candidate.parameters, self._scales(candidate)
         out = []
         for name in candidate.free:
-            value = values[name].value
-            if name in scales:
-                size, signed = scales[name]
-                out.append(value * size if signed else np.log(max(value * size, _TINY)))
-            else:
-                out.append(value)
+            value, (size, signed) = values[name].value, scales.get(name, (1.0, True))
+            out.append(value * size if signed else np.log(max(value * size, _TINY)))
         return np.array(out)
 
     def _scales(self, candidate: Candidate) -> dict[str, tuple[float, bool]]:
@@ -300,6 +297,8 @@ class Problem:
 
     def jacobian(self, state: State) -> FloatArray:
         """Whitened derivatives of the courses with respect to the vector, (cases, bins, p)."""
+        if self._slopes_at is not None and self._slopes_at[0] is state:
+            return self._slopes_at[1]
         columns = []
         for place in range(len(state.theta)):
             least, value = self.least_sizes[place], abs(state.theta[place])
@@ -310,7 +309,9 @@ class Problem:
             moved[place] -= 2 * step if back else 0.0
             ahead = self._whitened(self.frozen.change - self._course(self.at(moved), state.u))
             columns.append((state.residual - ahead) / (moved[place] - state.theta[place]))
-        return np.stack(columns, axis=-1) if columns else np.zeros((*state.residual.shape, 0))
+        table = np.stack(columns, axis=-1) if columns else np.zeros((*state.residual.shape, 0))
+        self._slopes_at = (state, table)
+        return table
 
     def by_case(self, state: State) -> tuple[FloatArray, FloatArray]:
         """What every case adds to the normal equations, (cases, p, p) and (cases, p)."""
@@ -371,8 +372,7 @@ class Problem:
 
     def covariance(self, state: State) -> FloatArray:
         """Covariance of ln coefficients and inner numbers."""
-        size = len(state.theta)
-        if not size:
+        if not len(state.theta):
             return np.zeros((0, 0))
         matrix, _ = self.normal_equations(state)
         scale = np.sqrt(np.maximum(np.diag(matrix), _TINY))

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
+from joblib import delayed
 
 from discovery.detection.power import Background, Response
+from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Member, ModelCorrection
@@ -83,7 +86,7 @@ class Meter(Protocol):
         """Why an effect has no limit; empty where it has."""
 
 
-def limits_of(meter: Meter, progress: Progress | None = None) -> Iterator[DetectionLimit]:
+def limits_of(meter: Meter, progress: Progress | None = None, jobs: int = 1) -> Iterator[DetectionLimit]:
     """Yield the limit of every strength of every effect that a meter knows.
 
     Parameters
@@ -92,17 +95,21 @@ def limits_of(meter: Meter, progress: Progress | None = None) -> Iterator[Detect
         Of one kind of effect.
     progress : callable
         Called with (effects done, effects in all).
+    jobs : int
+        Threads.
     """
     pairs = list(meter.pairs())
-    for member, effect in counted(pairs, len(pairs), progress):
-        reason = meter.unavailable(member, effect)
-        for name in member.strengths:
-            if not effect.parameters[name].value:
-                continue
-            if reason:
-                yield _without(effect, name, reason)
-            else:
-                yield _Search(meter, member, effect, name).limit()
+    found = side_by_side(jobs)(delayed(_of_effect)(meter, *pair) for pair in pairs)
+    yield from chain.from_iterable(counted(found, len(pairs), progress))
+
+
+def _of_effect(meter: Meter, member: Member, effect: ModelCorrection) -> list[DetectionLimit]:
+    """The limits of every strength of an effect."""
+    reason = meter.unavailable(member, effect)
+    strengths = [name for name in member.strengths if effect.parameters[name].value]
+    if reason:
+        return [_without(effect, name, reason) for name in strengths]
+    return [_Search(meter, member, effect, name).limit() for name in strengths]
 
 
 def _without(effect: ModelCorrection, name: str, reason: str) -> DetectionLimit:

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
-from joblib import Parallel, delayed
+from joblib import delayed
 
 from discovery.decide.chance import by_record, p_value
 from discovery.decide.explanation import Explanation, limited, standard_errors
@@ -20,6 +21,7 @@ from discovery.explain.probes import Probe, by_chance, cut_to_bounds, probed, pr
 from discovery.explain.scales import OF_GROUND, OF_JOINT, Scale, at_scale, scale_along
 from discovery.options import Options
 from discovery.residual.output_error import WhitenedResidual
+from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, ModelCorrection, candidates, places
@@ -128,7 +130,7 @@ def _probed_all(
     """Probes of every effect, best first; effects by what their best one explains."""
     left = residual.beyond(residual.residual)
     tasks = (delayed(_probed)(member, probes, residual, left) for member, probes in there)
-    results = Parallel(n_jobs=jobs, prefer="threads", return_as="generator")(tasks)
+    results = side_by_side(jobs)(tasks)
     found: list[tuple[Probe, ...]] = list(counted(results, len(there), progress))
     return tuple(sorted((probes for probes in found if probes), key=lambda probes: -probes[0].gain))
 
@@ -172,9 +174,17 @@ def explain_screened(
     remainder, criteria = residual.beyond(residual.residual), options.criteria
     chosen = promising(probes, float(remainder @ remainder), criteria)
     largest, tell = by_chance(probes, criteria), options.stage("fitting effects")
-    tasks = (delayed(explain_effect)(ones, residual, largest) for ones in chosen)
-    results = Parallel(n_jobs=options.jobs, prefer="threads", return_as="generator")(tasks)
-    return list(counted(results, len(chosen), tell))
+    training, most = residual.of_training(), int(criteria.screening.starts)
+    starts = [_starts(ones, most) for ones in chosen]
+    each = [(ones[0].member, start) for ones, own in zip(chosen, starts, strict=True) for start in own]
+    fits = side_by_side(options.jobs)(delayed(_fitted)(*one, training) for one in each)
+    found = counted(fits, len(each), tell)
+    best = [min(islice(found, len(own)), key=lambda fit: fit[1])[0] for own in starts]
+    told = (
+        delayed(_explained)(ones, effect, residual, largest)
+        for ones, effect in zip(chosen, best, strict=True)
+    )
+    return list(side_by_side(options.jobs)(told))
 
 
 def explain_effect(
@@ -196,10 +206,19 @@ def explain_effect(
     Explanation
         The effect, and costs of every record without and with it.
     """
-    training, member = residual.of_training(), probes[0].member
-    starts = _starts(probes, int(residual.criteria.screening.starts))
-    effect = min((_fitted(member, start, training) for start in starts), key=lambda fit: fit[1])[0]
-    found = explanation(effect, member, residual)
+    training, starts = residual.of_training(), _starts(probes, int(residual.criteria.screening.starts))
+    fits = (_fitted(probes[0].member, start, training) for start in starts)
+    return _explained(probes, min(fits, key=lambda fit: fit[1])[0], residual, largest)
+
+
+def _explained(
+    probes: Sequence[Probe],
+    effect: ModelCorrection,
+    residual: WhitenedResidual,
+    largest: FloatArray | None,
+) -> Explanation:
+    """Costs with a fitted effect, and the chance of what its best probe gains."""
+    found = explanation(effect, probes[0].member, residual)
     return found if largest is None else replace(found, p_value=p_value(probes[0].gain, largest))
 
 

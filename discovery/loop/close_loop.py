@@ -120,9 +120,11 @@ def refits_of(campaign: Campaign, options: Options, law: Law | None = None) -> R
 
 def _detection_limits(refits: Refits, history: LoopHistory) -> tuple[DetectionLimit, ...]:
     """What the last residual would have shown of every effect that the model does not hold."""
-    stage = refits.options.stage
+    options = refits.options
     return tuple(
-        limit for meter in refits.meters(history) for limit in limits_of(meter, stage("detection limits"))
+        limit
+        for meter in refits.meters(history)
+        for limit in limits_of(meter, options.stage("detection limits"), options.jobs)
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from joblib import delayed
 from scipy import stats
 
 from discovery.decide.acceptance import spread_of
@@ -15,6 +16,7 @@ from discovery.loop.result import FoundEffect, LookAlike, Screened
 from discovery.loop.state import State
 from discovery.residual.base import Residual
 from discovery.separating_tests.law_changes import separating_hits
+from discovery.threads import side_by_side
 from rom.effects import CATALOGUE, ModelCorrection, candidates
 
 
@@ -24,6 +26,7 @@ def describe(
     effect: ModelCorrection,
     tests: Sequence[str],
     channels: Sequence[str],
+    jobs: int = 1,
 ) -> FoundEffect:
     """An effect with its numbers as the last model has them, its rivals, and how significant it is.
 
@@ -39,6 +42,8 @@ def describe(
         For each rival the test that would tell it apart, in words.
     channels : sequence of str
         Whose sensors may be at fault: so many more effects were tried.
+    jobs : int
+        Threads.
 
     Returns
     -------
@@ -46,9 +51,8 @@ def describe(
         As it stands in the result.
     """
     best, rivals = selection.best, selection.rivals
-    tests = [
-        test or separating_hits(best.slow, rival.slow) for test, rival in zip(tests, rivals, strict=True)
-    ]
+    each = zip(tests, rivals, strict=True)
+    tests = list(side_by_side(jobs)(delayed(_told_apart)(test, best, rival) for test, rival in each))
     gains, cost = best.gains(hold_out=True), best.cost(hold_out=True)
     return FoundEffect(
         effect=effect,
@@ -66,6 +70,11 @@ def describe(
         basis=best.basis,
         chance="likelihood ratio" if best.p_value is None else "drawn",
     )  # fmt: skip
+
+
+def _told_apart(test: str, best: Explanation, rival: Explanation) -> str:
+    """The test that is known, else the hits that tell two laws apart."""
+    return test or separating_hits(best.slow, rival.slow)
 
 
 def as_first_fitted(effect: ModelCorrection, fitted: ModelCorrection) -> ModelCorrection:

@@ -189,7 +189,7 @@ class CampaignRefits(ABC, Generic[ResidualT]):
         effect = next((e for e in state.model.effects if e.path == best.path), best)
         tests = self._separating_tests(effect, [rival.effect for rival in selection.rivals], residual)
         effect = self._with_limits(effect, best, residual)
-        return describe(selection, state, effect, tests, self._channels(residual))
+        return describe(selection, state, effect, tests, self._channels(residual), self.options.jobs)
 
     def _simulated(self, model: Model) -> tuple[Evaluation, ...]:
         """Compare all sound records with a model."""

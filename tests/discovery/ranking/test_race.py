@@ -221,7 +221,7 @@ def test_a_term_that_a_fit_drove_to_nothing_is_dropped(frozen: FrozenMotion) -> 
 
 def test_a_quiet_gauge_does_not_send_the_true_law_to_the_losses() -> None:
     """The frozen motion is off by more than such noise: only behind the correction a law is judged."""
-    quiet = freeze(paper_model(), measured(with_power(3.0), scatter=0.1, noise=0.01, seed=5))
+    quiet = freeze(paper_model(), measured(with_power(3.0), scatter=0.1, noise=0.005, seed=5))
     uncorrected = fit(FREE, quiet)
     assert dispersion(uncorrected, quiet) > quiet.criteria.ranking.misfit
     found = _corrected(uncorrected, quiet)
