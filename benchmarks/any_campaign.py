@@ -13,7 +13,7 @@ import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from scipy import linalg
+from scipy import linalg, optimize
 
 from discovery.criteria.criteria import CRITERIA
 from discovery.explain.scales import Scale, at_scale
@@ -31,11 +31,13 @@ from discovery.loop.result import Closure
 from rom.campaign.campaign import CampaignSettings, read_campaign, write_campaign
 from rom.campaign.channels import Channel, FloatArray
 from rom.effects import Effect, candidates, look_alikes, places
+from rom.identification.force_balance import OFFSET
 from rom.model.assembly import Response
 from rom.model.description import LinkLaws
 from rom.model.laws import constant_damping, constant_stiffness
 from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
+from rom.signals.filters import for_straight_lines
 
 KINDS = (
     "free displacement",
@@ -47,8 +49,14 @@ KINDS = (
 SHARES = (1.0, 0.5, 0.8, 0.7)
 """Amplitudes of the records beside the largest; the last one is held out."""
 MOST_SAMPLES = 4_000
+FORCE_NOISE = 1e-4
+"""Of a force."""
+FINER = 8
+"""Samples of a true force to one of a record: it runs on between them, and not along a line."""
+CHOICES = (0.0, -1.0, 1.0)
+"""Ends of a range that tell what an effect is: nothing of it, or a side."""
 FELT = 3.0
-"""Times noise: a hidden effect that moves the motion less is not felt."""
+"""Times noise: an effect is not felt that moves the motion less beyond what a linear model imitates."""
 
 
 class EscapedError(ArithmeticError):
@@ -80,23 +88,20 @@ class Motion:
     size_m: float
     band_hz: tuple[float, float]
 
-    def record(
-        self, share: float, rng: np.random.Generator
-    ) -> tuple[Mapping[str, FloatArray], Any, Response]:
-        """Force and start of a record whose largest motion is about a share of the size, and the motion."""
+    def record(self, share: float, rng: np.random.Generator) -> tuple[Mapping[str, FloatArray], Any]:
+        """Force, `FINER` than a record, and start; the largest motion is about a share of the size."""
         names, size_m = self.model.structure.body_names, share * self.size_m
+        fine_hz, samples = FINER * self.rate_hz, FINER * self.samples
         if self.test == "free":
             start = {n: size_m * float(rng.uniform(0.3, 1)) for n in names}, dict.fromkeys(names, 0.0)
-            force: Mapping[str, FloatArray] = {names[0]: np.zeros(self.samples)}
-            return force, start, self.model.simulate(force, self.rate_hz, None, *start)
-        time_s, start = np.arange(self.samples) / self.rate_hz, (dict.fromkeys(names, 0.0),) * 2
+            return {names[0]: np.zeros(samples)}, start
+        time_s, start = np.arange(samples) / fine_hz, (dict.fromkeys(names, 0.0),) * 2
         lines = np.linspace(0.3 * self.band_hz[0], 1.3 * self.band_hz[1], 60)
         phases = rng.uniform(0, 2 * np.pi, len(lines))
         unit = np.cos(2 * np.pi * np.outer(time_s, lines) + phases).sum(axis=1)
-        moved = self.model.simulate({names[-1]: unit}, self.rate_hz, None, *start)
+        moved = self.model.simulate({names[-1]: unit}, fine_hz, None, *start)
         factor = size_m / max(float(np.abs(moved.displacement[n]).max()) for n in names)
-        force = {names[-1]: factor * unit}
-        return force, start, self.model.simulate(force, self.rate_hz, None, *start)
+        return {names[-1]: factor * unit}, start
 
 
 def drawn(seed: int, folder: Path) -> tuple[str, str, float]:
@@ -112,24 +117,74 @@ def drawn(seed: int, folder: Path) -> tuple[str, str, float]:
     scale = Scale(mass * size_m * (2 * np.pi * first_hz) ** 2, size_m, size_m * 2 * np.pi * first_hz)
     hidden = _hidden(rng, model, scale) if rng.random() < 0.7 else None
     plant = model if hidden is None else model.with_effect(hidden)
-    noise, felt, records = 10 ** rng.uniform(-4, -1.7), 0.0, {}
-    for place, share in enumerate(SHARES):
-        force, start, linear = motion.record(share, rng)
-        response = plant.simulate(force, rate_hz, None, *start)
-        if response.status != "ok":
-            raise EscapedError(f"seed {seed}: found a hidden effect that lets the motion escape")
-        shown = {}
-        for body in model.structure.body_names:
-            clean, other = (np.asarray(getattr(one, quantity)[body]) for one in (response, linear))
-            level = noise * float(np.sqrt(np.mean(clean**2)))
-            felt = max(felt, float(np.sqrt(np.mean((clean - other) ** 2))) / level)
-            shown[f"{quantity}_{body}"] = clean + level * rng.normal(size=samples)
-        if test == "driven":
-            shown |= {f"force_{b}": f + 1e-4 * f.std() * rng.normal(size=samples) for b, f in force.items()}
-        records[f"records/{place}.h5"] = {name: Channel(name, y, rate_hz) for name, y in shown.items()}
+    runs = [motion.record(share, rng) for share in SHARES]
+    moved = [plant.simulate(_for_simulation(force), FINER * rate_hz, None, *start) for force, start in runs]
+    if any(one.status != "ok" for one in moved):
+        raise EscapedError(f"seed {seed}: found a hidden effect that lets the motion escape")
     declared = test == "free" or bool(rng.random() < 0.5)
+    imitating = _imitating(model, [force for force, _ in runs], moved, declared=declared)
+    noise, felt, records = 10 ** rng.uniform(-4, -1.7), 0.0, {}
+    for place, ((force, start), response) in enumerate(zip(runs, moved, strict=True)):
+        linear = imitating.simulate(_for_simulation(force), FINER * rate_hz, None, *start)
+        channels, of_record = _shown(response, linear, quantity, noise, rng)
+        channels |= _shown_forces(force, rng) if test == "driven" else {}
+        records[f"records/{place}.h5"] = {name: Channel(name, y, rate_hz) for name, y in channels.items()}
+        felt = max(felt, of_record)
     write_campaign(folder, _settings(model, kind, records, rate_hz, declared=declared), records.items())
     return kind, "" if hidden is None else hidden.path, felt
+
+
+def _for_simulation(force: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    return {body: for_straight_lines(course) for body, course in force.items()}
+
+
+def _shown(
+    response: Response, linear: Response, quantity: str, noise: float, rng: np.random.Generator
+) -> tuple[dict[str, FloatArray], float]:
+    """Noisy channels of a motion, and how far it is from another one, in noise."""
+    channels, felt = {}, 0.0
+    for body, course in getattr(response, quantity).items():
+        clean, other = course[::FINER], getattr(linear, quantity)[body][::FINER]
+        level = noise * float(np.sqrt(np.mean(clean**2)))
+        felt = max(felt, float(np.sqrt(np.mean((clean - other) ** 2))) / level)
+        channels[f"{quantity}_{body}"] = clean + level * rng.normal(size=len(clean))
+    return channels, felt
+
+
+def _shown_forces(forces: Mapping[str, FloatArray], rng: np.random.Generator) -> dict[str, FloatArray]:
+    """Noisy channels of forces."""
+    return {
+        f"force_{body}": force[::FINER] + FORCE_NOISE * force.std() * rng.normal(size=len(force[::FINER]))
+        for body, force in forces.items()
+    }
+
+
+def _imitating(
+    model: Model, forces: Sequence[Mapping[str, FloatArray]], moved: Sequence[Response], *, declared: bool
+) -> Model:
+    """The linear model that balances the forces along a motion best, with its masses where not declared."""
+    names, links = model.structure.body_names, model.structure.links
+    still, parts = np.zeros_like(next(iter(forces[0].values()))), []
+    for force, response in zip(forces, moved, strict=True):
+        of_links = [
+            (link, one.get(link.first, still) - one.get(link.second, still))
+            for link in links for one in (response.displacement, response.velocity)
+        ]  # fmt: skip
+        for body in names:
+            pulls = [((link.first == body) - float(link.second == body)) * x for link, x in of_links]
+            pushes = [float(other == body) * np.asarray(response.acceleration[body]) for other in names]
+            parts.append(np.stack([*pulls, *pushes, force.get(body, still)], axis=1))
+    *columns, force = np.concatenate(parts).T
+    paths = [f"{link.name}.{number}" for link in links for number in ("stiffness.k", "damping.c")]
+    masses = [f"body.{body}.mass" for body in names]
+    if declared:
+        known = [model.parameter(path).value for path in masses]
+        force = force - np.array(known) @ np.array(columns[len(paths) :])
+    paths += [] if declared else masses
+    table = np.stack(columns[: len(paths)], axis=1)
+    sizes = np.linalg.norm(table, axis=0)
+    found, _ = optimize.nnls(table / sizes, force)
+    return model.with_values(dict(zip(paths, (found / sizes).tolist(), strict=True)))
 
 
 def _chain(
@@ -152,10 +207,13 @@ def _chain(
 
 
 def _hidden(rng: np.random.Generator, model: Model, scale: Scale) -> Effect:
-    """An effect of the core at a place of its own, about as strong there as in a lap joint or a flexure."""
+    """An effect of the core at a place of its own, about as strong there as in a lap joint or a flexure.
+
+    No constant force: offsets of sensors and starts imitate it.
+    """
     kinds = places(model)
     found = ((m, e) for m, e in candidates(model) if m.kind == "force" and not m.by_record)
-    forces = [(m, e) for m, e in found if isinstance(e, Effect)]
+    forces = [(m, e) for m, e in found if isinstance(e, Effect) and e.name != OFFSET]
     member, effect = forces[int(rng.integers(len(forces)))]
     at = at_scale(member, effect, scale, ground=kinds[effect.enters] != "joint", criteria=CRITERIA.tension)
     factor = 10 ** rng.uniform(-0.5, 0.3)
@@ -224,7 +282,7 @@ def _unsaid(closure: Closure) -> str:
     return ", ".join(
         f"{path}.{name} = {p.value:.4g}, at an end of its range, unsaid"
         for path, name, p in numbers
-        if p.value in p.bounds and p.value != 0.0 and not p.at_bound
+        if p.value in p.bounds and p.value not in CHOICES and not p.at_bound
     )
 
 

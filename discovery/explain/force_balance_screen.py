@@ -53,7 +53,8 @@ def screen(residual: ForceBalanceResidual, options: Options) -> tuple[tuple[Prob
 def candidates_in_balances(residual: ForceBalanceResidual) -> Iterator[tuple[Member, ModelCorrection]]:
     """Effects at the scales of their places, and faults of the force sensors."""
     balances = residual.balances
-    channels = dict.fromkeys(b.channel for r in balances.records for b in r.balances)
+    every = (balance for record in balances.records for balance in record.balances)
+    channels = dict.fromkeys(one.channel for one in every if np.any(one.terms["force"]))
     model = declared_model(balances)[0]
     for member, added in candidates(model, channels, core=False):
         if member.by_record:

@@ -24,6 +24,7 @@ from discovery.loop.tension_stage import along_found_law, in_tension, law_first
 from discovery.options import Options, Stages, no_progress
 from rom.campaign.campaign import Campaign
 from rom.evaluation.noise_floor import floors_by_kind
+from rom.identification.balance_warnings import noise_warnings
 from rom.identification.force_balance import is_driven
 from rom.identification.free_decay import is_followed, is_free
 from rom.jobs import processes
@@ -77,15 +78,30 @@ def close_loop(
     jobs = processes(jobs)
     options = Options(jobs, progress or no_progress, seed, criteria)
     law = None if model is None else declared_law(model, campaign)
-    refits = refits_of(
-        with_something_left(screened(judged_by(campaign, criteria.of_records), jobs)), options, law
-    )
-    refits, history = gauged(refits, LoopHistory((refits.start(),), criteria=criteria))
+    sound = with_something_left(screened(judged_by(campaign, criteria.of_records), jobs))
+    return _closure(*_or_simulated(sound, *_searched(refits_of(sound, options, law))))
+
+
+def _searched(refits: Refits) -> tuple[Refits, LoopHistory]:
+    """The loop from the declared model to its end."""
+    refits, history = gauged(refits, LoopHistory((refits.start(),), criteria=refits.options.criteria))
     start = law_first(refits, before_hits(refits, history))
     history = with_later_disturbances(refits, start)
     history = refits.in_simulation(settled_at_end(refits, or_free_form(refits, history, start)))
     history = along_found_law(refits, in_tension(refits, history))
-    return _closure(refits, settled_at_end(refits, history))
+    return refits, settled_at_end(refits, history)
+
+
+def _or_simulated(campaign: Campaign, refits: Refits, history: LoopHistory) -> tuple[Refits, LoopHistory]:
+    """The loop in simulations where they show an effect that noise hides from balances of forces.
+
+    A motion that is differentiated is noisy at every instant; a simulation adds up what is small but lasts.
+    """
+    silent = history.at_noise_floor and not history.selections
+    if not (silent and isinstance(refits, BalanceRefits) and is_followed(campaign)):
+        return refits, history
+    found = _searched(FreeRefits.of_driven(campaign, refits.options))
+    return found if found[1].selections and found[1].at_noise_floor else (refits, history)
 
 
 def refits_of(campaign: Campaign, options: Options, law: Law | None = None) -> Refits:
@@ -111,11 +127,20 @@ def refits_of(campaign: Campaign, options: Options, law: Law | None = None) -> R
         return FreeRefits.of_modes(campaign, options)
     if is_free(campaign):
         return FreeRefits.of(campaign, options)
-    if is_driven(campaign):
-        return BalanceRefits.of(campaign, options)
+    if is_driven(campaign) and (told := _balanced(campaign, options)) is not None:
+        return told
     if is_followed(campaign):
         return FreeRefits.of_driven(campaign, options)
     return ImpactRefits.of(campaign, options, law=law)
+
+
+def _balanced(campaign: Campaign, options: Options) -> BalanceRefits | None:
+    """Fits to balances of forces; None where a displacement is too noisy for them and simulations can follow.
+
+    Noise in what numbers multiply makes them too small, and what that leaves over passes for an effect.
+    """
+    refits = BalanceRefits.of(campaign, options)
+    return None if is_followed(campaign) and noise_warnings(refits.balances) else refits
 
 
 def _detection_limits(refits: Refits, history: LoopHistory) -> tuple[DetectionLimit, ...]:

@@ -108,8 +108,7 @@ class RingDown:
         return self._white(self.measured / self.noise[:, None])
 
     def _white(self, rows: FloatArray) -> FloatArray:
-        rows = rows if self.beside is None else self.beside.whitened(rows)
-        return rows.reshape(*rows.shape[:-2], -1)
+        return (rows if self.beside is None else self.beside.whitened(rows)).reshape(*rows.shape[:-2], -1)
 
     def shown(self, motion: Mapping[str, Mapping[str, FloatArray]]) -> FloatArray:
         """Motion by quantity and body as the channels show it, over their noise: (rows of all channels,).
@@ -142,7 +141,8 @@ class RingDown:
         response = self.response(model, state, tension, _TOLERANCE)
         if response.status != "ok":
             return None
-        found = self.shown(as_sensors_show(model, response, self.measurement))
+        with np.errstate(over="ignore", invalid="ignore"):  # of a motion that escapes
+            found = self.shown(as_sensors_show(model, response, self.measurement))
         return found if np.all(np.abs(found) < _ESCAPED * np.abs(self.whitened).max()) else None
 
     def response(

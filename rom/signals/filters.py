@@ -364,14 +364,15 @@ def _oscillation(samples: FloatArray, period: float) -> FloatArray:
 
 
 def for_straight_lines(samples: FloatArray) -> FloatArray:
-    """Samples whose straight connection has the spectrum of the signal: f - (second difference) / 12.
+    """Samples whose straight connection has the spectrum of a signal: f - 2nd / 12 + 4th difference / 90.
 
     Straight lines between samples h apart weaken a component of angular frequency w by
-    sinc^2(w h / 2) = 1 - (w h)^2 / 12 + ...; the second difference makes up for it. Without it gamma of a
-    0.65 ms pulse at 19.2 kHz comes out 0.5 % too large.
+    sinc^2(w h / 2) = 1 - (w h)^2 / 12 + (w h)^4 / 360 - ...; differences make up for it. Without the second,
+    gamma of a 0.65 ms pulse at 19.2 kHz comes out 0.5 % too large; without the fourth, a force of 12 samples
+    a period is 0.1 % too small.
     """
-    padded = np.concatenate((samples[:1], samples, samples[-1:]))
-    return np.asarray(samples - np.diff(padded, 2) / 12)
+    second = np.diff(np.pad(samples, 1, mode="edge"), 2)
+    return np.asarray(samples - second / 12 + np.diff(np.pad(second, 1, mode="edge"), 2) / 90)
 
 
 def ac_coupled(samples: FloatArray, rate_hz: float, corner: float) -> FloatArray:
