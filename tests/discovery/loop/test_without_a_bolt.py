@@ -11,7 +11,7 @@ import pytest
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.explain.force_balance import best_fit
-from discovery.explain.force_balance_screen import screen, starts_of
+from discovery.explain.force_balance_screen import candidates_in_balances, screen, starts_of
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.loop.close_loop import close_loop
 from discovery.loop.history import LoopHistory
@@ -20,7 +20,7 @@ from discovery.options import Options
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.campaign import Campaign
 from rom.campaign.channels import FloatArray
-from rom.effects import CATALOGUE, ModelCorrection
+from rom.effects import CATALOGUE, ModelCorrection, SensorFault
 from rom.identification.force_balance import balances_of
 from tests.discovery import driven_twins as twins
 from tests.shared import measured
@@ -145,6 +145,38 @@ def test_no_gain_of_the_force_sensor_is_offered_where_all_numbers_are_free(tmp_p
     found = close_loop(free.campaign)
     assert (found.verdict, found.effects) == ("no-effect", ())
     assert found.model.structure.bodies[0].mass == pytest.approx(1.8, rel=5e-3)
+
+
+def test_a_force_sensor_that_no_record_has_is_no_suspect(tmp_path: Path) -> None:
+    """A body that nothing drives has a balance too; noise in its motion asked for less of its own force."""
+    campaign = twins.driven(tmp_path / "given", given_kg=2.0)
+    residual = BalanceRefits.of(campaign, Options()).start().residual
+    assert isinstance(residual, ForceBalanceResidual)
+    records = tuple(
+        replace(record, balances=tuple(
+            replace(one, terms={**one.terms, "force": 0 * one.terms["force"]}) for one in record.balances
+        ))
+        for record in residual.balances.records
+    )  # fmt: skip
+    undriven = replace(residual, balances=replace(residual.balances, records=records))
+    faults = [
+        {effect.path for _, effect in candidates_in_balances(one) if isinstance(effect, SensorFault)}
+        for one in (residual, undriven)
+    ]
+    assert faults[0]
+    assert not faults[1]
+
+
+@pytest.mark.usefixtures("without_detection_limits")
+@pytest.mark.slow
+def test_what_noise_hides_from_the_balances_is_found_by_simulation(tmp_path: Path) -> None:
+    def drag(_x: FloatArray, v: FloatArray) -> FloatArray:
+        return np.asarray(3.0 * np.abs(v) * v)
+
+    found = close_loop(twins.driven(tmp_path / "drag", noise_m=1e-5, extra=drag))
+    (one,) = found.effects
+    assert (found.verdict, one.effect.path) == ("closed", "guide.quadratic-damping")
+    assert one.effect.parameters["c2"].value == pytest.approx(3.0, rel=0.01)
 
 
 @pytest.mark.usefixtures("without_detection_limits")

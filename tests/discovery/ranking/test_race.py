@@ -230,6 +230,14 @@ def test_a_quiet_gauge_does_not_send_the_true_law_to_the_losses() -> None:
     assert found.candidate.parameters["n"].value == pytest.approx(3.0, abs=0.01)
 
 
+def test_a_fit_to_a_quiet_gauge_goes_on_to_the_likelihoods_maximum() -> None:
+    """Deviations that do not follow the law's numbers make every step look bad: it ended 492 noises away."""
+    quiet = freeze(paper_model(), measured(with_power(3.0), scatter=0.1, noise=0.01, seed=5))
+    found = fit(FREE, quiet)
+    assert dispersion(found, quiet) < 5
+    assert found.candidate.parameters["n"].value == pytest.approx(3.0, abs=0.02)
+
+
 def test_law_that_comes_first_in_one_resample_of_twenty_is_listed_whatever_its_rank(
     laws: tuple[RankedLaw, ...],
 ) -> None:

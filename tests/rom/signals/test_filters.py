@@ -264,9 +264,9 @@ def test_split_refuses_windows_and_impacts_that_cannot_be(
 
 @pytest.mark.parametrize("cycles_per_sample", [0.01, 0.05, 0.1])
 def test_straight_lines_keep_the_amplitude(cycles_per_sample: float) -> None:
-    """Lines weaken a wave by sinc^2; what is left after the correction is of fourth order."""
+    """Lines weaken a wave by sinc^2; what is left after the correction is of sixth order."""
     wave = np.cos(2 * np.pi * cycles_per_sample * np.arange(1000))
     gain = (for_straight_lines(wave) / wave)[500]
     left = gain * np.sinc(cycles_per_sample) ** 2 - 1
-    assert abs(left) < (2 * np.pi * cycles_per_sample) ** 4 / 80
-    assert abs(left) < 0.2 * abs(np.sinc(cycles_per_sample) ** 2 - 1)
+    assert abs(left) < (2 * np.pi * cycles_per_sample) ** 6 / 500
+    assert abs(left) < 0.1 * abs(np.sinc(cycles_per_sample) ** 2 - 1)
