@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
+import numpy as np
+
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.detection.limit import DetectionLimit, limits_of
 from discovery.loop.balance_refits import BalanceRefits
@@ -32,6 +34,8 @@ from rom.model.laws import Law
 from rom.model.model import Model
 from rom.one_thread import one_threaded
 from rom.signals.measured_records import judged_by, screened, with_something_left, with_stored_records
+
+_Search = tuple[Refits, LoopHistory]
 
 
 @one_threaded
@@ -79,10 +83,10 @@ def close_loop(
     options = Options(jobs, progress or no_progress, seed, criteria)
     law = None if model is None else declared_law(model, campaign)
     sound = with_something_left(screened(judged_by(campaign, criteria.of_records), jobs))
-    return _closure(*_or_simulated(sound, *_searched(refits_of(sound, options, law))))
+    return _closure(*_by_both(sound, *_searched(refits_of(sound, options, law))))
 
 
-def _searched(refits: Refits) -> tuple[Refits, LoopHistory]:
+def _searched(refits: Refits) -> _Search:
     """The loop from the declared model to its end."""
     refits, history = gauged(refits, LoopHistory((refits.start(),), criteria=refits.options.criteria))
     start = law_first(refits, before_hits(refits, history))
@@ -92,16 +96,23 @@ def _searched(refits: Refits) -> tuple[Refits, LoopHistory]:
     return refits, settled_at_end(refits, history)
 
 
-def _or_simulated(campaign: Campaign, refits: Refits, history: LoopHistory) -> tuple[Refits, LoopHistory]:
-    """The loop in simulations where they show an effect that noise hides from balances of forces.
+def _by_both(campaign: Campaign, refits: Refits, history: LoopHistory) -> tuple[_Search, ...]:
+    """The search, and that by the other residual of driven bodies where nothing is named; the result first.
 
-    A motion that is differentiated is noisy at every instant; a simulation adds up what is small but lasts.
+    Balances of forces show what is quick, and noise of a motion that is differentiated hides the rest; a
+    simulation adds up what is small but lasts.
     """
     silent = history.at_noise_floor and not history.selections
-    if not (silent and isinstance(refits, BalanceRefits) and is_followed(campaign)):
-        return refits, history
-    found = _searched(FreeRefits.of_driven(campaign, refits.options))
-    return found if found[1].selections and found[1].at_noise_floor else (refits, history)
+    if not (silent and is_driven(campaign) and is_followed(campaign)):
+        return ((refits, history),)
+    if isinstance(refits, BalanceRefits):
+        other = _searched(FreeRefits.of_driven(campaign, refits.options))
+        if not other[1].at_noise_floor:
+            return ((refits, history),)
+        return (other,) if other[1].selections else ((refits, history), other)
+    balances = BalanceRefits.of(campaign, refits.options)
+    quiet = LoopHistory((balances.start(),), criteria=refits.options.criteria).at_noise_floor
+    return ((refits, history),) if quiet else (_searched(balances),)
 
 
 def refits_of(campaign: Campaign, options: Options, law: Law | None = None) -> Refits:
@@ -143,14 +154,20 @@ def _balanced(campaign: Campaign, options: Options) -> BalanceRefits | None:
     return None if is_followed(campaign) and noise_warnings(refits.balances) else refits
 
 
-def _detection_limits(refits: Refits, history: LoopHistory) -> tuple[DetectionLimit, ...]:
-    """What the last residual would have shown of every effect that the model does not hold."""
-    options = refits.options
-    return tuple(
-        limit
-        for meter in refits.meters(history)
-        for limit in limits_of(meter, options.stage("detection limits"), options.jobs)
-    )
+def _detection_limits(*searches: _Search) -> tuple[DetectionLimit, ...]:
+    """What the last residual would have shown of every effect that the model does not hold; the lowest."""
+    found: dict[tuple[str, str, str], DetectionLimit] = {}
+    for refits, history in searches:
+        options = refits.options
+        for meter in refits.meters(history):
+            for limit in limits_of(meter, options.stage("detection limits"), options.jobs):
+                key = limit.enters, limit.name, limit.parameter
+                found[key] = min(found.get(key, limit), limit, key=_lowest)
+    return tuple(found.values())
+
+
+def _lowest(limit: DetectionLimit) -> float:
+    return np.inf if limit.value is None else limit.value
 
 
 def _with_their_limits(model: Model, found: Iterable[FoundEffect]) -> Model:
@@ -169,7 +186,8 @@ def _warnings(refits: Refits, history: LoopHistory, doubts: Iterable[str]) -> It
     yield from (*refits.warnings, *doubts, *history.remarks())
 
 
-def _closure(refits: Refits, history: LoopHistory) -> Closure:
+def _closure(search: _Search, *others: _Search) -> Closure:
+    refits, history = search
     history = refits.with_known_rate(history)
     first, last = history.states[0], history.last
     doubts = refits.doubts(history)
@@ -188,7 +206,7 @@ def _closure(refits: Refits, history: LoopHistory) -> Closure:
         residual_before=refits.localise(first, history.tension[:1]),
         residual_after=refits.localise(last, history.tension[1:]),
         screened=history.screened,
-        detection_limits=_detection_limits(refits, history),
+        detection_limits=_detection_limits((refits, history), *others),
         criteria=refits.options.criteria,
         declared=first.model,
         set_aside=refits.set_aside,
