@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import optimize
 
-from discovery.courses.marginal_likelihood import Problem, State
+from discovery.courses.marginal_likelihood import TALLEST_STEP, Problem, State
 from discovery.courses.variability import tau
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -15,7 +15,6 @@ _LENGTHENED_GAIN: Numerical[float] = 1e-3  # of the deviance: for less no number
 _SHARED: Numerical[float] = 2.0  # standard errors of the deviations' mean: more is not by chance
 _SHIFT: Numerical[float] = 0.5  # of the log rate at a time: numbers of a law follow it about linearly
 _SCALES: Numerical[float] = 0.999  # squared cosine of a number that scales a law: beyond finite differences
-_FURTHEST: Numerical[float] = 1.0  # of a deviation that follows a step
 _SHIFTS: Numerical[int] = 40  # from the largest deviation that there can be
 
 
@@ -151,7 +150,7 @@ def _followed(problem: Problem, state: State, theta: FloatArray) -> FloatArray:
     weight = 1 / tau(state.scatter, problem.frozen.initial, problem.rules) ** 2
     along = np.einsum("cb,cbp,p->c", state.slope, problem.jacobian(state), theta - state.theta)
     lag = along / ((state.slope**2).sum(axis=1) + weight)
-    return np.asarray(state.u - np.clip(lag, -_FURTHEST, _FURTHEST))
+    return np.asarray(state.u - np.clip(lag, -TALLEST_STEP, TALLEST_STEP))
 
 
 def _lengthened(problem: Problem, state: State, best: State, change: FloatArray) -> State:

@@ -27,7 +27,7 @@ from discovery.laws.candidate import Candidate
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 
-_TALLEST_STEP: Numerical[float] = 1.0
+TALLEST_STEP: Numerical[float] = 1.0  # of a deviation
 _STEP_U: Numerical[float] = 1e-4
 _AT_MODE: Numerical[float] = 1e-5  # of the deviance, that one more Newton step would gain
 _STEP: Numerical[float] = 1e-4
@@ -228,7 +228,7 @@ class Problem:
             moving = ~(newton**2 * (information + 1 / tau2) < _AT_MODE)
             if step == steps or not moving.any():
                 break
-            u = u + moving * np.clip(newton, -_TALLEST_STEP, _TALLEST_STEP)
+            u = u + moving * np.clip(newton, -TALLEST_STEP, TALLEST_STEP)
         by_case = (residual**2).sum(axis=1) + own**2 / tau2 + np.log1p(tau2 * information)
         if bolts is not None:
             by_case += bolts.deviance(bolts.modes(u, tau2, sigma2), information, tau2, sigma2)
