@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy import stats
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.explanation import Explanation
@@ -36,6 +37,11 @@ def at_noise_floor(level: float, first: float, criteria: Criteria = CRITERIA, by
     rules = criteria.acceptance
     most = max(rules.noise_level, by_chance) - 1
     return level - 1 <= max(most, rules.explained_remainder * (first - 1))
+
+
+def noise_by_chance(rows: int, criteria: Criteria = CRITERIA) -> float:
+    """Mean square that noise alone leaves of so many rows at times."""
+    return float(stats.chi2.isf(criteria.tension.misfit_chance, rows)) / rows
 
 
 def is_exact(errors: ErrorsByKind, criteria: Criteria = CRITERIA) -> bool:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from discovery.criteria.criteria import Criteria
 from discovery.decide.explanation import limited_number
 from discovery.explain.free_form import member_of
 from discovery.explain.simulation import errors_of
+from discovery.residual.base import level
 from discovery.residual.simulation import SimulationResidual, refitted
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -32,6 +34,14 @@ from rom.signals.sensor_correction import corrected
 
 _EVALUATIONS: Numerical[int] = 12
 Numbers = dict[str, Parameter]
+
+
+class SimulatedModel(NamedTuple):
+    """A model fitted by simulation, its numbers that were fitted, and the mean square that it leaves."""
+
+    model: Model
+    numbers: Numbers
+    level: float
 
 
 def driven_residual(
@@ -82,8 +92,8 @@ def fitted_by_simulation(
     criteria: Criteria,
     row_rates_hz: Mapping[str, float] | None = None,
     evaluations: int = _EVALUATIONS,
-) -> tuple[Model, Numbers] | None:
-    """Return a model of driven bodies with the numbers that simulate its records best, and these by path.
+) -> SimulatedModel | None:
+    """Return a model of driven bodies with the numbers that simulate its records best.
 
     Parameters
     ----------
@@ -98,7 +108,7 @@ def fitted_by_simulation(
 
     Returns
     -------
-    tuple of (Model, dict of str to Parameter) or None
+    SimulatedModel or None
         Numbers that were fitted come with 95 % limits, the wider of this fit's and the start's. None where no
         record has a force that drives a body.
     """
@@ -114,7 +124,8 @@ def fitted_by_simulation(
         for path, error in errors_of(fit).items()
     }
     effects = [_of_effect(old, new, numbers) for old, new in zip(moved.effects, found.effects, strict=True)]
-    return replace(found, effects=(*effects, *model.effects_of("sensor fault"))), numbers
+    fitted = replace(found, effects=(*effects, *model.effects_of("sensor fault")))
+    return SimulatedModel(fitted, numbers, level(fit.residual))
 
 
 def standard_error(number: Parameter) -> float:

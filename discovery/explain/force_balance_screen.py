@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.explain.probes import Probe, cut_to_bounds, probed_in_pieces
-from discovery.explain.scales import Scale, at_scale, rescaled, scale_of, sees_normal_force
+from discovery.explain.scales import at_scale, rescaled, scale_of, sees_normal_force
+from discovery.explain.slider_shapes import Held, slider_shapes
 from discovery.options import Options
 from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.channels import FloatArray
@@ -101,43 +101,16 @@ def _probes(
 def _sliders(
     member: Member, effect: ModelCorrection, residual: ForceBalanceResidual
 ) -> list[ModelCorrection]:
-    """A slider at limits from barely any slip to slip over most of the motion, and gaps likewise.
-
-    Its limit is constant, or in proportion to a normal force that was measured.
-    """
-    balances, rules = residual.balances, residual.criteria.screening
-    scale = scale_of(balances, effect.enters)
+    """A slider at limits from barely any slip to slip over most of the motion, and gaps likewise."""
+    scale = scale_of(residual.balances, effect.enters)
     assert scale is not None
-    steps = np.geomspace(rules.finest_shape, rules.coarsest_shape, int(rules.shape_steps)).tolist()
-    (strength,) = member.strengths
-    size, spring = _spring(member, effect, residual, scale)
-    constant, share = member.limits
-    units = [(constant, 1.0)]
-    normal = _normal_force(residual, effect.enters)
-    units += [(share, normal)] if normal > 0 else []
-    others = {
-        name: [step * scale.displacement for step in steps] if name in member.needs else list(values)
-        for name, values in member.inner.items()
-        if name not in member.limits
-    }
-    found = []
-    for (name, unit), step in product(units, steps):
-        limit = step * scale.displacement * spring / unit
-        for point in product(*others.values()):
-            values = {**dict.fromkeys(member.limits, 0.0), **dict(zip(others, point, strict=True))}
-            found.append(cut_to_bounds(effect, {**values, strength: size, name: limit}))
-    return found
-
-
-def _spring(
-    member: Member, effect: ModelCorrection, residual: ForceBalanceResidual, scale: Scale
-) -> tuple[float, float]:
-    """Strength of a probe, and the stiffness of its slider [N/m]."""
     ((name, least),) = member.strengths.items()
-    if effect.parameters[name].unit == "1":
-        return least, least * residual.constants(effect.enters)[0]
     spring = scale.force / scale.displacement
-    return spring, spring
+    strength, stiffness = spring, spring
+    if effect.parameters[name].unit == "1":
+        strength, stiffness = least, least * residual.constants(effect.enters)[0]
+    held = Held(strength, stiffness, scale.displacement, _normal_force(residual, effect.enters))
+    return slider_shapes(member, effect, held, residual.criteria.screening)
 
 
 def _normal_force(residual: ForceBalanceResidual, enters: str) -> float:

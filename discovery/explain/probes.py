@@ -39,9 +39,14 @@ class Probe:
 
     @property
     def start(self) -> ModelCorrection:
-        """The effect at the strength that suits it, within its range."""
-        values = {name: self.effect.parameters[name].value for name in self.member.strengths}
-        return cut_to_bounds(self.effect, {name: self.amplitude * value for name, value in values.items()})
+        """The effect at the strength that suits it, within its range; a slider slips where the probe did."""
+        return scaled(self.member, self.effect, self.amplitude)
+
+
+def scaled(member: Member, effect: ModelCorrection, factor: float) -> ModelCorrection:
+    """The effect with a force as many times as large, within its range; a slider slips where it did."""
+    names = (*member.strengths, *member.limits)
+    return cut_to_bounds(effect, {name: factor * effect.parameters[name].value for name in names})
 
 
 def cut_to_bounds(effect: ModelCorrection, values: Mapping[str, float]) -> ModelCorrection:

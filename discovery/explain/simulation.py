@@ -18,8 +18,9 @@ from discovery.decide.explanation import Explanation, limited, standard_errors
 from discovery.explain.force_balance import explanation
 from discovery.explain.free_form import member_of, single_terms, sparse_sum, terms_at
 from discovery.explain.motion import free_numbers
-from discovery.explain.probes import Probe, cut_to_bounds, fit_promising, probed_in_pieces
+from discovery.explain.probes import Probe, fit_promising, probed_in_pieces, scaled
 from discovery.explain.scales import Scale, at_scale, ends_of
+from discovery.explain.slider_shapes import Held, slider_shapes
 from discovery.options import Options
 from discovery.residual.base import cost
 from discovery.residual.simulation import Fit, SimulationResidual, refitted
@@ -57,12 +58,25 @@ def screen(residual: SimulationResidual, options: Options) -> tuple[tuple[Probe,
     tell, found, most = options.stage("screening effects"), [], int(options.criteria.screening.rough_probes)
     rough = residual.in_parts(_ROUGH)
     for member, effect in counted(pairs, len(pairs), tell):
-        seen: Sequence[ModelCorrection] = [p for p in member.probes(effect) if _is_seen(p, residual)]
+        shapes = _sliders(member, effect, residual) if member.limits else member.probes(effect)
+        seen: Sequence[ModelCorrection] = [shape for shape in shapes if _is_seen(shape, residual)]
         if len(seen) > most:
             seen = [one.effect for one in _probed_all(member, seen, rough)[:most]]
         probes = _probed_all(member, seen, residual)
         found += [probes] if probes else []
     return tuple(sorted(found, key=lambda probes: -probes[0].gain))
+
+
+def _sliders(
+    member: Member, effect: ModelCorrection, residual: SimulationResidual
+) -> Sequence[ModelCorrection]:
+    """A slider that takes a share of a constant stiffness, at limits over the whole motion."""
+    path, scale = f"{effect.enters}.stiffness.k", scale_at(residual, effect.enters)
+    if scale is None or path not in residual.model.parameters:
+        return member.probes(effect)
+    ((_, share),) = member.strengths.items()
+    held = Held(share, share * residual.model.parameter(path).value, scale.displacement)
+    return slider_shapes(member, effect, held, residual.criteria.screening)
 
 
 def _probed_all(
@@ -157,8 +171,7 @@ def moved_little(
         if share == 0.0:
             return None
         factor = max(_CHANGE / share, 1e-4) if np.isfinite(share) else 1e-2
-        values = {n: probe.parameters[n].value * factor for n in member.strengths}
-        probe = cut_to_bounds(probe, values)
+        probe = scaled(member, probe, factor)
     return None
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from discovery.decide.acceptance import (
     MaterialErrors,
     at_noise_floor,
+    is_accepted,
     is_material,
     meets_worse,
     motion_errors,
@@ -28,6 +29,7 @@ from discovery.loop.driven_stage import searched
 from discovery.loop.history import LoopHistory
 from discovery.loop.refits import FixedTensionRefits, Probes
 from discovery.loop.refitted_numbers import with_limits
+from discovery.loop.simulated_contest import contested
 from discovery.loop.state import State
 from discovery.options import Options
 from discovery.residual.base import Residual, level
@@ -109,12 +111,11 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
         explained = at_noise_floor(state.level, self._declared_level, rules, state.by_chance)
         if before is None or not (explained or noise_warnings(self.balances)):
             return state
-        own, training = self.own(state.residual), [r for r in self.sound if not r.hold_out]
-        measured = [measured_record(self.campaign, r).measurement for r in training if r.test == "driven"]
-        found = fitted_by_simulation(state.model, own.balances.names, measured, rules)
+        own = self.own(state.residual)
+        found = fitted_by_simulation(state.model, own.balances.names, self._driven_training, rules)
         if found is None:
             return state
-        after = self.with_numbers(*found, own)
+        after = self.with_numbers(found.model, found.numbers, own)
         error = after.errors["training"]["motion_nrmse"]
         gained = error is not None and error <= (1 - rules.acceptance.material_error) * before
         if not gained or any(meets_worse(state.errors[kind], after.errors[kind]) for kind in after.errors):
@@ -124,8 +125,16 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
             f"{100 * (error or 0.0):.3g} % and not {100 * before:.3g} %; what is left of the forces is that "
             "of the numbers that balance them best"
         )
-        material = self._material_errors(own, after.errors)
-        return replace(after, residual=own, material=material, warnings=(*after.warnings, line))
+        return replace(
+            after, residual=own, material=self._material_errors(own, after.errors),
+            warnings=(*after.warnings, line), simulated_to_noise=found.level <= rules.acceptance.noise_level,
+        )  # fmt: skip
+
+    @property
+    def _driven_training(self) -> list[Measurement]:
+        """Training records of driven bodies, as processed."""
+        training = [r for r in self.sound if not r.hold_out and r.test == "driven"]
+        return [measured_record(self.campaign, r).measurement for r in training]
 
     @cached_property
     def row_rates_hz(self) -> dict[str, float]:
@@ -185,6 +194,27 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
         )
         return [one for one, error in zip(found, errors, strict=True) if not meets_worse(before, error)]
 
+    def _told_by_simulation(
+        self, residual: ForceBalanceResidual, found: list[Explanation]
+    ) -> list[Explanation]:
+        """What simulations say of the effects that leave next to nothing, where there are several."""
+        rules = self.options.criteria
+        last = [
+            (one, self.own(one.residual))
+            for one in found
+            if one.residual is not None and is_accepted(one, rules)
+        ]
+        close = [
+            (one, self._model_of(own)[0])
+            for one, own in last
+            if at_noise_floor(level(own), self._declared_level, rules)
+        ]
+        if len(close) < 2:
+            return found
+        measured = [measured_record(self.campaign, r).measurement for r in self.sound]
+        without = self._model_of(residual)[0]
+        return contested(close, without, self.balances.names, measured, rules) or found
+
     def _beside_others(self, residual: ForceBalanceResidual) -> ForceBalanceResidual:
         return _together(residual) if len(residual.effects) > 1 else residual
 
@@ -204,7 +234,8 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
 
     def explain(self, probes: Probes, residual: Residual) -> list[Explanation]:
         """Fits of the effects that a screen promises, but for those with which the motion is met worse."""
-        return self._not_worse(residual, explain_screened(probes, self.own(residual), self.options))
+        found = explain_screened(probes, self.own(residual), self.options)
+        return self._told_by_simulation(self.own(residual), self._not_worse(residual, found))
 
     def in_simulation(self, history: LoopHistory) -> LoopHistory:
         """The history with forces that free simulations show beside those of the balances.
@@ -232,9 +263,10 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
     ) -> State:
         """The last model of a search in simulations with limits, and what it leaves of the forces."""
         names, rules = self.balances.names, self.options.criteria
-        model, numbers = fitted_by_simulation(
+        simulated = fitted_by_simulation(
             found.last.model, names, training, rules, self.row_rates_hz, evaluations=1
-        ) or (found.last.model, {})
+        )
+        model, numbers = (found.last.model, {}) if simulated is None else simulated[:2]
         state = self.with_numbers(model, numbers, self.own(history.last.residual))
         shown = ", ".join(selection.best.effect.name for selection in found.selections)
         line = f"numbers are fitted by simulation: {shown} shows in the motion, not in the balance of forces"

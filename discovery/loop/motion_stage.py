@@ -80,7 +80,7 @@ def in_motion(refits: Refits, history: LoopHistory, given: Selection | None = No
             return history
         history = history.extended(given, after)
     lowest = {history.names: cost(history.last.residual)}
-    while True:
+    while not (history.selections and history.last.simulated_to_noise):
         candidate, first, chance = _most_helpful(refits, history)
         history = replace(history, screened=history.screened or first, chance=chance)
         if candidate is None:
@@ -100,6 +100,7 @@ def in_motion(refits: Refits, history: LoopHistory, given: Selection | None = No
             return history
         else:
             history = restarted  # with another residual, to be screened anew
+    return history
 
 
 def refitted_beside(refits: Refits, state: State, selection: Selection) -> Residual:

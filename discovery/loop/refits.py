@@ -7,10 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
-from scipy import stats
-
 from discovery.courses.tension_likelihood import rate_uncertainty_of
-from discovery.decide.acceptance import MaterialErrors, is_accepted, motion_errors
+from discovery.decide.acceptance import MaterialErrors, is_accepted, motion_errors, noise_by_chance
 from discovery.decide.explanation import Explanation
 from discovery.detection.limit import Meter
 from discovery.explain.force_balance import explanation
@@ -256,8 +254,7 @@ class FixedTensionRefits(CampaignRefits[ResidualT]):
         errors = errors_of(evaluations)
         least = self.options.criteria.acceptance.material_error
         material = self._material_errors(own, errors)
-        rows = int(own.training.sum())
-        by_chance = float(stats.chi2.isf(self.options.criteria.tension.misfit_chance, rows)) / rows
+        by_chance = noise_by_chance(int(own.training.sum()), self.options.criteria)
         return State(model, own, errors, material, least, None, evaluations, warnings, by_chance)
 
     @abstractmethod

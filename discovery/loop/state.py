@@ -36,6 +36,8 @@ class State:
         What to know of the model's numbers.
     by_chance : float
         Mean square that noise alone leaves of so few rows at times; 1 of many.
+    simulated_to_noise : bool
+        Whether simulations of driven bodies leave noise alone, whatever balances of their forces leave.
     """
 
     model: Model
@@ -47,6 +49,7 @@ class State:
     evaluations: tuple[Evaluation, ...] = ()
     warnings: tuple[str, ...] = ()
     by_chance: float = 1.0
+    simulated_to_noise: bool = False
 
     @property
     def level(self) -> float:

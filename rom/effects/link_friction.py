@@ -33,12 +33,12 @@ def _jenkins(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
     spring, z = p[0] * k, x - s[0]
-    limit = max(p[1] + p[2] * T, spring * 3e-7)
+    limit = max(p[1] + p[2] * T, spring * 1e-10)
     force = spring * z
     over = abs(force) - limit
     ds[0] = 0.0
     if v * z > 0.0:  # towards slip: the last two-hundredth of the limit is reached smoothly
-        u = min(max(1.0 + 200.0 * over / max(limit, 1e-12), 0.0), 1.0)
+        u = min(max(1.0 + 200.0 * over / max(limit, 1e-300), 0.0), 1.0)
         ds[0] = v * u * u * (3.0 - 2.0 * u)
     if over > 0.0:  # the limit fell below the force: the slider gives way within 0.2 ms
         ds[0] += math.copysign(over / spring, z) / 2e-4
@@ -59,7 +59,7 @@ def _lugre(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
     u = min(abs(v) / p[3], 20.0)
-    g = max(p[1] * T * (1.0 + p[2] * math.exp(-u * u)), p[0] * k * 3e-7, 1e-12)
+    g = max(p[1] * T * (1.0 + p[2] * math.exp(-u * u)), p[0] * k * 1e-10, 1e-30)
     ds[0] = p[0] * k * abs(v) * (x - s[0]) / g if p[0] > 0.0 else 0.0
     return p[0] * (p[4] * (v - ds[0]) - k * s[0])
 
@@ -113,7 +113,7 @@ MEMBERS = (
     Member(
         "jenkins-slip",
         ("joint", "ground"),
-        "L = max(F_s + mu * T, kappa * k * 3e-7); f = kappa * k * (x - z1); "
+        "L = max(F_s + mu * T, kappa * k * 1e-10); f = kappa * k * (x - z1); "
         "u = min(max(1 + 200 * (abs(f) - L) / L, 0), 1); F = min(max(f, -L), L) - kappa * k * x; "
         "dz1/dt = v * step(v * f) * u * u * (3 - 2 * u) + sign(f) * max(abs(f) - L, 0) / (kappa * k * 2e-4)",
         {
@@ -161,7 +161,7 @@ MEMBERS = (
     Member(
         "lugre",
         ("joint",),
-        "u = min(abs(v) / v_s, 20); g = max(mu * T * (1 + rise * exp(-u * u)), kappa * k * 3e-7, 1e-12); "
+        "u = min(abs(v) / v_s, 20); g = max(mu * T * (1 + rise * exp(-u * u)), kappa * k * 1e-10, 1e-30); "
         "w = kappa * k * abs(v) * (x - z1) / g; F = kappa * (sigma * (v - w) - k * z1); dz1/dt = w",
         {
             "kappa": parameter(0.5, "1", 0.0, 0.9),

@@ -19,7 +19,7 @@ def _iwan(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
     spring, beta, a = max(p[0] * k, 1e-9), p[4], p[3] + 1.0
-    limit = max(p[1] + p[2] * T, spring * 3e-7)
+    limit = max(p[1] + p[2] * T, spring * 1e-10)
     last = limit * (1.0 + beta) / (spring * (beta + a / (a + 1.0)))
     slipped, lower, lower_moment = 0.0, 0.0, 0.0
     for i in range(5):
@@ -59,7 +59,7 @@ def _slider(i: int) -> str:
 
 _EQUATION = "; ".join(
     [
-        "L = max(F_s + mu * T, kappa * k * 3e-7); a = chi + 1",
+        "L = max(F_s + mu * T, kappa * k * 1e-10); a = chi + 1",
         "d = L * (1 + beta) / (kappa * k * (beta + a / (a + 1)))",
         *(_slider(i) for i in range(5)),
         "F = -kappa * k * (w1 * z1 + w2 * z2 + w3 * z3 + w4 * z4 + w5 * z5) / (1 + beta)",

@@ -18,7 +18,7 @@ def _backlash_slip(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
     spring, z = max(p[0], 1e-9), x - s[0]
-    limit = max(p[1] + p[2] * T, spring * 3e-7)
+    limit = max(p[1] + p[2] * T, spring * 1e-10)
     force = spring * max(abs(z) - 0.5 * p[3], 0.0)
     over = force - limit
     ds[0] = 0.0
@@ -34,7 +34,7 @@ def _elastic_slip(
     t: float, x: float, v: float, T: float, k: float, c: float, s: Array, p: Array, ds: Array, dT: Array
 ) -> float:
     spring, z = max(p[0], 1e-9), x - s[0]
-    limit = max(p[1] + p[2] * T, spring * 3e-7)
+    limit = max(p[1] + p[2] * T, spring * 1e-10)
     force = spring * abs(z)
     over = force - limit
     ds[0] = 0.0
@@ -62,7 +62,7 @@ MEMBERS = (
     Member(
         "elastic-slip",
         ("joint", "ground"),
-        f"L = max(F_s + mu * T, k_t * 3e-7); f = k_t * abs(x - z1); {_SLIDER}",
+        f"L = max(F_s + mu * T, k_t * 1e-10); f = k_t * abs(x - z1); {_SLIDER}",
         _NUMBERS,
         {"k_t": 1e5},
         ("slip",),
@@ -81,7 +81,7 @@ MEMBERS = (
     Member(
         "backlash-slip",
         ("joint", "ground"),
-        f"L = max(F_s + mu * T, k_t * 3e-7); f = k_t * max(abs(x - z1) - b / 2, 0); {_SLIDER}",
+        f"L = max(F_s + mu * T, k_t * 1e-10); f = k_t * max(abs(x - z1) - b / 2, 0); {_SLIDER}",
         {**_NUMBERS, "b": parameter(2e-5, "m", 0.0, 2e-4)},
         {"k_t": 1e5},
         ("slip",),

@@ -42,7 +42,7 @@ def test_numbers_that_are_off_are_brought_to_the_truth_and_shapes_are_held(tmp_p
     training = [measured_record(refits.campaign, r).measurement for r in refits.sound if not r.hold_out]
     found = fitted_by_simulation(start, tuple(TRUTH), training, CRITERIA)
     assert found is not None
-    fitted, numbers = found
+    fitted, numbers, _ = found
     for path, true in (TRUTH | {"guide.coulomb-friction.F_c": 5.0}).items():
         assert fitted.parameter(path).value == pytest.approx(true, rel=0.01), path
         low, high = numbers[path].low, numbers[path].high
