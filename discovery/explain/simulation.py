@@ -27,6 +27,7 @@ from discovery.residual.simulation import Fit, SimulationResidual, refitted
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, ModelCorrection, candidates_of, places
+from rom.model.model import Model
 from rom.progress import counted
 
 _CHANGE: Numerical[float] = 1e-2  # of the motion, by which a probe moves it
@@ -98,17 +99,34 @@ def candidates_in_decays(residual: SimulationResidual) -> Iterator[tuple[Member,
 
     Those with a memory are tried from the core alone: as simulated, they cost much.
     """
-    kinds = places(residual.model)
+    kinds, scales = places(residual.model), dict[str, Scale | None]()
     for member, added in candidates_of(Effect, residual.model, core=False):
         has_spring = f"{added.enters}.stiffness.k" in residual.names
         if member.kind != "force" or member.by_record or (member.springless and has_spring):
             continue
         if member.state_units and not member.core:
             continue
-        scale = scale_at(residual, added.enters)
+        if added.enters not in scales:
+            scales[added.enters] = scale_at(residual, added.enters)
+        scale = scales[added.enters]
         if scale is not None:
             ground = kinds[added.enters] != "joint"
             yield member, at_scale(member, added, scale, ground=ground, criteria=residual.criteria.tension)
+
+
+def in_other_shapes(residual: SimulationResidual) -> list[Model]:
+    """The model with its last effect in each shape of its grid, at its strength."""
+    *others, last = residual.model.effects
+    found = dict[tuple[float, ...], Model]()
+    without = replace(residual, model=replace(residual.model, effects=tuple(others)))
+    for member, effect in candidates_in_decays(without):
+        if effect.path != last.path or not member.inner:
+            continue
+        for shape in member.probes(effect):
+            inner = {name: shape.parameters[name].value for name in member.inner}
+            moved = replace(residual.model, effects=(*others, last.with_values(**inner)))
+            found.setdefault(tuple(inner.values()), moved)
+    return list(found.values())
 
 
 def scale_at(residual: SimulationResidual, enters: str) -> Scale | None:

@@ -197,8 +197,10 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
     def _told_by_simulation(
         self, residual: ForceBalanceResidual, found: list[Explanation]
     ) -> list[Explanation]:
-        """What simulations say of the effects that leave next to nothing, where there are several."""
+        """What simulations say of the effects that leave next to nothing of much, where there are several."""
         rules = self.options.criteria
+        if at_noise_floor(level(residual), self._declared_level, rules):
+            return found
         last = [
             (one, self.own(one.residual))
             for one in found

@@ -12,11 +12,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from discovery.explain.driven_fit import driven_residual
-from discovery.explain.simulation import together
+from discovery.explain.simulation import in_other_shapes, together
 from discovery.loop.free_refits import FreeRefits
 from discovery.loop.history import LoopHistory
 from discovery.loop.motion_stage import in_motion
 from discovery.options import Options
+from discovery.residual.base import Residual, cost
 from discovery.residual.simulation import SimulationResidual
 from rom.campaign.campaign import Campaign
 from rom.effects import ModelCorrection
@@ -29,6 +30,15 @@ class DrivenRefits(FreeRefits):
     """Fits of driven bodies by simulation, beside faults of force sensors that balances have told."""
 
     faults: tuple[ModelCorrection, ...] = ()
+
+    def settled(self, residual: Residual) -> Residual:
+        """Where least is left of fits from every shape of the last effect: they end in many places.
+
+        Friction turns within a sample, and what is left is no smooth function of where it turns.
+        """
+        own = self.own(residual)
+        fits = (together(replace(own, model=model)) for model in in_other_shapes(own))
+        return min((own, *fits), key=cost)
 
     def _model_of(self, residual: SimulationResidual) -> tuple[Model, tuple[str, ...]]:
         return replace(residual.model, effects=(*residual.model.effects, *self.faults)), ()
