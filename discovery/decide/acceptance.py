@@ -9,7 +9,10 @@ from scipy import stats
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.explanation import Explanation
+from rom.criteria.number import Numerical
 from rom.evaluation.error_measures import Errors, ErrorsByKind, Kind
+
+_KNOWN: Numerical[float] = 1e9  # degrees of freedom: next to no chance is left
 
 MaterialErrors = Sequence[Mapping[str, float | None]]
 """Errors by name, one mapping a kind of record: of the first kind that has any are two models compared."""
@@ -39,9 +42,9 @@ def at_noise_floor(level: float, first: float, criteria: Criteria = CRITERIA, by
     return level - 1 <= max(most, rules.explained_remainder * (first - 1))
 
 
-def noise_by_chance(rows: int, criteria: Criteria = CRITERIA) -> float:
-    """Mean square that noise alone leaves of so many rows at times."""
-    return float(stats.chi2.isf(criteria.tension.misfit_chance, rows)) / rows
+def noise_by_chance(rows: int, freedom: float, criteria: Criteria = CRITERIA) -> float:
+    """Mean square that noise alone leaves of rows at times, the noise known to so many degrees of freedom."""
+    return float(stats.f.isf(criteria.tension.misfit_chance, rows, min(freedom, _KNOWN)))
 
 
 def is_exact(errors: ErrorsByKind, criteria: Criteria = CRITERIA) -> bool:

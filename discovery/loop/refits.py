@@ -254,7 +254,7 @@ class FixedTensionRefits(CampaignRefits[ResidualT]):
         errors = errors_of(evaluations)
         least = self.options.criteria.acceptance.material_error
         material = self._material_errors(own, errors)
-        by_chance = noise_by_chance(int(own.training.sum()), self.options.criteria)
+        by_chance = noise_by_chance(int(own.training.sum()), own.noise_freedom, self.options.criteria)
         return State(model, own, errors, material, least, None, evaluations, warnings, by_chance)
 
     @abstractmethod

@@ -56,7 +56,7 @@ def contested(
     before, found = driven_residual(without, names, measured, criteria), list[Explanation]()
     if before is None:
         return found
-    chance = noise_by_chance(int(before.training.sum()), criteria)
+    chance = noise_by_chance(int(before.training.sum()), before.noise_freedom, criteria)
     for one, model in sorted(contenders, key=lambda pair: pair[0].free_numbers - len(pair[0].at_bound)):
         start = driven_residual(model, names, measured, criteria)
         assert start is not None

@@ -59,6 +59,11 @@ class Residual(ABC):
         return self
 
     @property
+    def noise_freedom(self) -> float:
+        """Degrees of freedom of the noise of the training rows; infinite where it is known."""
+        return np.inf
+
+    @property
     def record_count(self) -> int:
         """Records that can be simulated or balanced with the model."""
         return len(self.held_out)

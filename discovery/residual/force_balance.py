@@ -23,6 +23,7 @@ from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.residual.base import Kind, ProjectedResidual
 from rom.campaign.channels import FloatArray
 from rom.effects import Effect, ModelCorrection, SensorFault
+from rom.identification.equation_error import noise_freedom
 from rom.identification.force_balance import Balances
 
 _STIFFNESS = re.compile(r"\bk\b")
@@ -52,6 +53,12 @@ class ForceBalanceResidual(ProjectedResidual):
     effects: tuple[ModelCorrection, ...]
     values: Mapping[str, float]
     criteria: Criteria = CRITERIA
+
+    @property
+    def noise_freedom(self) -> float:
+        """Degrees of freedom of the noise of the training rows."""
+        told = [one.motion.values() for one in self.balances.records if not one.settings.hold_out]
+        return sum(noise_freedom(motion.shape[1]) for motions in told for motion in motions)
 
     def constants(self, enters: str) -> tuple[float, float]:
         """Stiffness [N/m] and damping [N s/m] of a link; zero of a body."""

@@ -25,6 +25,7 @@ from discovery.residual.modal_slopes import ModalSlopes
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
+from rom.identification.equation_error import noise_freedom
 from rom.identification.ring_down import PERIODS, RingDown, first_state, fitted_state, state_slopes
 from rom.model.model import Model
 
@@ -106,6 +107,12 @@ class SimulationResidual(ProjectedResidual):
     def free_states(self) -> tuple[int, ...]:
         """Places of the training records whose states are fitted."""
         return tuple(place for place in self.trained if self.rings[place].file not in self.started)
+
+    @property
+    def noise_freedom(self) -> float:
+        """Degrees of freedom of the noise of the training rows."""
+        rings = [self.rings[place] for place in self.trained]
+        return sum(noise_freedom(ring.measurement.samples) * len(ring.channels) for ring in rings)
 
     @property
     def record_count(self) -> int:

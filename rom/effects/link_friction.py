@@ -40,8 +40,8 @@ def _jenkins(
     if v * z > 0.0:  # towards slip: the last two-hundredth of the limit is reached smoothly
         u = min(max(1.0 + 200.0 * over / max(limit, 1e-300), 0.0), 1.0)
         ds[0] = v * u * u * (3.0 - 2.0 * u)
-    if over > 0.0:  # the limit fell below the force: the slider gives way within 0.2 ms
-        ds[0] += math.copysign(over / spring, z) / 2e-4
+    if over > 0.0:  # the limit fell below the force: the slider gives way as it moves, and at rest in 0.2 s
+        ds[0] += math.copysign(2.0 * abs(v) * min(over / limit, 1.0) + over / spring / 0.2, z)
     return min(max(force, -limit), limit) - spring * x
 
 
@@ -113,9 +113,10 @@ MEMBERS = (
     Member(
         "jenkins-slip",
         ("joint", "ground"),
-        "L = max(F_s + mu * T, kappa * k * 1e-10); f = kappa * k * (x - z1); "
+        "L = max(F_s + mu * T, kappa * k * 1e-10); f = kappa * k * (x - z1); o = max(abs(f) - L, 0); "
         "u = min(max(1 + 200 * (abs(f) - L) / L, 0), 1); F = min(max(f, -L), L) - kappa * k * x; "
-        "dz1/dt = v * step(v * f) * u * u * (3 - 2 * u) + sign(f) * max(abs(f) - L, 0) / (kappa * k * 2e-4)",
+        "dz1/dt = v * step(v * f) * u * u * (3 - 2 * u) "
+        "+ sign(f) * (2 * abs(v) * min(o / L, 1) + o / (kappa * k * 0.2))",
         {
             "kappa": parameter(0.6, "1", 0.0, 0.95),
             "F_s": parameter(0.0, "N", 0.0, 100.0),

@@ -37,7 +37,7 @@ def _iwan(
             u = min(max(1.0 + 10.0 * over / reach, 0.0), 1.0)
             ds[i] = v * u * u * (3.0 - 2.0 * u)
         if over > 0.0:
-            ds[i] += math.copysign(over, z) / 2e-4
+            ds[i] += math.copysign(2.0 * abs(v) * min(over / reach, 1.0) + over / 0.2, z)
         slipped += share * s[i]
     return -p[0] * k * slipped / (1.0 + beta)
 
@@ -51,9 +51,10 @@ def _slider(i: int) -> str:
     y, z = f"y{i + 1}", f"z{i + 1}"
     return (
         f"w{i + 1} = {'beta' if i == 4 else share}; r{i + 1} = {reach}; {y} = x - {z}; "
+        f"o{i + 1} = max(abs({y}) - r{i + 1}, 0); "
         f"u{i + 1} = min(max(1 + 10 * (abs({y}) / r{i + 1} - 1), 0), 1); "
         f"d{z}/dt = v * step(v * {y}) * u{i + 1} * u{i + 1} * (3 - 2 * u{i + 1}) "
-        f"+ sign({y}) * max(abs({y}) - r{i + 1}, 0) / 2e-4"
+        f"+ sign({y}) * (2 * abs(v) * min(o{i + 1} / r{i + 1}, 1) + o{i + 1} / 0.2)"
     )
 
 

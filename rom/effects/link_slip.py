@@ -25,8 +25,8 @@ def _backlash_slip(
     if v * z > 0.0:  # towards slip: the last two-hundredth of the limit is reached smoothly
         u = min(max(1.0 + 200.0 * over / limit, 0.0), 1.0)
         ds[0] = v * u * u * (3.0 - 2.0 * u)
-    if over > 0.0:  # the limit fell below the force: the slider gives way within 0.2 ms
-        ds[0] += math.copysign(over / spring, z) / 2e-4
+    if over > 0.0:  # the limit fell below the force: the slider gives way as it moves, and at rest in 0.2 s
+        ds[0] += math.copysign(2.0 * abs(v) * min(over / limit, 1.0) + over / spring / 0.2, z)
     return math.copysign(min(force, limit), z) if p[0] > 0.0 else 0.0
 
 
@@ -42,13 +42,14 @@ def _elastic_slip(
         u = min(max(1.0 + 200.0 * over / limit, 0.0), 1.0)
         ds[0] = v * u * u * (3.0 - 2.0 * u)
     if over > 0.0:
-        ds[0] += math.copysign(over / spring, z) / 2e-4
+        ds[0] += math.copysign(2.0 * abs(v) * min(over / limit, 1.0) + over / spring / 0.2, z)
     return math.copysign(min(force, limit), z) if p[0] > 0.0 else 0.0
 
 
 _SLIDER = (
-    "u = min(max(1 + 200 * (f - L) / L, 0), 1); F = min(f, L) * sign(x - z1); "
-    "dz1/dt = v * step(v * (x - z1)) * u * u * (3 - 2 * u) + sign(x - z1) * max(f - L, 0) / (k_t * 2e-4)"
+    "o = max(f - L, 0); u = min(max(1 + 200 * (f - L) / L, 0), 1); F = min(f, L) * sign(x - z1); "
+    "dz1/dt = v * step(v * (x - z1)) * u * u * (3 - 2 * u) "
+    "+ sign(x - z1) * (2 * abs(v) * min(o / L, 1) + o / (k_t * 0.2))"
 )
 _NUMBERS = {
     "k_t": parameter(3e5, "N/m", 0.0, 1e7),

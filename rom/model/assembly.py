@@ -24,9 +24,9 @@ IntArray = npt.NDArray[np.int64]
 Status = Literal["ok", "diverged"]
 TOLERANCE = 1.5e-6  # of a final tension relative to its change, of a velocity relative to its peak
 DENSE_BODIES = 60  # larger structures go link by link
-# an effect may turn within a sample: beyond this error [of the peak velocity], or of a larger tolerance, a
-# record is run again with its force, which runs straight between samples, so many times finer
-_FINEST_ERROR: Numerical[float] = 3e-6
+# where an effect turns within the shortest block, errors add up to this [of the peak velocity] or a larger
+# tolerance: forces run straight between samples, and the record is run again with so many times as many
+_ROUGH: Numerical[float] = 1e-6
 _FINER: Numerical[int] = 16
 
 
@@ -274,7 +274,7 @@ def simulate(
     tolerance: float,
 ) -> Response:
     """See ``Model.simulate``."""
-    from rom.kernels.exponential_integrator import REACHED
+    from rom.kernels.exponential_integrator import MOTION_ERROR, PEAK, REACHED
 
     structure = assembly.structure
     rate = number("rate_hz", rate_hz, 0.0, strict=True)
@@ -287,8 +287,8 @@ def simulate(
         ]
     )
     report, out = _integrated(assembly, rate, driven, forces, motion, tensions, tolerance)
-    _, error, _, reached, peak, _ = report[:6]
-    rough = reached < forces.shape[1] or error > max(tolerance, _FINEST_ERROR) * peak
+    rough = report[MOTION_ERROR] > max(tolerance, _ROUGH) * report[PEAK]
+    rough = rough or report[REACHED] < forces.shape[1]
     if rough and assembly.program.effects.size and len(structure.bodies) <= DENSE_BODIES:
         finer = np.arange((forces.shape[1] - 1) * _FINER + 1) / _FINER
         forces = np.stack([np.interp(finer, np.arange(len(f)), f) for f in forces])

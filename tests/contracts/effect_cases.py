@@ -25,7 +25,7 @@ _WORDS = {
     "where": np.where,
 }
 # numbers in equations that carry a unit
-_LITERALS = {"1e-4": "m", "0.05": "m/s", "2e-4": "s", "1e-10": "m", "100": "N"}
+_LITERALS = {"1e-4": "m", "0.05": "m/s", "0.2": "s", "1e-10": "m", "100": "N"}
 _BASE = {
     "kg": (1, 0, 0), "m": (0, 1, 0), "s": (0, 0, 1), "N": (1, 1, -2), "J": (1, 2, -2), "Hz": (0, 0, -1),
     "1": (0, 0, 0),
