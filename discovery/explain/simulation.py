@@ -18,7 +18,7 @@ from discovery.decide.explanation import Explanation, limited, standard_errors
 from discovery.explain.force_balance import explanation
 from discovery.explain.free_form import member_of, single_terms, sparse_sum, terms_at
 from discovery.explain.motion import free_numbers
-from discovery.explain.probes import Probe, fit_promising, probed_in_pieces, scaled
+from discovery.explain.probes import Probe, cut_to_bounds, fit_promising, probed_in_pieces, scaled
 from discovery.explain.scales import Scale, at_scale, ends_of
 from discovery.explain.slider_shapes import Held, slider_shapes
 from discovery.options import Options
@@ -124,7 +124,7 @@ def in_other_shapes(residual: SimulationResidual) -> list[Model]:
             continue
         for shape in member.probes(effect):
             inner = {name: shape.parameters[name].value for name in member.inner}
-            moved = replace(residual.model, effects=(*others, last.with_values(**inner)))
+            moved = replace(residual.model, effects=(*others, cut_to_bounds(last, inner)))
             found.setdefault(tuple(inner.values()), moved)
     return list(found.values())
 

@@ -25,6 +25,7 @@ from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect
 from rom.effects.free_form import FreeForm
+from rom.model.link_force import substeps_along
 from rom.model.units import parse_unit
 from rom.signals.frequency_band import Band, edge_samples, in_band
 
@@ -38,8 +39,6 @@ _OF_FORCE: Numerical[float] = 0.99
 _OF_MOTION: Numerical[float] = 0.999  # of the velocity's power
 _KEPT: Numerical[float] = 0.14  # its loss at that frequency is one per cent
 _TOP: Numerical[float] = 0.8  # of half the rate: above, a sensor shows its noise
-# of a step; a slider that must give way does so within 0.2 ms, stable up to 0.55 ms
-_LONGEST_S: Numerical[float] = 5e-4
 _SLOWEST_HZ: Numerical[float] = 20.0  # slower samples are taken as if they came at this rate
 
 
@@ -167,7 +166,7 @@ def _force(effect: Effect, motion: FloatArray, rate_hz: float, test: str) -> Flo
     values, step_s = np.append(effect.values, 0.0), 1 / rate_hz
     if effect.states and rate_hz < _SLOWEST_HZ:
         values, motion, step_s = _in_unit_of_time(rate_hz / _SLOWEST_HZ, effect, motion, step_s)
-    substeps = max(2, math.ceil(step_s / _LONGEST_S)) if effect.states else 1
+    substeps = substeps_along(motion, step_s) if effect.states else 1
     if test == "cycled" and effect.states:
         before = np.ascontiguousarray(motion[:, ::-1])
         before[1] *= -1.0

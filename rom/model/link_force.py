@@ -11,7 +11,8 @@ import numpy.typing as npt
 from rom.model.assembly import Assembly
 
 FloatArray = npt.NDArray[np.float64]
-_LONGEST_S = 2.5e-4  # of a step; a slider that must give way does so within 0.2 ms
+_LONGEST_S = 2.5e-4  # of a step
+_LONGEST_PATH = 1 / 400  # of the stroke: a slider that slips at a hundredth of it takes some steps to turn
 _SUBSTEPS = 4096  # at most, before halving
 _HALVINGS = 6
 _ODD_S = 0.123456789  # a time at which no force that goes with time has the value that it has at 0
@@ -43,8 +44,8 @@ def force_of_effects(
 ) -> FloatArray:
     """Force of a link's effects [N] along a motion, shape (5, samples): rows x, v, T, k, c.
 
-    Steps are 0.25 ms at most, and half a sample: errors of 1e-6 for the catalogue's ranges. They are halved
-    where that is unstable.
+    Steps are 0.25 ms, half a sample and a small part of the stroke at most. They are halved where that is
+    unstable.
 
     Parameters
     ----------
@@ -73,13 +74,28 @@ def force_of_effects(
         program.effects[start[row + 1], 2] if start[row + 1] < len(program.effects) else program.size[2]
     )
     states = int(following - effects[0, 2])
-    substeps = max(2, min(math.ceil(step_s / _LONGEST_S), _SUBSTEPS)) if states else 1
+    substeps = substeps_along(motion, step_s) if states else 1
     found = np.full(motion.shape[1], np.nan)
     for halvings in range(_HALVINGS):
         found = _run(assembly, effects, states, motion, step_s, substeps << halvings, settled=settled)
         if np.isfinite(found).all():
             break
     return found
+
+
+def substeps_along(motion: FloatArray, step_s: float) -> int:
+    """Steps from sample to sample, two at least, for effects with a memory along a motion.
+
+    Parameters
+    ----------
+    motion : ndarray, shape (2 or more, samples)
+        Rows x [m], v [m/s].
+    step_s : float
+        Time between samples [s].
+    """
+    stroke, fastest = float(np.ptp(motion[0])), float(np.abs(motion[1]).max())
+    by_path = fastest * step_s / (_LONGEST_PATH * stroke) if stroke > 0 else 0.0
+    return max(2, min(math.ceil(max(step_s / _LONGEST_S, by_path)), _SUBSTEPS))
 
 
 def _run(
