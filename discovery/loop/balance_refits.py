@@ -211,7 +211,8 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
             for one, own in last
             if at_noise_floor(level(own), self._declared_level, rules)
         ]
-        if len(close) < 2:
+        faults = any(one.effect.kind != "force" for one, _ in close)  # of sensors, which no simulation tells
+        if len(close) < 2 or faults:
             return found
         measured = [measured_record(self.campaign, r).measurement for r in self.sound]
         without = self._model_of(residual)[0]

@@ -24,10 +24,10 @@ IntArray = npt.NDArray[np.int64]
 Status = Literal["ok", "diverged"]
 TOLERANCE = 1.5e-6  # of a final tension relative to its change, of a velocity relative to its peak
 DENSE_BODIES = 60  # larger structures go link by link
-# where an effect turns within the shortest block, errors add up to this [of the peak velocity] or a larger
-# tolerance: forces run straight between samples, and the record is run again with so many times as many
+# where an effect with a memory turns within the shortest block, errors add up to this [of the peak velocity]
+# or a larger tolerance: forces run straight between samples, and the record is run again, so much finer
 _ROUGH: Numerical[float] = 1e-6
-_FINER: Numerical[int] = 16
+_FINER: Numerical[int] = 4
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ def simulate(
         ]
     )
     report, out = _integrated(assembly, rate, driven, forces, motion, tensions, tolerance)
-    rough = report[MOTION_ERROR] > max(tolerance, _ROUGH) * report[PEAK]
+    rough = assembly.program.size[2] and report[MOTION_ERROR] > max(tolerance, _ROUGH) * report[PEAK]
     rough = rough or report[REACHED] < forces.shape[1]
     if rough and assembly.program.effects.size and len(structure.bodies) <= DENSE_BODIES:
         finer = np.arange((forces.shape[1] - 1) * _FINER + 1) / _FINER

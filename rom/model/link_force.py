@@ -11,8 +11,8 @@ import numpy.typing as npt
 from rom.model.assembly import Assembly
 
 FloatArray = npt.NDArray[np.float64]
-_LONGEST_S = 2.5e-4  # of a step
-_LONGEST_PATH = 1 / 400  # of the stroke: a slider that slips at a hundredth of it takes some steps to turn
+_LONGEST_S = 5e-4  # of a step: stable for what follows within 0.2 ms
+_LONGEST_PATH = 1 / 100  # of the stroke: where sliders slip sooner they take steps of their own to turn
 _SUBSTEPS = 4096  # at most, before halving
 _HALVINGS = 6
 _ODD_S = 0.123456789  # a time at which no force that goes with time has the value that it has at 0
@@ -44,7 +44,7 @@ def force_of_effects(
 ) -> FloatArray:
     """Force of a link's effects [N] along a motion, shape (5, samples): rows x, v, T, k, c.
 
-    Steps are 0.25 ms, half a sample and a small part of the stroke at most. They are halved where that is
+    Steps are 0.5 ms, half a sample and a hundredth of the stroke at most. They are halved where that is
     unstable.
 
     Parameters
