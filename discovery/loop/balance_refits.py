@@ -243,20 +243,29 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
     def in_simulation(self, history: LoopHistory) -> LoopHistory:
         """The history with forces that free simulations show beside those of the balances.
 
-        The same object where balances leave noise alone, where a record is no driven one, and where nothing
-        is found with which the motion of held-out records is met better than with the balances' numbers.
+        Forces with a memory turn sharply, which balances of a differentiated motion tell badly: simulations
+        first go on without these. The same object where balances leave noise alone, where a record is no
+        driven one, and where nothing is found with which the motion of held-out records is met better than
+        with the balances' numbers.
         """
-        records, model, names = self.sound, history.last.model, self.balances.names
-        if history.at_noise_floor or any(record.test != "driven" for record in records):
+        if history.at_noise_floor or any(record.test != "driven" for record in self.sound):
             return history
-        measured = [measured_record(self.campaign, record).measurement for record in records]
-        found = searched(self.campaign, measured, model, names, self.row_rates_hz, self.options)
+        before = motion_errors(history.last.errors)
+        for begun in dict.fromkeys((history.without_memory, history)):
+            found = self._searched(begun)
+            if found and is_material(before, motion_errors(found.last.errors), criteria=history.criteria):
+                return found
+        return history
+
+    def _searched(self, history: LoopHistory) -> LoopHistory | None:
+        """The history with what a search by simulation finds from there; None where that is nothing."""
+        measured = [measured_record(self.campaign, record).measurement for record in self.sound]
+        found = searched(
+            self.campaign, measured, history.last.model, self.balances.names, self.row_rates_hz, self.options
+        )
         if found is None or not found.selections:
-            return history
+            return None
         last = self._with_limits_of(found, history, [one for one in measured if not one.hold_out])
-        before, after = (motion_errors(state.errors) for state in (history.last, last))
-        if not is_material(before, after, criteria=history.criteria):
-            return history
         for selection, state in zip(found.selections, (*found.states[1:-1], last), strict=True):
             history = history.extended(selection, state)
         return history

@@ -22,7 +22,7 @@ from discovery.loop.result import Screened, Verdict
 from discovery.loop.state import State
 from discovery.residual.course_fit import Misfit
 from rom.campaign.channels import FloatArray
-from rom.effects import CATALOGUE
+from rom.effects import CATALOGUE, Effect
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +91,19 @@ class LoopHistory:
             states=(*self.states[:kept], *self.states[kept + 1 : -1], state),
             selections=(*self.selections[:place], *self.selections[place + 1 :]),
         )
+
+    @property
+    def without_memory(self) -> LoopHistory:
+        """The history before the first force with a memory; the same object where there is none."""
+        remembers = [
+            place
+            for place, selection in enumerate(self.selections)
+            if isinstance(selection.best.effect, Effect) and selection.best.effect.states
+        ]
+        if not remembers:
+            return self
+        first = remembers[0]
+        return replace(self, states=self.states[: first + 1], selections=self.selections[:first])
 
     @property
     def at_noise_floor(self) -> bool:

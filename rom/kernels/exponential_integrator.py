@@ -2,7 +2,7 @@
 
 The structure linearised at a tension is propagated exactly under the piecewise linear force. What the links
 do beyond that, and the rates of tensions and internal states, are polynomials through the five nodes of a
-block (sixth order at its end), found by sweeps. Blocks of 1/4 to 1024 samples start and end on the force's
+block (sixth order at its end), found by sweeps. Blocks of 1/32 to 1024 samples start and end on the force's
 knots or within one sample; their length follows from an error estimate.
 """
 
@@ -49,6 +49,7 @@ from rom.kernels.start import clear, empty_block, enter
 from rom.kernels.sweeps import errors, solve, solve_laws
 
 RUNS = 3  # how often a record is integrated until its own peaks are the scale of its errors
+SMALLER = 0.8  # of a scale: peaks above do not make the next run finer
 
 
 class Task(NamedTuple):
@@ -91,7 +92,7 @@ NEGLIGIBLE = 1e-9  # a change of tension, relative to it, below which errors are
 CHUNK = 16  # samples whose sizes stand for their running sum
 SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no hit above this share of the peak velocity
 PATIENCE, CALM = 32, 8  # blocks: the longest wait for a longer one; after so many more the next wait is short
-MOST_BLOCKS, LEAST_BUDGET = 6, 60_000  # tried a sample, of which the shortest take 4; and in a short record
+MOST_BLOCKS, LEAST_BUDGET = 12, 60_000  # tried a sample, of which the shortest take 32; and in a short record
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)
@@ -311,8 +312,9 @@ def _cases(
         for _ in range(RUNS):
             run(at.run, (at, program, p, task, block, tables, scale, sums, report, totals[case], out[case]))
             motion = report[MOTION_ERROR] > 20.0 * MOTION * task.tolerance * report[PEAK]
+            motion = motion and report[PEAK] < SMALLER * scale[0]
             loss = max(report[LOSS], least)
-            tension = report[TENSION_ERROR] > 20.0 * task.tolerance * loss
+            tension = report[TENSION_ERROR] > 20.0 * task.tolerance * loss and loss < SMALLER * scale[1]
             if report[REACHED] < task.edges[-1] or not (motion or tension):
                 break
             if motion:

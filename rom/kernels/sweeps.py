@@ -26,7 +26,7 @@ from rom.kernels.propagators import INTEGRAL, NODES, SIMPSON
 
 GOAL = types.UniTuple(float64, 3)  # type: ignore[no-untyped-call]
 SWEEPS = 12
-SMOOTH = 6  # up to this level a first guess of the tension goes on at the rate of node 0
+SMOOTH = 9  # up to this level a first guess of the tension goes on at the rate of node 0
 
 
 @njit(**INNER)  # type: ignore[untyped-decorator]
@@ -203,7 +203,7 @@ def solve(program: Program, p: Any, block: Block, H: Any, level: int, t: float, 
         False where the sweeps do not settle.
     """
     for_size()
-    _guess_changes(block, 0.0)
+    _guess_changes(block, d if level <= SMOOTH else 0.0)
     _guess_forces(program, block)
     change, before = block.change, 0.0
     for sweep in range(-1, SWEEPS):

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import numpy.typing as npt
 
-from rom.criteria.number import Numerical
 from rom.model.description import PLACES, LinkLaws, ModelDescription
 from rom.model.laws import constant_stiffness
 from rom.model.structure import Structure
@@ -24,10 +23,6 @@ IntArray = npt.NDArray[np.int64]
 Status = Literal["ok", "diverged"]
 TOLERANCE = 1.5e-6  # of a final tension relative to its change, of a velocity relative to its peak
 DENSE_BODIES = 60  # larger structures go link by link
-# where an effect with a memory turns within the shortest block, errors add up to this [of the peak velocity]
-# or a larger tolerance: forces run straight between samples, and the record is run again, so much finer
-_ROUGH: Numerical[float] = 1e-6
-_FINER: Numerical[int] = 4
 
 
 @dataclass(frozen=True)
@@ -274,7 +269,8 @@ def simulate(
     tolerance: float,
 ) -> Response:
     """See ``Model.simulate``."""
-    from rom.kernels.exponential_integrator import MOTION_ERROR, PEAK, REACHED
+    from rom.kernels.exponential_integrator import Task, integrate
+    from rom.kernels.runge_kutta import integrate_links
 
     structure = assembly.structure
     rate = number("rate_hz", rate_hz, 0.0, strict=True)
@@ -286,31 +282,7 @@ def simulate(
             *_by_body(structure, "initial_velocity", initial_velocity),
         ]
     )
-    report, out = _integrated(assembly, rate, driven, forces, motion, tensions, tolerance)
-    rough = assembly.program.size[2] and report[MOTION_ERROR] > max(tolerance, _ROUGH) * report[PEAK]
-    rough = rough or report[REACHED] < forces.shape[1]
-    if rough and assembly.program.effects.size and len(structure.bodies) <= DENSE_BODIES:
-        finer = np.arange((forces.shape[1] - 1) * _FINER + 1) / _FINER
-        forces = np.stack([np.interp(finer, np.arange(len(f)), f) for f in forces])
-        report, out = _integrated(assembly, rate * _FINER, driven, forces, motion, tensions, tolerance)
-        report[REACHED], out = (report[REACHED] - 1) // _FINER + 1, out[:, ::_FINER].copy()
-    return _response(structure, rate, out, report)
-
-
-def _integrated(
-    assembly: Assembly,
-    rate: float,
-    driven: IntArray,
-    forces: FloatArray,
-    motion: FloatArray,
-    tensions: FloatArray,
-    tolerance: float,
-) -> tuple[FloatArray, FloatArray]:
-    """What a run reports, and its samples (3 bodies + tensions + states, samples)."""
-    from rom.kernels.exponential_integrator import Task, integrate
-    from rom.kernels.runge_kutta import integrate_links
-
-    samples, bodies = forces.shape[1], len(assembly.structure.bodies)
+    samples, bodies = forces.shape[1], len(structure.bodies)
     last = np.array([samples - 1, samples])
     task = Task(rate, driven, assembly.active, fixed(forces), motion, tensions, last, 1, tolerance)
     out = np.full((3 * bodies + int(assembly.program.size[1:].sum()), samples), np.nan)
@@ -321,7 +293,7 @@ def _integrated(
     else:
         one = task._replace(force=task.force[None], tensions=tensions[None], edges=last[None])
         integrate(assembly.program, assembly.coefficients[None], one, report[None], out[None])
-    return report, out
+    return _response(structure, rate, out, report)
 
 
 def _response(structure: Structure, rate: float, out: FloatArray, report: FloatArray) -> Response:
