@@ -254,20 +254,20 @@ def told(seed: int) -> Told:
             fault = traceback.format_exc()
             return Told(seed, kind, hidden, "traceback", "", "", fault, time.process_time() - started)
     found = ", ".join(one.effect.path for one in closure.effects)
-    outcome = _outcome(closure, hidden if felt > FELT else "")
+    outcome = _outcome(closure, hidden, felt)
     return Told(
         seed, kind, hidden, outcome, closure.verdict, found, _unsaid(closure), time.process_time() - started
     )
 
 
-def _outcome(closure: Closure, hidden: str) -> str:
-    """How a closure compares with what is hidden and felt."""
+def _outcome(closure: Closure, hidden: str, felt: float) -> str:
+    """How a closure compares with what is hidden; to be silent of what is not felt is no fault."""
     named = [one.effect.path for one in closure.effects]
     warned = ", warned" if closure.verdict == "unexplained" else ""
-    if not hidden:
-        return f"false name{warned}" if named else f"nothing named{warned}"
     if not named:
-        return f"missed{warned}"
+        return f"missed{warned}" if felt > FELT else f"nothing named{warned}"
+    if not hidden:
+        return f"false name{warned}"
     if named[0] == hidden:
         return "first"
     enters, _, name = hidden.rpartition(".")
