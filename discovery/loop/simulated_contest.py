@@ -60,7 +60,7 @@ def contested(
     for one, model in sorted(contenders, key=lambda pair: pair[0].free_numbers - len(pair[0].at_bound)):
         start = driven_residual(model, names, measured, criteria)
         assert start is not None
-        after = together(replace(start, started=frozenset()))
+        after = together(replace(start, started=frozenset(), thorough=True))
         seen = explanation(after.model.effects[-1], before, after)
         found.append(replace(seen, effect=one.effect, p_value=one.p_value, residual=one.residual))
         if level(after) <= chance:

@@ -2,7 +2,7 @@
 
 The structure linearised at a tension is propagated exactly under the piecewise linear force. What the links
 do beyond that, and the rates of tensions and internal states, are polynomials through the five nodes of a
-block (sixth order at its end), found by sweeps. Blocks of 1/32 to 1024 samples start and end on the force's
+block (sixth order at its end), found by sweeps. Blocks of 1/64 to 1024 samples start and end on the force's
 knots or within one sample; their length follows from an error estimate.
 """
 
@@ -92,7 +92,12 @@ NEGLIGIBLE = 1e-9  # a change of tension, relative to it, below which errors are
 CHUNK = 16  # samples whose sizes stand for their running sum
 SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no hit above this share of the peak velocity
 PATIENCE, CALM = 32, 8  # blocks: the longest wait for a longer one; after so many more the next wait is short
-MOST_BLOCKS, LEAST_BUDGET = 12, 60_000  # tried a sample, of which the shortest take 32; and in a short record
+FINE_BLOCKS, LEAST_FINE = 12, 60_000  # of any length: tried a sample, and in a short record
+COARSE, COARSE_BLOCKS = (
+    SAMPLE - 4,
+    6,
+)  # then the shortest take a quarter of a sample; so many are tried a sample
+TURN = 0.25  # share of the peak velocity by which velocities may change over a block where there are states
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)
@@ -117,6 +122,18 @@ def _finite(block: Block, error: float) -> bool:
     for i in range(block.z.shape[1]):
         error += block.z[NODES - 1, i]
     return bool(np.isfinite(error))
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _turns_little(program: Program, block: Block, most: float) -> bool:
+    """Whether velocities change by little over a block: between nodes far apart a slip would be missed."""
+    n = program.size[0]
+    if program.size[2] > 0:
+        for node in range(1, NODES):
+            for i in range(n, 2 * n):
+                if abs(block.y[node, i] - block.y[0, i]) > most:
+                    return False
+    return True
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -215,7 +232,7 @@ def run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
             total[i, b] = 0.0
     tick, level, sample, mobility = 0, 0, 1.0 / task.rate, 0.0
     end, bin = TICKS * (task.edges[-1] - 1), 0
-    blocks, most = 0, max(MOST_BLOCKS * (task.edges[-1] - 1), LEAST_BUDGET)
+    blocks, floor, fine = 0, 0, max(FINE_BLOCKS * (task.edges[-1] - 1), LEAST_FINE)
     longer, wait, patience = False, 0, 1  # longer blocks that do not converge are not tried again at once
     for i in range(program.size[0]):
         mobility = max(mobility, 1.0 / p[i])
@@ -225,9 +242,11 @@ def run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
         bin = 1  # sample 0 adds nothing: changes are counted from there
     while tick < end:
         blocks += 1
-        if blocks > most:
+        if blocks > fine:
+            floor = COARSE
+        if blocks > fine + COARSE_BLOCKS * task.edges[-1]:
             return
-        level = _open(task, _highest(level, tick, end), tick, HIDDEN * scale[0] / mobility)
+        level = _open(task, _highest(max(level, floor), tick, end), tick, HIDDEN * scale[0] / mobility)
         if tables.built[0] <= max(level, SAMPLE):
             build(at.build, (tables, max(level, SAMPLE), sample))
         d, t = sample * float(1 << level) / TICKS, tick * sample / TICKS
@@ -241,7 +260,9 @@ def run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
             solved = solve(at.solve, (program, p, block, tables.H, level, t, d, goal))
         impulse, tension, state = errors(block, d, scale)
         error = max(impulse * mobility / scale[0] / MOTION, tension / scale[1], state / MOTION)
-        if level > 0 and not (solved and error <= allowed):
+        if level > floor and not (
+            solved and error <= allowed and _turns_little(program, block, TURN * scale[0])
+        ):
             level -= 1
             if longer and not solved:
                 patience = wait = min(2 * patience, PATIENCE)

@@ -18,8 +18,8 @@ from numpy.polynomial import Polynomial
 from rom.kernels.function_addresses import floats, for_size, integers, named, separate
 
 NODES = 5
-LEVELS = 16  # sub-blocks of 1/128, 1/64 ... 1/2, 1, 2 ... 256 samples
-SAMPLE = 7  # the level whose sub-block is one sample
+LEVELS = 17  # sub-blocks of 1/256, 1/128 ... 1/2, 1, 2 ... 256 samples
+SAMPLE = 8  # the level whose sub-block is one sample
 TICKS = 2**SAMPLE  # ticks in a sample; the shortest sub-block is a tick
 LONGEST = 2 ** (LEVELS - 1 - SAMPLE)
 

@@ -26,7 +26,7 @@ from rom.kernels.propagators import INTEGRAL, NODES, SIMPSON
 
 GOAL = types.UniTuple(float64, 3)  # type: ignore[no-untyped-call]
 SWEEPS = 12
-SMOOTH = 9  # up to this level a first guess of the tension goes on at the rate of node 0
+SMOOTH = 10  # up to this level a first guess of the tension goes on at the rate of node 0
 
 
 @njit(**INNER)  # type: ignore[untyped-decorator]
