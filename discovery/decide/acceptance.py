@@ -43,7 +43,17 @@ def at_noise_floor(level: float, first: float, criteria: Criteria = CRITERIA, by
 
 
 def noise_by_chance(rows: int, freedom: float, criteria: Criteria = CRITERIA) -> float:
-    """Mean square that noise alone leaves of rows at times, the noise known to so many degrees of freedom."""
+    """Mean square that noise alone leaves of rows at times: an upper quantile of F.
+
+    Parameters
+    ----------
+    rows : int
+        Whitened numbers.
+    freedom : float
+        Degrees of freedom to which their noise is known.
+    criteria : Criteria
+        The numbers that decide.
+    """
     return float(stats.f.isf(criteria.tension.misfit_chance, rows, min(freedom, _KNOWN)))
 
 

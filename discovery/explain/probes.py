@@ -44,7 +44,17 @@ class Probe:
 
 
 def scaled(member: Member, effect: ModelCorrection, factor: float) -> ModelCorrection:
-    """The effect with a force as many times as large, within its range; a slider slips where it did."""
+    """The effect with a force as many times as large, within its range; a slider slips where it did.
+
+    Parameters
+    ----------
+    member : Member
+        With the names of its strengths and limits.
+    effect : ModelCorrection
+        With values.
+    factor : float
+        What these are multiplied by.
+    """
     names = (*member.strengths, *member.limits)
     return cut_to_bounds(effect, {name: factor * effect.parameters[name].value for name in names})
 

@@ -93,10 +93,7 @@ CHUNK = 16  # samples whose sizes stand for their running sum
 SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no hit above this share of the peak velocity
 PATIENCE, CALM = 32, 8  # blocks: the longest wait for a longer one; after so many more the next wait is short
 FINE_BLOCKS, LEAST_FINE = 12, 60_000  # of any length: tried a sample, and in a short record
-COARSE, COARSE_BLOCKS = (
-    SAMPLE - 4,
-    6,
-)  # then the shortest take a quarter of a sample; so many are tried a sample
+COARSE, COARSE_BLOCKS = SAMPLE - 4, 6  # then of a quarter of a sample at least: tried a sample
 TURN = 0.25  # share of the peak velocity by which velocities may change over a block where there are states
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
