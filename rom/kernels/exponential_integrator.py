@@ -94,8 +94,7 @@ SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no hit above this share o
 PATIENCE, CALM = 32, 8  # blocks: the longest wait for a longer one; after so many more the next wait is short
 FINE_BLOCKS, LEAST_FINE = 12, 60_000  # of any length: tried a sample, and in a short record
 COARSE, COARSE_BLOCKS = SAMPLE - 4, 6  # then of a quarter of a sample at least: tried a sample
-TURN = 0.25  # share of the peak velocity so far by which velocities may change over a block with states
-BEGINNING = 1e-3  # of the expected velocity, the least peak so far
+TURN = 0.25  # share of the expected peak velocity by which velocities may change over a block with states
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)
