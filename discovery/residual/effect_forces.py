@@ -9,7 +9,6 @@ import numpy as np
 from discovery.residual.array_cache import ArrayCache
 from discovery.residual.trajectory import MeasuredTrajectory
 from rom.campaign.channels import FloatArray
-from rom.criteria.number import Numerical
 from rom.effects import Effect, ModelCorrection, in_record, with_stiffness
 from rom.effects.free_form import FreeForm
 from rom.identification.spectral_model import ComplexArray, SpectralRecord
@@ -18,7 +17,6 @@ from rom.model.laws import Law
 from rom.model.model import Model
 from rom.signals.per_record_parameters import per_record_names
 
-_SUBSTEPS: Numerical[int] = 2  # of the states, from sample to sample
 _CACHE = ArrayCache(300_000_000)
 
 
@@ -122,7 +120,7 @@ def lasting_force(trace: MeasuredTrajectory, effects: Sequence[ModelCorrection],
             own = effect.with_values(**trace.own.get(effect.path, {}))
             table, still = np.array([[own.address, 0, 0]]), np.zeros((5, samples))
             step_s = 1 / trace.measurement.rate_hz
-            force = force_of_effects(table, own.values, still, step_s, 1, np.zeros(own.states + 1), 0.0)
+            force = force_of_effects(table, own.values, still, step_s, np.zeros(own.states + 1), 0.0)
             out[:, trace.bodies.index(body)] -= np.asarray(force)
     return out
 
@@ -229,4 +227,4 @@ def _forces(effects: Sequence[Effect], rate_hz: float, motion: FloatArray) -> Fl
     first = np.cumsum([0, *(len(values) for values in numbers)])
     table = np.array([[e.address, at, e.states] for e, at in zip(effects, first, strict=False)])
     p = np.array([*np.concatenate(numbers), 0.0])
-    return np.asarray(forces_of_effects(table, p, motion, 1 / rate_hz, _SUBSTEPS))
+    return np.asarray(forces_of_effects(table, p, motion, 1 / rate_hz))

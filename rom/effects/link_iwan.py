@@ -21,15 +21,15 @@ def _iwan(
     spring, beta, a = max(p[0] * k, 1e-9), p[4], p[3] + 1.0
     limit = max(p[1] + p[2] * T, spring * 1e-10)
     last = limit * (1.0 + beta) / (spring * (beta + a / (a + 1.0)))
-    slipped, lower, lower_moment = 0.0, 0.0, 0.0
+    slipped, lower, lower_moment, edge, doubled = 0.0, 0.0, 0.0, 0.125, 2.0**a
+    upper = 0.125**a
     for i in range(5):
         share, reach = beta, last
         if i < 4:
-            edge = 0.125 * 2.0**i
-            upper, upper_moment = edge**a, edge ** (a + 1.0)
             share = upper - lower
-            reach = last * a / (a + 1.0) * (upper_moment - lower_moment) / share
-            lower, lower_moment = upper, upper_moment
+            reach = last * a / (a + 1.0) * (edge * upper - lower_moment) / share
+            lower, lower_moment = upper, edge * upper
+            upper, edge = upper * doubled, 2.0 * edge
         z = x - s[i]
         over = abs(z) - reach
         ds[i] = 0.0

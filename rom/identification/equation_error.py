@@ -25,7 +25,7 @@ from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect
 from rom.effects.free_form import FreeForm
-from rom.model.link_force import substeps_along
+from rom.model.link_force import force_along
 from rom.model.units import parse_unit
 from rom.signals.frequency_band import Band, edge_samples, in_band
 
@@ -158,20 +158,12 @@ class ForceRecord:
 
 
 def _force(effect: Effect, motion: FloatArray, rate_hz: float, test: str) -> FloatArray:
-    from rom.kernels.prescribed import force_of_effects
-
     if isinstance(effect, FreeForm):
         return effect.along(motion)
-    table, state = np.array([[effect.address, 0, 0]]), np.zeros(effect.states + 1)
-    values, step_s = np.append(effect.values, 0.0), 1 / rate_hz
+    table, values, step_s = np.array([[effect.address, 0, 0]]), np.append(effect.values, 0.0), 1 / rate_hz
     if effect.states and rate_hz < _SLOWEST_HZ:
         values, motion, step_s = _in_unit_of_time(rate_hz / _SLOWEST_HZ, effect, motion, step_s)
-    substeps = substeps_along(motion, step_s) if effect.states else 1
-    if test == "cycled" and effect.states:
-        before = np.ascontiguousarray(motion[:, ::-1])
-        before[1] *= -1.0
-        force_of_effects(table, values, before, step_s, substeps, state, 0.0)
-    return np.asarray(force_of_effects(table, values, motion, step_s, substeps, state, 0.0))
+    return force_along(table, values, motion, step_s, effect.states, settled=test == "cycled")
 
 
 def _in_unit_of_time(

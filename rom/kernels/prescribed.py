@@ -9,6 +9,11 @@ from numba import njit
 
 from rom.kernels.function_addresses import invoke, pointer
 
+_ALLOWED = 1e-6  # error of a step, of what its state has reached
+_SHORTEST = 1 / 1024  # step, of the time between two samples
+_FINE_STEPS, _LEAST_FINE = 8, 1000  # a sample so far, and at least; then the shortest is as below
+_COARSE = 1 / 8
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _effects(effects: Any, p: Any, first: int, t: float, at: Any, s: Any, ds: Any, spare: Any) -> float:
@@ -34,13 +39,49 @@ def _between(motion: Any, i: int, share: float, step_s: float, at: Any) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def force_of_effects(
-    effects: Any, p: Any, motion: Any, step_s: float, substeps: int, state: Any, start_s: float
-) -> Any:
+def _step(
+    effects: Any, p: Any, motion: Any, i: int, share: float, size: float, step_s: float, start_s: float,
+    state: Any, rates: Any, trial: Any, at: Any, spare: Any,
+) -> float:  # fmt: skip
+    """Try one step of Bogacki and Shampine's method over a share of the time between two samples.
+
+    From ``rates[0]`` at its start to ``trial`` and ``rates[3]`` at its end; the force there is returned.
+    """
+    first, h, force = effects[0, 2], size * step_s, 0.0
+    for stage in range(1, 4):
+        u = share + size * (0.5 if stage == 1 else 0.75 if stage == 2 else 1.0)
+        for j in range(state.size):
+            if stage < 3:
+                slope = 0.5 * rates[0, j] if stage == 1 else 0.75 * rates[1, j]
+            else:
+                slope = (2.0 * rates[0, j] + 3.0 * rates[1, j] + 4.0 * rates[2, j]) / 9.0
+            trial[j] = state[j] + h * slope
+        _between(motion, i, u, step_s, at)
+        rates[stage] = 0.0
+        force = _effects(effects, p, first, start_s + (i + u) * step_s, at, trial, rates[stage], spare)
+    return force
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _error(rates: Any, trial: Any, scale: Any, size: float, step_s: float) -> float:
+    """Largest error of a step as a share of its state's scale, which grows with the states."""
+    worst = 0.0
+    for j in range(trial.size):
+        fastest = max(abs(rates[0, j]), abs(rates[3, j]))
+        scale[j] = max(scale[j], abs(trial[j]), fastest * step_s)
+        miss = -5.0 * rates[0, j] + 6.0 * rates[1, j] + 8.0 * rates[2, j] - 9.0 * rates[3, j]
+        if miss != 0.0:
+            share = size * step_s * abs(miss) / (72.0 * scale[j])
+            worst = max(worst, share) if share == share else np.inf
+    return worst
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def force_of_effects(effects: Any, p: Any, motion: Any, step_s: float, state: Any, start_s: float) -> Any:
     """Force (samples,) of one link's effects along its motion, rows x, v, T, k, c, from and to a state.
 
-    The states follow by the classical Runge-Kutta method, ``substeps`` steps from sample to sample; ``state``
-    holds those at the last sample when it returns.
+    The states follow by Bogacki and Shampine's method of third order, in steps that its error estimate
+    chooses and that end at the samples; ``state`` holds those at the last sample when it returns.
 
     Parameters
     ----------
@@ -52,8 +93,6 @@ def force_of_effects(
         x [m], v [m/s], T [N], k [N/m], c [N s/m].
     step_s : float
         Time from sample to sample [s].
-    substeps : int
-        Steps from sample to sample.
     state : ndarray, shape (states + 1,)
         At the first sample; at the last one afterwards.
     start_s : float
@@ -62,39 +101,39 @@ def force_of_effects(
     Returns
     -------
     ndarray, shape (samples,)
-        Force [N].
+        Force [N]; not a number from where the states leave all bounds.
     """
     samples = motion.shape[1]
-    out, at, spare, h = np.zeros(samples), np.zeros(5), np.zeros(1), step_s / substeps
+    out, at, spare = np.full(samples, np.nan), np.zeros(5), np.zeros(1)
     first = effects[0, 2] if effects.shape[0] else 0
-    rates, trial = np.zeros((4, state.size)), np.zeros(state.size)
-    for i in range(samples):
+    rates, trial, scale = np.zeros((4, state.size)), np.zeros(state.size), np.abs(state)
+    remembers = state.size > 1  # one more number than states, so that none is a valid place
+    for i in range(samples if not remembers else 1):
         for row in range(5):
             at[row] = motion[row, i]
-        rates[0] = 0.0
         out[i] = _effects(effects, p, first, start_s + i * step_s, at, state, rates[0], spare)
-        if state.size == 1 or i == samples - 1:  # one more number than states, so that none is a valid place
-            continue
-        for k in range(substeps):
-            t = start_s + i * step_s + k * h
-            if k:  # the first rate is that which came with the force; `at` is where the step before ended
-                rates[0] = 0.0
-                _effects(effects, p, first, t, at, state, rates[0], spare)
-            for stage in range(1, 4):
-                back = 0.5 if stage < 3 else 1.0
-                if stage != 2:  # both stages in the middle have one motion
-                    _between(motion, i, (k + back) / substeps, step_s, at)
-                for j in range(state.size):
-                    trial[j] = state[j] + back * h * rates[stage - 1, j]
-                rates[stage] = 0.0
-                _effects(effects, p, first, t + back * h, at, trial, rates[stage], spare)
-            for j in range(state.size):
-                state[j] += h / 6.0 * (rates[0, j] + 2.0 * (rates[1, j] + rates[2, j]) + rates[3, j])
+    size, steps = 1.0, 0
+    for i in range(samples - 1 if remembers else 0):
+        share = 0.0
+        while share < 1.0:
+            steps += 1
+            shortest = _SHORTEST if steps < _FINE_STEPS * i + _LEAST_FINE else _COARSE
+            now = min(size, 1.0 - share)
+            force = _step(effects, p, motion, i, share, now, step_s, start_s, state, rates, trial, at, spare)
+            error = _error(rates, trial, scale, now, step_s)
+            if error <= _ALLOWED or now <= shortest:
+                share = share + now if now == size else 1.0
+                out[i + 1], state[:], rates[0] = force, trial, rates[3]
+            factor = 0.9 * (_ALLOWED / max(error, 1e-12 * _ALLOWED)) ** (1.0 / 3.0)
+            if now == size or factor < 1.0:
+                size = min(max(now * min(max(factor, 0.2), 5.0), shortest), 1.0)
+        if not np.isfinite(out[i + 1]):
+            break
     return out
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def forces_of_effects(effects: Any, p: Any, motion: Any, step_s: float, substeps: int) -> Any:
+def forces_of_effects(effects: Any, p: Any, motion: Any, step_s: float) -> Any:
     """Force (effects, samples) of every effect by itself along one motion, its states zero at the start.
 
     Rows of ``effects``: address, place of the first parameter, number of states.
@@ -109,8 +148,6 @@ def forces_of_effects(effects: Any, p: Any, motion: Any, step_s: float, substeps
         x [m], v [m/s], T [N], k [N/m], c [N s/m].
     step_s : float
         Time from sample to sample [s].
-    substeps : int
-        Steps from sample to sample.
 
     Returns
     -------
@@ -121,5 +158,5 @@ def forces_of_effects(effects: Any, p: Any, motion: Any, step_s: float, substeps
     for e in range(effects.shape[0]):
         alone = np.zeros((1, 3), dtype=np.int64)
         alone[0, 0], alone[0, 1] = effects[e, 0], effects[e, 1]
-        out[e] = force_of_effects(alone, p, motion, step_s, substeps, np.zeros(effects[e, 2] + 1), 0.0)
+        out[e] = force_of_effects(alone, p, motion, step_s, np.zeros(effects[e, 2] + 1), 0.0)
     return out

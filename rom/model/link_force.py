@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -11,10 +10,6 @@ import numpy.typing as npt
 from rom.model.assembly import Assembly
 
 FloatArray = npt.NDArray[np.float64]
-_LONGEST_S = 5e-4  # of a step: stable for what follows within 0.2 ms
-_LONGEST_PATH = 1 / 100  # of the stroke: where sliders slip sooner they take steps of their own to turn
-_SUBSTEPS = 4096  # at most, before halving
-_HALVINGS = 6
 _ODD_S = 0.123456789  # a time at which no force that goes with time has the value that it has at 0
 _ITERATIONS = 30
 
@@ -74,48 +69,48 @@ def force_of_effects(
         program.effects[start[row + 1], 2] if start[row + 1] < len(program.effects) else program.size[2]
     )
     states = int(following - effects[0, 2])
-    substeps = substeps_along(motion, step_s) if states else 1
-    found = np.full(motion.shape[1], np.nan)
-    for halvings in range(_HALVINGS):
-        found = _run(assembly, effects, states, motion, step_s, substeps << halvings, settled=settled)
-        if np.isfinite(found).all():
-            break
-    return found
+    return force_along(effects, assembly.coefficients, motion, step_s, states, settled=settled)
 
 
-def substeps_along(motion: FloatArray, step_s: float) -> int:
-    """Steps from sample to sample, two at least, for effects with a memory along a motion.
-
-    Parameters
-    ----------
-    motion : ndarray, shape (2 or more, samples)
-        Rows x [m], v [m/s].
-    step_s : float
-        Time between samples [s].
-    """
-    stroke, fastest = float(np.ptp(motion[0])), float(np.abs(motion[1]).max())
-    by_path = fastest * step_s / (_LONGEST_PATH * stroke) if stroke > 0 else 0.0
-    return max(2, min(math.ceil(max(step_s / _LONGEST_S, by_path)), _SUBSTEPS))
-
-
-def _run(
-    assembly: Assembly,
+def force_along(
     effects: npt.NDArray[np.int64],
-    states: int,
+    values: FloatArray,
     motion: FloatArray,
     step_s: float,
-    substeps: int,
+    states: int,
     *,
     settled: bool,
 ) -> FloatArray:
-    from rom.kernels import prescribed
+    """Force [N] of compiled effects along a motion, their states zero at its start.
 
-    p, state = assembly.coefficients, np.zeros(states + 1)
+    Parameters
+    ----------
+    effects : ndarray, shape (effects, 3)
+        Address, place of the first parameter, place of the first state.
+    values : ndarray
+        Parameters.
+    motion : ndarray, shape (5, samples)
+        x [m], v [m/s], T [N], k [N/m], c [N s/m].
+    step_s : float
+        Time between samples [s].
+    states : int
+        Number of states.
+    settled : bool
+        Whether states start as the same motion backwards leaves them, not at zero.
+
+    Returns
+    -------
+    ndarray, shape (samples,)
+        Force [N]; not a number from where the states leave all bounds.
+    """
+    from rom.kernels.prescribed import force_of_effects as along
+
+    state = np.zeros(states + 1)
     if settled and states:
         before = np.ascontiguousarray(motion[:, ::-1])
         before[1] *= -1.0
-        prescribed.force_of_effects(effects, p, before, step_s, substeps, state, 0.0)
-    return np.asarray(prescribed.force_of_effects(effects, p, motion, step_s, substeps, state, 0.0))
+        along(effects, values, before, step_s, state, 0.0)
+    return np.asarray(along(effects, values, motion, step_s, state, 0.0))
 
 
 def equilibrium(assembly: Assembly, tension: Mapping[str, float]) -> Mapping[str, float]:
@@ -176,6 +171,6 @@ def _steady(assembly: Assembly, row: int, still: FloatArray) -> float:
     program, total = assembly.program, 0.0
     for effect in program.effects[program.effect_start[row] : program.effect_start[row + 1]]:
         alone, p, state = np.array([effect]), assembly.coefficients, np.zeros(int(program.size[2]) + 1)
-        now, then = (prescribed.force_of_effects(alone, p, still, 1.0, 1, state, t)[0] for t in (0.0, _ODD_S))
+        now, then = (prescribed.force_of_effects(alone, p, still, 1.0, state, t)[0] for t in (0.0, _ODD_S))
         total += now if now == then else 0.0
     return total
