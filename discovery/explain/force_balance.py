@@ -183,8 +183,8 @@ def _fitted(state: ForceBalanceResidual, new: Sequence[ModelCorrection], evaluat
     if not numbers:  # a stiffness cut off below zero where a link has no spring
         return replace(state, effects=(*state.effects, *new)).with_numbers(), tuple(new)
     balances, rows = state.balances, state.balances.training
-    own = [n.name for n in numbers if n.effect is None]
-    kept = [k for k, name in enumerate(balances.names) if name not in own]
+    seen = replace(state, effects=(*state.effects, *new)).seen_stiffnesses
+    kept = [k for k, name in enumerate(balances.names) if name not in seen]
     noise = balances.noise[rows]
     basis = np.linalg.qr(balances.columns[rows][:, kept] / noise[:, None])[0]
 
@@ -192,7 +192,7 @@ def _fitted(state: ForceBalanceResidual, new: Sequence[ModelCorrection], evaluat
         values, effects = _at(state, new, numbers, at)
         trial = replace(state, values=values)
         force = state.force[rows].copy()
-        for name in own:
+        for name in seen:
             force -= values[name] * balances.columns[rows, balances.names.index(name)]
         for effect in effects:
             force -= trial.force_of(effect, training=True)[rows]
@@ -218,7 +218,7 @@ def _fitted(state: ForceBalanceResidual, new: Sequence[ModelCorrection], evaluat
     errors = _errors(found, int(rows.sum())) * [n.size for n in numbers]
     limited = tuple(_limited(effect, place, numbers, errors) for place, effect in enumerate(effects))
     after = replace(state, values=values, effects=(*state.effects, *limited))
-    return _settled(after, own), limited
+    return after.with_numbers(), limited
 
 
 def _acting(state: ForceBalanceResidual, new: Sequence[ModelCorrection]) -> FloatArray:
@@ -259,21 +259,6 @@ def _errors(found: optimize.OptimizeResult, rows: int) -> FloatArray:
     jacobian = np.asarray(found.jac, dtype=np.float64)
     covariance = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-12, hermitian=True)
     return np.asarray(np.sqrt(np.maximum(np.diag(covariance) * max(2 * found.cost / rows, 1.0), 0.0)))
-
-
-def _settled(state: ForceBalanceResidual, own: Sequence[str]) -> ForceBalanceResidual:
-    """The model's other numbers refitted, those that the effects share held as they were fitted."""
-    balances = state.balances
-    held = [k for k, name in enumerate(balances.names) if name in own]
-    rest = [k for k in range(len(balances.names)) if k not in held]
-    force = state.force - balances.columns[:, held] @ np.array(
-        [state.values[balances.names[k]] for k in held]
-    )
-    others = replace(
-        balances, columns=balances.columns[:, rest], names=tuple(balances.names[k] for k in rest)
-    )
-    found = others.fitted(force)[0]
-    return replace(state, values={**state.values, **dict(zip(others.names, found.tolist(), strict=True))})
 
 
 def _numbers(state: ForceBalanceResidual, new: Sequence[ModelCorrection]) -> list[_Number]:

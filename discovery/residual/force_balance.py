@@ -68,6 +68,14 @@ class ForceBalanceResidual(ProjectedResidual):
         """Whether an effect that the model has already sees the stiffness of a link."""
         return any(effect.enters == link and sees_stiffness(effect) for effect in self.effects)
 
+    @property
+    def seen_stiffnesses(self) -> tuple[str, ...]:
+        """Names of the stiffnesses that effects of the model see: forces of these change with them."""
+        return tuple(
+            name for name in self.balances.names
+            if name.endswith(".stiffness.k") and self.shares_stiffness(name.removesuffix(".stiffness.k"))
+        )  # fmt: skip
+
     def own_stiffness(self, effect: ModelCorrection) -> bool:
         """Whether the stiffness that a new effect sees is fitted beside it."""
         known = f"{effect.enters}.stiffness.k" in self.balances.names
@@ -125,8 +133,9 @@ class ForceBalanceResidual(ProjectedResidual):
         return np.asarray(force / self.balances.noise)
 
     def with_numbers(self) -> ForceBalanceResidual:
-        """The same with the numbers that suit the training rows best."""
-        names, found = self.balances.names, self.balances.fitted(self.force)[0]
+        """The same with the numbers that suit the training rows best, stiffnesses that effects see held."""
+        held = {name: self.values[name] for name in self.seen_stiffnesses}
+        names, found = self.balances.names, self.balances.fitted(self.force, held)[0]
         return replace(self, values={**self.values, **dict(zip(names, found.tolist(), strict=True))})
 
     def force_error(self) -> float:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -127,21 +128,42 @@ class Balances:
             noise=self.noise[rows], owner=np.zeros(int(rows.sum()), dtype=np.int64),
         )  # fmt: skip
 
-    def fitted(self, force: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def fitted(
+        self, force: FloatArray, held: Mapping[str, float] = MappingProxyType({})
+    ) -> tuple[FloatArray, FloatArray]:
         """Numbers that suit the training rows of a force best, and their standard errors.
 
         Masses, stiffnesses and dampings are not negative; the errors go with what is left over.
+
+        Parameters
+        ----------
+        force : ndarray, shape (rows,)
+            Force [N].
+        held : mapping of str to float
+            Numbers that are not fitted, by name; they have no error.
+
+        Returns
+        -------
+        tuple of ndarray
+            Numbers and errors, in the order of `names`.
         """
+        numbers = np.array([held.get(name, 0.0) for name in self.names])
+        errors, free = np.zeros(len(numbers)), np.array([name not in held for name in self.names])
+        if not free.any():
+            return numbers, errors
         rows = self.training
-        matrix, target = self.columns[rows] / self.noise[rows, None], force[rows] / self.noise[rows]
+        matrix = self.columns[np.ix_(rows, free)] / self.noise[rows, None]
+        target = (force - self.columns @ numbers)[rows] / self.noise[rows]
         size = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-        low = [-np.inf if name.endswith(f"{OFFSET}.F_0") else 0.0 for name in self.names]
+        low = np.array([-np.inf if name.endswith(f"{OFFSET}.F_0") else 0.0 for name in self.names])
         triangle = np.asarray(np.linalg.qr(np.column_stack([matrix / size, target]), mode="r"))
-        n = len(self.names)
-        found = optimize.lsq_linear(triangle[:, :n], triangle[:, n], (low, np.inf), method="bvls").x
+        n = len(size)
+        found = optimize.lsq_linear(triangle[:, :n], triangle[:, n], (low[free], np.inf), method="bvls").x
         spread = float(np.sum((target - (matrix / size) @ found) ** 2)) / max(len(target) - n, 1)
         covariance = np.linalg.pinv(triangle[:n, :n].T @ triangle[:n, :n], hermitian=True) * spread
-        return found / size, np.sqrt(np.maximum(np.diag(covariance), 0.0)) / size
+        numbers[free] = found / size
+        errors[free] = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / size
+        return numbers, errors
 
     def weighed(self, values: Mapping[str, float]) -> Balances:
         """The same with the noise that the sensors make through a model of these numbers."""
