@@ -118,7 +118,8 @@ def sparse_sum(
     seed: int,
     criteria: Criteria,
 ) -> Effect | None:
-    """The sum of lowest cost with a price for every term; None where no two terms are told apart.
+    """The sum of lowest cost with a price for every term; None where no two terms are told apart, or it gains
+    far less than chance.
 
     Parameters
     ----------
@@ -143,8 +144,11 @@ def sparse_sum(
     spread = max(float(left @ left) / len(left), 1.0)
     sums = sparse_sums(columns, left, seed, criteria)
     best = min(sums, key=lambda one: one.cost(spread, criteria.tension.term_price), default=None)
+    least = criteria.screening.least_share * criteria.acceptance.training_gain_motion
+    if best is None or float(left @ left) - best.square < least * spread:
+        return None
     texts = list(terms)
-    return None if best is None else _sum([texts[k] for k in best.support], best.values, enters, terms)
+    return _sum([texts[k] for k in best.support], best.values, enters, terms)
 
 
 class SparseSum(NamedTuple):

@@ -152,7 +152,8 @@ def promising(
 ) -> list[Sequence[Probe]]:
     """The first effects of a screen, special cases of them, and what shares a class and place with the first.
 
-    Not those that explain next to nothing of what is left, or far less than the first.
+    Not those that explain next to nothing of what is left, or far less than the first; none where chance
+    explains as much as the first.
 
     Parameters
     ----------
@@ -168,11 +169,13 @@ def promising(
     list
         Probes of the effects to fit.
     """
-    rules = criteria.screening
+    rules, largest = criteria.screening, by_chance(probes, criteria)
     least = rules.least_share * criteria.acceptance.material_share * left
     first = probes[0][0] if probes else None
     if first is None or first.gain < least:
         return []
+    if largest is not None and p_value(first.gain, largest) > criteria.chance.false_alarms:
+        return []  # none could be accepted: the chance of each is that of its best probe
     alike = look_alikes(first.effect.name)
 
     def in_class(one: Sequence[Probe]) -> bool:
