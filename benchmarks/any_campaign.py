@@ -2,8 +2,8 @@
 
 A seed decides all of a campaign: its kind, a chain of one to three bodies, sizes over twelve decades, noise,
 and which effect of the catalogue is undeclared, or none. The table tells by kind how often a closure was
-right, and the lines above it what must never be: a traceback, a warning of a library, a number at an end of
-its range without a word.
+right, a second one how often the 95 % limits of a right name's numbers hold the truth, and the lines above
+them what must never be: a traceback, a warning of a library, a number at an end of its range without a word.
 """
 
 from __future__ import annotations
@@ -64,6 +64,22 @@ class EscapedError(ArithmeticError):
 
 
 @dataclass(frozen=True)
+class Number:
+    """A number of an effect that was named rightly: its true value, that found, and its 95 % limits."""
+
+    effect: str
+    true: float
+    value: float
+    low: float
+    high: float
+
+    @property
+    def is_held(self) -> bool:
+        """Whether the limits hold the true value."""
+        return self.low <= self.true <= self.high
+
+
+@dataclass(frozen=True)
 class Told:
     """What a closure says of a campaign: how that compares with what is hidden, and what must never be."""
 
@@ -75,6 +91,7 @@ class Told:
     found: str
     fault: str
     cpu_s: float
+    numbers: tuple[Number, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -104,7 +121,7 @@ class Motion:
         return {names[-1]: factor * unit}, start
 
 
-def drawn(seed: int, folder: Path) -> tuple[str, str, float]:
+def drawn(seed: int, folder: Path) -> tuple[str, Effect | None, float]:
     """Write the campaign of a seed; return its kind, what is hidden, and how much of it is felt in noise."""
     rng = np.random.default_rng([seed, 39])
     kind = KINDS[seed % len(KINDS)]
@@ -131,7 +148,7 @@ def drawn(seed: int, folder: Path) -> tuple[str, str, float]:
         records[f"records/{place}.h5"] = {name: Channel(name, y, rate_hz) for name, y in channels.items()}
         felt = max(felt, of_record)
     write_campaign(folder, _settings(model, kind, records, rate_hz, declared=declared), records.items())
-    return kind, "" if hidden is None else hidden.path, felt
+    return kind, hidden, felt
 
 
 def _for_simulation(force: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -241,7 +258,8 @@ def told(seed: int) -> Told:
         warnings.simplefilter("error")
         kind, hidden = KINDS[seed % len(KINDS)], ""
         try:
-            kind, hidden, felt = drawn(seed, Path(folder) / "campaign")
+            kind, plant, felt = drawn(seed, Path(folder) / "campaign")
+            hidden = "" if plant is None else plant.path
             closure = close_loop(read_campaign(Path(folder) / "campaign"), jobs=1)
         except EscapedError as error:
             return Told(seed, kind, hidden, "not drawn", "", str(error), "", time.process_time() - started)
@@ -255,8 +273,19 @@ def told(seed: int) -> Told:
             return Told(seed, kind, hidden, "traceback", "", "", fault, time.process_time() - started)
     found = ", ".join(one.effect.path for one in closure.effects)
     outcome = _outcome(closure, hidden, felt)
-    return Told(
-        seed, kind, hidden, outcome, closure.verdict, found, _unsaid(closure), time.process_time() - started
+    numbers = () if plant is None else _numbers(closure, plant)
+    cpu_s = time.process_time() - started
+    return Told(seed, kind, hidden, outcome, closure.verdict, found, _unsaid(closure), cpu_s, numbers)
+
+
+def _numbers(closure: Closure, hidden: Effect) -> tuple[Number, ...]:
+    """Numbers of the hidden effect that have limits, where it was named; none that is zero in truth."""
+    return tuple(
+        Number(hidden.name, hidden.parameters[name].value, p.value, p.low, p.high)
+        for one in closure.effects
+        if one.effect.path == hidden.path
+        for name, p in one.effect.parameters.items()
+        if hidden.parameters[name].value and p.low is not None and p.high is not None
     )
 
 
@@ -297,6 +326,19 @@ def table(rows: Iterable[Told]) -> Table:
     return found
 
 
+def limits_table(rows: Iterable[Told]) -> Table:
+    """By effect how often 95 % limits hold the truth, median error and half of the limits' width."""
+    numbers = [number for row in rows for number in row.numbers]
+    found = Table("effect", "held", "error [%], median", "half-width [%], median", box=None)
+    for name in [*sorted({number.effect for number in numbers}), "all"]:
+        own = [number for number in numbers if name in (number.effect, "all")]
+        error = [abs(n.value / n.true - 1) for n in own]
+        width = [(n.high - n.low) / (2 * abs(n.true)) for n in own]
+        held = f"{sum(n.is_held for n in own)} of {len(own)}"
+        found.add_row(name, held, *(f"{100 * np.median(x):.2g}" if x else "" for x in (error, width)))
+    return found
+
+
 def main() -> None:
     """Draw, close, and print."""
     parser = argparse.ArgumentParser(
@@ -311,9 +353,18 @@ def main() -> None:
             rows.append(row)
             console.print(
                 f"{row.seed} {row.kind}: {row.hidden or 'nothing'} -> {row.verdict} {row.found} "
-                f"[{row.outcome}] {row.cpu_s:.0f} s {row.fault}", markup=False,
+                f"[{row.outcome}] {_held(row)}{row.cpu_s:.0f} s {row.fault}", markup=False,
             )  # fmt: skip
     console.print(table(rows))
+    console.print(limits_table(rows))
+
+
+def _held(row: Told) -> str:
+    """Numbers held by their limits, and those that are not, as text; empty where none has limits."""
+    missed = "".join(f", {n.value:.4g} ({n.low:.4g} to {n.high:.4g}) for {n.true:.4g}"
+                     for n in row.numbers if not n.is_held)  # fmt: skip
+    held = sum(number.is_held for number in row.numbers)
+    return f"held {held} of {len(row.numbers)}{missed}; " if row.numbers else ""
 
 
 if __name__ == "__main__":

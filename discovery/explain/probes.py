@@ -6,12 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from joblib import delayed
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.chance import by_record, largest_by_chance, p_value
 from discovery.decide.explanation import Explanation
 from discovery.options import Options
 from discovery.residual.base import ProjectedResidual, cost
+from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Member, ModelCorrection, look_alikes
@@ -197,7 +199,7 @@ def fit_promising(
     options: Options,
     fit: Callable[[Sequence[Probe]], Explanation | None],
 ) -> list[Explanation]:
-    """Fit what a screen promises, one effect after the other; its chance is that of its best probe.
+    """Fit what a screen promises, effects side by side; the chance of each is that of its best probe.
 
     Parameters
     ----------
@@ -212,8 +214,8 @@ def fit_promising(
     """
     chosen, largest = promising(probes, cost(residual), options.criteria), by_chance(probes, options.criteria)
     tell, found = options.stage("fitting effects"), []
-    for ones in counted(chosen, len(chosen), tell):
-        explained = fit(ones)
+    fits = side_by_side(options.jobs)(delayed(fit)(ones) for ones in chosen)
+    for ones, explained in zip(chosen, counted(fits, len(chosen), tell), strict=True):
         if explained is not None:
             p = None if largest is None else p_value(ones[0].gain, largest)
             found.append(replace(explained, p_value=p))

@@ -83,6 +83,11 @@ class SimulationResidual(ProjectedResidual):
         return tuple(ring.simulated(self.model, state) for ring, state in pairs)
 
     @cached_property
+    def trained_shown(self) -> tuple[FloatArray | None, ...]:
+        """The same of the training records alone, which a fit asks for."""
+        return tuple(self.rings[place].simulated(self.model, self.states[place]) for place in self.trained)
+
+    @cached_property
     def residual(self) -> FloatArray:
         """What is left over, over the noise, (rows,)."""
         pairs = zip(self.rings, self.shown, strict=True)
@@ -290,11 +295,9 @@ def _at(residual: SimulationResidual, numbers: Sequence[_Number], x: FloatArray)
 
 def _trained_rows(residual: SimulationResidual) -> FloatArray:
     """The residual of training records; held-out ones are not simulated."""
-    rows = []
-    for place in residual.trained:
-        ring, state = residual.rings[place], residual.states[place]
-        rows.append(left_over(ring, ring.simulated(residual.model, state)))
-    return np.concatenate(rows)
+    rings = (residual.rings[place] for place in residual.trained)
+    shown = zip(rings, residual.trained_shown, strict=True)
+    return np.concatenate([left_over(ring, one) for ring, one in shown])
 
 
 def _slopes(residual: SimulationResidual, numbers: Sequence[_Number], steps: dict[str, float]) -> FloatArray:
@@ -305,7 +308,7 @@ def _slopes(residual: SimulationResidual, numbers: Sequence[_Number], steps: dic
     """
     rings = [residual.rings[k] for k in residual.trained]
     states = [residual.states[k] for k in residual.trained]
-    shown = [ring.simulated(residual.model, state) for ring, state in zip(rings, states, strict=True)]
+    shown = residual.trained_shown
     rows = [ring.measured.size for ring in rings]
     edges = np.concatenate([[0], np.cumsum(rows)])
     free = [ring.file not in residual.started for ring in rings]

@@ -64,16 +64,23 @@ def _step(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _error(rates: Any, trial: Any, scale: Any, size: float, step_s: float) -> float:
-    """Largest error of a step as a share of its state's scale, which grows with the states."""
+    """Largest error of a step as a share of what its state has reached, or of its change from a sample on."""
     worst = 0.0
     for j in range(trial.size):
-        fastest = max(abs(rates[0, j]), abs(rates[3, j]))
-        scale[j] = max(scale[j], abs(trial[j]), fastest * step_s)
         miss = -5.0 * rates[0, j] + 6.0 * rates[1, j] + 8.0 * rates[2, j] - 9.0 * rates[3, j]
         if miss != 0.0:
-            share = size * step_s * abs(miss) / (72.0 * scale[j])
-            worst = max(worst, share) if share == share else np.inf
+            reached = max(scale[j], abs(trial[j]), abs(rates[0, j]) * step_s, abs(rates[3, j]) * step_s)
+            share = size * step_s * abs(miss) / (72.0 * reached)
+            worst = max(worst, share) if np.isfinite(share) else np.inf
     return worst
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _accepted(rates: Any, trial: Any, scale: Any, state: Any, step_s: float) -> None:
+    """Go on from the end of a step."""
+    for j in range(state.size):
+        scale[j] = max(scale[j], abs(trial[j]), abs(rates[3, j]) * step_s)
+        state[j], rates[0, j] = trial[j], rates[3, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -108,7 +115,7 @@ def force_of_effects(effects: Any, p: Any, motion: Any, step_s: float, state: An
     first = effects[0, 2] if effects.shape[0] else 0
     rates, trial, scale = np.zeros((4, state.size)), np.zeros(state.size), np.abs(state)
     remembers = state.size > 1  # one more number than states, so that none is a valid place
-    for i in range(samples if not remembers else 1):
+    for i in range(min(samples, 1) if remembers else samples):
         for row in range(5):
             at[row] = motion[row, i]
         out[i] = _effects(effects, p, first, start_s + i * step_s, at, state, rates[0], spare)
@@ -123,7 +130,8 @@ def force_of_effects(effects: Any, p: Any, motion: Any, step_s: float, state: An
             error = _error(rates, trial, scale, now, step_s)
             if error <= _ALLOWED or now <= shortest:
                 share = share + now if now == size else 1.0
-                out[i + 1], state[:], rates[0] = force, trial, rates[3]
+                out[i + 1] = force
+                _accepted(rates, trial, scale, state, step_s)
             factor = 0.9 * (_ALLOWED / max(error, 1e-12 * _ALLOWED)) ** (1.0 / 3.0)
             if now == size or factor < 1.0:
                 size = min(max(now * min(max(factor, 0.2), 5.0), shortest), 1.0)
