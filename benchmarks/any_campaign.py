@@ -232,7 +232,8 @@ def _hidden(rng: np.random.Generator, model: Model, scale: Scale) -> Effect:
     found = ((m, e) for m, e in candidates(model) if m.kind == "force" and not m.by_record)
     forces = [(m, e) for m, e in found if isinstance(e, Effect) and e.name != OFFSET]
     member, effect = forces[int(rng.integers(len(forces)))]
-    at = at_scale(member, effect, scale, ground=kinds[effect.enters] != "joint", criteria=CRITERIA.tension)
+    ground = kinds[effect.enters] != "joint"
+    at = at_scale(member, effect, scale, ground=ground, pressed=False, criteria=CRITERIA.tension)
     factor = 10 ** rng.uniform(-0.5, 0.3)
     strengths = {n: at.parameters[n] for n in member.strengths}
     return at.with_values(**{n: float(np.clip(factor * p.value, *p.bounds)) for n, p in strengths.items()})

@@ -80,8 +80,9 @@ def _at_place(member: Member, added: ModelCorrection, residual: ForceBalanceResi
     if scale is None or not isinstance(added, Effect):
         return None
     kinds = {link.name: kind_of_link(link.between, link.law) for link in balances.settings.link}
-    ground = kinds.get(added.enters) != "joint" and not sees_normal_force(balances, added.enters)
-    return at_scale(member, added, scale, ground=ground, criteria=residual.criteria.tension)
+    pressed, rules = sees_normal_force(balances, added.enters), residual.criteria.tension
+    ground = kinds.get(added.enters) != "joint" and not pressed
+    return at_scale(member, added, scale, ground=ground, pressed=pressed, criteria=rules)
 
 
 def _probes(

@@ -110,7 +110,8 @@ def _at_scale(
         return effect
     ground = places(residual.baseline.model)[effect.enters] != "joint"
     scale, rules = unusual[effect.enters], residual.criteria.tension
-    return at_scale(member, effect, scale, ground=ground, criteria=rules)
+    pressed = effect.enters in residual.baseline.model.structure.bolted_links
+    return at_scale(member, effect, scale, ground=ground, pressed=pressed, criteria=rules)
 
 
 def telling(residual: WhitenedResidual) -> list[int]:

@@ -131,7 +131,9 @@ def sees_normal_force(balances: Balances, enters: str) -> bool:
     return any(np.any(motion[2] > 0) for motion in motions)
 
 
-def at_scale(member: Member, effect: Effect, scale: Scale, *, ground: bool, criteria: Tension) -> Effect:
+def at_scale(
+    member: Member, effect: Effect, scale: Scale, *, ground: bool, pressed: bool, criteria: Tension
+) -> Effect:
     """Return the effect with defaults and ranges of the scale of its place.
 
     Parameters
@@ -144,6 +146,8 @@ def at_scale(member: Member, effect: Effect, scale: Scale, *, ground: bool, crit
         Force and motion there.
     ground : bool
         Whether it acts between a body and the ground.
+    pressed : bool
+        Whether a tension or a measured normal force acts there; without one limits of sliders are constant.
     criteria : Tension
         How much wider than the scaled ranges they may be.
 
@@ -153,10 +157,11 @@ def at_scale(member: Member, effect: Effect, scale: Scale, *, ground: bool, crit
         At the same place, with other numbers.
     """
     wider = criteria.wider_range
-    known = OF_GROUND if ground else OF_JOINT
-    numbers: Mapping[str, Parameter] = {**member.parameters, **(member.ground if ground else {})}
+    of_ground: Mapping[str, Parameter] = {**member.parameters, **member.ground}
     scaled = {}
-    for name, number in numbers.items():
+    for name, of_joint in member.parameters.items():
+        constant = name in member.limits and not pressed
+        number, known = (of_ground[name], OF_GROUND) if ground or constant else (of_joint, OF_JOINT)
         factor = scale.over(known, number.unit)
         low, high = (bound * factor for bound in number.bounds)
         if name in member.ends:

@@ -100,6 +100,7 @@ def candidates_in_decays(residual: SimulationResidual) -> Iterator[tuple[Member,
     Those with a memory are tried from the core alone: as simulated, they cost much.
     """
     kinds, scales = places(residual.model), dict[str, Scale | None]()
+    bolted, rules = residual.model.structure.bolted_links, residual.criteria.tension
     for member, added in candidates_of(Effect, residual.model, core=False):
         has_spring = f"{added.enters}.stiffness.k" in residual.names
         if member.kind != "force" or member.by_record or (member.springless and has_spring):
@@ -110,8 +111,8 @@ def candidates_in_decays(residual: SimulationResidual) -> Iterator[tuple[Member,
             scales[added.enters] = scale_at(residual, added.enters)
         scale = scales[added.enters]
         if scale is not None:
-            ground = kinds[added.enters] != "joint"
-            yield member, at_scale(member, added, scale, ground=ground, criteria=residual.criteria.tension)
+            ground, pressed = kinds[added.enters] != "joint", added.enters in bolted
+            yield member, at_scale(member, added, scale, ground=ground, pressed=pressed, criteria=rules)
 
 
 def in_other_shapes(residual: SimulationResidual) -> list[Model]:

@@ -22,7 +22,7 @@ from rom.model.assembly import TOLERANCE, Response
 from rom.model.model import Model
 from rom.model.shapes import ModeShapes
 from rom.model.structure import GROUND, Structure
-from rom.signals.filters import decimate
+from rom.signals.decimation import decimate
 from rom.signals.frequency_band import in_band, kink_samples
 from rom.signals.motion import Motion
 from rom.signals.processing import Measurement

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import lru_cache
 
 import numpy as np
@@ -91,7 +90,7 @@ class FilterChain:
             Shape (..., samples).
         """
         if np.ndim(samples) == 2 and len(samples) >= _MANY_ROWS:
-            return self._integrated_rows(_finite(samples), rate_hz, times)
+            return self._integrated_rows(finite_signal(samples), rate_hz, times)
         result = self.highpass(samples, rate_hz)
         for _ in range(times):
             result = self.once_more(result, rate_hz)
@@ -134,7 +133,7 @@ class FilterChain:
         ndarray
             Shape (..., samples).
         """
-        result = _finite(samples)
+        result = finite_signal(samples)
         sections = _highpass_sections(self.order, self.cutoff_hz, rate_hz)
         padding = self._padding(result.shape[-1], rate_hz)
         for _ in range(passes):
@@ -191,7 +190,8 @@ def _highpass_sections(order: int, cutoff_hz: float, rate_hz: float) -> FloatArr
     return np.asarray(signal.butter(order, cutoff_hz, "highpass", fs=rate_hz, output="sos"), dtype=np.float64)
 
 
-def _finite(samples: FloatArray) -> FloatArray:
+def finite_signal(samples: FloatArray) -> FloatArray:
+    """Samples as numbers; `ValueError` for fewer than two or for what is not finite."""
     array = np.asarray(samples, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] < 2:
         raise ValueError(f"A signal must have at least 2 samples, instead got shape {array.shape}.")
@@ -200,51 +200,6 @@ def _finite(samples: FloatArray) -> FloatArray:
             f"A signal must be finite, instead {np.count_nonzero(~np.isfinite(array))} samples are not."
         )
     return array
-
-
-def decimate(samples: FloatArray, rate_hz: float, target_hz: float) -> FloatArray:
-    """Bring samples (..., samples) to a lower rate without aliasing and without delay.
-
-    A linear-phase FIR low-pass, flat to 0.8 of the new Nyquist frequency and below -60 dB from there on, is
-    applied with its delay removed; sample i of the result belongs to time i / target_hz. Ratios of whole
-    numbers go through an intermediate rate (polyphase).
-
-    Parameters
-    ----------
-    samples : ndarray, shape (..., samples)
-        Samples.
-    rate_hz : float
-        Sampling rate [Hz].
-    target_hz : float
-        The lower rate [Hz].
-
-    Returns
-    -------
-    ndarray
-        Samples at the lower rate.
-
-    Raises
-    ------
-    ValueError
-        If the target lies above the rate, or the ratio is no fraction of whole numbers up to 1000.
-    """
-    array = _finite(samples)
-    ratio = Fraction(target_hz / rate_hz).limit_denominator(1000)
-    if not 0 < target_hz <= rate_hz or abs(ratio - target_hz / rate_hz) > 1e-9:
-        raise ValueError(
-            f"The target rate must be a simple fraction of the sampling rate and not above it, instead got "
-            f"{target_hz} Hz of {rate_hz} Hz."
-        )
-    if ratio == 1:
-        return array.copy()
-    taps, beta = signal.kaiserord(60.0, 0.2 / ratio.denominator)
-    lowpass = signal.firwin(taps | 1, 0.9 / ratio.denominator, window=("kaiser", beta))
-    # A tension of 3000 N must neither fall to zero at the ends ("line") nor pass the taps' ripple (its mean).
-    level = array.mean(axis=-1, keepdims=True)
-    resampled = signal.resample_poly(  # type: ignore[call-overload]  # the stubs know no window given as taps
-        array - level, ratio.numerator, ratio.denominator, axis=-1, window=lowpass, padtype="line"
-    )
-    return np.asarray(resampled + level, dtype=np.float64)
 
 
 def longest_pulse(rate_hz: float) -> int:
@@ -260,7 +215,7 @@ def find_impact(force: FloatArray, rate_hz: float) -> float | None:
     samples. Its onset is the last sample before it within three times the noise (from the median absolute
     deviation, if more) or one hundredth of its peak. Spikes of one sample do not count.
     """
-    deviation = np.abs(_finite(force) - np.median(force))
+    deviation = np.abs(finite_signal(force) - np.median(force))
     if rate_hz * _SHORTEST_PULSE_S >= 3:
         deviation = ndimage.median_filter(deviation, size=3, mode="nearest")
     if not deviation.any():
@@ -316,7 +271,7 @@ def split_tension(
     ValueError
         If the window holds fewer than three samples or the impact lies outside the record.
     """
-    samples = _finite(tension)
+    samples = finite_signal(tension)
     half = round(window_s * rate_hz / 2)
     impact = 0 if impact_s is None else round(impact_s * rate_hz)
     if half < 1 or periods < 1:

@@ -10,7 +10,7 @@ from scipy import interpolate
 
 from rom.campaign.campaign import CampaignSettings, Record
 from rom.campaign.channels import GROUND_CHANNELS, Channel, FloatArray
-from rom.signals.filters import decimate
+from rom.signals.decimation import decimate
 from rom.signals.processing import driven_displacement
 
 

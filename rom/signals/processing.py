@@ -20,9 +20,9 @@ from rom.campaign.channels import BOLT_CHANNELS, Channel, FloatArray
 from rom.campaign.channels import Motion as MotionKind
 from rom.criteria.number import Numerical
 from rom.signals.calibration import Calibration
+from rom.signals.decimation import decimate
 from rom.signals.filters import (
     FilterChain,
-    decimate,
     displacement,
     find_impact,
     for_straight_lines,

@@ -22,7 +22,7 @@ def test_a_cubic_spring_goes_with_force_over_displacement_cubed() -> None:
     member = CATALOGUE["cubic-stiffness"]
     scale = Scale(20 * OF_GROUND.force, 10 * OF_GROUND.displacement, 7 * OF_GROUND.velocity)
     spring, rules = member.at("spring", ground=True), CRITERIA.tension
-    found = at_scale(member, spring, scale, ground=True, criteria=rules).parameters["k3"]
+    found = at_scale(member, spring, scale, ground=True, pressed=False, criteria=rules).parameters["k3"]
     known = member.ground["k3"]
     assert found.value == pytest.approx(known.value * 20 / 1000)
     assert found.bounds == pytest.approx(tuple(10 * bound * 20 / 1000 for bound in known.bounds))
@@ -31,10 +31,20 @@ def test_a_cubic_spring_goes_with_force_over_displacement_cubed() -> None:
 def test_shares_and_coefficients_of_friction_stay() -> None:
     member = CATALOGUE["jenkins-slip"]
     slider, scale = member.at("contact"), Scale(2.0, 1e-2, 3.0)
-    found = at_scale(member, slider, scale, ground=False, criteria=CRITERIA.tension).parameters
+    rules = CRITERIA.tension
+    found = at_scale(member, slider, scale, ground=False, pressed=True, criteria=rules).parameters
     for name in ("kappa", "mu"):
         assert found[name].value == member.parameters[name].value
         assert found[name].bounds == member.ends[name]
+
+
+def test_a_slider_that_nothing_presses_has_a_constant_limit() -> None:
+    member, scale = CATALOGUE["jenkins-slip"], Scale(20 * OF_GROUND.force, 1e-2, 3.0)
+    slider, rules = member.at("contact"), CRITERIA.tension
+    found = at_scale(member, slider, scale, ground=False, pressed=False, criteria=rules).parameters
+    assert found["F_s"].value == pytest.approx(20 * member.ground["F_s"].value)
+    assert found["mu"].value == 0.0
+    assert found["kappa"].value == member.parameters["kappa"].value
 
 
 @pytest.mark.parametrize(("drive", "expected"), [(0.0, 6.0), (5.0, 5.0)])

@@ -6,7 +6,8 @@ import numpy.typing as npt
 import pytest
 from scipy import integrate, signal
 
-from rom.signals.filters import FilterChain, decimate, find_impact, for_straight_lines, split_tension
+from rom.signals.decimation import decimate
+from rom.signals.filters import FilterChain, find_impact, for_straight_lines, split_tension
 
 FloatArray = npt.NDArray[np.float64]
 
