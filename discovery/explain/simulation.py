@@ -13,6 +13,7 @@ from itertools import product
 
 import numpy as np
 import numpy.typing as npt
+from joblib import delayed
 
 from discovery.decide.explanation import Explanation, limited, standard_errors
 from discovery.explain.force_balance import explanation
@@ -24,6 +25,7 @@ from discovery.explain.slider_shapes import Held, slider_shapes
 from discovery.options import Options
 from discovery.residual.base import cost
 from discovery.residual.simulation import Fit, SimulationResidual, refitted
+from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect, Member, ModelCorrection, candidates_of, places
@@ -56,16 +58,21 @@ def screen(residual: SimulationResidual, options: Options) -> tuple[tuple[Probe,
     Of a wide grid the points that a few parts of the records promise most of are tried on all.
     """
     pairs = list(candidates_in_decays(residual))
-    tell, found, most = options.stage("screening effects"), [], int(options.criteria.screening.rough_probes)
-    rough = residual.in_parts(_ROUGH)
-    for member, effect in counted(pairs, len(pairs), tell):
-        shapes = _sliders(member, effect, residual) if member.limits else member.probes(effect)
-        seen: Sequence[ModelCorrection] = [shape for shape in shapes if _is_seen(shape, residual)]
-        if len(seen) > most:
-            seen = [one.effect for one in _probed_all(member, seen, rough)[:most]]
-        probes = _probed_all(member, seen, residual)
-        found += [probes] if probes else []
-    return tuple(sorted(found, key=lambda probes: -probes[0].gain))
+    rough, most = residual.in_parts(_ROUGH), int(options.criteria.screening.rough_probes)
+    tasks = (delayed(_screened)(member, effect, residual, rough, most) for member, effect in pairs)
+    every = counted(side_by_side(options.jobs)(tasks), len(pairs), options.stage("screening effects"))
+    return tuple(sorted((probes for probes in every if probes), key=lambda probes: -probes[0].gain))
+
+
+def _screened(
+    member: Member, effect: Effect, residual: SimulationResidual, rough: SimulationResidual, most: int
+) -> tuple[Probe, ...]:
+    """Probes of one effect, best first: of many those that parts of the records promise most of."""
+    shapes = _sliders(member, effect, residual) if member.limits else member.probes(effect)
+    seen: Sequence[ModelCorrection] = [shape for shape in shapes if _is_seen(shape, residual)]
+    if len(seen) > most:
+        seen = [one.effect for one in _probed_all(member, seen, rough)[:most]]
+    return _probed_all(member, seen, residual)
 
 
 def _sliders(

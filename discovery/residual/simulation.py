@@ -82,10 +82,17 @@ class SimulationResidual(ProjectedResidual):
         pairs = zip(self.rings, self.states, strict=True)
         return tuple(ring.simulated(self.model, state) for ring, state in pairs)
 
-    @cached_property
     def trained_shown(self) -> tuple[FloatArray | None, ...]:
-        """The same of the training records alone, which a fit asks for."""
-        return tuple(self.rings[place].simulated(self.model, self.states[place]) for place in self.trained)
+        """The same of the training records alone, which a fit asks for twice.
+
+        Kept without the lock that a cached property has up to Python 3.11: fits run side by side.
+        """
+        known = self.__dict__.get("_trained_shown")
+        if known is None:
+            pairs = [(self.rings[place], self.states[place]) for place in self.trained]
+            known = tuple(ring.simulated(self.model, state) for ring, state in pairs)
+            self.__dict__["_trained_shown"] = known
+        return known
 
     @cached_property
     def residual(self) -> FloatArray:
@@ -296,7 +303,7 @@ def _at(residual: SimulationResidual, numbers: Sequence[_Number], x: FloatArray)
 def _trained_rows(residual: SimulationResidual) -> FloatArray:
     """The residual of training records; held-out ones are not simulated."""
     rings = (residual.rings[place] for place in residual.trained)
-    shown = zip(rings, residual.trained_shown, strict=True)
+    shown = zip(rings, residual.trained_shown(), strict=True)
     return np.concatenate([left_over(ring, one) for ring, one in shown])
 
 
@@ -308,7 +315,7 @@ def _slopes(residual: SimulationResidual, numbers: Sequence[_Number], steps: dic
     """
     rings = [residual.rings[k] for k in residual.trained]
     states = [residual.states[k] for k in residual.trained]
-    shown = residual.trained_shown
+    shown = residual.trained_shown()
     rows = [ring.measured.size for ring in rings]
     edges = np.concatenate([[0], np.cumsum(rows)])
     free = [ring.file not in residual.started for ring in rings]
