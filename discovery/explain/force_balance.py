@@ -183,7 +183,7 @@ def _fitted(state: ForceBalanceResidual, new: Sequence[ModelCorrection], evaluat
     if not numbers:  # a stiffness cut off below zero where a link has no spring
         return replace(state, effects=(*state.effects, *new)).with_numbers(), tuple(new)
     balances, rows = state.balances, state.balances.training
-    seen = replace(state, effects=(*state.effects, *new)).seen_stiffnesses
+    seen = {*(n.name for n in numbers if n.effect is None), *state.carried_stiffnesses}
     kept = [k for k, name in enumerate(balances.names) if name not in seen]
     noise = balances.noise[rows]
     basis = np.linalg.qr(balances.columns[rows][:, kept] / noise[:, None])[0]

@@ -22,10 +22,13 @@ import numpy.typing as npt
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.residual.base import Kind, ProjectedResidual
 from rom.campaign.channels import FloatArray
+from rom.criteria.number import Numerical
 from rom.effects import Effect, ModelCorrection, SensorFault
 from rom.identification.equation_error import noise_freedom
 from rom.identification.force_balance import Balances
 
+_STEP: Numerical[float] = 1e-3  # of a stiffness
+_CARRIED: Numerical[float] = 0.01  # of the change of the spring's own force
 _STIFFNESS = re.compile(r"\bk\b")
 
 
@@ -68,13 +71,24 @@ class ForceBalanceResidual(ProjectedResidual):
         """Whether an effect that the model has already sees the stiffness of a link."""
         return any(effect.enters == link and sees_stiffness(effect) for effect in self.effects)
 
-    @property
-    def seen_stiffnesses(self) -> tuple[str, ...]:
-        """Names of the stiffnesses that effects of the model see: forces of these change with them."""
-        return tuple(
-            name for name in self.balances.names
-            if name.endswith(".stiffness.k") and self.shares_stiffness(name.removesuffix(".stiffness.k"))
-        )  # fmt: skip
+    @cached_property
+    def carried_stiffnesses(self) -> tuple[str, ...]:
+        """Names of the stiffnesses that the effects' forces go with, not those that only limit them."""
+        return tuple(name for name in self.balances.names if self._is_carried(name))
+
+    def _is_carried(self, name: str) -> bool:
+        link, whole = name.removesuffix(".stiffness.k"), self.values[name]
+        if link == name or not self.shares_stiffness(link):
+            return False
+        moved = replace(self, values={**self.values, name: whole + _STEP * max(whole, 1e-12)})
+        step = moved.values[name] - whole
+        changes = [
+            moved.force_of(effect, training=True) - self.force_of(effect, training=True)
+            for effect in self.effects
+            if effect.enters == link
+        ]
+        column = self.balances.columns[self.training, self.balances.names.index(name)]
+        return bool(np.linalg.norm(sum(changes)) > _CARRIED * step * np.linalg.norm(column))
 
     def own_stiffness(self, effect: ModelCorrection) -> bool:
         """Whether the stiffness that a new effect sees is fitted beside it."""
@@ -133,8 +147,8 @@ class ForceBalanceResidual(ProjectedResidual):
         return np.asarray(force / self.balances.noise)
 
     def with_numbers(self) -> ForceBalanceResidual:
-        """The same with the numbers that suit the training rows best, stiffnesses that effects see held."""
-        held = {name: self.values[name] for name in self.seen_stiffnesses}
+        """The same with the numbers that suit the training rows best, stiffnesses that effects carry held."""
+        held = {name: self.values[name] for name in self.carried_stiffnesses}
         names, found = self.balances.names, self.balances.fitted(self.force, held)[0]
         return replace(self, values={**self.values, **dict(zip(names, found.tolist(), strict=True))})
 
