@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.residual.base import Kind, ProjectedResidual
+from discovery.residual.base import Kind, ProjectedResidual, cost
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Effect, ModelCorrection, SensorFault
@@ -147,8 +147,18 @@ class ForceBalanceResidual(ProjectedResidual):
         return np.asarray(force / self.balances.noise)
 
     def with_numbers(self) -> ForceBalanceResidual:
-        """The same with the numbers that suit the training rows best, stiffnesses that effects carry held."""
-        held = {name: self.values[name] for name in self.carried_stiffnesses}
+        """The same with the numbers that suit the training rows best.
+
+        Forces of effects may go with a stiffness that they see: it is held where less is left then.
+        """
+        seen = {
+            name: self.values[name] for name in self.balances.names
+            if self.shares_stiffness(name.removesuffix(".stiffness.k"))
+        }  # fmt: skip
+        fits = [self._with_others(held) for held in ({}, seen)] if seen else [self._with_others({})]
+        return min(fits, key=cost)
+
+    def _with_others(self, held: Mapping[str, float]) -> ForceBalanceResidual:
         names, found = self.balances.names, self.balances.fitted(self.force, held)[0]
         return replace(self, values={**self.values, **dict(zip(names, found.tolist(), strict=True))})
 

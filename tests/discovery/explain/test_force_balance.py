@@ -12,7 +12,7 @@ from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.acceptance import is_accepted
 from discovery.decide.chance import p_value
 from discovery.explain.force_balance import _slope, best_fit, explain, fitted
-from discovery.explain.force_balance_screen import screen, starts_of
+from discovery.explain.force_balance_screen import candidates_in_balances, screen, starts_of
 from discovery.explain.probes import by_chance, probed_in_pieces
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.options import Options
@@ -21,6 +21,7 @@ from discovery.residual.force_balance import ForceBalanceResidual
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE
 from tests.discovery import driven_twins as twins
+from tests.discovery import slip_twins
 from tests.shared import Shared, once_per_run
 
 DRAWS = 20
@@ -161,3 +162,16 @@ def test_a_stiffness_that_is_cut_off_in_a_link_without_a_spring_gains_nothing() 
     after, effects = fitted(residual, (negative,))
     assert effects == (negative,)
     assert cost(after) == pytest.approx(cost(residual))
+
+
+@pytest.mark.parametrize("name", ["iwan-slip", "bouc-wen", "maxwell-viscoelastic", "coulomb-friction"])
+def test_an_effect_beside_a_slider_leaves_no_more_than_the_slider_alone(name: str) -> None:
+    """The slider's force goes with the link's stiffness, which is refitted beside the effect."""
+    campaign = slip_twins.cycled(Shared.here.new_folder() / "backlash", "backlash")
+    residual = BalanceRefits.of(campaign, Options()).start().residual
+    assert isinstance(residual, ForceBalanceResidual)
+    there = {effect.name: effect for _, effect in candidates_in_balances(residual)}
+    slider, _ = fitted(residual, (there["jenkins-slip"].with_values(kappa=0.3),))
+    beside, _ = fitted(slider, (there[name],))
+    assert cost(slider) < 0.1 * cost(residual)
+    assert cost(beside) < 1.001 * cost(slider)
