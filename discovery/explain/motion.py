@@ -173,8 +173,8 @@ def explain_screened(
         One for each effect that was fitted, in the order of the screen.
     """
     remainder, criteria = residual.beyond(residual.residual), options.criteria
-    chosen = promising(probes, float(remainder @ remainder), criteria)
     largest, tell = by_chance(probes, criteria), options.stage("fitting effects")
+    chosen = promising(probes, float(remainder @ remainder), largest, criteria)
     training, most = residual.of_training(), int(criteria.screening.starts)
     starts = [_starts(ones, most) for ones in chosen]
     each = [(ones[0].member, start) for ones, own in zip(chosen, starts, strict=True) for start in own]

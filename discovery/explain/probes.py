@@ -150,7 +150,7 @@ def by_chance(probes: Sequence[Sequence[Probe]], criteria: Criteria = CRITERIA) 
 
 
 def promising(
-    probes: Sequence[Sequence[Probe]], left: float, criteria: Criteria = CRITERIA
+    probes: Sequence[Sequence[Probe]], left: float, largest: FloatArray | None, criteria: Criteria = CRITERIA
 ) -> list[Sequence[Probe]]:
     """The first effects of a screen, special cases of them, and what shares a class and place with the first.
 
@@ -163,6 +163,8 @@ def promising(
         From `screen`.
     left : float
         Cost of the residual, the model's numbers taken off.
+    largest : ndarray, shape (draws,), or None
+        From `by_chance`.
     criteria : Criteria
         The numbers that decide.
 
@@ -171,7 +173,7 @@ def promising(
     list
         Probes of the effects to fit.
     """
-    rules, largest = criteria.screening, by_chance(probes, criteria)
+    rules = criteria.screening
     least = rules.least_share * criteria.acceptance.material_share * left
     first = probes[0][0] if probes else None
     if first is None or first.gain < least:
@@ -212,8 +214,8 @@ def fit_promising(
     fit : callable
         From the probes of an effect to what it explains; None where it is no effect.
     """
-    chosen, largest = promising(probes, cost(residual), options.criteria), by_chance(probes, options.criteria)
-    tell, found = options.stage("fitting effects"), []
+    largest, tell = by_chance(probes, options.criteria), options.stage("fitting effects")
+    chosen, found = promising(probes, cost(residual), largest, options.criteria), []
     fits = side_by_side(options.jobs)(delayed(fit)(ones) for ones in chosen)
     for ones, explained in zip(chosen, counted(fits, len(chosen), tell), strict=True):
         if explained is not None:

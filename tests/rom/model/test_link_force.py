@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rom import Model
-from rom.effects import CATALOGUE, free_form
+from rom.effects import CATALOGUE, Effect, free_form
 from rom.model.laws import Parameter, constant_damping, constant_stiffness
+from rom.model.link_force import force_along
 from rom.model.model import LinkLaws
 from rom.model.structure import Body, Link, Structure
 from rom.parameters.he_2025 import nominal_impact, paper_model
@@ -47,6 +50,25 @@ def test_the_force_is_that_of_the_simulation(name: str) -> None:
     assert np.sqrt(np.mean((found - from_motion)[inside] ** 2)) < 1e-3 * size
     bare = MODEL.link_force("joint", response.displacement["lo"] - x, RATE_HZ, response.tension)
     assert np.sqrt(np.mean((bare - from_motion)[inside] ** 2)) > 0.02 * size
+
+
+@pytest.mark.parametrize(("stiffness", "most"), [(5e6, 5e-3), (1e8, 0.06)])
+def test_a_slider_turns_between_samples(stiffness: float, most: float) -> None:
+    """At 256 samples a period; the stiffer one slips after an eighth of the path between two of them."""
+    values = {"k_t": stiffness, "F_s": 4e3, "b": 2.6e-3}
+    known = CATALOGUE["backlash-slip"].at("spring", ground=True)
+    wide = {n: replace(p, value=values.get(n, 0.0), bounds=(0.0, 1e12)) for n, p in known.parameters.items()}
+    slider, forces = replace(known, parameters=wide), []
+    assert isinstance(slider, Effect)
+    for times in (1, 64):
+        time = np.arange(512 * times) / (256.0 * times)
+        turned = 2 * np.pi * time
+        motion = np.zeros((5, len(time)))
+        motion[:2] = 0.0128 * np.sin(turned), 0.0128 * 2 * np.pi * np.cos(turned)
+        table = np.array([[slider.address, 0, 0]])
+        found = force_along(table, np.append(slider.values, 0.0), motion, time[1], 1, settled=False)
+        forces.append(found[::times])
+    assert np.abs(forces[0] - forces[1]).max() < most * np.ptp(forces[1])
 
 
 def test_a_slider_follows_the_normal_force() -> None:
