@@ -128,12 +128,18 @@ def limited(effect: ModelCorrection, errors: Mapping[str, float]) -> ModelCorrec
 def limited_number(number: Parameter, error: float) -> Parameter:
     """The fitted number with 95 % limits from its standard error, within its range.
 
-    None where no error is known; at an end of the range the other end, if there is one, is all that is known.
+    Those of a frequency are of the square of its period, which a force far below it is linear in. None where
+    no error is known; at an end of the range the other end, if there is one, is all that is known.
     """
     low, high = number.bounds
     half = Z95 * error
     if half > 0 and np.isfinite(half):
-        return replace(number, low=max(number.value - half, low), high=min(number.value + half, high))
+        least, most = number.value - half, number.value + half
+        if number.unit == "Hz" and low > 0:
+            share = 2 * half / number.value
+            least = number.value / np.sqrt(1 + share)
+            most = number.value / np.sqrt(1 - share) if share < 1 else high
+        return replace(number, low=max(float(least), low), high=min(float(most), high))
     if number.value not in number.bounds:
         return replace(number, low=None, high=None)
     return replace(number, low=low if np.isfinite(low) else None, high=high if np.isfinite(high) else None)

@@ -33,6 +33,8 @@ from rom.signals.processing import Measurement
 from rom.signals.sensor_correction import corrected
 
 _EVALUATIONS: Numerical[int] = 12
+_ROUNDS: Numerical[int] = 4  # in which states that first samples tell are taken anew with a fitted model
+_LITTLE: Numerical[float] = 0.01  # of the mean square
 Numbers = dict[str, Parameter]
 
 
@@ -118,6 +120,13 @@ def fitted_by_simulation(
     moved = residual.model
     strengths = {e.path: [n for n in _strengths(e) if e.parameters[n].value] for e in moved.effects}
     fit = refitted(residual, strengths, evaluations)
+    for _ in range(_ROUNDS if residual.started and evaluations > 1 else 0):
+        again = driven_residual(fit.residual.model, names, measurements, criteria, row_rates_hz)
+        after = fit if again is None else refitted(again, strengths, evaluations)
+        gained = level(fit.residual) - level(after.residual)
+        fit = after if gained > 0 else fit
+        if not gained > _LITTLE * level(fit.residual):
+            break
     found = fit.residual.model
     numbers = {
         path: limited_number(found.parameter(path), max(error, standard_error(moved.parameter(path))))

@@ -12,6 +12,7 @@ from discovery.decide.acceptance import (
     is_exact,
     is_indistinguishable,
     is_material,
+    meets_worse,
     penalised_gain,
 )
 from discovery.decide.explanation import Explanation
@@ -113,8 +114,10 @@ class LoopHistory:
     @property
     def is_explained(self) -> bool:
         """Whether no more is left of the motion than noise, or than hits are known by."""
+        if self.at_noise_floor or self.last.simulated_to_noise:
+            return True
         limit = self.criteria.closing.hit_limited_level
-        return self.at_noise_floor or (self.last.level < limit and is_exact(self.last.errors, self.criteria))
+        return self.last.level < limit and is_exact(self.last.errors, self.criteria)
 
     @property
     def tension_at_noise_floor(self) -> bool:
@@ -126,9 +129,14 @@ class LoopHistory:
     def improves(self, after: State) -> bool:
         """Whether a state is better than the last one by what matters, or leaves little beyond noise.
 
-        None is with which a record cannot be simulated any more.
+        None is with which a record cannot be simulated any more. Where simulations leave noise alone already,
+        none is with which they meet held-out motion worse: noise in a balance of forces is no effect.
         """
         if after.residual.record_count < self.last.residual.record_count:
+            return False
+        if self.last.simulated_to_noise and meets_worse(
+            self.last.errors["hold_out"], after.errors["hold_out"]
+        ):
             return False
         before = self.last.level
         loud = before > self.criteria.acceptance.noise_level
@@ -159,6 +167,11 @@ class LoopHistory:
         if self.at_noise_floor or not self.is_explained:
             return ()
         error = 100 * (self.last.errors["training"]["motion_nrmse"] or 0.0)
+        if self.last.simulated_to_noise:
+            return (
+                f"simulations leave noise alone of the motion, balances of forces {self.last.level:.3g} "
+                "times theirs: noise of the motion makes the numbers that balance them best too small",
+            )
         return (
             f"{self.last.level:.3g} times the noise is left of a motion that is simulated to {error:.2g} %: "
             "no more than the samples of a hit leave open",

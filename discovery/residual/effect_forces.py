@@ -227,4 +227,7 @@ def _forces(effects: Sequence[Effect], rate_hz: float, motion: FloatArray) -> Fl
     first = np.cumsum([0, *(len(values) for values in numbers)])
     table = np.array([[e.address, at, e.states] for e, at in zip(effects, first, strict=False)])
     p = np.array([*np.concatenate(numbers), 0.0])
-    return np.asarray(forces_of_effects(table, p, motion, 1 / rate_hz))
+    states = np.zeros((len(effects), max((effect.states for effect in effects), default=0)))
+    for row, effect in zip(states, effects, strict=True):
+        row[: effect.states] = effect.first_states(*motion[:2, 0])
+    return np.asarray(forces_of_effects(table, p, motion, 1 / rate_hz, states))

@@ -134,7 +134,7 @@ class SimulationResidual(ProjectedResidual):
     @cached_property
     def basis(self) -> FloatArray:
         """Orthonormal basis of what the model's numbers and the states can move, (training rows, numbers)."""
-        table = _slopes(self, [_Number(path, *_range(self.model, path)) for path in self.names], {})
+        table = _slopes(self, [_Number.of(path, self.model) for path in self.names], {})
         size = np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
         return np.asarray(linalg.orth(table / size, rcond=1e-10))
 
@@ -188,12 +188,35 @@ def left_over(ring: RingDown, shown: FloatArray | None) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Number:
-    """A number of the fit: its path, and its size and range."""
+    """A number of the fit: its path, its size and range, and what power of it a fit moves.
+
+    Far below a frequency of its own an effect is linear in the square of the period.
+    """
 
     path: str
     size: float
     low: float
     high: float
+    power: float = 1.0
+
+    @classmethod
+    def of(cls, path: str, model: Model) -> _Number:
+        """A parameter of a model."""
+        size, low, high = _range(model, path)
+        return cls(path, size, low, high, -2.0 if model.parameter(path).unit == "Hz" and low > 0 else 1.0)
+
+    def moved(self, value: FloatArray) -> FloatArray:
+        """What a fit moves of values."""
+        return np.asarray((value / self.size) ** self.power)
+
+    def value(self, moved: float) -> float:
+        """The value in its range of what a fit has moved."""
+        found = self.size * (moved if self.power == 1.0 else max(moved, 1e-300) ** (1 / self.power))
+        return float(np.clip(found, self.low, self.high))
+
+    def slope(self, value: float) -> float:
+        """Slope of the value by what a fit moves."""
+        return float(self.size / self.power * (value / self.size) ** (1 - self.power))
 
 
 def _range(model: Model, path: str) -> tuple[float, float, float]:
@@ -228,10 +251,6 @@ class Fit:
     rows: FloatArray
 
 
-def _sizes(numbers: Sequence[_Number], count: int) -> FloatArray:
-    return np.array([*(number.size for number in numbers), *[1.0] * (count - len(numbers))])
-
-
 def refitted(
     residual: SimulationResidual,
     free: Mapping[str, Sequence[str]] | None = None,
@@ -254,7 +273,7 @@ def refitted(
         Where it ends.
     """
     paths = [*residual.names, *(f"{e}.{n}" for e, names in (free or {}).items() for n in names)]
-    numbers = [_Number(path, *_range(residual.model, path)) for path in paths]
+    numbers = [_Number.of(path, residual.model) for path in paths]
     steps: dict[str, float] = {}
 
     def at(x: FloatArray) -> SimulationResidual:
@@ -272,26 +291,27 @@ def refitted(
         return -_slopes(known if known is not None else at(x), numbers, steps)
 
     start = _start(residual, numbers)
-    low = np.array([n.low / n.size for n in numbers] + [-np.inf] * (len(start) - len(numbers)))
-    high = np.array([n.high / n.size for n in numbers] + [np.inf] * (len(start) - len(numbers)))
+    ends = [sorted(n.moved(np.array([n.low, n.high]))) for n in numbers]
+    low, high = np.array([*ends, *[(-np.inf, np.inf)] * (len(start) - len(numbers))]).T
     margin = 1e-9 * np.minimum(high - low, 1.0)
     found = optimize.least_squares(
         rows, np.clip(start, low + margin, high - margin), jac=slopes, bounds=(low, high), x_scale="jac",
         max_nfev=evaluations or residual.evaluations, ftol=_SETTLED, xtol=1e-8,
     )  # fmt: skip
     after = at(on_ends(found.x, low, high, _AT_END))
-    slopes_there = np.asarray(found.jac) / _sizes(numbers, len(found.x))
+    of_values = [number.slope(after.model.parameter(number.path).value) for number in numbers]
+    slopes_there = np.asarray(found.jac) / [*of_values, *[1.0] * (len(found.x) - len(numbers))]
     return Fit(_with_held_out(after), paths, slopes_there, _trained_rows(after))
 
 
 def _start(residual: SimulationResidual, numbers: Sequence[_Number]) -> FloatArray:
-    values = [residual.model.parameter(n.path).value / n.size for n in numbers]
+    values = [float(n.moved(np.array(residual.model.parameter(n.path).value))) for n in numbers]
     states = [residual.states[k] / residual.rings[k].scale for k in residual.free_states]
     return np.concatenate([values, *states])
 
 
 def _at(residual: SimulationResidual, numbers: Sequence[_Number], x: FloatArray) -> SimulationResidual:
-    values = {n.path: float(np.clip(v * n.size, n.low, n.high)) for n, v in zip(numbers, x, strict=False)}
+    values = {n.path: n.value(float(v)) for n, v in zip(numbers, x, strict=False)}
     states, first = list(residual.states), len(numbers)
     for place in residual.free_states:
         scale = residual.rings[place].scale
@@ -326,7 +346,7 @@ def _slopes(residual: SimulationResidual, numbers: Sequence[_Number], steps: dic
         found = of_sensors.of(number.path)
         if found is None:
             found = _slope(residual.model, number, rings, states, shown, steps) / number.size
-        table[:, column] = found * number.size
+        table[:, column] = found * number.slope(residual.model.parameter(number.path).value)
     first = len(numbers)
     for place, (ring, state, here) in enumerate(zip(rings, states, shown, strict=True)):
         if not free[place]:

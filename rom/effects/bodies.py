@@ -52,8 +52,10 @@ MEMBERS = (
         "Den Hartog, Mechanical Vibrations (1956), section 3.2",
         _extra_mode,
         state_units=("m", "m/s"),
+        starts=("x", "v"),
         inner={"f3": tuple(60.0 * 1.08**step for step in range(36))},
         passive=True,
+        ends={"zeta3": (0.0, 1.0)},
     ),
     Member(
         "constant-force",

@@ -47,6 +47,9 @@ class Member:
         Of a sensor's fault: its inverse.
     state_units : tuple of str
         Units of a kernel's internal states, in order.
+    starts : tuple of str
+        What each state has at the start of a motion: "x", the displacement there, "v", the velocity, or "",
+        zero; empty where all are zero.
     inner : mapping of str to tuple of float
         A small grid of plausible values for parameters other than strengths, for screening; where a place's
         range ends before, its end.
@@ -90,6 +93,7 @@ class Member:
     function: Callable[..., Any] | None = field(default=None, repr=False)
     cure: Samples | None = field(default=None, repr=False)
     state_units: tuple[str, ...] = ()
+    starts: tuple[str, ...] = ()
     inner: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     linear: bool = True
     passive: bool = False
@@ -153,7 +157,7 @@ class Member:
             return SensorFault(*head, self.function, self.cure, self.other)
         if self.kind == "measured tension":
             return Reading(*head, self.function)
-        return Effect(*head, self.function, len(self.state_units))
+        return Effect(*head, self.function, len(self.state_units), self.starts)
 
     def _placed(self, number: Parameter, enters: str) -> Parameter:
         """A parameter with its source, and the unit of the channel where it has no other."""

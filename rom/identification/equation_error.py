@@ -163,7 +163,7 @@ def _force(effect: Effect, motion: FloatArray, rate_hz: float, test: str) -> Flo
     table, values, step_s = np.array([[effect.address, 0, 0]]), np.append(effect.values, 0.0), 1 / rate_hz
     if effect.states and rate_hz < _SLOWEST_HZ:
         values, motion, step_s = _in_unit_of_time(rate_hz / _SLOWEST_HZ, effect, motion, step_s)
-    return force_along(table, values, motion, step_s, effect.states, settled=test == "cycled")
+    return force_along(table, values, motion, step_s, (effect,), settled=test == "cycled")
 
 
 def _in_unit_of_time(

@@ -59,7 +59,7 @@ class Task(NamedTuple):
     driven: Any  # (driven bodies,)
     active: Any  # (active links,): links whose force is not linear, or which have a tension law
     force: Any  # (driven bodies, samples) [N]
-    y0: Any  # (2 bodies,): displacements and velocities at the start
+    y0: Any  # (2 bodies + states,): displacements, velocities and states at the start
     tensions: Any  # (tensions,): at the start [N]
     edges: Any  # (bins + 1,): bins of samples over which tensions are averaged; the run ends with the last
     every: int  # tensions are averaged over each so many samples

@@ -141,10 +141,8 @@ def force_of_effects(effects: Any, p: Any, motion: Any, step_s: float, state: An
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def forces_of_effects(effects: Any, p: Any, motion: Any, step_s: float) -> Any:
-    """Force (effects, samples) of every effect by itself along one motion, its states zero at the start.
-
-    Rows of ``effects``: address, place of the first parameter, number of states.
+def forces_of_effects(effects: Any, p: Any, motion: Any, step_s: float, states: Any) -> Any:
+    """Force (effects, samples) of every effect by itself along one motion.
 
     Parameters
     ----------
@@ -156,6 +154,8 @@ def forces_of_effects(effects: Any, p: Any, motion: Any, step_s: float) -> Any:
         x [m], v [m/s], T [N], k [N/m], c [N s/m].
     step_s : float
         Time from sample to sample [s].
+    states : ndarray, shape (effects, states)
+        At the first sample; of each effect its own come first.
 
     Returns
     -------
@@ -166,5 +166,8 @@ def forces_of_effects(effects: Any, p: Any, motion: Any, step_s: float) -> Any:
     for e in range(effects.shape[0]):
         alone = np.zeros((1, 3), dtype=np.int64)
         alone[0, 0], alone[0, 1] = effects[e, 0], effects[e, 1]
-        out[e] = force_of_effects(alone, p, motion, step_s, np.zeros(effects[e, 2] + 1), 0.0)
+        state = np.zeros(effects[e, 2] + 1)
+        for i in range(effects[e, 2]):
+            state[i] = states[e, i]
+        out[e] = force_of_effects(alone, p, motion, step_s, state, 0.0)
     return out

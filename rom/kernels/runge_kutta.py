@@ -152,7 +152,8 @@ def integrate_links(program: Program, p: Any, task: Task, report: Any, out: Any)
     y, total = np.zeros(2 * n + tensions + program.size[2]), np.zeros((task.edges.size - 1, tensions))
     work, forces, before = np.zeros((5, y.size)), np.zeros((3, n)), np.zeros((2, y.size))
     bins, held, rates = np.zeros(1, dtype=np.int64), slice(2 * n, 2 * n + tensions), np.zeros((2, tensions))
-    _copy(task.y0, y[: 2 * n])
+    _copy(task.y0[: 2 * n], y[: 2 * n])
+    _copy(task.y0[2 * n :], y[2 * n + tensions :])
     _copy(task.tensions, y[held])
     report[:] = 0.0
     scale, mobility, sample, count, last = _scale(task, p, n), 1.0 / np.min(p[:n]), 0, 1, task.edges[-1] - 1

@@ -61,8 +61,8 @@ def clear(block: Block, y0: Any, tensions: Any) -> None:
     ----------
     block : Block
         Takes them.
-    y0 : ndarray, shape (2 bodies,)
-        Displacements [m] and velocities [m/s].
+    y0 : ndarray, shape (2 bodies + states,)
+        Displacements [m], velocities [m/s] and states.
     tensions : ndarray, shape (tensions,)
         Tensions [N].
     """
@@ -72,8 +72,10 @@ def clear(block: Block, y0: Any, tensions: Any) -> None:
         largest = max(largest, tensions[b])
     for i in range(block.y.shape[1]):
         block.y[0, i] = y0[i]
-    for i in range(block.z.shape[1]):
+    for i in range(tensions.size):
         block.z[0, i] = 0.0
+    for i in range(tensions.size, block.z.shape[1]):
+        block.z[0, i] = y0[block.y.shape[1] + i - tensions.size]
     block.change[SHARPNESS] = 10.0 / largest
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rom.model.description import PLACES, LinkLaws, ModelDescription
+from rom.model.effect import Effect
 from rom.model.laws import constant_stiffness
 from rom.model.structure import Structure
 from rom.result_views import HasViews
@@ -85,6 +86,23 @@ class Assembly:
     coefficients: FloatArray
     active: IntArray
     places: Mapping[str, int]
+    effects: tuple[Effect, ...]
+
+    def full_start(self, motion: FloatArray) -> FloatArray:
+        """Displacements, velocities and the states of the effects at the start, (2 bodies + states,).
+
+        Parameters
+        ----------
+        motion : ndarray, shape (2 bodies,)
+            Displacements [m] and velocities [m/s].
+        """
+        ground = np.append(motion.reshape(2, -1), np.zeros((2, 1)), axis=1)  # which index -1 finds
+        rows = np.repeat(np.arange(len(self.program.ends)), np.diff(self.program.effect_start))
+        states = [
+            effect.first_states(*(ground[:, first] - ground[:, second]))
+            for (first, second), effect in zip(self.program.ends[rows], self.effects, strict=True)
+        ]
+        return np.concatenate([motion, *states])
 
 
 class _Layout:
@@ -141,7 +159,8 @@ def assemble(model: ModelDescription) -> Assembly:
     # one more number, so that a law without parameters has a valid place behind the last one
     coefficients = np.array([*layout.values, 0.0])
     places = layout.places | {path: layout.places[inner] for path, inner in changes.items()}
-    return Assembly(structure, link_laws, program, coefficients, active, MappingProxyType(places))
+    effects = tuple(effect for _, effect in rows)
+    return Assembly(structure, link_laws, program, coefficients, active, MappingProxyType(places), effects)
 
 
 def _table(rows: npt.ArrayLike, columns: int) -> IntArray:
@@ -282,9 +301,10 @@ def simulate(
             *_by_body(structure, "initial_velocity", initial_velocity),
         ]
     )
+    start = assembly.full_start(motion)
     samples, bodies = forces.shape[1], len(structure.bodies)
     last = np.array([samples - 1, samples])
-    task = Task(rate, driven, assembly.active, fixed(forces), motion, tensions, last, 1, tolerance)
+    task = Task(rate, driven, assembly.active, fixed(forces), start, tensions, last, 1, tolerance)
     out = np.full((3 * bodies + int(assembly.program.size[1:].sum()), samples), np.nan)
     report = np.zeros(6 + int(assembly.program.size[2]))
     if bodies > DENSE_BODIES:

@@ -81,7 +81,7 @@ def _means(
             raise ValueError(f"vary must name what a simulation depends on, got {path!r}")
         coefficients[:, assembly.places[path]] = values
     driven = forces_on(structure, {body or structure.body_names[0]: np.zeros(2)})[0]
-    still = np.zeros(2 * len(structure.bodies))
+    still = assembly.full_start(np.zeros(2 * len(structure.bodies)))
     records = fixed(force[:, None])
     own = edges.copy()  # writable: kernels are compiled for one kind of array
     task = Task(rate, driven, assembly.active, records, still, tension, own, every, tolerance)
@@ -103,7 +103,7 @@ def _means(
 def _rests(
     assembly: Assembly, tension: FloatArray, coefficients: FloatArray, vary: Iterable[str]
 ) -> FloatArray | None:
-    """Initial displacements and velocities, shape (cases, 2 bodies), where effects push; None: all zero."""
+    """Where cases start, (cases, 2 bodies + states), if effects push; None where all is zero."""
     effects = assembly.program.effects
     if not len(effects):
         return None
@@ -116,7 +116,7 @@ def _rests(
         own = replace(assembly, coefficients=coefficients[case])
         rest = equilibrium(own, dict(zip(bolts, held, strict=True)))
         rests[case, : len(bodies)] = [rest.get(body, 0.0) for body in bodies]
-    return rests if rests.any() else None
+    return np.stack([assembly.full_start(rest) for rest in rests]) if rests.any() else None
 
 
 def _of_case(task: Task, case: int, rest: FloatArray) -> Task:

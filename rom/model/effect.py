@@ -141,7 +141,10 @@ class Effect(ModelCorrection):
         parameters; the function fills the state rates ``ds`` and may set ``dT[0]`` [N/s], added to the
         tension's rate.
     states : int
-        Number of internal states, zero at the start.
+        Number of internal states.
+    starts : tuple of str
+        What each state has at the start of a motion: "x", the displacement there, "v", the velocity, or "",
+        zero; empty where all are zero.
     on_disk : bool
         Whether the compiled function may be cached on disk (it lives in a file).
     """
@@ -149,6 +152,7 @@ class Effect(ModelCorrection):
     kind = "force"
     function: Callable[..., float] = field(repr=False)
     states: int = 0
+    starts: tuple[str, ...] = ()
     on_disk: bool = field(default=True, repr=False)
 
     @property
@@ -157,6 +161,17 @@ class Effect(ModelCorrection):
         from rom.kernels.function_addresses import address_of
 
         return address_of(self.function, "effect", self.on_disk)
+
+    def first_states(self, displacement: float, velocity: float) -> FloatArray:
+        """States at the start of a motion, (states,).
+
+        Parameters
+        ----------
+        displacement, velocity : float
+            Of its place at the start [m], [m/s].
+        """
+        known = {"x": displacement, "v": velocity, "": 0.0}
+        return np.array([known[one] for one in self.starts or ("",) * self.states], dtype=np.float64)
 
 
 @dataclass(frozen=True)

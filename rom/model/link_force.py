@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from rom.model.assembly import Assembly
+from rom.model.effect import Effect
 
 FloatArray = npt.NDArray[np.float64]
 _ODD_S = 0.123456789  # a time at which no force that goes with time has the value that it has at 0
@@ -53,7 +54,7 @@ def force_of_effects(
     step_s : float
         Time between samples [s].
     settled : bool
-        Whether states start as the same motion backwards leaves them, not at zero.
+        Whether states start as the same motion backwards leaves them.
 
     Returns
     -------
@@ -61,31 +62,27 @@ def force_of_effects(
         Force [N], shape (samples,).
     """
     row = assembly.structure.link_names.index(link)
-    program, start = assembly.program, assembly.program.effect_start
-    effects = program.effects[start[row] : start[row + 1]]
-    if not len(effects):
+    program, own = assembly.program, slice(*assembly.program.effect_start[row : row + 2])
+    effects = assembly.effects[own]
+    if not effects:
         return np.zeros(motion.shape[1])
-    following = (
-        program.effects[start[row + 1], 2] if start[row + 1] < len(program.effects) else program.size[2]
-    )
-    states = int(following - effects[0, 2])
-    return force_along(effects, assembly.coefficients, motion, step_s, states, settled=settled)
+    return force_along(program.effects[own], assembly.coefficients, motion, step_s, effects, settled=settled)
 
 
 def force_along(
-    effects: npt.NDArray[np.int64],
+    table: npt.NDArray[np.int64],
     values: FloatArray,
     motion: FloatArray,
     step_s: float,
-    states: int,
+    effects: Sequence[Effect],
     *,
     settled: bool,
 ) -> FloatArray:
-    """Force [N] of compiled effects along a motion, their states zero at its start.
+    """Force [N] of compiled effects along a motion.
 
     Parameters
     ----------
-    effects : ndarray, shape (effects, 3)
+    table : ndarray, shape (effects, 3)
         Address, place of the first parameter, place of the first state.
     values : ndarray
         Parameters.
@@ -93,10 +90,10 @@ def force_along(
         x [m], v [m/s], T [N], k [N/m], c [N s/m].
     step_s : float
         Time between samples [s].
-    states : int
-        Number of states.
+    effects : sequence of Effect
+        Those of the table: what their states are at the start.
     settled : bool
-        Whether states start as the same motion backwards leaves them, not at zero.
+        Whether states start as the same motion backwards leaves them.
 
     Returns
     -------
@@ -105,19 +102,21 @@ def force_along(
     """
     from rom.kernels.prescribed import force_of_effects as along
 
-    state = np.zeros(states + 1)
-    if settled and states:
-        before = np.ascontiguousarray(motion[:, ::-1])
-        before[1] *= -1.0
-        along(effects, values, before, step_s, state, 0.0)
-    return np.asarray(along(effects, values, motion, step_s, state, 0.0))
+    before = np.ascontiguousarray(motion[:, ::-1])
+    before[1] *= -1.0
+    first = before if settled else motion
+    # one more number than states, so that an effect without any has a valid place
+    state = np.concatenate([*(effect.first_states(first[0, 0], first[1, 0]) for effect in effects), [0.0]])
+    if settled and len(state) > 1:
+        along(table, values, before, step_s, state, 0.0)
+    return np.asarray(along(table, values, motion, step_s, state, 0.0))
 
 
 def equilibrium(assembly: Assembly, tension: Mapping[str, float]) -> Mapping[str, float]:
     """Where the bodies rest [m] under the forces of the effects, by body, at tensions by bolted link.
 
-    Forces that go with time count for nothing, states are zero. Empty where nothing pushes at zero, or where
-    no place of rest is found: a body that floats.
+    Forces that go with time count for nothing, states are those of a start there. Empty where nothing pushes
+    at zero, or where no place of rest is found: a body that floats.
     """
     bodies = assembly.structure.body_names
     if not len(assembly.program.effects):
@@ -169,8 +168,9 @@ def _steady(assembly: Assembly, row: int, still: FloatArray) -> float:
     from rom.kernels import prescribed
 
     program, total = assembly.program, 0.0
-    for effect in program.effects[program.effect_start[row] : program.effect_start[row + 1]]:
-        alone, p, state = np.array([effect]), assembly.coefficients, np.zeros(int(program.size[2]) + 1)
+    for place in range(*program.effect_start[row : row + 2]):
+        alone, p = program.effects[place : place + 1], assembly.coefficients
+        state = np.append(assembly.effects[place].first_states(still[0, 0], 0.0), 0.0)
         now, then = (prescribed.force_of_effects(alone, p, still, 1.0, state, t)[0] for t in (0.0, _ODD_S))
         total += now if now == then else 0.0
     return total

@@ -8,7 +8,7 @@ import pytest
 from discovery.decide.explanation import limited_number
 from discovery.residual.ends_of_ranges import on_ends
 from discovery.views.closure_file import parameter_row
-from rom.model.laws import Parameter
+from rom.model.laws import Z95, Parameter
 
 
 @pytest.mark.parametrize("error", [0.0, 0.1, np.inf, np.nan])
@@ -28,6 +28,16 @@ def test_a_number_at_an_end_says_so_and_has_no_limit_there(
 def test_inside_its_range_an_unknown_error_gives_no_limits(error: float) -> None:
     row = parameter_row(limited_number(Parameter(1.0, "1", bounds=(0.0, 2.0)), error))
     assert (row["low"], row["high"], row.get("at_bound")) == (None, None, None)
+
+
+def test_limits_of_a_frequency_are_those_of_the_square_of_its_period() -> None:
+    """Far above a band a frequency is hardly limited above."""
+    of, error = Parameter(100.0, "Hz", bounds=(1.0, 1e4)), 2.0
+    near, far = limited_number(of, error), limited_number(of, 15 * error)
+    assert near.low == pytest.approx(100 - Z95 * error, rel=0.01)
+    assert near.high == pytest.approx(100 + Z95 * error, rel=0.01)
+    assert far.low == pytest.approx(100 / np.sqrt(1 + 0.6 * Z95))
+    assert far.high == 1e4
 
 
 def test_what_all_but_touches_an_end_is_put_on_it() -> None:

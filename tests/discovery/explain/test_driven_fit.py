@@ -53,6 +53,20 @@ def test_numbers_that_are_off_are_brought_to_the_truth_and_shapes_are_held(tmp_p
     assert set(numbers) == {*TRUTH, "guide.coulomb-friction.F_c"}
 
 
+def test_a_start_that_first_samples_tell_is_told_anew_with_the_fitted_model(tmp_path: Path) -> None:
+    """Where the model is far off, so is the start that it reads from them, and what is fitted with that."""
+    campaign = twins.driven(tmp_path / "c", sizes=(1.0,) * 3, seconds=3.0)
+    refits = BalanceRefits.of(campaign, Options())
+    wrong = {"body.mass.mass": 1.4, "guide.stiffness.k": 6000.0, "guide.damping.c": 20.0}
+    model = refits.start().model.without_effects_of("force").with_values(wrong)
+    training = [measured_record(refits.campaign, r).measurement for r in refits.sound if not r.hold_out]
+    found = fitted_by_simulation(model, tuple(TRUTH), training, CRITERIA)
+    assert found is not None
+    again = fitted_by_simulation(found.model, tuple(TRUTH), training, CRITERIA)
+    assert again is not None
+    assert again.level == pytest.approx(found.level, rel=0.02)
+
+
 def test_a_number_that_shows_next_to_nothing_has_an_error_without_an_end() -> None:
     """Its slopes are below the smallest normal number: warnings are errors here."""
     rows = np.random.default_rng(1).normal(size=50)

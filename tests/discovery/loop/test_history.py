@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -58,6 +59,20 @@ def test_a_better_state_lowers_an_error_or_leaves_little_beyond_noise(
     before: float, after: float, error: float, better: bool
 ) -> None:
     assert LoopHistory((state(before),)).improves(state(after, error)) is better
+
+
+@pytest.mark.parametrize(("held_out", "better"), [(0.95, True), (1.05, False)])
+def test_where_simulations_leave_noise_alone_held_out_motion_is_met_no_worse(
+    held_out: float, better: bool
+) -> None:
+    """Balances of forces, which noise passes through, may leave less with an effect that is not there."""
+    before = replace(state(1.44), material=({"force_error": 0.4},), simulated_to_noise=True)
+    after = replace(state(0.98, held_out), material=({"force_error": 0.34},))
+    found = LoopHistory((before,))
+    assert found.improves(after) is better
+    assert LoopHistory((replace(before, simulated_to_noise=False),)).improves(after)
+    assert found.verdict() == "no-effect"
+    assert "1.44 times" in found.remarks()[0]
 
 
 def test_a_model_with_which_a_record_diverges_is_no_better() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,9 +67,32 @@ def test_a_slider_turns_between_samples(stiffness: float, most: float) -> None:
         motion = np.zeros((5, len(time)))
         motion[:2] = 0.0128 * np.sin(turned), 0.0128 * 2 * np.pi * np.cos(turned)
         table = np.array([[slider.address, 0, 0]])
-        found = force_along(table, np.append(slider.values, 0.0), motion, time[1], 1, settled=False)
+        found = force_along(table, np.append(slider.values, 0.0), motion, time[1], (slider,), settled=False)
         forces.append(found[::times])
     assert np.abs(forces[0] - forces[1]).max() < most * np.ptp(forces[1])
+
+
+def test_a_mass_on_a_body_starts_with_it() -> None:
+    """Far above all other frequencies it is mass, and rings no more than a released body's acceleration asks."""
+    one, spring = Structure((Body("b", 2.0),), (Link("s", "b", "ground", "linear"),)), 2.0 * 60.0**2
+    laws = {"s": LinkLaws(constant_stiffness(spring), constant_damping(3.0))}
+    mode = CATALOGUE["extra-mode"].at("body:b").with_values(m3=0.2, f3=500.0, zeta3=0.02)
+    assert isinstance(mode, Effect)
+    rides, heavy = Model(one, laws).with_effect(mode), Model(replace(one, bodies=(Body("b", 2.2),)), laws)
+    for x, v in ((1e-3, 0.0), (0.0, 0.06), (-1e-3, 0.06)):
+        start: Any = {"b": np.zeros(4000)}, 4000.0, None, {"b": x}, {"b": v}
+        found, mass = rides.simulate(*start), heavy.simulate(*start)
+        apart = np.abs(found.displacement["b"] - mass.displacement["b"]).max()
+        assert apart < 1e-3 * np.abs(mass.displacement["b"]).max()
+        motion = np.zeros((5, 4000))
+        motion[:2] = found.displacement["b"], found.velocity["b"]
+        table = np.array([[mode.address, 0, 0]])
+        force = force_along(table, np.append(mode.values, 0.0), motion, 1 / 4000.0, (mode,), settled=False)
+        assert np.abs(force).max() < 2.5 * 0.2 * np.abs(mass.acceleration["b"]).max()
+    pushed = CATALOGUE["constant-force"].at("body:b").with_values(F_0=-4.0)
+    rest = rides.with_effect(pushed).equilibrium(None)
+    assert rest is not None
+    assert rest["b"] == pytest.approx(-4.0 / spring)
 
 
 def test_a_slider_follows_the_normal_force() -> None:
