@@ -73,7 +73,7 @@ def test_a_slider_turns_between_samples(stiffness: float, most: float) -> None:
 
 
 def test_a_mass_on_a_body_starts_with_it() -> None:
-    """Far above all other frequencies it is mass, and rings no more than a released body's acceleration asks."""
+    """Far above all other frequencies it is mass, and rings no more than its acceleration asks."""
     one, spring = Structure((Body("b", 2.0),), (Link("s", "b", "ground", "linear"),)), 2.0 * 60.0**2
     laws = {"s": LinkLaws(constant_stiffness(spring), constant_damping(3.0))}
     mode = CATALOGUE["extra-mode"].at("body:b").with_values(m3=0.2, f3=500.0, zeta3=0.02)
