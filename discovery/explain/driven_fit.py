@@ -32,8 +32,7 @@ from rom.model.model import Model
 from rom.signals.processing import Measurement
 from rom.signals.sensor_correction import corrected
 
-_EVALUATIONS: Numerical[int] = 12
-_ROUNDS: Numerical[int] = 4  # in which states that first samples tell are taken anew with a fitted model
+_RESTARTS: Numerical[int] = 4  # in which states that first samples tell are taken anew with a fitted model
 _LITTLE: Numerical[float] = 0.01  # of the mean square
 Numbers = dict[str, Parameter]
 
@@ -93,7 +92,7 @@ def fitted_by_simulation(
     measurements: Sequence[Measurement],
     criteria: Criteria,
     row_rates_hz: Mapping[str, float] | None = None,
-    evaluations: int = _EVALUATIONS,
+    rounds: int | None = None,
 ) -> SimulatedModel | None:
     """Return a model of driven bodies with the numbers that simulate its records best.
 
@@ -105,8 +104,8 @@ def fitted_by_simulation(
         As for `driven_residual`.
     measurements : sequence of Measurement
         Records that may be fitted to.
-    evaluations : int
-        Of the residual, at most; with 1 the numbers stay and get limits.
+    rounds : int or None
+        As for `discovery.residual.simulation.refitted`; numbers that stay get limits too.
 
     Returns
     -------
@@ -119,10 +118,10 @@ def fitted_by_simulation(
         return None
     moved = residual.model
     strengths = {e.path: [n for n in _strengths(e) if e.parameters[n].value] for e in moved.effects}
-    fit = refitted(residual, strengths, evaluations)
-    for _ in range(_ROUNDS if residual.started and evaluations > 1 else 0):
+    fit = refitted(residual, strengths, rounds)
+    for _ in range(_RESTARTS if residual.started and rounds != 0 else 0):
         again = driven_residual(fit.residual.model, names, measurements, criteria, row_rates_hz)
-        after = fit if again is None else refitted(again, strengths, evaluations)
+        after = fit if again is None else refitted(again, strengths, rounds)
         gained = level(fit.residual) - level(after.residual)
         fit = after if gained > 0 else fit
         if not gained > _LITTLE * level(fit.residual):

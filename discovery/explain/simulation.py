@@ -35,7 +35,7 @@ from rom.progress import counted
 _CHANGE: Numerical[float] = 1e-2  # of the motion, by which a probe moves it
 _DAMPINGS: Numerical[tuple[float, ...]] = (1.0, 0.5)  # shares of the dampings at which a fit starts
 _ROUGH: Numerical[int] = 12  # parts
-_SHORT: Numerical[int] = 8  # evaluations that tell which start is best
+_SHORT: Numerical[int] = 8  # rounds of slopes that tell which start is best
 _OF_TENSION = re.compile(r"\bT\b")
 
 
@@ -250,12 +250,10 @@ def _begun(parts: SimulationResidual, starts: Sequence[ModelCorrection]) -> Simu
     return min(found, key=cost)
 
 
-def together(residual: SimulationResidual, evaluations: int | None = None) -> SimulationResidual:
+def together(residual: SimulationResidual, rounds: int | None = None) -> SimulationResidual:
     """All numbers fitted again beside each other; effects with 95 % limits."""
     effects = residual.model.effects
-    fit = refitted(
-        residual, {effect.path: _shown_numbers(effect, residual) for effect in effects}, evaluations
-    )
+    fit = refitted(residual, {effect.path: _shown_numbers(effect, residual) for effect in effects}, rounds)
     errors, after = errors_of(fit), fit.residual
     with_limits = tuple(
         limited(

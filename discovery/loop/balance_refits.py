@@ -276,7 +276,7 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
         """The last model of a search in simulations with limits, and what it leaves of the forces."""
         names, rules = self.balances.names, self.options.criteria
         simulated = fitted_by_simulation(
-            found.last.model, names, training, rules, self.row_rates_hz, evaluations=1
+            found.last.model, names, training, rules, self.row_rates_hz, rounds=0
         )
         model, numbers = (found.last.model, {}) if simulated is None else simulated[:2]
         state = self.with_numbers(model, numbers, self.own(history.last.residual))

@@ -16,11 +16,12 @@ from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg, optimize
+from scipy import linalg
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.residual.base import Kind, ProjectedResidual
 from discovery.residual.ends_of_ranges import on_ends
+from discovery.residual.least_squares import minimum
 from discovery.residual.modal_slopes import ModalSlopes
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -30,12 +31,13 @@ from rom.identification.ring_down import PERIODS, RingDown, first_state, fitted_
 from rom.model.model import Model
 
 LEAST_MASS: Numerical[float] = 1e-3  # of what it is before a fit
-_EVALUATIONS: Numerical[int] = 10
-_THOROUGH: Numerical[int] = 30  # evaluations
+_ROUNDS: Numerical[int] = 10
+_THOROUGH: Numerical[int] = 30  # rounds
 _PARTS: Numerical[int] = 32
 _MODAL_PARTS: Numerical[int] = 8  # each has several sensors and modes
-_SETTLED: Numerical[float] = 1e-5  # of the cost
-_CHANGE: Numerical[float] = 3e-3  # of the motion, by which a step for a slope moves it
+_LITTLE: Numerical[float] = 0.1  # gained by a step, in squares of noise: a number at its limit loses four
+_OF_NO_USE: Numerical[float] = 1e-3  # gained by a step, of the cost of a fit that leaves more than noise
+_CHANGE: Numerical[float] = 3e-4  # of the motion, by which a step for a slope moves it
 _FIRST_STEP: Numerical[float] = 1e-4
 _LARGEST_STEP: Numerical[float] = 0.1
 _AT_END: Numerical[float] = 1e-4  # of an end: beyond it a fit would go on
@@ -72,9 +74,15 @@ class SimulationResidual(ProjectedResidual):
     thorough: bool = False
 
     @property
-    def evaluations(self) -> int:
-        """Of the residual, at most, in one fit."""
-        return _THOROUGH if self.thorough else _EVALUATIONS
+    def rounds(self) -> int:
+        """Of slopes, at most, in one fit."""
+        return _THOROUGH if self.thorough else _ROUNDS
+
+    def little(self, cost: float) -> float:
+        """What a fit's last step lowers a cost by: a tenth of the noise of a row, more where more is left."""
+        level = cost / max(int(self.training.sum()), 1)
+        enough = self.criteria.acceptance.noise_level
+        return _LITTLE * level if level <= enough else _OF_NO_USE * cost
 
     @cached_property
     def shown(self) -> tuple[FloatArray | None, ...]:
@@ -254,7 +262,7 @@ class Fit:
 def refitted(
     residual: SimulationResidual,
     free: Mapping[str, Sequence[str]] | None = None,
-    evaluations: int | None = None,
+    rounds: int | None = None,
 ) -> Fit:
     """Fit the model's numbers, those of its effects and all states.
 
@@ -264,8 +272,8 @@ def refitted(
         Where the fit starts.
     free : mapping of str to sequence of str
         Names of the parameters that move, by the path of an effect; none of an effect that is not there.
-    evaluations : int or None
-        Of the residual, at most; None: as many as it asks for itself.
+    rounds : int or None
+        Of slopes, at most; with 0 the numbers stay. None: as many as the residual asks for itself.
 
     Returns
     -------
@@ -293,14 +301,13 @@ def refitted(
     start = _start(residual, numbers)
     ends = [sorted(n.moved(np.array([n.low, n.high]))) for n in numbers]
     low, high = np.array([*ends, *[(-np.inf, np.inf)] * (len(start) - len(numbers))]).T
-    margin = 1e-9 * np.minimum(high - low, 1.0)
-    found = optimize.least_squares(
-        rows, np.clip(start, low + margin, high - margin), jac=slopes, bounds=(low, high), x_scale="jac",
-        max_nfev=evaluations or residual.evaluations, ftol=_SETTLED, xtol=1e-8,
-    )  # fmt: skip
-    after = at(on_ends(found.x, low, high, _AT_END))
+    most = residual.rounds if rounds is None else rounds
+    found = minimum(rows, start, slopes, (low, high), most, residual.little)
+    x = on_ends(found.x, low, high, _AT_END)
+    after = at(x)
+    table = slopes(x) if found.slopes is None else found.slopes
     of_values = [number.slope(after.model.parameter(number.path).value) for number in numbers]
-    slopes_there = np.asarray(found.jac) / [*of_values, *[1.0] * (len(found.x) - len(numbers))]
+    slopes_there = table / [*of_values, *[1.0] * (len(x) - len(numbers))]
     return Fit(_with_held_out(after), paths, slopes_there, _trained_rows(after))
 
 
