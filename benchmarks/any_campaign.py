@@ -34,7 +34,7 @@ from rom.effects import Effect, candidates, look_alikes, places
 from rom.identification.force_balance import OFFSET
 from rom.model.assembly import Response
 from rom.model.description import LinkLaws
-from rom.model.laws import constant_damping, constant_stiffness
+from rom.model.laws import Parameter, constant_damping, constant_stiffness
 from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
 from rom.signals.filters import for_straight_lines
@@ -132,7 +132,7 @@ def drawn(seed: int, folder: Path) -> tuple[str, Effect | None, float]:
     samples = int(min(rng.uniform(20, 40) / band_hz[0] * rate_hz, MOST_SAMPLES))
     motion = Motion(model, test, rate_hz, samples, size_m, band_hz)
     scale = Scale(mass * size_m * (2 * np.pi * first_hz) ** 2, size_m, size_m * 2 * np.pi * first_hz)
-    hidden = _hidden(rng, model, scale) if rng.random() < 0.7 else None
+    hidden = _hidden(rng, model, scale, rate_hz) if rng.random() < 0.7 else None
     plant = model if hidden is None else model.with_effect(hidden)
     runs = [motion.record(share, rng) for share in SHARES]
     moved = [plant.simulate(_for_simulation(force), FINER * rate_hz, None, *start) for force, start in runs]
@@ -223,7 +223,7 @@ def _chain(
     return model, (float(np.sqrt(squares[0])) / (2 * np.pi), float(np.sqrt(squares[-1])) / (2 * np.pi))
 
 
-def _hidden(rng: np.random.Generator, model: Model, scale: Scale) -> Effect:
+def _hidden(rng: np.random.Generator, model: Model, scale: Scale, rate_hz: float) -> Effect:
     """An effect of the core at a place of its own, about as strong there as in a lap joint or a flexure.
 
     No constant force: offsets of sensors and starts imitate it.
@@ -235,8 +235,15 @@ def _hidden(rng: np.random.Generator, model: Model, scale: Scale) -> Effect:
     ground = kinds[effect.enters] != "joint"
     at = at_scale(member, effect, scale, ground=ground, pressed=False, criteria=CRITERIA.tension)
     factor = 10 ** rng.uniform(-0.5, 0.3)
+    at = at.with_values(**{n: _in_band(p, rate_hz, rng) for n, p in at.parameters.items() if p.unit == "Hz"})
     strengths = {n: at.parameters[n] for n in member.strengths}
     return at.with_values(**{n: float(np.clip(factor * p.value, *p.bounds)) for n, p in strengths.items()})
+
+
+def _in_band(frequency: Parameter, rate_hz: float, rng: np.random.Generator) -> float:
+    """A frequency of an effect's own that a logger with a filter would let pass."""
+    low, high = frequency.bounds
+    return float(np.clip(10 ** rng.uniform(*np.log10([rate_hz / 25, rate_hz / 5])), low, high))
 
 
 def _settings(
@@ -286,7 +293,7 @@ def _numbers(closure: Closure, hidden: Effect) -> tuple[Number, ...]:
         for one in closure.effects
         if one.effect.path == hidden.path
         for name, p in one.effect.parameters.items()
-        if hidden.parameters[name].value and p.low is not None and p.high is not None
+        if hidden.parameters[name].value and p.low is not None and p.high is not None and not p.at_bound
     )
 
 

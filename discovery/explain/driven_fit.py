@@ -83,7 +83,7 @@ def driven_residual(
     rings = tuple(ring_down(corrected(one, model), moved, rows_hz=rates.get(one.file)) for one in driven)
     started = frozenset(r.file for r in rings if starts_at_first_samples(moved, r.measurement))
     states = tuple(_state(ring, moved, known=ring.file in started) for ring in rings)
-    return SimulationResidual(rings, moved, free, states, criteria, started)
+    return SimulationResidual(rings, moved, free, states, criteria, started, turning=True)
 
 
 def fitted_by_simulation(

@@ -161,7 +161,8 @@ def at_scale(
     scaled = {}
     for name, of_joint in member.parameters.items():
         constant = name in member.limits and not pressed
-        number, known = (of_ground[name], OF_GROUND) if ground or constant else (of_joint, OF_JOINT)
+        at_ground = (ground and not member.of_joint) or constant
+        number, known = (of_ground[name], OF_GROUND) if at_ground else (of_joint, OF_JOINT)
         factor = scale.over(known, number.unit)
         low, high = (bound * factor for bound in number.bounds)
         if name in member.ends:

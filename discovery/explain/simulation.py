@@ -35,6 +35,7 @@ from rom.progress import counted
 _CHANGE: Numerical[float] = 1e-2  # of the motion, by which a probe moves it
 _DAMPINGS: Numerical[tuple[float, ...]] = (1.0, 0.5)  # shares of the dampings at which a fit starts
 _ROUGH: Numerical[int] = 12  # parts
+_BESIDE: Numerical[tuple[float, ...]] = (0.94, 0.96, 0.98, 1.02, 1.04, 1.06)  # of a frequency in a grid
 _SHORT: Numerical[int] = 8  # rounds of slopes that tell which start is best
 _OF_TENSION = re.compile(r"\bT\b")
 
@@ -72,7 +73,18 @@ def _screened(
     seen: Sequence[ModelCorrection] = [shape for shape in shapes if _is_seen(shape, residual)]
     if len(seen) > most:
         seen = [one.effect for one in _probed_all(member, seen, rough)[:most]]
-    return _probed_all(member, seen, residual)
+    found = _probed_all(member, seen, residual)
+    near = [shape for shape in _near(found[0].effect) if _is_seen(shape, residual)] if found else []
+    return tuple(sorted((*found, *_probed_all(member, near, residual)), key=lambda one: -one.gain))
+
+
+def _near(effect: ModelCorrection) -> list[ModelCorrection]:
+    """The effect at frequencies of its own beside that of a grid: a resonance is narrower than its steps."""
+    own = {name: p for name, p in effect.parameters.items() if p.unit == "Hz"}
+    return [
+        effect.with_values(**{name: float(np.clip(share * p.value, *p.bounds)) for name, p in own.items()})
+        for share in (_BESIDE if own else ())
+    ]
 
 
 def _sliders(
@@ -119,7 +131,18 @@ def candidates_in_decays(residual: SimulationResidual) -> Iterator[tuple[Member,
         scale = scales[added.enters]
         if scale is not None:
             ground, pressed = kinds[added.enters] != "joint", added.enters in bolted
-            yield member, at_scale(member, added, scale, ground=ground, pressed=pressed, criteria=rules)
+            there = at_scale(member, added, scale, ground=ground, pressed=pressed, criteria=rules)
+            yield member, _below_rate(there, residual)
+
+
+def _below_rate(effect: Effect, residual: SimulationResidual) -> Effect:
+    """The effect whose own frequencies end at the rate of the rows, which tell no higher one from that."""
+    highest, numbers = max(ring.row_rate_hz for ring in residual.rings), dict(effect.parameters)
+    for name, number in numbers.items():
+        low, high = number.bounds
+        if number.unit == "Hz" and low < highest < high:
+            numbers[name] = replace(number, value=min(number.value, highest), bounds=(low, highest))
+    return replace(effect, parameters=numbers)
 
 
 def in_other_shapes(residual: SimulationResidual) -> list[Model]:
@@ -223,7 +246,8 @@ def explain_screened(
     starts, parts = int(options.criteria.screening.starts), residual.in_parts()
 
     def fit(ones: Sequence[Probe]) -> Explanation:
-        begun = _begun(parts, [one.start for one in ones[:starts]])
+        near = residual.in_first_parts() if ones[0].member.starts else parts
+        begun = _begun(near, [one.start for one in ones[:starts]])
         after = together(residual.of_model(begun.model))
         return replace(explanation(after.model.effects[-1], residual, after), residual=after)
 
@@ -232,7 +256,8 @@ def explain_screened(
 
 def fitted(residual: SimulationResidual, effect: ModelCorrection) -> SimulationResidual:
     """The residual with one more effect, all numbers fitted."""
-    return together(residual.of_model(_begun(residual.in_parts(), [effect]).model))
+    near = residual.in_first_parts() if member_of(effect).starts else residual.in_parts()
+    return together(residual.of_model(_begun(near, [effect]).model))
 
 
 def _begun(parts: SimulationResidual, starts: Sequence[ModelCorrection]) -> SimulationResidual:

@@ -16,6 +16,7 @@ from discovery.explain.simulation import in_other_shapes, together
 from discovery.loop.free_refits import FreeRefits
 from discovery.loop.history import LoopHistory
 from discovery.loop.motion_stage import in_motion
+from discovery.loop.refits import Probes
 from discovery.options import Options
 from discovery.residual.base import Residual, cost
 from discovery.residual.simulation import SimulationResidual
@@ -39,6 +40,10 @@ class DrivenRefits(FreeRefits):
         own = self.own(residual)
         fits = (together(replace(own, model=model)) for model in in_other_shapes(own))
         return min((own, *fits), key=cost)
+
+    def screen(self, residual: Residual) -> Probes:
+        """Probes of all but masses of their own, which balances show too: what drifts would pass for one."""
+        return [probes for probes in super().screen(residual) if not probes[0].member.starts]
 
     def _model_of(self, residual: SimulationResidual) -> tuple[Model, tuple[str, ...]]:
         return replace(residual.model, effects=(*residual.model.effects, *self.faults)), ()

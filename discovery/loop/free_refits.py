@@ -16,9 +16,10 @@ from discovery.loop.history import LoopHistory
 from discovery.loop.refits import FixedTensionRefits, Probes
 from discovery.loop.state import State
 from discovery.options import Options
-from discovery.residual.base import Residual
+from discovery.residual.base import Residual, cost
 from discovery.residual.course_fit import Misfit
-from discovery.residual.simulation import LEAST_MASS, SimulationResidual, refitted
+from discovery.residual.fitted_number import LEAST_MASS
+from discovery.residual.simulation import SimulationResidual, refitted
 from rom.campaign.campaign import Campaign
 from rom.campaign.settings import RecordSettings
 from rom.criteria.number import Numerical
@@ -145,6 +146,15 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
     def refit_from(self, residual: Residual, effect: ModelCorrection) -> Residual | None:
         """The last model refitted from where a fit beside an effect ended."""
         return self._fitted_without(self.own(residual), effect)
+
+    def settled(self, residual: Residual) -> Residual:
+        """Where a thorough fit ends; the same object where it hardly gains."""
+        own = self.own(residual)
+        if not own.model.effects:
+            return residual
+        after = together(replace(own, thorough=True))
+        gained = cost(own) - cost(after)
+        return replace(after, thorough=own.thorough) if gained > own.little(cost(own)) else residual
 
     def screen(self, residual: Residual) -> Probes:
         """Probes of every force of the catalogue at the scale of its place."""

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from scipy import optimize
 
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -28,6 +29,7 @@ _MUCH: Numerical[float] = 0.1  # of the cost
 _HARDER: Numerical[float] = 10.0
 _SOFTER: Numerical[float] = 0.2
 _TRIALS: Numerical[int] = 8  # dampings of one step
+_SETTLED: Numerical[float] = 1e-5  # of the cost
 
 
 class Minimum(NamedTuple):
@@ -100,6 +102,33 @@ def minimum(
             return Minimum(here.x, here.rows, table)  # so near that slopes are those of the end
         damping = max(_SOFTER * damping, _LEAST_DAMPING)
     return Minimum(here.x, here.rows, None)
+
+
+def minimum_nearby(
+    rows: Rows,
+    start: FloatArray,
+    slopes: Rows,
+    bounds: Range,
+    rounds: int,
+) -> Minimum:
+    """The same by steps in a region of trust, which shrinks where slopes tell the cost near by alone.
+
+    Parameters
+    ----------
+    rows, start, slopes, bounds
+        As for `minimum`.
+    rounds : int
+        Places at which rows are taken, at most; with 0 the numbers stay.
+    """
+    low, high = bounds
+    margin = 1e-9 * np.minimum(high - low, 1.0)
+    x = np.clip(start, low + margin, high - margin)
+    if rounds == 0:
+        return Minimum(x, rows(x), None)
+    found = optimize.least_squares(
+        rows, x, jac=slopes, bounds=bounds, x_scale="jac", max_nfev=rounds, ftol=_SETTLED, xtol=1e-8
+    )
+    return Minimum(found.x, found.fun, np.asarray(found.jac))
 
 
 class _Step:

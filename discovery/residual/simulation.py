@@ -21,7 +21,8 @@ from scipy import linalg
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.residual.base import Kind, ProjectedResidual
 from discovery.residual.ends_of_ranges import on_ends
-from discovery.residual.least_squares import minimum
+from discovery.residual.fitted_number import FittedNumber
+from discovery.residual.least_squares import minimum, minimum_nearby
 from discovery.residual.modal_slopes import ModalSlopes
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -30,7 +31,6 @@ from rom.identification.equation_error import noise_freedom
 from rom.identification.ring_down import PERIODS, RingDown, first_state, fitted_state, state_slopes
 from rom.model.model import Model
 
-LEAST_MASS: Numerical[float] = 1e-3  # of what it is before a fit
 _ROUNDS: Numerical[int] = 10
 _THOROUGH: Numerical[int] = 30  # rounds
 _PARTS: Numerical[int] = 32
@@ -38,6 +38,7 @@ _MODAL_PARTS: Numerical[int] = 8  # each has several sensors and modes
 _LITTLE: Numerical[float] = 0.1  # gained by a step, in squares of noise: a number at its limit loses four
 _OF_NO_USE: Numerical[float] = 1e-3  # gained by a step, of the cost of a fit that leaves more than noise
 _CHANGE: Numerical[float] = 3e-4  # of the motion, by which a step for a slope moves it
+_CHANGE_TURNING: Numerical[float] = 3e-3  # the same where friction turns within a sample
 _FIRST_STEP: Numerical[float] = 1e-4
 _LARGEST_STEP: Numerical[float] = 0.1
 _AT_END: Numerical[float] = 1e-4  # of an end: beyond it a fit would go on
@@ -62,6 +63,8 @@ class SimulationResidual(ProjectedResidual):
         Files of records whose state is known and not fitted.
     thorough : bool
         Whether fits take all the steps that they need, the model being near enough from the start.
+    turning : bool
+        Whether friction may turn within a sample: slopes tell the cost near by alone then.
     """
 
     kind: ClassVar[Kind] = "simulation"
@@ -72,17 +75,23 @@ class SimulationResidual(ProjectedResidual):
     criteria: Criteria = CRITERIA
     started: frozenset[str] = frozenset()
     thorough: bool = False
+    turning: bool = False
 
     @property
     def rounds(self) -> int:
         """Of slopes, at most, in one fit."""
         return _THOROUGH if self.thorough else _ROUNDS
 
+    @property
+    def change(self) -> float:
+        """Share of the motion by which a step for a slope moves it."""
+        return _CHANGE_TURNING if self.turning else _CHANGE
+
     def little(self, cost: float) -> float:
-        """What a fit's last step lowers a cost by: a tenth of the noise of a row, more where more is left."""
+        """What a fit's last step lowers a cost by: a tenth of a row's mean square, more of a rough fit's."""
         level = cost / max(int(self.training.sum()), 1)
         enough = self.criteria.acceptance.noise_level
-        return _LITTLE * level if level <= enough else _OF_NO_USE * cost
+        return _LITTLE * level if self.thorough or level <= enough else _OF_NO_USE * cost
 
     @cached_property
     def shown(self) -> tuple[FloatArray | None, ...]:
@@ -142,7 +151,7 @@ class SimulationResidual(ProjectedResidual):
     @cached_property
     def basis(self) -> FloatArray:
         """Orthonormal basis of what the model's numbers and the states can move, (training rows, numbers)."""
-        table = _slopes(self, [_Number.of(path, self.model) for path in self.names], {})
+        table = _slopes(self, [FittedNumber.of(path, self.model) for path in self.names], {})
         size = np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
         return np.asarray(linalg.orth(table / size, rcond=1e-10))
 
@@ -184,7 +193,13 @@ class SimulationResidual(ProjectedResidual):
         """
         parts = [part for k in self.trained for part in self.rings[k].parts(PERIODS)]
         usual = _PARTS if self.model.shapes is None else _MODAL_PARTS
-        parts = parts[:: -(-len(parts) // (most or usual))]
+        return self._of_parts(parts[:: -(-len(parts) // (most or usual))])
+
+    def in_first_parts(self) -> SimulationResidual:
+        """The first part of every training record: where an effect's own motion starts with its body's."""
+        return self._of_parts([self.rings[k].parts(PERIODS, most=1)[0] for k in self.trained])
+
+    def _of_parts(self, parts: Sequence[RingDown]) -> SimulationResidual:
         states = tuple(first_state(part, self.model) for part in parts)
         return replace(self, rings=tuple(parts), states=states, started=frozenset())
 
@@ -192,49 +207,6 @@ class SimulationResidual(ProjectedResidual):
 def left_over(ring: RingDown, shown: FloatArray | None) -> FloatArray:
     """Measured minus shown over the noise; far more than the motion where a simulation does not finish."""
     return ring.whitened - shown if shown is not None else _WORST * ring.whitened
-
-
-@dataclass(frozen=True)
-class _Number:
-    """A number of the fit: its path, its size and range, and what power of it a fit moves.
-
-    Far below a frequency of its own an effect is linear in the square of the period.
-    """
-
-    path: str
-    size: float
-    low: float
-    high: float
-    power: float = 1.0
-
-    @classmethod
-    def of(cls, path: str, model: Model) -> _Number:
-        """A parameter of a model."""
-        size, low, high = _range(model, path)
-        return cls(path, size, low, high, -2.0 if model.parameter(path).unit == "Hz" and low > 0 else 1.0)
-
-    def moved(self, value: FloatArray) -> FloatArray:
-        """What a fit moves of values."""
-        return np.asarray((value / self.size) ** self.power)
-
-    def value(self, moved: float) -> float:
-        """The value in its range of what a fit has moved."""
-        found = self.size * (moved if self.power == 1.0 else max(moved, 1e-300) ** (1 / self.power))
-        return float(np.clip(found, self.low, self.high))
-
-    def slope(self, value: float) -> float:
-        """Slope of the value by what a fit moves."""
-        return float(self.size / self.power * (value / self.size) ** (1 - self.power))
-
-
-def _range(model: Model, path: str) -> tuple[float, float, float]:
-    """Size and range of a parameter; masses, stiffnesses and dampings are not negative."""
-    number = model.parameter(path)
-    low, high = number.bounds
-    if not np.isfinite(low) and path.rpartition(".")[2] in ("mass", "k", "c"):
-        low = LEAST_MASS * number.value if path.endswith(".mass") else 0.0
-    nearest = min((abs(b) for b in (low, high) if b and np.isfinite(b)), default=0.0)
-    return max(abs(number.value), 0.1 * nearest, 1e-300), low, high
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +253,7 @@ def refitted(
         Where it ends.
     """
     paths = [*residual.names, *(f"{e}.{n}" for e, names in (free or {}).items() for n in names)]
-    numbers = [_Number.of(path, residual.model) for path in paths]
+    numbers = [FittedNumber.of(path, residual.model) for path in paths]
     steps: dict[str, float] = {}
 
     def at(x: FloatArray) -> SimulationResidual:
@@ -302,7 +274,10 @@ def refitted(
     ends = [sorted(n.moved(np.array([n.low, n.high]))) for n in numbers]
     low, high = np.array([*ends, *[(-np.inf, np.inf)] * (len(start) - len(numbers))]).T
     most = residual.rounds if rounds is None else rounds
-    found = minimum(rows, start, slopes, (low, high), most, residual.little)
+    if residual.turning:
+        found = minimum_nearby(rows, start, slopes, (low, high), most)
+    else:
+        found = minimum(rows, start, slopes, (low, high), most, residual.little)
     x = on_ends(found.x, low, high, _AT_END)
     after = at(x)
     table = slopes(x) if found.slopes is None else found.slopes
@@ -311,13 +286,13 @@ def refitted(
     return Fit(_with_held_out(after), paths, slopes_there, _trained_rows(after))
 
 
-def _start(residual: SimulationResidual, numbers: Sequence[_Number]) -> FloatArray:
+def _start(residual: SimulationResidual, numbers: Sequence[FittedNumber]) -> FloatArray:
     values = [float(n.moved(np.array(residual.model.parameter(n.path).value))) for n in numbers]
     states = [residual.states[k] / residual.rings[k].scale for k in residual.free_states]
     return np.concatenate([values, *states])
 
 
-def _at(residual: SimulationResidual, numbers: Sequence[_Number], x: FloatArray) -> SimulationResidual:
+def _at(residual: SimulationResidual, numbers: Sequence[FittedNumber], x: FloatArray) -> SimulationResidual:
     values = {n.path: n.value(float(v)) for n, v in zip(numbers, x, strict=False)}
     states, first = list(residual.states), len(numbers)
     for place in residual.free_states:
@@ -334,7 +309,9 @@ def _trained_rows(residual: SimulationResidual) -> FloatArray:
     return np.concatenate([left_over(ring, one) for ring, one in shown])
 
 
-def _slopes(residual: SimulationResidual, numbers: Sequence[_Number], steps: dict[str, float]) -> FloatArray:
+def _slopes(
+    residual: SimulationResidual, numbers: Sequence[FittedNumber], steps: dict[str, float]
+) -> FloatArray:
     """Slopes of what is shown of training records by the numbers in their sizes, then by the states.
 
     Steps are such that they move the motion by a small share of it: a frequency that is a little wrong loses
@@ -352,7 +329,7 @@ def _slopes(residual: SimulationResidual, numbers: Sequence[_Number], steps: dic
     for column, number in enumerate(numbers):
         found = of_sensors.of(number.path)
         if found is None:
-            found = _slope(residual.model, number, rings, states, shown, steps) / number.size
+            found = _slope(residual, number, rings, states, shown, steps) / number.size
         table[:, column] = found * number.slope(residual.model.parameter(number.path).value)
     first = len(numbers)
     for place, (ring, state, here) in enumerate(zip(rings, states, shown, strict=True)):
@@ -366,13 +343,14 @@ def _slopes(residual: SimulationResidual, numbers: Sequence[_Number], steps: dic
 
 
 def _slope(
-    model: Model,
-    number: _Number,
+    residual: SimulationResidual,
+    number: FittedNumber,
     rings: Sequence[RingDown],
     states: Sequence[FloatArray],
     shown: Sequence[FloatArray | None],
     steps: dict[str, float],
 ) -> FloatArray:
+    model, change = residual.model, residual.change
     value = model.parameter(number.path).value
     step = steps.get(number.path, _FIRST_STEP)
     found = np.zeros(sum(ring.measured.size for ring in rings))
@@ -387,8 +365,8 @@ def _slope(
         found = difference / ahead
         whole = float(np.sqrt(sum(np.sum(here**2) for here in shown if here is not None)))
         share = float(np.linalg.norm(difference)) / max(whole, 1e-300)
-        steps[number.path] = float(np.clip(step * _CHANGE / max(share, 1e-12), 1e-9, _LARGEST_STEP))
-        if 0.1 * _CHANGE < share < 10 * _CHANGE or steps[number.path] == step:
+        steps[number.path] = float(np.clip(step * change / max(share, 1e-12), 1e-9, _LARGEST_STEP))
+        if 0.1 * change < share < 10 * change or steps[number.path] == step:
             break
         step = steps[number.path]
     return found

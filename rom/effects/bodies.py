@@ -56,6 +56,7 @@ MEMBERS = (
         inner={"f3": tuple(60.0 * 1.08**step for step in range(36))},
         passive=True,
         ends={"zeta3": (0.0, 1.0)},
+        of_joint=True,
     ),
     Member(
         "constant-force",

@@ -78,6 +78,8 @@ class Member:
         Members that are special cases of this one.
     strict : tuple of str
         Parameters whose ranges do not grow: a period of which a stroke shows less than half is none.
+    of_joint : bool
+        Whether its numbers are those of a joint's motion wherever it acts.
     springless : bool
         Whether it is of use only where a link has no stiffness: a slider could take a share of that, and
         about a spring's rest positions are where the motion turns.
@@ -107,6 +109,7 @@ class Member:
     needs: tuple[str, ...] = ()
     contains: tuple[str, ...] = ()
     strict: tuple[str, ...] = ()
+    of_joint: bool = False
     springless: bool = False
 
     @property
