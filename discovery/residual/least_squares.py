@@ -23,12 +23,12 @@ Rows = Callable[[FloatArray], FloatArray]
 Range = tuple[FloatArray, FloatArray]
 _DAMPING: Numerical[float] = 1e-4  # lambda of the first step
 _LEAST_DAMPING: Numerical[float] = 1e-9
-_CORRECTION_DAMPING: Numerical[float] = 1e-4  # at least: a correction goes along what the slopes tell well
+_CORRECTION_DAMPING: Numerical[float] = 1e-2  # at least: a correction goes along what slopes tell well
 _CORRECTIONS: Numerical[int] = 3
 _MUCH: Numerical[float] = 0.1  # of the cost
 _HARDER: Numerical[float] = 10.0
-_SOFTER: Numerical[float] = 0.2
-_TRIALS: Numerical[int] = 8  # dampings of one step
+_SOFTER: Numerical[float] = 0.02
+_TRIALS: Numerical[int] = 12  # dampings of one step
 _SETTLED: Numerical[float] = 1e-5  # of the cost
 
 
