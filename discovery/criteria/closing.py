@@ -21,6 +21,10 @@ class Closing(Group):
     hit_limited_level: float = number(
         5.0, "1", "level that the samples of a hit may leave where sensors are quiet"
     )
+    noisy_balance_level: float = number(
+        2.0, "1", "level that balances of forces may leave where simulations leave noise alone",
+        "a clean chain of three bodies: 1.44; a mode that no model has, above what simulations show: 40",
+    )  # fmt: skip
     far_from_structure: float = number(
         10.0, "1", "level above which slopes along the measured motion screen too"
     )

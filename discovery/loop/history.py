@@ -114,10 +114,16 @@ class LoopHistory:
     @property
     def is_explained(self) -> bool:
         """Whether no more is left of the motion than noise, or than hits are known by."""
-        if self.at_noise_floor or self.last.simulated_to_noise:
+        if self.at_noise_floor or self.is_noise_in_balances:
             return True
         limit = self.criteria.closing.hit_limited_level
         return self.last.level < limit and is_exact(self.last.errors, self.criteria)
+
+    @property
+    def is_noise_in_balances(self) -> bool:
+        """Whether simulations leave noise alone, and balances no more than noise of the motion makes."""
+        limit = self.criteria.closing.noisy_balance_level
+        return self.last.simulated_to_noise and self.last.level < limit
 
     @property
     def tension_at_noise_floor(self) -> bool:
@@ -129,14 +135,12 @@ class LoopHistory:
     def improves(self, after: State) -> bool:
         """Whether a state is better than the last one by what matters, or leaves little beyond noise.
 
-        None is with which a record cannot be simulated any more. Where simulations leave noise alone already,
-        none is with which they meet held-out motion worse: noise in a balance of forces is no effect.
+        None is with which a record cannot be simulated any more. Where noise alone is in balances of forces,
+        none is with which held-out motion is met worse.
         """
         if after.residual.record_count < self.last.residual.record_count:
             return False
-        if self.last.simulated_to_noise and meets_worse(
-            self.last.errors["hold_out"], after.errors["hold_out"]
-        ):
+        if self.is_noise_in_balances and meets_worse(self.last.errors["hold_out"], after.errors["hold_out"]):
             return False
         before = self.last.level
         loud = before > self.criteria.acceptance.noise_level
@@ -167,7 +171,7 @@ class LoopHistory:
         if self.at_noise_floor or not self.is_explained:
             return ()
         error = 100 * (self.last.errors["training"]["motion_nrmse"] or 0.0)
-        if self.last.simulated_to_noise:
+        if self.is_noise_in_balances:
             return (
                 f"simulations leave noise alone of the motion, balances of forces {self.last.level:.3g} "
                 "times theirs: noise of the motion makes the numbers that balance them best too small",

@@ -73,6 +73,8 @@ def test_where_simulations_leave_noise_alone_held_out_motion_is_met_no_worse(
     assert LoopHistory((replace(before, simulated_to_noise=False),)).improves(after)
     assert found.verdict() == "no-effect"
     assert "1.44 times" in found.remarks()[0]
+    louder = LoopHistory((replace(state(40.0), simulated_to_noise=True),))  # a mode that only forces show
+    assert louder.verdict() == "unexplained"
 
 
 def test_a_model_with_which_a_record_diverges_is_no_better() -> None:
