@@ -42,7 +42,8 @@ def settled(_: float) -> float:
 def test_corrections_follow_a_curved_valley_where_plain_steps_creep() -> None:
     """As many rounds of slopes, from softening at a quarter of the amplitude that it needs."""
     start, rounds = TRUE * [1.0, 1.0, 0.2, 0.25, 1.35], 12
-    best = float(rows(minimum(rows, TRUE, slopes, FREE, rounds, settled).x) @ rows(TRUE))
+    near = minimum(rows, TRUE, slopes, FREE, rounds, settled).rows
+    best = float(near @ near)
     found = minimum(rows, start, slopes, FREE, rounds, settled)
     peer = minimum_nearby(rows, start, slopes, FREE, rounds)
     assert float(found.rows @ found.rows) < best + 5.0
