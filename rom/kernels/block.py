@@ -29,6 +29,8 @@ class Block(NamedTuple):
     beyond: Any  # (node, active link, 2): stiffness and damping beyond it
     active: Any  # (active links,)
     spare: Any  # (1,): where an effect puts its tension rate
+    past: Any  # (2, node, tensions + states): z and r of the last sweep
+    slope: Any  # (node, tensions + states): of a state's rate by the state, where it is known
     change: Any  # (8,): see above
     inputs: Any  # (input, samples of the longest block + 1): what a block is written from, as the next two
     motion: Any  # (displacements and velocities, samples + 1)
@@ -38,7 +40,8 @@ class Block(NamedTuple):
 
 BLOCK = named(
     Block, floats(2), floats(2), floats(1), floats(1), floats(2), floats(2), floats(2), floats(1), floats(2),
-    floats(3), integers(1), floats(1), floats(1), floats(2), floats(2), floats(3), floats(3),
+    floats(3), integers(1), floats(1), floats(3), floats(2), floats(1), floats(2), floats(2), floats(3),
+    floats(3),
 )  # fmt: skip
 
 
@@ -313,7 +316,7 @@ def copy_node(block: Block, node: int, target: int) -> None:
     for i in range(block.r.shape[1]):
         block.r[target, i] = block.r[node, i]
     for i in range(block.z.shape[1]):
-        block.z[target, i] = block.z[node, i]
+        block.z[target, i], block.slope[target, i] = block.z[node, i], block.slope[node, i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")

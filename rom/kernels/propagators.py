@@ -36,6 +36,14 @@ def _lagrange() -> list[Polynomial]:
     return basis
 
 
+def _upper(matrix: FloatArray) -> FloatArray:
+    """Upper factor of a matrix, rows as they are."""
+    upper = matrix.copy()
+    for i in range(len(upper)):
+        upper[i + 1 :] -= np.outer(upper[i + 1 :, i] / upper[i, i], upper[i])
+    return upper
+
+
 def _local(node: int, place: int) -> FloatArray:
     """Coefficients of a Lagrange polynomial about the start of sub-block ``place``."""
     coefficients = np.zeros(NODES)
@@ -48,6 +56,9 @@ def _local(node: int, place: int) -> FloatArray:
 LOCAL = np.array([[_local(node, place) for node in range(NODES)] for place in range(NODES - 1)])
 # shape (node, node): integral from node 0 to node i of the polynomial through the values, in sub-blocks
 INTEGRAL = np.array([[basis.integ()(i) - basis.integ()(0) for basis in _lagrange()] for i in range(NODES)])
+# the same, lower triangular from node 1 on: what sweeps of stiff states take in place of it
+TRIANGULAR = np.zeros((NODES, NODES))
+TRIANGULAR[1:, 1:] = _upper(INTEGRAL[1:, 1:].T).T
 # the two-panel rule of Simpson on the same nodes, in sub-blocks
 SIMPSON = np.array([1.0, 4.0, 2.0, 4.0, 1.0]) / 3.0
 _BINOMIAL = np.array([[1, 0, 0, 0, 0], [1, 1, 0, 0, 0], [1, 2, 1, 0, 0], [1, 3, 3, 1, 0], [1, 4, 6, 4, 1.0]])

@@ -45,6 +45,8 @@ def empty_block(program: Program, active: IntArray, inputs: int) -> Block:
         np.zeros((NODES, links, 2)),
         active,
         np.zeros(1),
+        np.zeros((2, NODES, width)),
+        np.zeros((NODES, width)),
         np.zeros(8),
         np.zeros((inputs, samples)),
         np.zeros((size, samples)),
@@ -75,7 +77,7 @@ def clear(block: Block, y0: Any, tensions: Any) -> None:
     for i in range(tensions.size):
         block.z[0, i] = 0.0
     for i in range(tensions.size, block.z.shape[1]):
-        block.z[0, i] = y0[block.y.shape[1] + i - tensions.size]
+        block.z[0, i], block.slope[0, i] = y0[block.y.shape[1] + i - tensions.size], 0.0
     block.change[SHARPNESS] = 10.0 / largest
 
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numba import njit
+from scipy.integrate import solve_ivp
 
 from rom.kernels.block import advance, free_motion, linearise, restart
 from rom.kernels.exponential_integrator import Task, parts
@@ -17,6 +18,7 @@ from rom.kernels.sweeps import solve, solve_laws
 from rom.model.effect import Effect
 from rom.model.laws import Parameter, constant_damping, constant_stiffness, no_loosening, power_loosening
 from rom.model.model import LinkLaws, Model
+from rom.model.structure import Body, Link, Structure
 from rom.parameters.he_2025 import paper_model
 
 RATE = 19200.0
@@ -84,7 +86,8 @@ def marched(model: Model, level: int, samples: int) -> np.ndarray:
     """State after a free motion in blocks of one level: the motion, the tension's change, the states."""
     assembly, force = model.assembly, np.zeros((1, samples + 1))
     force.flags.writeable = False
-    start, last = np.array([1e-4, -1e-4, 0.03, -0.05]), np.array([samples, samples + 1])
+    start = assembly.full_start(np.array([1e-4, -1e-4, 0.03, -0.05]))
+    last = np.array([samples, samples + 1])
     task = Task(RATE, np.array([0]), assembly.active, force, start, np.array([20.0]), last, 1, 1e-9)
     program = assembly.program
     block, tables = empty_block(program, assembly.active, 0), allocate(4, 1, assembly.active.size)
@@ -177,6 +180,34 @@ def test_an_effect_with_memory_loses_on_the_fast_path_what_its_response_loses():
         assert model.mean_tensions([force], RATE, [152.7], edges / RATE)[0] == pytest.approx(
             means, abs=3e-4 * loss
         )
+
+
+def test_a_slider_that_slips_fifty_times_its_stick_is_followed_in_few_blocks_as_by_radau():
+    mass, k, share, limit = 1.7, 790.0, 0.1, 0.06
+
+    def slips(t, x, v, T, k, c, s, p, ds, dT):
+        z = x - s[0]
+        over = abs(p[0] * k * z) / p[1] - 1.0
+        u = min(max(1.0 + 200.0 * over, 0.0), 1.0) if v * z > 0.0 else 0.0
+        ds[0] = v * u * u * (3.0 - 2.0 * u) + 2.0 * abs(v) * min(max(over, 0.0), 1.0) * (1 if z > 0 else -1)
+        return -p[0] * k * s[0]
+
+    def rates(_time, y):
+        (x, v, _), rate = y, [0.0]
+        force = k * x + slips(0.0, x, v, 0.0, k, 0.0, y[2:], (share, limit), rate, None)
+        return [v, -force / mass, rate[0]]
+
+    structure = Structure((Body("cart", mass),), (Link("spring", "cart", "ground"),))
+    link = LinkLaws(constant_stiffness(k), constant_damping(0.0), None)
+    slider = effect("slider", slips, 1, enters="spring", kappa=share, F_s=limit)
+    model = Model(structure, {"spring": link}).with_effect(slider)
+    found = model.simulate({"cart": np.zeros(400)}, 200.0, initial_displacement={"cart": 0.036})
+    ends = (0.0, found.time[-1])
+    known = solve_ivp(rates, ends, [0.036, 0.0, 0.0], "Radau", found.time, rtol=1e-9, atol=1e-12)
+    assert known.success
+    assert abs(found.displacement["cart"] - known.y[0]).max() < 1e-5 * 0.036
+    swings = 2 * found.time[-1] * np.sqrt(k / mass) / (2 * np.pi)
+    assert found.steps < 180 * swings  # plain sweeps: 354 a swing
 
 
 def test_a_body_effect_acts_on_its_body_alone():
