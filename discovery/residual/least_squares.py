@@ -88,7 +88,7 @@ def minimum(
     for _ in range(rounds):
         table = slopes(here.x)
         step = _Step(table, here, bounds)
-        before, least = here.cost, little(here.cost)
+        before, least, first = here.cost, little(here.cost), damping
         if step.foreseen <= least:
             return Minimum(here.x, here.rows, table)
         for _ in range(_TRIALS):
@@ -98,7 +98,7 @@ def minimum(
             damping *= _HARDER
         if there.cost < before:
             here = there
-        if before - here.cost <= least:
+        if before - here.cost <= least and (damping > first or damping <= _LEAST_DAMPING):
             return Minimum(here.x, here.rows, table)  # so near that slopes are those of the end
         damping = max(_SOFTER * damping, _LEAST_DAMPING)
     return Minimum(here.x, here.rows, None)

@@ -73,3 +73,15 @@ def test_numbers_that_show_nothing_stay(rounds: int) -> None:
     )  # fmt: skip
     assert found.x.tolist() == pytest.approx([2.0 if rounds else 1.0, 7.0])
     assert minimum_nearby(rows, TRUE, slopes, FREE, 0).x.tolist() == TRUE.tolist()
+
+
+def test_a_damped_step_that_gains_little_along_a_floor_is_not_the_end() -> None:
+    """Columns that hardly differ: the first damping leaves nearly all that an undamped step takes off."""
+    table = np.array([[1.0, 1.0], [0.0, 1e-3]])
+    free = (np.full(2, -np.inf), np.full(2, np.inf))
+
+    def rows(x: FloatArray) -> FloatArray:
+        return table @ x - [0.0, 7.0]
+
+    found = minimum(rows, np.zeros(2), lambda _: table, free, 10, lambda _: 1.0)
+    assert float(found.rows @ found.rows) < 1.0  # 48 where the first step is taken for the last
