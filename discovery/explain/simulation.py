@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 from joblib import delayed
+from scipy import signal
 
 from discovery.decide.explanation import Explanation, limited, standard_errors
 from discovery.explain.force_balance import explanation
@@ -35,6 +36,7 @@ from rom.progress import counted
 _CHANGE: Numerical[float] = 1e-2  # of the motion, by which a probe moves it
 _DAMPINGS: Numerical[tuple[float, ...]] = (1.0, 0.5)  # shares of the dampings at which a fit starts
 _ROUGH: Numerical[int] = 12  # parts
+_PEAKS: Numerical[int] = 2  # over frequency, at which fits start
 _BESIDE: Numerical[tuple[float, ...]] = (0.94, 0.96, 0.98, 1.02, 1.04, 1.06)  # of a frequency in a grid
 _SHORT: Numerical[int] = 8  # rounds of slopes that tell which start is best
 _OF_TENSION = re.compile(r"\bT\b")
@@ -71,20 +73,32 @@ def _screened(
     """Probes of one effect, best first: of many those that parts of the records promise most of."""
     shapes = _sliders(member, effect, residual) if member.limits else member.probes(effect)
     seen: Sequence[ModelCorrection] = [shape for shape in shapes if _is_seen(shape, residual)]
-    if len(seen) > most:
+    own = [name for name, number in effect.parameters.items() if number.unit == "Hz"]
+    if len(seen) > most and not own:
         seen = [one.effect for one in _probed_all(member, seen, rough)[:most]]
     found = _probed_all(member, seen, residual)
-    near = [shape for shape in _near(found[0].effect) if _is_seen(shape, residual)] if found else []
-    return tuple(sorted((*found, *_probed_all(member, near, residual)), key=lambda one: -one.gain))
+    return _at_peaks(member, own[0], found, residual) if own and found else found
 
 
-def _near(effect: ModelCorrection) -> list[ModelCorrection]:
-    """The effect at frequencies of its own beside that of a grid: a resonance is narrower than its steps."""
-    own = {name: p for name, p in effect.parameters.items() if p.unit == "Hz"}
-    return [
-        effect.with_values(**{name: float(np.clip(share * p.value, *p.bounds)) for name, p in own.items()})
-        for share in (_BESIDE if own else ())
-    ]
+def _at_peaks(
+    member: Member, frequency: str, found: Sequence[Probe], residual: SimulationResidual
+) -> tuple[Probe, ...]:
+    """Probes at frequencies of an effect's own, the best at each peak of a grid first: fits start there.
+
+    A resonance is narrower than a grid's steps, and parts of records are too short to show it.
+    """
+    rising = sorted(found, key=lambda one: one.effect.parameters[frequency].value)
+    peaks, _ = signal.find_peaks(np.pad([one.gain for one in rising], 1))
+    best, tries = list[Probe](), list[Probe]()
+    for peak in sorted((rising[place - 1] for place in peaks), key=lambda one: -one.gain)[:_PEAKS]:
+        number = peak.effect.parameters[frequency]
+        near = (float(np.clip(share * number.value, *number.bounds)) for share in _BESIDE)
+        beside = [peak.effect.with_values(**{frequency: value}) for value in near]
+        tried = _probed_all(member, [one for one in beside if _is_seen(one, residual)], residual)
+        best.append(max((peak, *tried), key=lambda one: one.gain))
+        tries += tried
+    others = [one for one in (*found, *tries) if all(one is not first for first in best)]
+    return tuple(one for ones in (best, others) for one in sorted(ones, key=lambda one: -one.gain))
 
 
 def _sliders(
