@@ -34,6 +34,9 @@ from rom.signals.sensor_correction import corrected
 
 _RESTARTS: Numerical[int] = 4  # in which states that first samples tell are taken anew with a fitted model
 _LITTLE: Numerical[float] = 0.01  # of the mean square
+_TOLERANCE: Numerical[float] = (
+    1e-6  # of simulations: where friction turns, finer ones cost much and end no lower
+)
 Numbers = dict[str, Parameter]
 
 
@@ -80,7 +83,8 @@ def driven_residual(
     own = {path for effect in model.effects for path in (f"{effect.path}.{n}" for n in effect.parameters)}
     free = tuple(n for n in names if n in model.parameters and n not in own and model.parameter(n).value)
     rates = row_rates_hz or {}
-    rings = tuple(ring_down(corrected(one, model), moved, rows_hz=rates.get(one.file)) for one in driven)
+    whole = (ring_down(corrected(one, model), moved, rows_hz=rates.get(one.file)) for one in driven)
+    rings = tuple(replace(ring, tolerance=float(_TOLERANCE)) for ring in whole)
     started = frozenset(r.file for r in rings if starts_at_first_samples(moved, r.measurement))
     states = tuple(_state(ring, moved, known=ring.file in started) for ring in rings)
     return SimulationResidual(rings, moved, free, states, criteria, started, turning=True)

@@ -72,6 +72,8 @@ class RingDown:
         Of the modes whose motion the sensors show; None where each channel is a body's own.
     beside : Whitener or None
         Whitens rows by noise that is not white; None where all is.
+    tolerance : float
+        Of its simulations, as for `Model.simulate`.
     """
 
     measurement: Measurement
@@ -81,6 +83,7 @@ class RingDown:
     row_rate_hz: float
     shapes: ModeShapes | None = None
     beside: Whitener | None = None
+    tolerance: float = float(_TOLERANCE)
 
     @property
     def file(self) -> str:
@@ -138,7 +141,7 @@ class RingDown:
         tension : mapping of str to float or None
             Of bolted links [N].
         """
-        response = self.response(model, state, tension, _TOLERANCE)
+        response = self.response(model, state, tension, self.tolerance)
         if response.status != "ok":
             return None
         with np.errstate(over="ignore", invalid="ignore"):  # of a motion that escapes
