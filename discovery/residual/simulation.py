@@ -35,6 +35,7 @@ _ROUNDS: Numerical[int] = 10
 _THOROUGH: Numerical[int] = 30  # rounds
 _PARTS: Numerical[int] = 32
 _MODAL_PARTS: Numerical[int] = 8  # each has several sensors and modes
+_ROUGH_TOLERANCE: Numerical[float] = 1e-6  # of simulations of parts, which tell where a fit starts
 _LITTLE: Numerical[float] = 0.1  # gained by a step, in squares of noise: a number at its limit loses four
 _OF_NO_USE: Numerical[float] = 1e-3  # gained by a step, of the cost of a fit that leaves more than noise
 _CHANGE: Numerical[float] = 3e-4  # of the motion, by which a step for a slope moves it
@@ -200,8 +201,9 @@ class SimulationResidual(ProjectedResidual):
         return self._of_parts([self.rings[k].parts(PERIODS, most=1)[0] for k in self.trained])
 
     def _of_parts(self, parts: Sequence[RingDown]) -> SimulationResidual:
-        states = tuple(first_state(part, self.model) for part in parts)
-        return replace(self, rings=tuple(parts), states=states, started=frozenset())
+        rings = tuple(replace(part, tolerance=max(part.tolerance, float(_ROUGH_TOLERANCE))) for part in parts)
+        states = tuple(first_state(part, self.model) for part in rings)
+        return replace(self, rings=rings, states=states, started=frozenset())
 
 
 def left_over(ring: RingDown, shown: FloatArray | None) -> FloatArray:

@@ -33,7 +33,7 @@ PERIODS: Numerical[float] = 6.0
 _SAMPLES: Numerical[float] = 24.0
 # of a channel's RMS: below, a simulation and a converter have errors of their own
 _LEAST_NOISE: Numerical[float] = 1e-4
-_TOLERANCE: Numerical[float] = 1e-8  # of a simulation: slopes are differences of two
+_TOLERANCE: Numerical[float] = 1e-7  # of a simulation: slopes are differences of two
 _ESCAPED: Numerical[float] = 1e6  # times the motion: no simulation of it
 _STEP: Numerical[float] = 1e-3  # of the state's scale
 _PER_BAND: Numerical[float] = 3.0  # times a band's upper end: rate of rows
