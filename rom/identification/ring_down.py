@@ -29,8 +29,7 @@ from rom.signals.processing import Measurement
 
 PERIODS: Numerical[float] = 6.0
 """Of the strongest line, in which a frequency that is a little wrong does not lose the phase."""
-# a period of the strongest line, at least: finer records are brought to a lower rate
-_SAMPLES: Numerical[float] = 24.0
+_SAMPLES: Numerical[float] = 24.0  # a period of the strongest line: finer records are brought to this rate
 # of a channel's RMS: below, a simulation and a converter have errors of their own
 _LEAST_NOISE: Numerical[float] = 1e-4
 _TOLERANCE: Numerical[float] = 1e-7  # of a simulation: slopes are differences of two
@@ -39,7 +38,6 @@ _STEP: Numerical[float] = 1e-3  # of the state's scale
 _PER_BAND: Numerical[float] = 3.0  # times a band's upper end: rate of rows
 _STATE_STEPS: Numerical[int] = 12
 _SETTLED: Numerical[float] = 1e-4  # of the cost
-
 
 Tension = Mapping[str, float] | None
 
@@ -279,9 +277,8 @@ def of_moving(model: Model, bodies: Sequence[str]) -> Model:
         for link in model.structure.links
         if ends[link.first] != ends[link.second]
     )
-    names = {link.name for link in links}
     left = tuple(body for body in model.structure.bodies if body.name in bodies)
-    return model.on(Structure(left, links), {name: model.link_laws[name] for name in names})
+    return model.on(Structure(left, links), {link.name: model.link_laws[link.name] for link in links})
 
 
 def fitted_state(

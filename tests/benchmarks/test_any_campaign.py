@@ -1,0 +1,21 @@
+"""Random campaigns whose closures once ended wrong."""
+
+import pytest
+
+from benchmarks.any_campaign import told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "name"),
+    [
+        (7709, "body:b0.extra-mode"),  # fitted at 43 Hz for 70 Hz
+        (7690, "s0.maxwell-viscoelastic"),  # a relaxation time far outside its limits
+    ],
+)
+def test_fits_end_at_the_truth_and_limits_hold_it(seed: int, name: str) -> None:
+    row = told(seed)
+    assert not row.fault
+    assert (row.outcome, row.verdict, row.found) == ("first", "closed", name)
+    assert row.numbers
+    assert all(number.is_held for number in row.numbers)
