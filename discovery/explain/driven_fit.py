@@ -34,9 +34,7 @@ from rom.signals.sensor_correction import corrected
 
 _RESTARTS: Numerical[int] = 4  # in which states that first samples tell are taken anew with a fitted model
 _LITTLE: Numerical[float] = 0.01  # of the mean square
-_TOLERANCE: Numerical[float] = (
-    1e-6  # of simulations: where friction turns, finer ones cost much and end no lower
-)
+_TOLERANCE: Numerical[float] = 1e-6  # of simulations: where friction turns, finer ones end no lower
 Numbers = dict[str, Parameter]
 
 
