@@ -43,6 +43,18 @@ class _Test:
     trace: MeasuredTrajectory
 
 
+@dataclass(frozen=True, eq=False)
+class _Along:
+    """Records, and the output of the best effect along them, (rows,)."""
+
+    residual: WhitenedResidual
+    output: FloatArray
+
+    @classmethod
+    def of(cls, residual: WhitenedResidual, best: ModelCorrection) -> _Along:
+        return cls(residual, output_of(best, residual))
+
+
 def separating_tests(
     best: ModelCorrection,
     rivals: Sequence[ModelCorrection],
@@ -75,12 +87,12 @@ def separating_tests(
         return [""] * len(rivals)
     traces = [test.trace for test in tests]
     traced = with_effects(whiten(traces, residual.baseline, residual.floors, residual.criteria))
-    here = residual.of_training()
+    here, there = _Along.of(residual.of_training(), best), _Along.of(traced, best)
     repeats = _repeats(rules)
-    whole = _gains(best, None, here, traced, repeats)
+    whole = _gains(best, None, here, there, repeats)
     needed = np.maximum(apart.indistinguishable_cost, apart.indistinguishable_share * whole)
     return [
-        _words(_gains(best, rival, here, traced, repeats), tests, needed, repeats, rules) if moves else ""
+        _words(_gains(best, rival, here, there, repeats), tests, needed, repeats, rules) if moves else ""
         for rival, moves in zip(rivals, in_motion[1:], strict=True)
     ]
 
@@ -167,8 +179,8 @@ def _struck(part: SpectralRecord, here: int, there: int, times: float) -> Spectr
 def _gains(
     best: ModelCorrection,
     rival: ModelCorrection | None,
-    residual: WhitenedResidual,
-    tests: WhitenedResidual,
+    at_hand: _Along,
+    tests: _Along,
     numbers: Sequence[int],
 ) -> FloatArray:
     """By how much tests raise the cost of the rival, or of no effect, over the best's, (tests, repeats).
@@ -178,11 +190,11 @@ def _gains(
     the two apart: that may rest on what the model has a little wrong, and does not count for a rival.
     """
     gone = {effect_number(best, name) for name in best.parameters}
-    names = [name for name in residual.names if name not in gone]
-    here = _normals(best, rival, residual, names)
+    names = [name for name in at_hand.residual.names if name not in gone]
+    here = _normals(rival, at_hand, names)
     now = sum(here[1:], here[0])
     left = now.remainder()
-    every = _normals(best, rival, tests, names)
+    every = _normals(rival, tests, names)
     most = [np.inf if rival is None else one.cost for one in every]
     return np.array(
         [
@@ -192,21 +204,20 @@ def _gains(
     )
 
 
-def _normals(
-    best: ModelCorrection, rival: ModelCorrection | None, residual: WhitenedResidual, names: Sequence[str]
-) -> list[NormalSums]:
+def _normals(rival: ModelCorrection | None, along: _Along, names: Sequence[str]) -> list[NormalSums]:
     """The sums of every record."""
+    residual = along.residual
     place = {name: k for k, name in enumerate(residual.names)}
     none = np.zeros(len(residual.residual))
     columns = np.column_stack(
         [residual.jacobian[:, place[name]] if name in place else none for name in names]
     )
-    difference = -output_of(best, residual)
+    difference = -along.output
     if rival is not None:
         free = free_numbers(rival, CATALOGUE[rival.name])
         sizes = np.array([size_of(rival.parameters[name].value) for name in free])
         columns = np.column_stack([columns, slopes_of(rival, free, sizes, residual)])
-        difference += output_of(rival, residual)
+        difference = difference + output_of(rival, residual)
     found = []
     for record in range(len(residual.traces)):
         rows = residual.owner == record
