@@ -94,7 +94,7 @@ SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no hit above this share o
 PATIENCE, CALM = 32, 8  # blocks: the longest wait for a longer one; after so many more the next wait is short
 FINE_BLOCKS, LEAST_FINE = 12, 20_000  # of any length: tried a sample, and in a short record
 COARSE, COARSE_BLOCKS = SAMPLE - 4, 6  # then of a quarter of a sample at least: tried a sample
-TURN = 0.25  # share of the expected peak velocity by which velocities may change over a block with states
+TURN = 0.25  # share of the expected peak velocity by which velocities may change over a block with effects
 DRIFT = 0.001  # relative change of a stiffness or damping at which the linear part is taken anew
 # places in a report
 STEPS, MOTION_ERROR, TENSION_ERROR, REACHED, PEAK, LOSS, STATES = range(7)
@@ -123,9 +123,9 @@ def _finite(block: Block, error: float) -> bool:
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _turns_little(program: Program, block: Block, most: float) -> bool:
-    """Whether velocities change by little over a block: between nodes far apart a slip would be missed."""
+    """Whether velocities change by little over a block: nodes far apart would miss a slip or a contact."""
     n = program.size[0]
-    if program.size[2] > 0:
+    if program.effects.shape[0] > 0:
         for node in range(1, NODES):
             for i in range(n, 2 * n):
                 if abs(block.y[node, i] - block.y[0, i]) > most:
