@@ -45,7 +45,7 @@ from rom.kernels.propagators import (
     allocate,
     build,
 )
-from rom.kernels.start import clear, empty_block, enter
+from rom.kernels.start import clear, empty_block, enter, largest_impulse
 from rom.kernels.sweeps import errors, solve, solve_laws
 
 RUNS = 3  # how often a record is integrated until its own peaks are the scale of its errors
@@ -89,7 +89,6 @@ PARTS = types.NamedUniTuple(int64, len(Parts._fields), Parts)  # type: ignore[no
 SPREAD, LEAST = 0.5, 0.002  # a block of d seconds may spend d / SPREAD of the tolerance, or LEAST of it
 MOTION = 3.0  # tolerance of velocities and states over that of tensions: their estimate is the coarser one
 NEGLIGIBLE = 1e-9  # a change of tension, relative to it, below which errors are not measured against it
-CHUNK = 16  # samples whose sizes stand for their running sum
 SHORT, HIDDEN = 8, 0.02  # blocks above 8 samples hold no hit above this share of the peak velocity
 PATIENCE, CALM = 32, 8  # blocks: the longest wait for a longer one; after so many more the next wait is short
 FINE_BLOCKS, LEAST_FINE = 12, 20_000  # of any length: tried a sample, and in a short record
@@ -151,24 +150,6 @@ def _account(program: Program, block: Block, impulse: float, tension: float, sca
     for i in range(program.size[2]):
         report[STATES + i] = max(report[STATES + i], abs(block.z[NODES - 1, block.start.size + i]))
         scale[2 + i] = max(ahead * report[STATES + i], 1e-300)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "nsz"})
-def largest_impulse(force: Any) -> float:
-    """An upper bound, within some samples' sizes, of the largest running sum of a force."""
-    largest = running = 0.0
-    whole = force.size // CHUNK * CHUNK
-    for i in range(whole, force.size):
-        running += force[i]
-    for start in range(0, whole, CHUNK):
-        part = force[start : start + CHUNK]
-        total = size = 0.0
-        for i in range(CHUNK):
-            total += part[i]
-            size += abs(part[i])
-        largest = max(largest, abs(running) + size)
-        running += total
-    return largest
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -286,14 +267,35 @@ def run(  # noqa: C901, PLR0912 - the loop over the blocks, in one place
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _let_go(program: Program, p: Any, task: Task) -> float:
+    """Largest velocity [m/s] of two bodies whose link is let go as it is stretched at the start."""
+    velocity = 0.0
+    for link in range(program.ends.shape[0]):
+        x = mobility = 0.0
+        for row in range(2):
+            body = program.ends[link, row]
+            if body >= 0:
+                x, mobility = task.y0[body] - x, mobility + 1.0 / p[body]
+        bolt = program.tension[link]
+        T = task.tensions[bolt] if bolt >= 0 else 0.0
+        k = invoke(program.laws[link, 0], (T, pointer(p, program.laws[link, 1])))
+        velocity = max(velocity, abs(x) * np.sqrt(abs(k) * mobility))
+    return velocity
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _expected(program: Program, p: Any, task: Task, scale: Any) -> None:
     """First guess of the peak velocity [m/s] and the loss of tension [N]; only the cost depends on it."""
     velocity = 0.0
     n = program.size[0]
     for i in range(n):
-        velocity = max(velocity, abs(task.y0[n + i]), 10.0 * abs(task.y0[i]))
+        velocity = max(velocity, abs(task.y0[n + i]))
+    velocity = max(velocity, _let_go(program, p, task))
     for u in range(task.driven.size):
         velocity = max(velocity, largest_impulse(task.force[u]) / task.rate / p[task.driven[u]])
+    if velocity == 0.0:
+        for i in range(n):
+            velocity = max(velocity, 10.0 * abs(task.y0[i]))
     loss = 0.0
     for a in range(task.active.size):
         link = task.active[a]

@@ -13,7 +13,8 @@ import numpy as np
 from numba import njit
 
 from rom.kernels.equations import Program, derivative
-from rom.kernels.exponential_integrator import LOSS, PEAK, REACHED, STEPS, Task, largest_impulse
+from rom.kernels.exponential_integrator import LOSS, PEAK, REACHED, STEPS, Task
+from rom.kernels.start import largest_impulse
 
 LONGEST_STEP = 8  # samples
 # doubt of a step relative to the peak velocity: while tensions move, and while their rates are below a share

@@ -1,4 +1,4 @@
-"""Space for a run, and the state that it starts from."""
+"""Space for a run, the state that it starts from, and the size of a force."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from numba import njit
 from rom.kernels.block import SHARPNESS, Block
 from rom.kernels.equations import IntArray, Program
 from rom.kernels.propagators import LONGEST, NODES, Propagators
+
+CHUNK = 16  # samples whose sizes stand for their running sum
 
 
 def empty_block(program: Program, active: IntArray, inputs: int) -> Block:
@@ -105,3 +107,21 @@ def enter(program: Program, p: Any, driven: Any, active: Any, tables: Propagator
             tables.b[driven.size + a, n + first] = -1.0 / p[first]
         if second >= 0:
             tables.b[driven.size + a, n + second] = 1.0 / p[second]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc", "nsz"})
+def largest_impulse(force: Any) -> float:
+    """An upper bound, within some samples' sizes, of the largest running sum of a force."""
+    largest = running = 0.0
+    whole = force.size // CHUNK * CHUNK
+    for i in range(whole, force.size):
+        running += force[i]
+    for start in range(0, whole, CHUNK):
+        part = force[start : start + CHUNK]
+        total = size = 0.0
+        for i in range(CHUNK):
+            total += part[i]
+            size += abs(part[i])
+        largest = max(largest, abs(running) + size)
+        running += total
+    return largest
