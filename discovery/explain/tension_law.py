@@ -14,9 +14,11 @@ import numpy as np
 from joblib import delayed
 from scipy import linalg
 
+from discovery.courses.frozen_motion import FrozenMotion
 from discovery.courses.tension_likelihood import (
     LawCandidate,
     changes_of,
+    course,
     law_candidate,
     law_problem,
     names_of,
@@ -35,7 +37,7 @@ from rom.effects import CATALOGUE, LawChange, Member, ModelCorrection
 from rom.model.laws import Parameter
 from rom.signals.per_record_parameters import per_record_names
 
-_COARSE: Numerical[int] = 3  # nodes that one stands for where starts are compared
+_COARSE: Numerical[int] = 3  # nodes that one stands for in a first, rough fit
 _UNTOLD: Numerical[float] = 1e6  # times a number: an error that large is that of a direction without rows
 _STRENGTHS: Numerical[tuple[float, ...]] = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # times a default
 
@@ -138,17 +140,30 @@ class LawSearch:
             pairs.append((refitted, base))
             if not base.misfit.is_noise:  # then it can be far astray: what was identified case by case is one
                 pairs.append((identified, fresh))
-        fits = [
-            self.fits.fitted(self._best_start(candidate, start, member, effect), start, roughly=True)
-            for candidate, start in pairs
-        ]
-        return min(fits, key=lambda fit: fit.training)
+        train = coarse(self.data.part(hold_out=False), _COARSE)
+        fits = [self._coarsely(self._best_start(candidate, start, member, effect, train), start, train)
+                for candidate, start in pairs]  # fmt: skip
+        best = min(fits, key=lambda fit: fit.training)
+        return self.fits.fitted(best.candidate, best, base.problem.offsets, roughly=True)
+
+    def _coarsely(self, candidate: LawCandidate, start: CourseFit, train: FrozenMotion) -> CourseFit:
+        """Fit along few nodes, corrected by what a start's own course differs there."""
+        own, u = start.candidate, start.state.u
+        differs = course(own, self.data.part(hold_out=False), u) - course(own, train, u)
+        problem = law_problem(candidate, train, start.problem.offsets + differs)
+        first = problem.solve(problem.theta0, start.state.scatter, u, steps=6)
+        return self.fits.climbed(problem, first, roughly=True)
 
     def _best_start(
-        self, candidate: LawCandidate, start: CourseFit, member: Member, effect: ModelCorrection
+        self,
+        candidate: LawCandidate,
+        start: CourseFit,
+        member: Member,
+        effect: ModelCorrection,
+        train: FrozenMotion,
     ) -> LawCandidate:
         """The candidate with those numbers of the effect on its grid that leave least."""
-        names, train = names_of(effect), coarse(self.data.part(hold_out=False), _COARSE)
+        names = names_of(effect)
         trials: list[tuple[float, int, LawCandidate]] = []
         for point in _starts(member, effect):
             trial = candidate.with_values({names[n]: v for n, v in point.items()})
