@@ -30,7 +30,7 @@ from discovery.loop.close_loop import close_loop
 from discovery.loop.result import Closure
 from rom.campaign.campaign import CampaignSettings, read_campaign, write_campaign
 from rom.campaign.channels import Channel, FloatArray
-from rom.effects import Effect, candidates, look_alikes, places
+from rom.effects import CATALOGUE, Effect, look_alikes, places
 from rom.identification.force_balance import OFFSET
 from rom.model.assembly import Response
 from rom.model.description import LinkLaws
@@ -229,9 +229,14 @@ def _hidden(rng: np.random.Generator, model: Model, scale: Scale, rate_hz: float
     No constant force: offsets of sensors and starts imitate it.
     """
     kinds = places(model)
-    found = ((m, e) for m, e in candidates(model) if m.kind == "force" and not m.by_record)
-    forces = [(m, e) for m, e in found if isinstance(e, Effect) and e.name != OFFSET]
-    member, effect = forces[int(rng.integers(len(forces)))]
+    members = (m for m in CATALOGUE.values() if m.core and m.kind == "force" and m.name != OFFSET)
+    forces = [(m, at) for m in members if not m.by_record for at, kind in kinds.items() if kind in m.places]
+    while True:  # over all, and again for one that needs a bolt: a seed hides what it always has
+        member, enters = forces[int(rng.integers(len(forces)))]
+        if not member.tensioned:
+            break
+    effect = member.at(enters, ground=kinds[enters] == "ground")
+    assert isinstance(effect, Effect)
     ground = kinds[effect.enters] != "joint"
     at = at_scale(member, effect, scale, ground=ground, pressed=False, criteria=CRITERIA.tension)
     factor = 10 ** rng.uniform(-0.5, 0.3)

@@ -137,12 +137,14 @@ def candidates(
     core : bool
         Only members that are marked as core.
     """
+    bolted = model.structure.bolted_links
     return tuple(
         (member, with_stiffness(member.at(enters, ground=kind == "ground"), model))
         for member in CATALOGUE.values()
         if member.core or not core
         for enters, kind in places(model, channels).items()
         if kind in member.places
+        if not member.tensioned or (bolted if kind == "ground" else enters in bolted)
     )
 
 

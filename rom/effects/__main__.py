@@ -23,6 +23,7 @@ _TITLES = {
     "measured tension": "Readings of the tension",
     "sensor": "Faults of sensors",
 }
+_BOLTED = {"joint": "bolted joint", "ground": "ground, beside a bolt"}
 
 
 def _parameter(member: Member, name: str, number: Parameter) -> str:
@@ -47,7 +48,7 @@ def _row(member: Member) -> str:
     equation = member.equation.replace("; ", ";<br>")
     cells = (
         f"`{member.name}`{star}",
-        ", ".join(member.places),
+        ", ".join(_BOLTED.get(place, place) if member.tensioned else place for place in member.places),
         equation,
         numbers,
         alike,

@@ -176,6 +176,7 @@ MEMBERS = (
         f"{_PAPER}, section 3.2",
         _tension_dependent,
         inner={"T_g": (100.0, 450.0, 2000.0)},
+        tensioned=True,
     ),
     Member(
         "contact-stiffness",
@@ -188,6 +189,7 @@ MEMBERS = (
         _contact,
         inner={"n": (0.33, 0.66, 1.0)},
         linear=False,
+        tensioned=True,
     ),
     Member(
         "oscillating-tension-stiffness",
@@ -206,5 +208,6 @@ MEMBERS = (
         _oscillating,
         linear=False,
         of_stiffness=("alpha", "beta"),
+        tensioned=True,
     ),
 )

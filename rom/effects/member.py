@@ -83,6 +83,8 @@ class Member:
     springless : bool
         Whether it is of use only where a link has no stiffness: a slider could take a share of that, and
         about a spring's rest positions are where the motion turns.
+    tensioned : bool
+        Whether it is of use only beside a bolt: in a joint its own, in a link to ground any.
     """
 
     name: str
@@ -111,6 +113,7 @@ class Member:
     strict: tuple[str, ...] = ()
     of_joint: bool = False
     springless: bool = False
+    tensioned: bool = False
 
     @property
     def kind(self) -> Literal["force", "tension rate", "measured tension", "sensor"]:

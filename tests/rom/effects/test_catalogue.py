@@ -25,7 +25,8 @@ from rom.effects import (
     places,
     register,
 )
-from rom.model.laws import Parameter, logistic_stiffness
+from rom.model.description import LinkLaws
+from rom.model.laws import Parameter, constant_damping, constant_stiffness, logistic_stiffness
 from rom.model.model import Model
 from rom.model.structure import Body, Link, Structure
 from rom.parameters.he_2025 import nominal_impact, paper_model
@@ -277,3 +278,23 @@ def test_the_printed_catalogue_tells_every_parameter_with_its_range(name):
 def test_a_change_of_the_law_adds_a_rate_or_is_a_factor_on_it():
     adds = {name for name, member in CATALOGUE.items() if getattr(member.at("tension"), "adds", False)}
     assert adds == {"loosening-displacement", "loosening-dissipation", "loosening-ratchet", "tightening"}
+
+
+def test_what_needs_a_tension_is_no_candidate_without_a_bolt():
+    names = {"oscillating-tension-stiffness", "contact-stiffness", "tension-dependent-stiffness"}
+    bolted = paper_model()
+    loose = Structure(
+        bolted.structure.bodies, tuple(replace(x, law="linear") for x in bolted.structure.links)
+    )
+    laws = {link.name: LinkLaws(constant_stiffness(1e5), constant_damping(1.0)) for link in loose.links}
+    found = {
+        m.name: {e.enters for other, e in candidates(bolted) if other is m} for m, _ in candidates(bolted)
+    }
+    assert {name: found[name] for name in names} == {
+        "oscillating-tension-stiffness": {"joint"},
+        "contact-stiffness": {"joint"},
+        "tension-dependent-stiffness": {"flexure_lo", "flexure_so"},
+    }
+    without = {m.name for m, _ in candidates(Model(loose, laws))}
+    assert not names & without
+    assert {"cubic-stiffness", "jenkins-slip"} <= without
