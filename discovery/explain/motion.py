@@ -179,7 +179,7 @@ def explain_screened(
     starts = [_starts(ones, most) for ones in chosen]
     each = [(ones[0].member, start) for ones, own in zip(chosen, starts, strict=True) for start in own]
     fits = side_by_side(options.jobs)(delayed(_fitted)(*one, training) for one in each)
-    found = counted(fits, len(each), tell)
+    found = iter(list(counted(fits, len(each), tell)))  # all: a pool warns of results that no one takes
     best = [min(islice(found, len(own)), key=lambda fit: fit[1])[0] for own in starts]
     told = (
         delayed(_explained)(ones, effect, residual, largest)
