@@ -37,6 +37,14 @@ class Screening(Group):
         0.3, "1", "most slip or gap over the largest motion that a slider is screened at"
     )
     shape_steps: float = number(4, "1", "slips and gaps from the least to the most, in equal ratios")
+    out_of_phase: float = number(
+        0.5, "1", "share of a ring-down's motion that a model leaves, above which parts of it are screened",
+        "twins with a cubic spring and a stop: where a strength near zero tells nothing",
+    )  # fmt: skip
+    part_out_of_phase: float = number(
+        0.25, "1", "the same of parts, above which shorter ones are: from 6 to 0.75 periods",
+        "the same: at 0.42 a fit went astray, at 0.21 it ended at the truth",
+    )  # fmt: skip
     least_share: float = number(
         0.3, "1", "share of a material gain that an effect must show in the screen to be fitted"
     )

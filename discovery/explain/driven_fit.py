@@ -26,7 +26,8 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
 from rom.evaluation.replay import replay, starts_at_first_samples
-from rom.identification.ring_down import RingDown, fitted_state, ring_down
+from rom.identification.ring_down import RingDown, ring_down
+from rom.identification.ring_down_states import fitted_state
 from rom.model.laws import Z95, Parameter
 from rom.model.model import Model
 from rom.signals.processing import Measurement

@@ -44,6 +44,11 @@ class Probe:
         """The effect at the strength that suits it, within its range; a slider slips where the probe did."""
         return scaled(self.member, self.effect, self.amplitude)
 
+    def of_more(self, factor: float) -> Probe:
+        """The same share of a cost that is so many times as large."""
+        scores = None if self.scores is None else np.sqrt(factor) * self.scores
+        return replace(self, gain=factor * self.gain, scores=scores)
+
 
 def scaled(member: Member, effect: ModelCorrection, factor: float) -> ModelCorrection:
     """The effect with a force as many times as large, within its range; a slider slips where it did.

@@ -58,13 +58,17 @@ def explain(residual: SimulationResidual, options: Options) -> list[Explanation]
 def screen(residual: SimulationResidual, options: Options) -> tuple[tuple[Probe, ...], ...]:
     """Try every force of the catalogue at every place over a grid of its inner numbers; the best first.
 
-    Of a wide grid the points that a few parts of the records promise most of are tried on all.
+    Of a wide grid the points that a few parts of the records promise most of are tried on all. Records that
+    are out of phase are screened in short parts, and gains are shares of what is left of these.
     """
     pairs = list(candidates_in_decays(residual))
-    rough, most = residual.in_parts(_ROUGH), int(options.criteria.screening.rough_probes)
-    tasks = (delayed(_screened)(member, effect, residual, rough, most) for member, effect in pairs)
+    seen = residual.in_parts() if residual.is_out_of_phase else residual
+    rough, most = seen.in_parts(_ROUGH), int(options.criteria.screening.rough_probes)
+    tasks = (delayed(_screened)(member, effect, seen, rough, most) for member, effect in pairs)
     every = counted(side_by_side(options.jobs)(tasks), len(pairs), options.stage("screening effects"))
-    return tuple(sorted((probes for probes in every if probes), key=lambda probes: -probes[0].gain))
+    found = sorted((probes for probes in every if probes), key=lambda probes: -probes[0].gain)
+    share = 1.0 if seen is residual else cost(residual) / cost(seen)
+    return tuple(tuple(one.of_more(share) for one in probes) for probes in found)
 
 
 def _screened(
@@ -261,8 +265,7 @@ def explain_screened(
 
     def fit(ones: Sequence[Probe]) -> Explanation:
         near = residual.in_first_parts() if ones[0].member.starts else parts
-        begun = _begun(near, [one.start for one in ones[:starts]])
-        after = together(residual.of_model(begun.model))
+        after = together(_over_all(residual, _begun(near, [one.start for one in ones[:starts]])))
         return replace(explanation(after.model.effects[-1], residual, after), residual=after)
 
     return fit_promising(probes, residual, options, fit)
@@ -271,7 +274,15 @@ def explain_screened(
 def fitted(residual: SimulationResidual, effect: ModelCorrection) -> SimulationResidual:
     """The residual with one more effect, all numbers fitted."""
     near = residual.in_first_parts() if member_of(effect).starts else residual.in_parts()
-    return together(residual.of_model(_begun(near, [effect]).model))
+    return together(_over_all(residual, _begun(near, [effect])))
+
+
+def _over_all(residual: SimulationResidual, begun: SimulationResidual) -> SimulationResidual:
+    """All records with the model of a fit to parts; where these are short, fitted to longer ones before."""
+    near = residual.of_model(begun.model)
+    if not residual.is_out_of_phase:
+        return near
+    return residual.of_model(together(near.in_parts(), _SHORT).model)
 
 
 def _begun(parts: SimulationResidual, starts: Sequence[ModelCorrection]) -> SimulationResidual:

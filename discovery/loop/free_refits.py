@@ -28,7 +28,8 @@ from rom.identification.force_noise import with_force_noise
 from rom.identification.free_decay import fit_free_decay, free_model, ring_downs
 from rom.identification.identify import identify_campaign
 from rom.identification.modal_model import identify_modes
-from rom.identification.ring_down import RingDown, fitted_state
+from rom.identification.ring_down import RingDown
+from rom.identification.ring_down_states import fitted_state
 from rom.model.model import Model
 from rom.signals.quality import Doubt
 

@@ -28,12 +28,14 @@ from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
 from rom.identification.equation_error import noise_freedom
-from rom.identification.ring_down import PERIODS, RingDown, first_state, fitted_state, state_slopes
+from rom.identification.ring_down import PERIODS, RingDown
+from rom.identification.ring_down_states import first_state, fitted_state, state_slopes
 from rom.model.model import Model
 
 _ROUNDS: Numerical[int] = 10
 _THOROUGH: Numerical[int] = 30  # rounds
 _PARTS: Numerical[int] = 32
+_FEWER_PERIODS: Numerical[tuple[float, ...]] = (3.0, 1.5, 0.75)  # a part, where more are out of phase
 _MODAL_PARTS: Numerical[int] = 8  # each has several sensors and modes
 _ROUGH_TOLERANCE: Numerical[float] = 1e-6  # of simulations of parts, which tell where a fit starts
 _LITTLE: Numerical[float] = 0.1  # gained by a step, in squares of noise: a number at its limit loses four
@@ -145,6 +147,19 @@ class SimulationResidual(ProjectedResidual):
         return sum(noise_freedom(ring.measurement.samples) * len(ring.channels) for ring in rings)
 
     @property
+    def is_out_of_phase(self) -> bool:
+        """Whether a training record is simulated so far off that small changes of the model tell nothing."""
+        return self.model.shapes is None and self._most_left() > self.criteria.screening.out_of_phase
+
+    def _most_left(self) -> float:
+        """Share of the motion that is left of the parts of a training record, the largest."""
+        rings = [self.rings[place] for place in self.trained]
+        _, record = np.unique([ring.file for ring in rings], return_inverse=True)
+        left = [np.sum(left_over(*one) ** 2) for one in zip(rings, self.trained_shown(), strict=True)]
+        whole = np.bincount(record, [np.sum(ring.whitened**2) for ring in rings])
+        return float(np.sqrt(np.max(np.bincount(record, left) / np.maximum(whole, np.finfo(float).tiny))))
+
+    @property
     def record_count(self) -> int:
         """Records whose simulation finishes."""
         return sum(shown is not None for shown in self.shown)
@@ -176,10 +191,7 @@ class SimulationResidual(ProjectedResidual):
         return np.concatenate(found)
 
     def of_model(self, model: Model) -> SimulationResidual:
-        """The same of another model, the states of training records those that suit their first periods.
-
-        Known states stay.
-        """
+        """The same of another model; free states of training records suit their first periods."""
         kept = self.started | {ring.file for ring in self.rings if ring.hold_out}
         pairs = zip(self.rings, self.states, strict=True)
         states = tuple(old if ring.file in kept else first_state(ring, model) for ring, old in pairs)
@@ -190,11 +202,16 @@ class SimulationResidual(ProjectedResidual):
 
         Over a whole record a frequency that is a little wrong loses the phase, and every period lost is a
         valley of the cost; a part is too short for that (multiple shooting; H. Bock, Springer Ser. Chem.
-        Phys. 18, 102, 1981). Of many parts every second, third, ... does.
+        Phys. 18, 102, 1981). Of many parts every second, third, ... does. Where the model is far off, parts
+        are as short as it takes.
         """
-        parts = [part for k in self.trained for part in self.rings[k].parts(PERIODS)]
-        usual = _PARTS if self.model.shapes is None else _MODAL_PARTS
-        return self._of_parts(parts[:: -(-len(parts) // (most or usual))])
+        most = most or (_PARTS if self.model.shapes is None else _MODAL_PARTS)
+        for periods in (PERIODS, *(_FEWER_PERIODS if self.is_out_of_phase else ())):
+            parts = [part for k in self.trained for part in self.rings[k].parts(periods)]
+            found = self._of_parts(parts[:: -(-len(parts) // most)])
+            if found._most_left() < self.criteria.screening.part_out_of_phase:
+                break
+        return found
 
     def in_first_parts(self) -> SimulationResidual:
         """The first part of every training record: where an effect's own motion starts with its body's."""

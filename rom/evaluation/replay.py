@@ -19,7 +19,8 @@ from rom.criteria.number import Numerical
 from rom.effects import in_record
 from rom.effects.observation import motion_of
 from rom.identification.modal_sensors import as_sensors_show, forces_of
-from rom.identification.ring_down import fitted_state, of_moving, ring_down
+from rom.identification.ring_down import of_moving, ring_down
+from rom.identification.ring_down_states import fitted_state
 from rom.model.assembly import TOLERANCE, Response
 from rom.model.model import Model
 from rom.signals.filters import displacement

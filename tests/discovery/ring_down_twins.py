@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,13 @@ EFFECTS = {
 
 
 def free(
-    folder: Path, effect: str = "", kind: str = "displacement", noise: float = 0.003, seed: int = 0
+    folder: Path,
+    effect: str = "",
+    kind: str = "displacement",
+    noise: float = 0.003,
+    seed: int = 0,
+    seconds: float = SECONDS,
+    numbers: Mapping[str, float] | None = None,
 ) -> Campaign:
     """Write a campaign; the noise is a share of each channel's RMS.
 
@@ -44,14 +51,19 @@ def free(
         Standard deviation of the noise over the channel's RMS.
     seed : int
         Of the noise and of the initial velocities.
+    seconds : float
+        Length of a record [s].
+    numbers : mapping of str to float, optional
+        Of the effect; those above if not given.
     """
-    rng, count = np.random.default_rng(seed), int(SECONDS * RATE_HZ)
+    rng, count = np.random.default_rng(seed), int(seconds * RATE_HZ)
     model = Model(
         Structure((Body("m", MASS),), (Link("s", "m", "ground", "linear"),)),
         {"s": LinkLaws(constant_stiffness(STIFFNESS), constant_damping(DAMPING))},
     )
     if effect:
-        model = model.with_effect(CATALOGUE[effect].at("s", ground=True).with_values(**EFFECTS[effect]))
+        own = EFFECTS[effect] if numbers is None else numbers
+        model = model.with_effect(CATALOGUE[effect].at("s", ground=True).with_values(**own))
     (folder / "records").mkdir(parents=True)
     text = [
         'format = "boltlaw-campaign/1"', 'name = "twin"', "[[body]]", 'name = "m"', f"mass_kg = {MASS}",

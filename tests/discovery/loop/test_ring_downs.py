@@ -41,6 +41,30 @@ def test_what_a_ring_down_lacks_is_found(tmp_path: Path, effect: str) -> None:
 
 @pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("effect", "numbers"),
+    [
+        ("cubic-stiffness", {"k3": 4e6}),  # of three springs at the largest deflection this is two
+        ("one-sided-gap", {"k_g": 2000.0, "delta": 0.003, "side": 1.0}),
+    ],
+)
+def test_an_effect_is_found_that_leaves_a_linear_model_out_of_phase(
+    tmp_path: Path, effect: str, numbers: dict[str, float]
+) -> None:
+    found = close_loop(twins.free(tmp_path / "twin", effect, seconds=6.0, numbers=numbers, seed=1))
+    before, after = (errors["hold_out"]["motion_nrmse"] for errors in (found.before, found.after))
+    assert before is not None
+    assert after is not None
+    assert before > 0.5
+    assert after == pytest.approx(0.003, abs=5e-4)
+    (only,) = found.effects
+    assert only.effect.name == effect
+    for name, true in numbers.items():
+        assert only.effect.parameters[name].value == pytest.approx(true, rel=5e-3)
+
+
+@pytest.mark.usefixtures("without_detection_limits")
+@pytest.mark.slow
 def test_softening_and_the_damping_that_comes_with_it_are_found_one_after_the_other(tmp_path: Path) -> None:
     """One form that holds both leads to its parts: hysteresis, which has both too, explains less."""
     found = close_loop(twins.free(tmp_path / "twin", "amplitude-stiffness"))
