@@ -54,7 +54,8 @@ def first_state(ring: RingDown, model: Model, tension: Tension = None) -> FloatA
     """
     first = ring.parts(PERIODS, most=1)[0]
     found = _of_linear(first, model, tension)
-    if found[1] > _OUT_OF_PHASE**2 * float(first.whitened @ first.whitened) and model.effects_of("force"):
+    far = found[1] > _OUT_OF_PHASE**2 * float(first.whitened @ first.whitened)
+    if far and model.shapes is None and model.effects_of("force"):
         found = min(found, _settled(first, model, _grown(ring, model, tension), tension), key=_cost)
     return found[0]
 
