@@ -43,6 +43,9 @@ def fitted_state(
 def first_state(ring: RingDown, model: Model, tension: Tension = None) -> FloatArray:
     """Return the state at a record's first sample that suits its first periods, (2 bodies,) [m], [m/s].
 
+    Begun with that of the linear model; where more than half of the motion is left and effects act, also with
+    what suits 0.75 periods, then ever more.
+
     Parameters
     ----------
     ring : RingDown
