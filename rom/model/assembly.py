@@ -34,7 +34,8 @@ class Response(HasViews):
     ----------
     status : {"ok", "diverged"}
         A diverged response holds NaN from the first sample that could not be reached, be it that numbers
-        grew beyond all bounds or that more steps were needed than a record may take.
+        grew beyond all bounds or that more steps were needed than a record may take; of the last sample
+        reached the accelerations may be infinite.
     time : ndarray
         Time [s] from the first sample, shape (samples,).
     displacement, velocity, acceleration : mapping of str to ndarray
@@ -325,7 +326,7 @@ def _response(structure: Structure, rate: float, out: FloatArray, report: FloatA
 
     tensions = out[2 * n : 2 * n + len(bolts)]
     return Response(
-        status="ok" if reached == out.shape[1] else "diverged",
+        status="ok" if reached == out.shape[1] and np.isfinite(out[-n:]).all() else "diverged",
         time=np.arange(out.shape[1]) / rate,
         displacement=by_body(out[:n]),
         velocity=by_body(out[n : 2 * n]),

@@ -104,6 +104,13 @@ def test_an_unstable_structure_diverges_quietly():
     assert response.status == "diverged"
 
 
+def test_a_motion_without_finite_accelerations_diverges():
+    start = {"a": 1e300}, {"a": 0.0}
+    response = single(k=1e9).simulate({"a": np.zeros(200)}, RATE, None, *start)
+    assert np.isfinite(response.displacement["a"]).all()
+    assert response.status == "diverged"
+
+
 def test_net_tightening_raises_the_tension():
     laws = dict(paper_model().link_laws)
     laws["joint"] = LinkLaws(laws["joint"].stiffness, laws["joint"].damping, power_loosening(-1e6))
