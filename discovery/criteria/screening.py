@@ -38,8 +38,8 @@ class Screening(Group):
     )
     shape_steps: float = number(4, "1", "slips and gaps from the least to the most, in equal ratios")
     out_of_phase: float = number(
-        0.5, "1", "share of a ring-down's motion that a model leaves, above which parts of it are screened",
-        "twins with a cubic spring and a stop: where a strength near zero tells nothing",
+        0.5, "1", "share of a record's motion that a simulation leaves, above which parts of it are screened",
+        "twins with a cubic spring or a stop, free and driven: a strength near zero tells nothing there",
     )  # fmt: skip
     part_out_of_phase: float = number(
         0.25, "1", "the same of parts, above which shorter ones are: from 6 to 0.75 periods",

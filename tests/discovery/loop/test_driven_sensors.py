@@ -42,6 +42,25 @@ def test_friction_is_named_by_an_accelerometer(tmp_path: Path) -> None:
     assert after < 0.05 * before
 
 
+@pytest.mark.usefixtures("without_detection_limits")
+@pytest.mark.slow
+def test_a_spring_is_named_that_leaves_a_linear_model_out_of_phase(tmp_path: Path) -> None:
+    def cubic(x: twins.FloatArray, _v: twins.FloatArray) -> twins.FloatArray:
+        return 2e8 * x**3  # three times the spring at the largest deflection
+
+    strong = {"kind": "acceleration", "extra": cubic, "sizes": (1.0, 1.0), "seconds": 1.5}
+    found = close_loop(twins.driven(tmp_path / "stiffens", **strong))
+    assert found.verdict == "closed"
+    (only,) = found.effects
+    assert only.effect.name == "cubic-stiffness"
+    assert only.effect.parameters["k3"].value == pytest.approx(2e8, rel=2e-3)
+    before, after = (step.errors["hold_out"]["motion_nrmse"] for step in found.steps)
+    assert before is not None
+    assert after is not None
+    assert before > 0.5
+    assert after < 0.005
+
+
 def test_noise_of_a_force_is_white_behind_the_whitener() -> None:
     """White force noise through two coupled bodies, seen by two sensors, beside their own white noise."""
     rng, rate, count = np.random.default_rng(3), 200.0, 40000
