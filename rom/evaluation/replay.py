@@ -29,6 +29,7 @@ from rom.signals.processing import (
     Measurement,
     TensionRecord,
     driven_displacement,
+    grows_from_rest,
     non_oscillatory,
 )
 from rom.signals.sensor_correction import corrected
@@ -165,7 +166,8 @@ def driven_forces(model: Model, measurement: Measurement) -> Mapping[str, tuple[
     """Return simulated and measured force [N] of every link that a cycled record drives, by link.
 
     The link sees the measured normal force as its tension where there is one. Effects with memory start as
-    the same motion backwards leaves them: what was before the record is not known.
+    the same motion backwards leaves them, what was before the record not being known, or without force where
+    the cycles grow from rest.
     """
     model = in_record(model, measurement.given)
     seen, found = corrected(measurement, model), {}
@@ -180,7 +182,7 @@ def driven_forces(model: Model, measurement: Measurement) -> Mapping[str, tuple[
         else:
             bolted = name in model.structure.bolted_links
             tension = (_initial_tension(model, seen) or {}).get(name, 0.0) if bolted else 0.0
-        simulated = model.link_force(name, x, motion.rate_hz, tension, settled=True)
+        simulated = model.link_force(name, x, motion.rate_hz, tension, settled=not grows_from_rest(x))
         found[name] = _at_times(Channel(force.name, simulated, motion.rate_hz), force), force.samples
     return found
 

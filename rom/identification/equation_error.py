@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import interpolate, ndimage, signal
@@ -28,6 +29,7 @@ from rom.effects.free_form import FreeForm
 from rom.model.link_force import force_along
 from rom.model.units import parse_unit
 from rom.signals.frequency_band import Band, edge_samples, in_band
+from rom.signals.processing import grows_from_rest
 
 TESTS = ("driven", "free", "cycled")
 # widths on each side: beyond, a Gaussian is below the digits of a displacement
@@ -127,11 +129,17 @@ class ForceRecord:
     balances: tuple[Balance, ...]
     smoothing: Smoothing
 
+    @cached_property
+    def going_on(self) -> frozenset[str]:
+        """Links of a cycled record whose cycles do not grow from rest."""
+        cycled = self.motion if self.settings.test == "cycled" else {}
+        return frozenset(link for link, (x, *_) in cycled.items() if not grows_from_rest(x))
+
     def along(self, effect: Effect, stiffness: float, damping: float) -> FloatArray | None:
         """Rows of an effect's force [N] along the motion of its place; None where that does not move.
 
-        In a cycled record the states start as the same motion backwards leaves them, as in
-        ``Model.link_force``; in others at zero.
+        In cycles that go on the states start as the same motion backwards leaves them, as in
+        ``Model.link_force``; in other records, and in cycles that grow from rest, at zero.
 
         Parameters
         ----------
@@ -151,19 +159,20 @@ class ForceRecord:
         if motion is None:
             return None
         constants = np.broadcast_to([[stiffness], [damping]], (2, motion.shape[1]))
-        force = _force(effect, np.concatenate([motion, constants]), self.rate_hz, self.settings.test)
+        settled = effect.enters in self.going_on
+        force = _force(effect, np.concatenate([motion, constants]), self.rate_hz, settled=settled)
         if self.settings.test != "cycled":
             force = in_band(force, self.rate_hz, self.smoothing.band_hz)
         return self.smoothing.rows(force, self.rate_hz)
 
 
-def _force(effect: Effect, motion: FloatArray, rate_hz: float, test: str) -> FloatArray:
+def _force(effect: Effect, motion: FloatArray, rate_hz: float, *, settled: bool) -> FloatArray:
     if isinstance(effect, FreeForm):
         return effect.along(motion)
     table, values, step_s = np.array([[effect.address, 0, 0]]), np.append(effect.values, 0.0), 1 / rate_hz
     if effect.states and rate_hz < _SLOWEST_HZ:
         values, motion, step_s = _in_unit_of_time(rate_hz / _SLOWEST_HZ, effect, motion, step_s)
-    return force_along(table, values, motion, step_s, (effect,), settled=test == "cycled")
+    return force_along(table, values, motion, step_s, (effect,), settled=settled)
 
 
 def _in_unit_of_time(

@@ -147,6 +147,17 @@ def driven_displacement(motion: Channel) -> FloatArray:
     return np.asarray(signal.sosfiltfilt(lowpass, motion.samples, padlen=padding))
 
 
+def grows_from_rest(displacement: FloatArray) -> bool:
+    """Whether a cycled motion [m] goes over less than half of its stroke in the first period.
+
+    It was ramped up from rest then, where sliders hold nothing, and not cut out of cycles that go on.
+    """
+    lines = np.abs(fft.rfft((displacement - displacement.mean()) * signal.windows.hann(len(displacement))))
+    periods = 1 + int(np.argmax(lines[1:]))
+    first = displacement[: len(displacement) // periods + 1]
+    return bool(np.ptp(first) < np.ptp(displacement) / 2)
+
+
 def process(record: Record, settings: CampaignSettings) -> Measurement:
     """Process one raw record; the high-pass of its motion is that of `cutoff`.
 

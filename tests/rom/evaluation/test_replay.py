@@ -81,12 +81,13 @@ def test_no_loosening_is_no_change_of_loosening_either() -> None:
     assert np.ptp(np.asarray(tension)) == 0.0
 
 
-def cycled(mu: float, rate_hz: float = 400.0) -> Measurement:
+def cycled(mu: float, rate_hz: float = 400.0, *, from_rest: bool = False) -> Measurement:
     """Return a link driven to and fro, its slider held by a normal force that changes."""
     time = np.arange(int(6 * rate_hz)) / rate_hz
     x, normal = 2e-3 * np.sin(2 * np.pi * 0.5 * time + 1.0), 300.0 + 100.0 * np.sin(2 * np.pi * 0.11 * time)
+    x = (x - x[0]) * np.minimum(time / 4, 1) ** 2 + x[0] if from_rest else x
     true = CATALOGUE["jenkins-slip"].at("joint").with_values(mu=mu).added_to(MODEL)
-    force = true.link_force("joint", x, rate_hz, normal, settled=True)
+    force = true.link_force("joint", x, rate_hz, normal, settled=not from_rest)
     link = {
         "link_displacement_joint": Channel("link_displacement_joint", x, rate_hz),
         "link_force_joint": Channel("link_force_joint", force[::2], rate_hz / 2),
@@ -97,10 +98,11 @@ def cycled(mu: float, rate_hz: float = 400.0) -> Measurement:
     )
 
 
-def test_a_driven_link_sees_its_normal_force_and_remembers() -> None:
-    slip = CATALOGUE["jenkins-slip"].at("joint")
+@pytest.mark.parametrize("from_rest", [False, True])
+def test_a_driven_link_sees_its_normal_force_and_remembers(from_rest: bool) -> None:
+    slip, record_of = CATALOGUE["jenkins-slip"].at("joint"), cycled(0.12, from_rest=from_rest)
     right, wrong, none = (
-        compare(model, cycled(0.12), WINDOWS).link_force_nrmse
+        compare(model, record_of, WINDOWS).link_force_nrmse
         for model in (
             slip.with_values(mu=0.12).added_to(MODEL),
             slip.with_values(mu=0.2).added_to(MODEL),

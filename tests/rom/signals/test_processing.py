@@ -10,7 +10,7 @@ import pytest
 from rom.campaign.campaign import CampaignSettings, Record, RecordSettings
 from rom.campaign.channels import Channel
 from rom.signals.motion import Motion, dominant_frequency
-from rom.signals.processing import cutoff, driven_displacement, gated_force, process
+from rom.signals.processing import cutoff, driven_displacement, gated_force, grows_from_rest, process
 from tests.rom.lumped import pulse
 
 RATE_HZ = 4800.0
@@ -89,6 +89,15 @@ def test_a_motion_that_soon_dies_away_has_its_own_frequency(frequency_hz: float,
     samples = np.gradient(velocity, 1 / RATE_HZ) + 1e-2 * rng.normal(size=SAMPLES)
     found = dominant_frequency({"m": Motion("acceleration", samples)}, RATE_HZ, hit_s)
     assert found == pytest.approx(frequency_hz, rel=0.15)
+
+
+@pytest.mark.parametrize("phase", np.arange(8) * np.pi / 4)
+def test_cycles_that_are_ramped_up_grow_from_rest_and_others_do_not(phase: float) -> None:
+    time = np.arange(2000) / 200.0
+    cycles = 3.0 + np.sin(2 * np.pi * 0.7 * time + phase)
+    assert not grows_from_rest(cycles)
+    assert not grows_from_rest(cycles * np.exp(-0.1 * time))
+    assert grows_from_rest((cycles - cycles[0]) * np.minimum(time / 6, 1))
 
 
 def test_a_driven_displacement_loses_noise_alone() -> None:
