@@ -42,7 +42,7 @@ class Screening(Group):
         "twins with a cubic spring or a stop, free and driven: a strength near zero tells nothing there",
     )  # fmt: skip
     part_out_of_phase: float = number(
-        0.25, "1", "the same of parts, above which shorter ones are: from 6 to 0.75 periods",
+        0.25, "1", "the same above which fits go over parts first, and over shorter ones: of 6 to 0.75 periods",
         "the same: at 0.42 a fit went astray, at 0.21 it ended at the truth",
     )  # fmt: skip
     least_share: float = number(

@@ -19,7 +19,7 @@ import numpy as np
 from discovery.criteria.criteria import Criteria
 from discovery.decide.explanation import limited_number
 from discovery.explain.free_form import member_of
-from discovery.explain.simulation import errors_of
+from discovery.explain.simulation_fit import errors_of
 from discovery.residual.base import level
 from discovery.residual.simulation import SimulationResidual, refitted
 from rom.campaign.channels import FloatArray

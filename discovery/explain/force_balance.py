@@ -2,8 +2,7 @@
 
 An effect's force along the measured motion is a column beside those of the model's numbers, which are taken
 off it and off the residual first (variable projection). Where an effect takes a share of a link's stiffness,
-that is fitted beside the effect's own numbers. Ranges that are scaled to a motion are rough: a number that
-ends where its range does away from zero is fitted again in a wider one.
+that is fitted beside the effect's own numbers.
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ from discovery.explain.force_balance_screen import Start, screen, starts_of
 from discovery.explain.free_form import member_of
 from discovery.explain.motion import free_numbers
 from discovery.explain.probes import Probe, fit_promising
+from discovery.explain.wider_ranges import WIDENINGS, widened
 from discovery.options import Options
 from discovery.residual.base import Residual, cost
 from discovery.residual.ends_of_ranges import on_ends
@@ -31,7 +31,6 @@ from rom.model.laws import Z95, Parameter
 Fit = tuple[ForceBalanceResidual, tuple[ModelCorrection, ...]]
 _EVALUATIONS: Numerical[int] = 15
 _SHORT: Numerical[int] = 4  # evaluations that tell which start is best
-_WIDENINGS: Numerical[int] = 2
 _AT_END: Numerical[float] = 1e-4  # of a number's size
 _STEP: Numerical[float] = 1e-3
 _SEEN: Numerical[float] = 1e-2  # of the effects' force: a number that makes less of it is hardly seen
@@ -157,25 +156,12 @@ def fitted(
         The state with the effects at the end, and the new effects with 95 % limits.
     """
     after, effects = _fitted(state, new, evaluations)
-    for _ in range(_WIDENINGS if evaluations == _EVALUATIONS else 0):
-        wider = [_widened(effect, state.criteria.tension.wider_range) for effect in effects]
-        if all(new is old for new, old in zip(wider, effects, strict=True)):
+    for _ in range(WIDENINGS if evaluations == _EVALUATIONS else 0):
+        wider = widened(effects, state.criteria.tension.wider_range)
+        if wider is None:
             break
         after, effects = _fitted(replace(after, effects=state.effects), wider, evaluations)
     return after, effects
-
-
-def _widened(effect: ModelCorrection, factor: float) -> ModelCorrection:
-    """The effect with wider ranges where a number that has a unit ended away from zero; itself otherwise."""
-    wider, strict = {}, member_of(effect).strict
-    for name, number in effect.parameters.items():
-        if name in strict:
-            continue
-        end = next((bound for bound in number.bounds if bound == number.value != 0.0), None)
-        if end is not None and number.unit != "1" and abs(end) == max(map(abs, number.bounds)):
-            low, high = (factor * bound if bound == end else bound for bound in number.bounds)
-            wider[name] = replace(number, bounds=(low, high))
-    return replace(effect, parameters={**effect.parameters, **wider}) if wider else effect
 
 
 def _fitted(state: ForceBalanceResidual, new: Sequence[ModelCorrection], evaluations: int) -> Fit:

@@ -6,26 +6,23 @@ states can imitate taken off; it is then fitted by simulation, all of these besi
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 from joblib import delayed
 from scipy import signal
 
-from discovery.decide.explanation import Explanation, limited, standard_errors
+from discovery.decide.explanation import Explanation
 from discovery.explain.force_balance import explanation
 from discovery.explain.free_form import member_of, single_terms, sparse_sum, terms_at
-from discovery.explain.motion import free_numbers
 from discovery.explain.probes import Probe, cut_to_bounds, fit_promising, probed_in_pieces, scaled
 from discovery.explain.scales import Scale, at_scale, ends_of
+from discovery.explain.simulation_fit import fitted
 from discovery.explain.slider_shapes import Held, slider_shapes
 from discovery.options import Options
 from discovery.residual.base import cost
-from discovery.residual.simulation import Fit, SimulationResidual, refitted
+from discovery.residual.simulation import SimulationResidual
 from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -34,12 +31,9 @@ from rom.model.model import Model
 from rom.progress import counted
 
 _CHANGE: Numerical[float] = 1e-2  # of the motion, by which a probe moves it
-_DAMPINGS: Numerical[tuple[float, ...]] = (1.0, 0.5)  # shares of the dampings at which a fit starts
 _ROUGH: Numerical[int] = 12  # parts
 _PEAKS: Numerical[int] = 2  # over frequency, at which fits start
 _BESIDE: Numerical[tuple[float, ...]] = (0.94, 0.96, 0.98, 1.02, 1.04, 1.06)  # of a frequency in a grid
-_SHORT: Numerical[int] = 8  # rounds of slopes that tell which start is best
-_OF_TENSION = re.compile(r"\bT\b")
 
 
 def explain(residual: SimulationResidual, options: Options) -> list[Explanation]:
@@ -62,7 +56,8 @@ def screen(residual: SimulationResidual, options: Options) -> tuple[tuple[Probe,
     are out of phase are screened in short parts, and gains are shares of what is left of these.
     """
     pairs = list(candidates_in_decays(residual))
-    seen = residual.in_parts() if residual.is_out_of_phase else residual
+    is_out_of_phase = residual.leaves_more_than(residual.criteria.screening.out_of_phase)
+    seen = residual.in_parts() if is_out_of_phase else residual
     rough, most = seen.in_parts(_ROUGH), int(options.criteria.screening.rough_probes)
     tasks = (delayed(_screened)(member, effect, seen, rough, most) for member, effect in pairs)
     every = counted(side_by_side(options.jobs)(tasks), len(pairs), options.stage("screening effects"))
@@ -264,96 +259,10 @@ def explain_screened(
     starts, parts = int(options.criteria.screening.starts), residual.in_parts()
 
     def fit(ones: Sequence[Probe]) -> Explanation:
-        near = residual.in_first_parts() if ones[0].member.starts else parts
-        after = together(_over_all(residual, _begun(near, [one.start for one in ones[:starts]])))
+        after = fitted(residual, [one.start for one in ones[:starts]], parts)
         return replace(explanation(after.model.effects[-1], residual, after), residual=after)
 
     return fit_promising(probes, residual, options, fit)
-
-
-def fitted(residual: SimulationResidual, effect: ModelCorrection) -> SimulationResidual:
-    """The residual with one more effect, all numbers fitted."""
-    near = residual.in_first_parts() if member_of(effect).starts else residual.in_parts()
-    return together(_over_all(residual, _begun(near, [effect])))
-
-
-def _over_all(residual: SimulationResidual, begun: SimulationResidual) -> SimulationResidual:
-    """All records with the model of a fit to parts; where these are short, fitted to longer ones before."""
-    near = residual.of_model(begun.model)
-    if not residual.is_out_of_phase:
-        return near
-    return residual.of_model(together(near.in_parts(), _SHORT).model)
-
-
-def _begun(parts: SimulationResidual, starts: Sequence[ModelCorrection]) -> SimulationResidual:
-    """A short fit of one more effect to parts of the records, from the start that suits them best.
-
-    A linear damping has taken the place of what is missing: fits start with all of it and with half, unless
-    balances of forces have told it.
-    """
-    shares = _DAMPINGS[:1] if parts.thorough else _DAMPINGS
-    dampings = {path: parts.model.parameter(path).value for path in parts.names if path.endswith(".c")}
-    found = []
-    for effect, share in product(starts, shares):
-        model = parts.model.with_values({path: share * value for path, value in dampings.items()})
-        found.append(together(replace(parts, model=model.with_effect(effect)), _SHORT))
-    return min(found, key=cost)
-
-
-def together(residual: SimulationResidual, rounds: int | None = None) -> SimulationResidual:
-    """All numbers fitted again beside each other; effects with 95 % limits."""
-    effects = residual.model.effects
-    fit = refitted(residual, {effect.path: _shown_numbers(effect, residual) for effect in effects}, rounds)
-    errors, after = errors_of(fit), fit.residual
-    with_limits = tuple(
-        limited(
-            effect, {n: errors[path] for n in effect.parameters if (path := f"{effect.path}.{n}") in errors}
-        )
-        for effect in after.model.effects
-    )
-    return replace(after, model=replace(after.model, effects=with_limits))
-
-
-def errors_of(fit: Fit) -> dict[str, float]:
-    """Standard errors by path, the larger of those of single rows and of blocks of rows that err as one.
-
-    Those beside a number that a bound holds are those of a fit without it.
-    """
-    model, columns = fit.residual.model, np.arange(fit.slopes.shape[1])
-    held = [
-        k for k, path in enumerate(fit.paths) if model.parameter(path).value in model.parameter(path).bounds
-    ]
-    errors = _errors_of(fit, columns)
-    free = np.setdiff1d(columns, held)
-    errors[free] = _errors_of(fit, free)
-    return dict(zip(fit.paths, errors.tolist(), strict=False))
-
-
-def _errors_of(fit: Fit, columns: npt.NDArray[np.int64]) -> FloatArray:
-    """Standard errors of the numbers of some columns of the slopes, the others held."""
-    slopes = fit.slopes[:, columns]
-    size = np.maximum(np.linalg.norm(slopes, axis=0), np.finfo(float).tiny)
-    table = slopes / size
-    inverse = np.asarray(np.linalg.pinv(table.T @ table, rcond=1e-12, hermitian=True))
-    spread = max(float(fit.rows @ fit.rows) / len(fit.rows), 1.0)
-    pieces = fit.residual.pieces
-    scores = np.stack([np.bincount(pieces, weights=column * fit.rows) for column in table.T], axis=1)
-    of_units = standard_errors(inverse, np.asarray(scores, dtype=np.float64), spread)
-    with np.errstate(over="ignore"):  # what shows next to nothing has errors without an end
-        return np.asarray(of_units / size)
-
-
-def _shown_numbers(effect: ModelCorrection, residual: SimulationResidual) -> tuple[str, ...]:
-    """Numbers that a fit moves; a factor of the tension shows nothing without one."""
-    names = free_numbers(effect, member_of(effect))
-    if residual.model.structure.bolted_links:
-        return names
-    return tuple(n for n in names if not _OF_TENSION.search(_terms_of(n, effect.equation)))
-
-
-def _terms_of(name: str, equation: str) -> str:
-    """What a number is multiplied with at once, wherever it stands in an equation."""
-    return " ".join(re.findall(rf"\b{name}\b\s*\*\s*(\w+)", equation))
 
 
 def free_forms(residual: SimulationResidual, options: Options) -> tuple[Explanation, ...]:
@@ -371,7 +280,7 @@ def free_forms(residual: SimulationResidual, options: Options) -> tuple[Explanat
         columns = [_column(one, residual) for one in single_terms(terms, link.name)]
         effect = sparse_sum(np.stack(columns, axis=1), left, terms, link.name, options.seed, options.criteria)
         if effect is not None:
-            after = fitted(residual, effect)
+            after = fitted(residual, [effect])
             formed = after.model.effects[-1]
             found.append(replace(explanation(formed, residual, after), residual=after))
     return tuple(sorted(found, key=lambda one: one.cost(hold_out=False))[:1])

@@ -12,7 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from discovery.explain.driven_fit import driven_residual
-from discovery.explain.simulation import in_other_shapes, together
+from discovery.explain.simulation import in_other_shapes
+from discovery.explain.simulation_fit import together
 from discovery.loop.free_refits import FreeRefits
 from discovery.loop.history import LoopHistory
 from discovery.loop.motion_stage import in_motion

@@ -9,7 +9,8 @@ from discovery.decide.explanation import Explanation
 from discovery.detection.limit import Meter
 from discovery.detection.simulation import DecayMeter
 from discovery.explain.probes import cut_to_bounds
-from discovery.explain.simulation import explain_screened, fitted, free_forms, screen, together
+from discovery.explain.simulation import explain_screened, free_forms, screen
+from discovery.explain.simulation_fit import fitted, together
 from discovery.localisation.localise import Localisation
 from discovery.localisation.simulation import localise_motion
 from discovery.loop.history import LoopHistory
@@ -138,7 +139,7 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
         return residual.model, ()
 
     def _fitted_with(self, residual: SimulationResidual, effect: ModelCorrection) -> SimulationResidual:
-        return fitted(residual, effect)
+        return fitted(residual, [effect])
 
     def _fitted_without(self, residual: SimulationResidual, effect: ModelCorrection) -> SimulationResidual:
         others = tuple(_beside(e, effect) for e in residual.model.effects if e.path != effect.path)

@@ -14,7 +14,7 @@ from discovery.decide.acceptance import noise_by_chance
 from discovery.decide.explanation import Explanation
 from discovery.explain.driven_fit import driven_residual
 from discovery.explain.force_balance import explanation
-from discovery.explain.simulation import together
+from discovery.explain.simulation_fit import together
 from discovery.residual.base import level
 from rom.model.model import Model
 from rom.signals.processing import Measurement

@@ -146,18 +146,15 @@ class SimulationResidual(ProjectedResidual):
         rings = [self.rings[place] for place in self.trained]
         return sum(noise_freedom(ring.measurement.samples) * len(ring.channels) for ring in rings)
 
-    @property
-    def is_out_of_phase(self) -> bool:
-        """Whether a training record is simulated so far off that small changes of the model tell nothing."""
-        return self.model.shapes is None and self._most_left() > self.criteria.screening.out_of_phase
-
-    def _most_left(self) -> float:
-        """Share of the motion that is left of the parts of a training record, the largest."""
+    def leaves_more_than(self, share: float) -> bool:
+        """Whether so much of the motion is left of a training record of bodies, or of the parts of one."""
+        if self.model.shapes is not None:
+            return False
         rings = [self.rings[place] for place in self.trained]
         _, record = np.unique([ring.file for ring in rings], return_inverse=True)
         left = [np.sum(left_over(*one) ** 2) for one in zip(rings, self.trained_shown(), strict=True)]
         whole = np.bincount(record, [np.sum(ring.whitened**2) for ring in rings])
-        return float(np.sqrt(np.max(np.bincount(record, left) / np.maximum(whole, np.finfo(float).tiny))))
+        return bool(np.any(np.bincount(record, left) > share**2 * whole))
 
     @property
     def record_count(self) -> int:
@@ -206,10 +203,10 @@ class SimulationResidual(ProjectedResidual):
         are as short as it takes.
         """
         most = most or (_PARTS if self.model.shapes is None else _MODAL_PARTS)
-        for periods in (PERIODS, *(_FEWER_PERIODS if self.is_out_of_phase else ())):
+        for periods in (PERIODS, *_FEWER_PERIODS):
             parts = [part for k in self.trained for part in self.rings[k].parts(periods)]
             found = self._of_parts(parts[:: -(-len(parts) // most)])
-            if found._most_left() < self.criteria.screening.part_out_of_phase:
+            if not found.leaves_more_than(self.criteria.screening.part_out_of_phase):
                 break
         return found
 

@@ -13,7 +13,7 @@ import pytest
 from discovery.criteria.criteria import CRITERIA
 from discovery.decide.acceptance import meets_worse
 from discovery.explain.driven_fit import fitted_by_simulation
-from discovery.explain.simulation import errors_of
+from discovery.explain.simulation_fit import errors_of
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.options import Options
 from rom.campaign.channels import FloatArray
