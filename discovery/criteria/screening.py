@@ -38,12 +38,8 @@ class Screening(Group):
     )
     shape_steps: float = number(4, "1", "slips and gaps from the least to the most, in equal ratios")
     out_of_phase: float = number(
-        0.5, "1", "share of a record's motion that a simulation leaves, above which parts of it are screened",
-        "twins with a cubic spring or a stop, free and driven: a strength near zero tells nothing there",
-    )  # fmt: skip
-    part_out_of_phase: float = number(
-        0.25, "1", "the same above which fits go over parts first, and over shorter ones: of 6 to 0.75 periods",
-        "the same: at 0.42 a fit went astray, at 0.21 it ended at the truth",
+        0.25, "1", "share of a record that a simulation leaves, above which (shorter) parts of it are taken",
+        "twins with a strong spring or stop, free and driven: at 0.42 a fit went astray, at 0.21 not",
     )  # fmt: skip
     least_share: float = number(
         0.3, "1", "share of a material gain that an effect must show in the screen to be fitted"

@@ -206,7 +206,7 @@ class SimulationResidual(ProjectedResidual):
         for periods in (PERIODS, *_FEWER_PERIODS):
             parts = [part for k in self.trained for part in self.rings[k].parts(periods)]
             found = self._of_parts(parts[:: -(-len(parts) // most)])
-            if not found.leaves_more_than(self.criteria.screening.part_out_of_phase):
+            if not found.leaves_more_than(self.criteria.screening.out_of_phase):
                 break
         return found
 
