@@ -5,7 +5,8 @@ where no spring leads back: numbers that balance the forces best need not be tho
 measured. Fitted are the rows of `discovery.residual.simulation`. A record whose first samples tell its state
 starts there, as it is compared with (`rom.evaluation.replay`); of others the state is fitted too. What shapes
 a force, as the speed at which friction turns, keeps the value at which forces balance: motion hardly tells
-it, and fits would wander along it.
+it, and fits would wander along it. All states and shapes are fitted in the end where that leaves noise alone:
+noise of first samples makes the other numbers wrong, noise of the measured motion the shapes.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ import numpy as np
 from discovery.criteria.criteria import Criteria
 from discovery.decide.explanation import limited_number
 from discovery.explain.free_form import member_of
-from discovery.explain.simulation_fit import errors_of
+from discovery.explain.simulation_fit import errors_of, shown_numbers
 from discovery.residual.base import level
-from discovery.residual.simulation import SimulationResidual, refitted
+from discovery.residual.simulation import Fit, SimulationResidual, refitted
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
@@ -129,6 +130,8 @@ def fitted_by_simulation(
         fit = after if gained > 0 else fit
         if not gained > _LITTLE * level(fit.residual):
             break
+    beside = _beside_states_and_shapes(fit.residual)
+    fit = beside if level(beside.residual) <= criteria.acceptance.noise_level else fit
     found = fit.residual.model
     numbers = {
         path: limited_number(found.parameter(path), max(error, standard_error(moved.parameter(path))))
@@ -137,6 +140,11 @@ def fitted_by_simulation(
     effects = [_of_effect(old, new, numbers) for old, new in zip(moved.effects, found.effects, strict=True)]
     fitted = replace(found, effects=(*effects, *model.effects_of("sensor fault")))
     return SimulatedModel(fitted, numbers, level(fit.residual))
+
+
+def _beside_states_and_shapes(residual: SimulationResidual) -> Fit:
+    free = {effect.path: shown_numbers(effect, residual) for effect in residual.model.effects}
+    return refitted(replace(residual, started=frozenset()), free)
 
 
 def standard_error(number: Parameter) -> float:

@@ -87,7 +87,7 @@ def together(residual: SimulationResidual, rounds: int | None = None) -> Simulat
 
 def _fitted_within_ranges(residual: SimulationResidual, rounds: int | None) -> SimulationResidual:
     effects = residual.model.effects
-    fit = refitted(residual, {effect.path: _shown_numbers(effect, residual) for effect in effects}, rounds)
+    fit = refitted(residual, {effect.path: shown_numbers(effect, residual) for effect in effects}, rounds)
     errors, after = errors_of(fit), fit.residual
     with_limits = tuple(
         limited(
@@ -127,7 +127,7 @@ def _errors_of(fit: Fit, columns: npt.NDArray[np.int64]) -> FloatArray:
         return np.asarray(of_units / size)
 
 
-def _shown_numbers(effect: ModelCorrection, residual: SimulationResidual) -> tuple[str, ...]:
+def shown_numbers(effect: ModelCorrection, residual: SimulationResidual) -> tuple[str, ...]:
     """Numbers that a fit moves; a factor of the tension shows nothing without one."""
     names = free_numbers(effect, member_of(effect))
     if residual.model.structure.bolted_links:

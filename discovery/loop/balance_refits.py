@@ -102,7 +102,7 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
         return level(ForceBalanceResidual(self.balances, (), zero, self.options.criteria).with_numbers())
 
     def _by_simulation(self, state: State) -> State:
-        """The state with numbers fitted by simulation, where the motion is met by so much better.
+        """The state with numbers fitted by simulation, where noise alone is left or far less than before.
 
         Where a force is missing they would stand in for it: only where next to nothing is left of the forces,
         or noise makes the numbers of the balances too small.
@@ -117,7 +117,9 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
             return state
         after = self.with_numbers(found.model, found.numbers, own)
         error = after.errors["training"]["motion_nrmse"]
-        gained = error is not None and error <= (1 - rules.acceptance.material_error) * before
+        to_noise = found.level <= rules.acceptance.noise_level
+        least = 0.0 if to_noise else rules.acceptance.material_error
+        gained = error is not None and error <= (1 - least) * before
         if not gained or any(meets_worse(state.errors[kind], after.errors[kind]) for kind in after.errors):
             return state
         line = (
@@ -127,7 +129,7 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
         )
         return replace(
             after, residual=own, material=self._material_errors(own, after.errors),
-            warnings=(*after.warnings, line), simulated_to_noise=found.level <= rules.acceptance.noise_level,
+            warnings=(*after.warnings, line), simulated_to_noise=to_noise,
         )  # fmt: skip
 
     @property
