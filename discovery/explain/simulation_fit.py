@@ -77,8 +77,9 @@ def together(residual: SimulationResidual, rounds: int | None = None) -> Simulat
     Numbers of effects that end where their range does are fitted again in a wider one.
     """
     after = _fitted_within_ranges(residual, rounds)
+    factor, rate_hz = residual.criteria.tension.wider_range, max(r.row_rate_hz for r in residual.rings)
     for _ in range(WIDENINGS):
-        wider = widened(after.model.effects, residual.criteria.tension.wider_range)
+        wider = widened(after.model.effects, factor, rate_hz)
         if wider is None:
             break
         after = _fitted_within_ranges(replace(after, model=replace(after.model, effects=wider)), rounds)

@@ -5,6 +5,7 @@ Ranges that are scaled to a motion are rough, and rougher where the model that t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -16,7 +17,9 @@ WIDENINGS: Numerical[int] = 2
 """Of a range, at most."""
 
 
-def widened(effects: Sequence[ModelCorrection], factor: float) -> tuple[ModelCorrection, ...] | None:
+def widened(
+    effects: Sequence[ModelCorrection], factor: float, highest_hz: float = math.inf
+) -> tuple[ModelCorrection, ...] | None:
     """Return effects with wider ranges where numbers that have a unit ended away from zero.
 
     Parameters
@@ -25,20 +28,22 @@ def widened(effects: Sequence[ModelCorrection], factor: float) -> tuple[ModelCor
         As a fit left them.
     factor : float
         By which ends of ranges move.
+    highest_hz : float
+        Frequency beyond which records tell nothing [Hz]: ranges of frequencies end there.
 
     Returns
     -------
     tuple of ModelCorrection or None
         None where no number lies at such an end.
     """
-    found = tuple(_widened(effect, factor) for effect in effects)
+    found = tuple(_widened(effect, factor, highest_hz) for effect in effects)
     return None if all(new is old for new, old in zip(found, effects, strict=True)) else found
 
 
-def _widened(effect: ModelCorrection, factor: float) -> ModelCorrection:
+def _widened(effect: ModelCorrection, factor: float, highest_hz: float) -> ModelCorrection:
     wider, strict = {}, member_of(effect).strict
     for name, number in effect.parameters.items():
-        if name in strict:
+        if name in strict or (number.unit == "Hz" and number.value >= highest_hz):
             continue
         end = next((bound for bound in number.bounds if bound == number.value != 0.0), None)
         if end is not None and number.unit != "1" and abs(end) == max(map(abs, number.bounds)):
