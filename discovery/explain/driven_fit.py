@@ -37,6 +37,7 @@ from rom.signals.sensor_correction import corrected
 _RESTARTS: Numerical[int] = 4  # in which states that first samples tell are taken anew with a fitted model
 _LITTLE: Numerical[float] = 0.01  # of the mean square
 _TOLERANCE: Numerical[float] = 1e-6  # of simulations: where friction turns, finer ones end no lower
+_FINE_TOLERANCE: Numerical[float] = 1e-8  # where noise alone is left: a stop's fit to 1e-6 ended 5 errors off
 Numbers = dict[str, Parameter]
 
 
@@ -130,8 +131,9 @@ def fitted_by_simulation(
         fit = after if gained > 0 else fit
         if not gained > _LITTLE * level(fit.residual):
             break
-    beside = _beside_states_and_shapes(fit.residual)
-    fit = beside if level(beside.residual) <= criteria.acceptance.noise_level else fit
+    beside = _beside_states_and_shapes(fit.residual, _TOLERANCE)
+    if level(beside.residual) <= criteria.acceptance.noise_level:
+        fit = _beside_states_and_shapes(beside.residual, _FINE_TOLERANCE)
     found = fit.residual.model
     numbers = {
         path: limited_number(found.parameter(path), max(error, standard_error(moved.parameter(path))))
@@ -142,9 +144,10 @@ def fitted_by_simulation(
     return SimulatedModel(fitted, numbers, level(fit.residual))
 
 
-def _beside_states_and_shapes(residual: SimulationResidual) -> Fit:
+def _beside_states_and_shapes(residual: SimulationResidual, tolerance: float) -> Fit:
+    rings = tuple(replace(ring, tolerance=float(tolerance)) for ring in residual.rings)
     free = {effect.path: shown_numbers(effect, residual) for effect in residual.model.effects}
-    return refitted(replace(residual, started=frozenset()), free)
+    return refitted(replace(residual, rings=rings, started=frozenset(), thorough=True), free)
 
 
 def standard_error(number: Parameter) -> float:

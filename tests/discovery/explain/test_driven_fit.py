@@ -12,7 +12,7 @@ import pytest
 
 from discovery.criteria.criteria import CRITERIA
 from discovery.decide.acceptance import meets_worse
-from discovery.explain.driven_fit import fitted_by_simulation
+from discovery.explain.driven_fit import fitted_by_simulation, standard_error
 from discovery.explain.simulation_fit import errors_of
 from discovery.loop.balance_refits import BalanceRefits
 from discovery.options import Options
@@ -51,6 +51,29 @@ def test_numbers_that_are_off_are_brought_to_the_truth_and_shapes_are_held(tmp_p
         assert low - 1e-3 * true < true < high + 1e-3 * true, path
     assert fitted.parameter("guide.coulomb-friction.v_s").value == 2e-3
     assert set(numbers) == {*TRUTH, "guide.coulomb-friction.F_c"}
+
+
+@pytest.mark.parametrize("seed", [2, 4, 6])
+def test_shapes_and_states_are_fitted_where_that_leaves_noise_alone(tmp_path: Path, seed: int) -> None:
+    """Held at what noisy motion told of them they make the other numbers wrong."""
+    width, stiffness = 3e-3, 2e4
+
+    def stop(x: FloatArray, _v: FloatArray) -> FloatArray:
+        knee = 0.01 * width
+        beyond = np.maximum(x - width + knee / 2, 0.0)
+        return stiffness * np.where(beyond > knee, beyond - knee / 2, beyond**2 / (2 * knee))
+
+    noisy = {"noise_m": 1e-4, "sizes": (1.0,) * 3, "seconds": 3.0, "seed": seed}
+    refits = BalanceRefits.of(twins.driven(tmp_path / "c", extra=stop, **noisy), Options())
+    gap = CATALOGUE["one-sided-gap"].at("guide", ground=True)
+    gap = gap.with_values(k_g=0.97 * stiffness, delta=0.98 * width, side=1.0)
+    start = refits.start().model.without_effects_of("force").with_values(TRUTH).with_effect(gap)
+    training = [measured_record(refits.campaign, r).measurement for r in refits.sound if not r.hold_out]
+    found = fitted_by_simulation(start, tuple(TRUTH), training, CRITERIA)
+    assert found is not None
+    for name, true, near in (("k_g", stiffness, 0.01), ("delta", width, 0.002)):
+        number = found.numbers[f"guide.one-sided-gap.{name}"]
+        assert abs(number.value - true) < min(3 * standard_error(number), near * true)
 
 
 def test_a_start_that_first_samples_tell_is_told_anew_with_the_fitted_model(tmp_path: Path) -> None:

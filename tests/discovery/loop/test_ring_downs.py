@@ -45,6 +45,7 @@ def test_what_a_ring_down_lacks_is_found(tmp_path: Path, effect: str) -> None:
     ("effect", "numbers"),
     [
         ("cubic-stiffness", {"k3": 4e6}),  # of three springs at the largest deflection this is two
+        ("even-stiffness", {"k2": 2e4}),  # beyond the range that the linear model's motion tells
         ("one-sided-gap", {"k_g": 2000.0, "delta": 0.003, "side": 1.0}),
     ],
 )
