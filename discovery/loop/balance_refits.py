@@ -124,8 +124,8 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
             return state
         line = (
             f"numbers are fitted by simulation, with which the motion of training records is met within "
-            f"{100 * (error or 0.0):.3g} % and not {100 * before:.3g} %; what is left of the forces is that "
-            "of the numbers that balance them best"
+            f"{100 * (error or 0.0):.3g} % (with those that balance the forces best: {100 * before:.3g} %); "
+            "what is left of the forces is that of the latter"
         )
         return replace(
             after, residual=own, material=self._material_errors(own, after.errors),
