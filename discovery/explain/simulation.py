@@ -1,4 +1,4 @@
-"""Which missing effect explains what a simulation leaves over of ring-downs.
+"""Which missing effect explains what a simulation leaves over of ring-downs and driven records.
 
 An effect is screened by what a small strength of it changes of the motion, what the model's numbers and the
 states can imitate taken off; it is then fitted by simulation, all of these beside it.
@@ -56,8 +56,7 @@ def screen(residual: SimulationResidual, options: Options) -> tuple[tuple[Probe,
     are out of phase are screened in short parts, and gains are shares of what is left of these.
     """
     pairs = list(candidates_in_decays(residual))
-    is_out_of_phase = residual.leaves_more_than(residual.criteria.screening.out_of_phase)
-    seen = residual.in_parts() if is_out_of_phase else residual
+    seen = residual.in_parts() if residual.is_out_of_phase else residual
     rough, most = seen.in_parts(_ROUGH), int(options.criteria.screening.rough_probes)
     tasks = (delayed(_screened)(member, effect, seen, rough, most) for member, effect in pairs)
     every = counted(side_by_side(options.jobs)(tasks), len(pairs), options.stage("screening effects"))

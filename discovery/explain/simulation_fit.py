@@ -51,7 +51,7 @@ def fitted(
 def _over_all(residual: SimulationResidual, begun: SimulationResidual) -> SimulationResidual:
     """All records with the model of a fit to parts; where these are short, fitted to longer ones before."""
     near = residual.of_model(begun.model)
-    if not residual.leaves_more_than(residual.criteria.screening.out_of_phase):
+    if not residual.is_out_of_phase:
         return near
     return residual.of_model(together(near.in_parts(), _SHORT).model)
 

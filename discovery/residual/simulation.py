@@ -146,15 +146,16 @@ class SimulationResidual(ProjectedResidual):
         rings = [self.rings[place] for place in self.trained]
         return sum(noise_freedom(ring.measurement.samples) * len(ring.channels) for ring in rings)
 
-    def leaves_more_than(self, share: float) -> bool:
-        """Whether so much of the motion is left of a training record of bodies, or of the parts of one."""
+    @property
+    def is_out_of_phase(self) -> bool:
+        """Whether so much is left of a record of bodies that small changes of the model tell nothing."""
         if self.model.shapes is not None:
             return False
         rings = [self.rings[place] for place in self.trained]
         _, record = np.unique([ring.file for ring in rings], return_inverse=True)
         left = [np.sum(left_over(*one) ** 2) for one in zip(rings, self.trained_shown(), strict=True)]
         whole = np.bincount(record, [np.sum(ring.whitened**2) for ring in rings])
-        return bool(np.any(np.bincount(record, left) > share**2 * whole))
+        return bool(np.any(np.bincount(record, left) > self.criteria.screening.out_of_phase**2 * whole))
 
     @property
     def record_count(self) -> int:
@@ -206,7 +207,7 @@ class SimulationResidual(ProjectedResidual):
         for periods in (PERIODS, *_FEWER_PERIODS):
             parts = [part for k in self.trained for part in self.rings[k].parts(periods)]
             found = self._of_parts(parts[:: -(-len(parts) // most)])
-            if not found.leaves_more_than(self.criteria.screening.out_of_phase):
+            if not found.is_out_of_phase:
                 break
         return found
 

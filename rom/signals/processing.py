@@ -37,6 +37,7 @@ _CUTOFF_BELOW_FIRST_MODE: Numerical[float] = 0.45
 _FAST_HZ: Numerical[float] = 100.0
 _CUTOFF_OF_FAST: Numerical[float] = 0.1
 _BATCHES: Numerical[int] = 8
+_OF_STROKE: Numerical[float] = 0.5  # in the first period: measured cycles ramped up 0.27, others 0.95
 _FLANK_S: Numerical[float] = 5e-4
 _FLANK_CONTACTS: Numerical[int] = 4  # of the longest contact: what half a millisecond is at a very high rate
 _LEAST_PER_CUTOFF: Numerical[float] = 4.0  # samples in a period of the high-pass, where nothing moves
@@ -155,7 +156,7 @@ def grows_from_rest(displacement: FloatArray) -> bool:
     lines = np.abs(fft.rfft((displacement - displacement.mean()) * signal.windows.hann(len(displacement))))
     periods = 1 + int(np.argmax(lines[1:]))
     first = displacement[: len(displacement) // periods + 1]
-    return bool(np.ptp(first) < np.ptp(displacement) / 2)
+    return bool(np.ptp(first) < _OF_STROKE * np.ptp(displacement))
 
 
 def process(record: Record, settings: CampaignSettings) -> Measurement:
