@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
 from typing import Protocol
@@ -50,6 +50,8 @@ class DetectionLimit:
         strength is found then.
     reason : str
         Why there is no value; empty where there is one.
+    shape : mapping of str to float
+        The effect's other numbers, at which `value` holds.
     """
 
     name: str
@@ -61,6 +63,7 @@ class DetectionLimit:
     share_of_default: float | None
     worst_value: float | None = None
     reason: str = ""
+    shape: Mapping[str, float] = field(default_factory=dict)
 
 
 class Meter(Protocol):
@@ -138,8 +141,14 @@ class _Search:
             return least
         return replace(
             least, value=value, felt_percent=curve(value).felt, share_of_default=value / abs(number.value),
-            worst_value=self._worst(value), reason="",
+            worst_value=self._worst(value), reason="", shape=self._shape,
         )  # fmt: skip
+
+    @property
+    def _shape(self) -> dict[str, float]:
+        """The effect's other numbers."""
+        others = self.effect.parameters.keys() - self.member.strengths.keys()
+        return {name: p.value for name, p in self.effect.parameters.items() if name in others}
 
     @property
     def _range(self) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -178,6 +178,27 @@ def promising(
     list
         Probes of the effects to fit.
     """
+    near, most = _in_reach(probes, left, largest, criteria), int(criteria.screening.fitted_effects)
+    if not near:
+        return []
+    first = near[0][0]
+    alike = look_alikes(first.effect.name)
+
+    def in_class(one: Sequence[Probe]) -> bool:
+        return one[0].effect.name in alike and one[0].effect.enters == first.effect.enters
+
+    special = {(name, one[0].effect.enters) for one in near[:most] for name in one[0].member.contains}
+
+    def is_special(one: Sequence[Probe]) -> bool:
+        return (one[0].effect.name, one[0].effect.enters) in special
+
+    return [*near[:most], *(one for one in near[most:] if in_class(one) or is_special(one))]
+
+
+def _in_reach(
+    probes: Sequence[Sequence[Probe]], left: float, largest: FloatArray | None, criteria: Criteria
+) -> list[Sequence[Probe]]:
+    """Effects that do not explain next to nothing of what is left, or far less than the first."""
     rules = criteria.screening
     least = rules.least_share * criteria.acceptance.material_share * left
     first = probes[0][0] if probes else None
@@ -185,19 +206,7 @@ def promising(
         return []
     if largest is not None and p_value(first.gain, largest) > criteria.chance.false_alarms:
         return []  # none could be accepted: the chance of each is that of its best probe
-    alike = look_alikes(first.effect.name)
-
-    def in_class(one: Sequence[Probe]) -> bool:
-        return one[0].effect.name in alike and one[0].effect.enters == first.effect.enters
-
-    near = [one for one in probes if one[0].gain >= max(rules.share_of_first * first.gain, least)]
-    most = int(rules.fitted_effects)
-    special = {(name, one[0].effect.enters) for one in near[:most] for name in one[0].member.contains}
-
-    def is_special(one: Sequence[Probe]) -> bool:
-        return (one[0].effect.name, one[0].effect.enters) in special
-
-    return [*near[:most], *(one for one in near[most:] if in_class(one) or is_special(one))]
+    return [one for one in probes if one[0].gain >= max(rules.share_of_first * first.gain, least)]
 
 
 def fit_promising(
@@ -207,6 +216,9 @@ def fit_promising(
     fit: Callable[[Sequence[Probe]], Explanation | None],
 ) -> list[Explanation]:
     """Fit what a screen promises, effects side by side; the chance of each is that of its best probe.
+
+    A grid of shapes tells a place better than a form. So where the best of the fits leaves more than noise,
+    the other effects in reach at its place are fitted too.
 
     Parameters
     ----------
@@ -219,11 +231,21 @@ def fit_promising(
     fit : callable
         From the probes of an effect to what it explains; None where it is no effect.
     """
-    largest, tell = by_chance(probes, options.criteria), options.stage("fitting effects")
-    chosen, found = promising(probes, cost(residual), largest, options.criteria), []
-    fits = side_by_side(options.jobs)(delayed(fit)(ones) for ones in chosen)
-    for ones, explained in zip(chosen, counted(fits, len(chosen), tell), strict=True):
-        if explained is not None:
-            p = None if largest is None else p_value(ones[0].gain, largest)
-            found.append(replace(explained, p_value=p))
-    return found
+    largest, criteria = by_chance(probes, options.criteria), options.criteria
+    left, tell = cost(residual), options.stage("fitting effects")
+
+    def fits(chosen: Sequence[Sequence[Probe]]) -> Iterator[Explanation]:
+        each = side_by_side(options.jobs)(delayed(fit)(ones) for ones in chosen)
+        for ones, explained in zip(chosen, counted(each, len(chosen), tell), strict=True):
+            if explained is not None:
+                p = None if largest is None else p_value(ones[0].gain, largest)
+                yield replace(explained, p_value=p)
+
+    chosen = promising(probes, left, largest, criteria)
+    found = list(fits(chosen))
+    best = min(found, key=lambda one: one.cost(hold_out=False), default=None)
+    noise = criteria.acceptance.noise_level * float(residual.training.sum())
+    if best is None or best.cost(hold_out=False) <= noise:
+        return found
+    others = (one for one in _in_reach(probes, left, largest, criteria) if one not in chosen)
+    return [*found, *fits([one for one in others if one[0].effect.enters == best.effect.enters])]

@@ -23,6 +23,7 @@ from discovery.explain import free_force
 from discovery.explain.driven_fit import fitted_by_simulation, standard_error
 from discovery.explain.force_balance import explain_screened, fitted
 from discovery.explain.force_balance_screen import screen
+from discovery.explain.free_form import member_of
 from discovery.localisation.force import localise_forces, numbers_of
 from discovery.localisation.localise import Localisation
 from discovery.loop.driven_stage import searched
@@ -256,8 +257,22 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
         for begun in dict.fromkeys((history.without_memory, history)):
             found = self._searched(begun)
             if found and is_material(before, motion_errors(found.last.errors), criteria=history.criteria):
-                return found
+                return self._without_vanished(begun, found)
         return history
+
+    def _without_vanished(self, begun: LoopHistory, found: LoopHistory) -> LoopHistory:
+        """What is found from before the first effect of the balances that is nothing beside what is found.
+
+        It stood for that. The same object where there is none, or where the motion needs it.
+        """
+        known = {effect.path: effect for effect in found.last.model.effects}
+        vanished = (p for p, one in enumerate(begun.selections) if _is_nothing(known[one.best.effect.path]))
+        first = next(vanished, None)
+        again = None if first is None else self._searched(begun.until(first))
+        if again is None:
+            return found
+        errors = (motion_errors(one.last.errors) for one in (again, found))
+        return found if is_material(*errors, criteria=begun.criteria) else again
 
     def _searched(self, history: LoopHistory) -> LoopHistory | None:
         """The history with what a search by simulation finds from there; None where that is nothing."""
@@ -328,6 +343,12 @@ def _largest_plausible(residual: ForceBalanceResidual) -> FloatArray:
     free = np.linalg.lstsq(balances.columns[rows] / noise[:, None], residual.force[rows] / noise, rcond=None)
     errors = standard_errors(balances, residual.force, free[0].tolist())
     return np.asarray(free[0] + Z95 * errors)
+
+
+def _is_nothing(effect: ModelCorrection) -> bool:
+    """Whether limits of all its strengths hold zero."""
+    numbers = [effect.parameters[name] for name in member_of(effect).strengths if name in effect.parameters]
+    return all(n.low is not None and n.high is not None and n.low <= 0 <= n.high for n in numbers)
 
 
 def _together(residual: ForceBalanceResidual) -> ForceBalanceResidual:

@@ -101,10 +101,11 @@ class LoopHistory:
             for place, selection in enumerate(self.selections)
             if isinstance(selection.best.effect, Effect) and selection.best.effect.states
         ]
-        if not remembers:
-            return self
-        first = remembers[0]
-        return replace(self, states=self.states[: first + 1], selections=self.selections[:first])
+        return self.until(remembers[0]) if remembers else self
+
+    def until(self, place: int) -> LoopHistory:
+        """The history before one of its effects."""
+        return replace(self, states=self.states[: place + 1], selections=self.selections[:place])
 
     @property
     def at_noise_floor(self) -> bool:

@@ -322,6 +322,7 @@ def _limits(data: Data) -> Table:
             str(row.get("parameter")),
             *(_scaled(row.get(key), factor) for key, factor in _OF_LIMIT),
             unit_shown(str(row.get("unit"))),
+            ", ".join(f"{n} = {number(value, 3)}" for n, value in mapping(row.get("shape")).items()),
             str(row.get("reason") or ""),
         )
         for row in mappings(data.get("detection_limits"))
@@ -333,7 +334,7 @@ def _limits(data: Data) -> Table:
     )
     heads = (
         *("Effect", "Where", "Strength", "Limit", "At worst", "Over the usual one [%]", "Felt by [%]"),
-        *("Unit", "No limit, since"),
+        *("Unit", "At", "No limit, since"),
     )
     return Table("What is excluded", heads, rows, note=note, folded=True)
 
