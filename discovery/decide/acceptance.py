@@ -42,6 +42,19 @@ def at_noise_floor(level: float, first: float, criteria: Criteria = CRITERIA, by
     return level - 1 <= max(most, rules.explained_remainder * (first - 1))
 
 
+def closes(before: float, after: float, criteria: Criteria = CRITERIA, by_chance: float = 1.0) -> bool:
+    """Whether little of what was beyond noise is left, or what noise alone leaves of so few rows at times.
+
+    Parameters
+    ----------
+    before, after : float
+        Mean squares of the whitened residual without an effect and with it; 1 is noise.
+    criteria, by_chance
+        As for `at_noise_floor`.
+    """
+    return after - 1 <= max(criteria.closing.closing_share * (before - 1), by_chance - 1)
+
+
 def noise_by_chance(rows: int, freedom: float, criteria: Criteria = CRITERIA) -> float:
     """Mean square that noise alone leaves of rows at times: an upper quantile of F.
 

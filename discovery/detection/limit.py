@@ -13,17 +13,18 @@ import numpy.typing as npt
 from joblib import delayed
 
 from discovery.detection.power import Background, Response
+from discovery.explain.probes import scaled
 from discovery.threads import side_by_side
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import Member, ModelCorrection
 from rom.progress import Progress, counted
 
-_ROUNDS: Numerical[int] = 4  # strengths of an effect whose output is not linear in them
+_ROUNDS: Numerical[int] = 8  # strengths of an effect whose output is not linear in them
 _SETTLED: Numerical[float] = 0.05  # in the logarithm of a strength
 _WIDE: Numerical[float] = 100.0  # times the usual strength, where a range has no end
 _FINE: Numerical[float] = 0.02  # in the logarithm of a strength
-_LEAST: Numerical[float] = 1e-6  # of the end of a range
+_LEAST: Numerical[float] = 1e-12  # of the end of a range
 
 NEVER = "not shown at any strength within its range"
 UNSEEN = "its output is nothing beyond what the model's own numbers imitate"
@@ -136,19 +137,27 @@ class _Search:
         if not known:
             return replace(least, reason=UNSEEN)
         curve = _interpolated(known)
-        value = self._smallest(curve)
+        value = self._of_known(self._smallest(curve), known)
         if value is None:
             return least
         return replace(
             least, value=value, felt_percent=curve(value).felt, share_of_default=value / abs(number.value),
-            worst_value=self._worst(value), reason="", shape=self._shape,
+            worst_value=self._worst(value), reason="", shape=self._shape(value),
         )  # fmt: skip
 
-    @property
-    def _shape(self) -> dict[str, float]:
+    def _of_known(self, value: float | None, known: Sequence[tuple[float, Response]]) -> float | None:
+        """A strength between responses; the least of these that shows where none is near it."""
+        near = value is None or any(abs(np.log(one / value)) < _SETTLED for one, _ in known)
+        if near or self.meter.is_linear(self.member):
+            return value
+        background = self.meter.background
+        asked = background.criteria.detection.probability
+        return next((one for one, response in known if background.probability(response) >= asked), None)
+
+    def _shape(self, strength: float) -> dict[str, float]:
         """The effect's other numbers."""
-        others = self.effect.parameters.keys() - self.member.strengths.keys()
-        return {name: p.value for name, p in self.effect.parameters.items() if name in others}
+        numbers = self._at(self.effect, strength).parameters.items()
+        return {name: number.value for name, number in numbers if name not in self.member.strengths}
 
     @property
     def _range(self) -> tuple[float, float]:
@@ -165,8 +174,10 @@ class _Search:
         return [one for one in self.member.probes(self.effect) if one.parameters[self.name].value]
 
     def _at(self, shape: ModelCorrection, strength: float) -> ModelCorrection:
+        """A shape at a strength, of that alone; a slider slips where it did."""
+        there = scaled(self.member, shape, strength / shape.parameters[self.name].value)
         none = dict.fromkeys(self.member.strengths, 0.0)
-        return shape.with_values(**{**none, self.name: strength})
+        return there.with_values(**{**none, self.name: strength})
 
     def _responses(self) -> list[tuple[float, Response]]:
         """Responses at strengths that lead to the limit; one where they are in proportion to it."""

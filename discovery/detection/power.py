@@ -23,6 +23,7 @@ import numpy.typing as npt
 from scipy import special
 
 from discovery.criteria.criteria import CRITERIA, Criteria
+from discovery.decide.acceptance import closes, noise_by_chance
 from discovery.residual.base import ProjectedResidual
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -108,6 +109,8 @@ class Background:
         Whether signs of records are drawn, which an effect itself makes larger.
     gains : tuple of float
         Least gain on training and on hold-out records.
+    by_chance : float
+        Mean square that noise alone leaves of so few rows at times; 1 of many.
     """
 
     cost: float
@@ -117,6 +120,7 @@ class Background:
     chance: FloatArray = field(default_factory=lambda: np.zeros(0))
     by_signs: bool = False
     criteria: Criteria = CRITERIA
+    by_chance: float = 1.0
 
     @property
     def spread(self) -> float:
@@ -145,10 +149,12 @@ def background_of(
         Largest gains by chance of the last screen, of signs drawn anew; None where there was none.
     """
     rules = residual.criteria.acceptance
-    cost = float(np.sum(residual.residual[residual.training] ** 2))
+    cost, rows = float(np.sum(residual.residual[residual.training] ** 2)), int(residual.training.sum())
+    by_chance = noise_by_chance(rows, residual.noise_freedom, residual.criteria)
     return Background(
-        cost, cost / float(residual.training.sum()), (rules.training_gain_motion, rules.hold_out_gain_motion),
+        cost, cost / rows, (rules.training_gain_motion, rules.hold_out_gain_motion),
         errors, np.zeros(0) if chance is None else chance, chance is not None, residual.criteria,
+        by_chance,
     )  # fmt: skip
 
 
@@ -234,11 +240,15 @@ class _Test:
         one, passed = self.background, np.zeros(len(self.gain), dtype=bool)
         if not one.errors:
             return ~passed
-        rules, closing = one.criteria.acceptance, one.criteria.closing.closing_share
+        rules = one.criteria.acceptance
         before = one.level * (1 + self.response.square * self.shown / one.cost)
-        closes = (before > rules.noise_level) & (one.level - 1 <= closing * (before - 1))
-        least = np.where(closes, 0.0, rules.material_error)
-        rise = np.where(closes, rules.error_rise_closing, rules.material_error)
+        loud = max(rules.noise_level, one.by_chance)
+        closing = [
+            level > loud and closes(level, one.level, one.criteria, one.by_chance)
+            for level in before.tolist()
+        ]
+        least = np.where(closing, 0.0, rules.material_error)
+        rise = np.where(closing, rules.error_rise_closing, rules.material_error)
         risen, root = ~passed, np.sqrt(self.shown)
         for name, terms in one.errors.items():
             whole, left = (self._error(name, terms, share) for share in (root, root * (1 - self.fitted)))

@@ -1,4 +1,4 @@
-"""What effects add to the simulated motion of ring-downs."""
+"""What effects add to the simulated motion of ring-downs and driven records."""
 
 from __future__ import annotations
 
@@ -8,21 +8,23 @@ from functools import cached_property
 
 import numpy as np
 
-from discovery.detection.limit import by_piece, dispersion
+from discovery.detection.limit import by_kind, by_piece, dispersion
 from discovery.detection.power import Background, Response, background_of
 from discovery.explain.probes import LARGEST
 from discovery.explain.simulation import candidates_in_decays, moved_little
 from discovery.residual.simulation import SimulationResidual
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Member, ModelCorrection
+from rom.identification.ring_down import RingDown
+from rom.signals.filters import displacement
 
 _MOTION = "motion_nrmse"
 
 
 @dataclass(frozen=True, eq=False)
 class DecayMeter:
-    """Effects in ring-downs. Of a held-out record, whose state is its own, the response is taken as large as
-    that of training records for the same motion.
+    """Effects in simulated records: of held-out ones what neither the state of their own imitates, nor the
+    model's numbers as they suit the training records.
 
     Attributes
     ----------
@@ -43,28 +45,23 @@ class DecayMeter:
         """All have a limit."""
         return ""
 
-    def is_linear(self, member: Member) -> bool:
-        """Whether the response is in proportion to the strength."""
-        return member.linear
+    def is_linear(self, member: Member) -> bool:  # noqa: ARG002
+        """Whether the response is in proportion to the strength: hardly, where a phase runs away."""
+        return False
 
     @cached_property
-    def _sizes(self) -> tuple[FloatArray, FloatArray]:
-        """Squares of the whitened motion of training and of hold-out records."""
-        rings = self.residual.rings
-        squares = [
-            [float(np.sum(r.whitened**2)) for r in rings if r.hold_out is held] for held in (False, True)
-        ]
-        return np.array(squares[0]), np.array(squares[1])
+    def _judged(self) -> list[int]:
+        """Places of the records whose errors must fall: those that are held out, where there are any."""
+        residual = self.residual
+        known = [place for place, shown in enumerate(residual.shown) if shown is not None]
+        return [place for place in known if residual.rings[place].hold_out] or known
 
     @cached_property
     def background(self) -> Background:
         """What is left of the motion."""
         residual = self.residual
-        costs = residual.costs(residual.residual)
-        judged = [(file, held) for file, held in residual.held_out if held] or residual.held_out
-        sizes = self._sizes[1] if len(self._sizes[1]) else self._sizes[0]
-        errors = {_MOTION: np.sqrt(np.array([costs[file] for file, _ in judged]) / sizes)}
-        return background_of(residual, errors, self.chance)
+        left = [_shares(residual.rings[k], residual.residual[residual.owner == k]) for k in self._judged]
+        return background_of(residual, {_MOTION: np.concatenate(left)}, self.chance)
 
     def squares(self, effects: Sequence[ModelCorrection]) -> list[float]:
         """Squares of what effects add to training rows."""
@@ -82,22 +79,56 @@ class DecayMeter:
                 return None
             name = next(name for name in member.strengths if effect.parameters[name].value)
             factor = effect.parameters[name].value / small[0].parameters[name].value
-            output: FloatArray | None = small[1]
+            effect, output = small
         else:
-            output = residual.output_of(effect)
-        if output is None or not np.abs(output).max(initial=0.0) < LARGEST:
+            whole = residual.output_of(effect)
+            if whole is None:
+                return None
+            output = whole
+        if not np.abs(output).max(initial=0.0) < LARGEST:
             return None
-        return self._of_output(output).scaled(factor)
+        rows = self._beyond(effect, output)
+        return None if rows is None else self._of_rows(output, rows).scaled(factor)
 
-    def _of_output(self, output: FloatArray) -> Response:
-        residual, (training, unseen) = self.residual, self._sizes
-        beyond, pieces = residual.beyond(output), residual.pieces
-        trained = by_piece(beyond**2, pieces)
-        scores = by_piece(beyond * residual.unexplained, pieces)
-        share = float(trained.sum() / training.sum())
-        judged = unseen if len(unseen) else training
-        felt = float(np.linalg.norm(output[residual.training])) / np.sqrt(training.sum())
+    def _beyond(self, effect: ModelCorrection, output: FloatArray) -> FloatArray | None:
+        """What no number and no state imitates, (rows,); None where a held-out record does not finish."""
+        residual, columns = self.residual, self.residual.slopes
+        found, trained = np.zeros(len(output)), output[residual.training]
+        found[residual.training] = residual.beyond(output)
+        size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+        numbers = (np.linalg.lstsq(columns / size, trained, rcond=1e-10)[0] / size)[: len(residual.names)]
+        places = {file: place for place, (file, _) in enumerate(residual.held_out)}
+        for one in residual.unseen:
+            rows = one.beyond(residual.model, effect, numbers)
+            if rows is None:
+                return None
+            found[residual.owner == places[one.record.ring.file]] = rows
+        return found
+
+    def _of_rows(self, output: FloatArray, rows: FloatArray) -> Response:
+        residual, mine = self.residual, self.residual.training
+        trained = by_piece(rows[mine] ** 2, residual.pieces)
+        scores = by_piece(rows[mine] * residual.unexplained, residual.pieces)
+        _, unseen = by_kind(residual.costs(rows), frozenset(file for file, held in residual.held_out if held))
+        changes = [_shares(residual.rings[k], rows[residual.owner == k]) for k in self._judged]
+        whole = np.linalg.norm(np.concatenate([residual.rings[k].whitened for k in residual.trained]))
         return Response(
-            trained, share * unseen, dispersion(scores, float(trained.sum()), self.background.level),
-            {_MOTION: np.full(len(judged), np.sqrt(share))}, 100 * float(felt),
+            trained, unseen, dispersion(scores, float(trained.sum()), self.background.level),
+            {_MOTION: np.concatenate(changes)}, 100 * float(np.linalg.norm(output[mine]) / whole),
         )  # fmt: skip
+
+
+def _shares(ring: RingDown, rows: FloatArray) -> FloatArray:
+    """What rows over the noise are of the displacement of each channel, (channels,), as errors are judged.
+
+    Of all channels in one where the rows are whitened by other noise than theirs, or show modes.
+    """
+    if ring.beside is not None or ring.shapes is not None:
+        return np.array([np.linalg.norm(rows) / np.linalg.norm(ring.whitened)])
+    own = rows.reshape(len(ring.channels), -1) * ring.noise[:, None]
+    chain, rate_hz = ring.measurement.chain, ring.row_rate_hz
+    sizes = [
+        [float(np.linalg.norm(displacement(kind, one, rate_hz, chain))) for one in pair]
+        for kind, *pair in zip(ring.kinds, own, ring.measured, strict=True)
+    ]
+    return np.array([change / max(whole, np.finfo(float).tiny) for change, whole in sizes])

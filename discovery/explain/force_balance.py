@@ -21,7 +21,7 @@ from discovery.explain.probes import Probe, fit_promising
 from discovery.explain.wider_ranges import WIDENINGS, widened
 from discovery.options import Options
 from discovery.residual.base import Residual, cost
-from discovery.residual.ends_of_ranges import on_ends
+from discovery.residual.ends_of_ranges import on_ends_that_suit
 from discovery.residual.force_balance import ForceBalanceResidual, sees_stiffness
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -32,6 +32,7 @@ Fit = tuple[ForceBalanceResidual, tuple[ModelCorrection, ...]]
 _EVALUATIONS: Numerical[int] = 15
 _SHORT: Numerical[int] = 4  # evaluations that tell which start is best
 _AT_END: Numerical[float] = 1e-4  # of a number's size
+_LITTLE: Numerical[float] = 0.1  # squares of noise by which a number at an end may raise the cost
 _STEP: Numerical[float] = 1e-3
 _SEEN: Numerical[float] = 1e-2  # of the effects' force: a number that makes less of it is hardly seen
 _TENFOLDS: Numerical[int] = 9
@@ -200,7 +201,9 @@ def _fitted(state: ForceBalanceResidual, new: Sequence[ModelCorrection], evaluat
 
     found = optimize.least_squares(remainder, inside, jac=slopes, bounds=(low, high), x_scale="jac",
                                    max_nfev=evaluations, ftol=1e-5)  # fmt: skip
-    values, effects = _at(state, new, numbers, on_ends(found.x, low, high, _AT_END))
+    most = _LITTLE * max(float(found.fun @ found.fun) / len(found.fun), 1.0)
+    ends = on_ends_that_suit(remainder, found.x, low, high, _AT_END, most)
+    values, effects = _at(state, new, numbers, ends)
     errors = _errors(found, int(rows.sum())) * [n.size for n in numbers]
     limited = tuple(_limited(effect, place, numbers, errors) for place, effect in enumerate(effects))
     after = replace(state, values=values, effects=(*state.effects, *limited))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.acceptance import (
     at_noise_floor,
+    closes,
     is_accepted,
     is_exact,
     is_indistinguishable,
@@ -149,7 +150,7 @@ class LoopHistory:
             self.last.material,
             after.material,
             least=self.last.least_improvement if loud and self.at_noise_floor else None,
-            closes=loud and after.level - 1 <= self.criteria.closing.closing_share * (before - 1),
+            closes=loud and closes(before, after.level, self.criteria, after.by_chance),
             criteria=self.criteria,
         )
 

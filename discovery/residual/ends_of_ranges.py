@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from rom.campaign.channels import FloatArray
@@ -26,3 +28,33 @@ def on_ends(values: FloatArray, low: FloatArray, high: FloatArray, near: float =
     """
     at = np.where(np.abs(values - low) < near * np.where(low == 0, 1.0, np.abs(low)), low, values)
     return np.asarray(np.where(np.abs(at - high) < near * np.where(high == 0, 1.0, np.abs(high)), high, at))
+
+
+def on_ends_that_suit(
+    rows: Callable[[FloatArray], FloatArray],
+    values: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    near: float,
+    most: float,
+) -> FloatArray:
+    """The same of those that leave hardly more there: what is small beside its range need not be nothing.
+
+    Parameters
+    ----------
+    rows : callable
+        What numbers leave over, (rows,).
+    values, low, high, near
+        As for `on_ends`.
+    most : float
+        By how much a number may raise the sum of the squares.
+    """
+    here, there = values.copy(), on_ends(values, low, high, near)
+    left = [rows(values)] if np.any(there != values) else []
+    for place in np.flatnonzero(there != values):
+        tried = here.copy()
+        tried[place] = there[place]
+        after = rows(tried)
+        if after @ after <= left[0] @ left[0] + most:
+            here = tried
+    return here

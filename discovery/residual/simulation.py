@@ -16,20 +16,19 @@ from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy import linalg
 
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.residual.base import Kind, ProjectedResidual
-from discovery.residual.ends_of_ranges import on_ends
+from discovery.residual.ends_of_ranges import on_ends_that_suit
 from discovery.residual.fitted_number import FittedNumber
 from discovery.residual.least_squares import minimum, minimum_nearby
-from discovery.residual.modal_slopes import ModalSlopes
+from discovery.residual.simulation_slopes import SimulatedRecord, UnseenRecord, orthonormal, slopes_of
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import ModelCorrection
 from rom.identification.equation_error import noise_freedom
 from rom.identification.ring_down import PERIODS, RingDown
-from rom.identification.ring_down_states import first_state, fitted_state, state_slopes
+from rom.identification.ring_down_states import first_state, fitted_state
 from rom.model.model import Model
 
 _ROUNDS: Numerical[int] = 10
@@ -42,8 +41,6 @@ _LITTLE: Numerical[float] = 0.1  # gained by a step, in squares of noise: a numb
 _OF_NO_USE: Numerical[float] = 1e-3  # gained by a step, of the cost of a fit that leaves more than noise
 _CHANGE: Numerical[float] = 3e-4  # of the motion, by which a step for a slope moves it
 _CHANGE_TURNING: Numerical[float] = 3e-3  # the same where friction turns within a sample
-_FIRST_STEP: Numerical[float] = 1e-4
-_LARGEST_STEP: Numerical[float] = 0.1
 _AT_END: Numerical[float] = 1e-4  # of an end: beyond it a fit would go on
 _WORST: Numerical[float] = 3.0  # times the motion, where a simulation does not end
 
@@ -165,9 +162,32 @@ class SimulationResidual(ProjectedResidual):
     @cached_property
     def basis(self) -> FloatArray:
         """Orthonormal basis of what the model's numbers and the states can move, (training rows, numbers)."""
-        table = _slopes(self, [FittedNumber.of(path, self.model) for path in self.names], {})
-        size = np.maximum(np.linalg.norm(table, axis=0), np.finfo(float).tiny)
-        return np.asarray(linalg.orth(table / size, rcond=1e-10))
+        return orthonormal(self.slopes)
+
+    @cached_property
+    def slopes(self) -> FloatArray:
+        """Of training rows by the numbers in their sizes, then by the states, (training rows, columns)."""
+        numbers = [FittedNumber.of(path, self.model) for path in self.names]
+        return slopes_of(self.model, self._simulated, numbers, {}, self.change)
+
+    @cached_property
+    def unseen(self) -> tuple[UnseenRecord, ...]:
+        """Held-out records that the model follows, and their slopes."""
+        numbers, found = [FittedNumber.of(path, self.model) for path in self.names], []
+        for ring, state, shown in zip(self.rings, self.states, self.shown, strict=True):
+            if ring.hold_out and shown is not None:
+                one = SimulatedRecord(ring, state, shown, ring.file not in self.started)
+                table = slopes_of(self.model, [one], numbers, {}, self.change)
+                found.append(UnseenRecord(one, table[:, : len(numbers)], table[:, len(numbers) :]))
+        return tuple(found)
+
+    @property
+    def _simulated(self) -> list[SimulatedRecord]:
+        """Training records as the model shows them."""
+        shown = zip(self.trained, self.trained_shown(), strict=True)
+        return [
+            SimulatedRecord(self.rings[k], self.states[k], one, k in self.free_states) for k, one in shown
+        ]
 
     @cached_property
     def unexplained(self) -> FloatArray:
@@ -285,17 +305,19 @@ def refitted(
 
     def slopes(x: FloatArray) -> FloatArray:
         known = next((one for place, one in latest if np.array_equal(place, x)), None)
-        return -_slopes(known if known is not None else at(x), numbers, steps)
+        here = known if known is not None else at(x)
+        return -slopes_of(here.model, here._simulated, numbers, steps, here.change)
 
     start = _start(residual, numbers)
     ends = [sorted(n.moved(np.array([n.low, n.high]))) for n in numbers]
     low, high = np.array([*ends, *[(-np.inf, np.inf)] * (len(start) - len(numbers))]).T
-    most = residual.rounds if rounds is None else rounds
+    rounds = residual.rounds if rounds is None else rounds
     if residual.turning:
-        found = minimum_nearby(rows, start, slopes, (low, high), most)
+        found = minimum_nearby(rows, start, slopes, (low, high), rounds)
     else:
-        found = minimum(rows, start, slopes, (low, high), most, residual.little)
-    x = on_ends(found.x, low, high, _AT_END)
+        found = minimum(rows, start, slopes, (low, high), rounds, residual.little)
+    most = residual.little(float(found.rows @ found.rows))
+    x = on_ends_that_suit(rows, found.x, low, high, _AT_END, most)
     after = at(x)
     table = slopes(x) if found.slopes is None else found.slopes
     of_values = [number.slope(after.model.parameter(number.path).value) for number in numbers]
@@ -324,69 +346,6 @@ def _trained_rows(residual: SimulationResidual) -> FloatArray:
     rings = (residual.rings[place] for place in residual.trained)
     shown = zip(rings, residual.trained_shown(), strict=True)
     return np.concatenate([left_over(ring, one) for ring, one in shown])
-
-
-def _slopes(
-    residual: SimulationResidual, numbers: Sequence[FittedNumber], steps: dict[str, float]
-) -> FloatArray:
-    """Slopes of what is shown of training records by the numbers in their sizes, then by the states.
-
-    Steps are such that they move the motion by a small share of it: a frequency that is a little wrong loses
-    the phase of a long record.
-    """
-    rings = [residual.rings[k] for k in residual.trained]
-    states = [residual.states[k] for k in residual.trained]
-    shown = residual.trained_shown()
-    rows = [ring.measured.size for ring in rings]
-    edges = np.concatenate([[0], np.cumsum(rows)])
-    free = [ring.file not in residual.started for ring in rings]
-    of_states = sum(len(state) for state, one in zip(states, free, strict=True) if one)
-    table = np.zeros((edges[-1], len(numbers) + of_states))
-    of_sensors = ModalSlopes(rings, residual.model, states)
-    for column, number in enumerate(numbers):
-        found = of_sensors.of(number.path)
-        if found is None:
-            found = _slope(residual, number, rings, states, shown, steps) / number.size
-        table[:, column] = found * number.slope(residual.model.parameter(number.path).value)
-    first = len(numbers)
-    for place, (ring, state, here) in enumerate(zip(rings, states, shown, strict=True)):
-        if not free[place]:
-            continue
-        by_state = None if here is None else state_slopes(ring, residual.model, state, here)
-        if by_state is not None:
-            table[edges[place] : edges[place + 1], first : first + len(state)] = by_state
-        first += len(state)
-    return table
-
-
-def _slope(
-    residual: SimulationResidual,
-    number: FittedNumber,
-    rings: Sequence[RingDown],
-    states: Sequence[FloatArray],
-    shown: Sequence[FloatArray | None],
-    steps: dict[str, float],
-) -> FloatArray:
-    model, change = residual.model, residual.change
-    value = model.parameter(number.path).value
-    step = steps.get(number.path, _FIRST_STEP)
-    found = np.zeros(sum(ring.measured.size for ring in rings))
-    for _ in range(3):
-        ahead = step if value + step * number.size <= number.high else -step
-        moved = model.with_values({number.path: value + ahead * number.size})
-        parts = []
-        for ring, state, here in zip(rings, states, shown, strict=True):
-            there = None if here is None else ring.simulated(moved, state)
-            parts.append(np.zeros(ring.measured.size) if there is None or here is None else there - here)
-        difference = np.concatenate(parts)
-        found = difference / ahead
-        whole = float(np.sqrt(sum(np.sum(here**2) for here in shown if here is not None)))
-        share = float(np.linalg.norm(difference)) / max(whole, 1e-300)
-        steps[number.path] = float(np.clip(step * change / max(share, 1e-12), 1e-9, _LARGEST_STEP))
-        if 0.1 * change < share < 10 * change or steps[number.path] == step:
-            break
-        step = steps[number.path]
-    return found
 
 
 def _with_held_out(residual: SimulationResidual) -> SimulationResidual:
