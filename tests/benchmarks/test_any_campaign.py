@@ -11,6 +11,8 @@ from benchmarks.any_campaign import told
     [
         (7709, "body:b0.extra-mode"),  # fitted at 43 Hz for 70 Hz
         (7690, "s0.maxwell-viscoelastic"),  # a relaxation time far outside its limits
+        (7767, "s0.jenkins-slip"),  # Bouc-Wen was named, the slider not fitted
+        (7772, "s0.even-stiffness"),  # the same spring in the next link was named before it
     ],
 )
 def test_fits_end_at_the_truth_and_limits_hold_it(seed: int, name: str) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from discovery.decide.explanation import limited_number
-from discovery.residual.ends_of_ranges import on_ends
+from discovery.residual.ends_of_ranges import on_ends, on_ends_that_suit
 from discovery.views.closure_file import parameter_row
 from rom.model.laws import Z95, Parameter
 
@@ -44,3 +44,15 @@ def test_what_all_but_touches_an_end_is_put_on_it() -> None:
     low, high = np.array([0.0, 1.0, -np.inf, 0.0]), np.array([1.0, 3.0, 0.0, np.inf])
     found = on_ends(np.array([1e-8, 3.0 - 1e-7, -1e-8, 0.5]), low, high)
     assert found.tolist() == [0.0, 3.0, 0.0, 0.5]
+
+
+def test_what_is_small_beside_its_range_is_put_on_no_end_where_that_leaves_more() -> None:
+    """Friction of 3 nN, of a range up to 1 mN, was said to be none."""
+    low, high, values = np.zeros(2), np.ones(2), np.array([3e-6, 3e-6])
+
+    def rows(x: np.ndarray) -> np.ndarray:  # the second number tells nothing
+        return np.array([1.0 + 1e6 * (x[0] - 3e-6), 1.0])
+
+    found = on_ends_that_suit(rows, values, low, high, near=1e-4, most=0.1)
+    assert found.tolist() == [3e-6, 0.0]
+    assert on_ends(values, low, high, 1e-4).tolist() == [0.0, 0.0]

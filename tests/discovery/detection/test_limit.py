@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -95,3 +95,33 @@ def test_the_worst_shape_has_a_higher_limit() -> None:
     )
     assert limit.value is not None
     assert limit.worst_value == pytest.approx(limit.value * widest**0.5, rel=0.02)
+
+
+def test_a_limit_tells_the_shape_it_is_of_and_a_slider_slips_where_it_did() -> None:
+    limit, usual = (
+        only(FakeMeter(name="jenkins-slip")),
+        CATALOGUE["jenkins-slip"].at(PLACE, ground=True).parameters,
+    )
+    assert limit.value is not None
+    assert limit.shape["F_s"] / limit.value == pytest.approx(usual["F_s"].value / usual["kappa"].value)
+    assert set(limit.shape) == {"F_s", "mu"}
+    assert only(FakeMeter()).shape == {}
+
+
+def test_a_limit_between_strengths_that_never_settles_is_one_that_shows() -> None:
+    """What turns up all at once has no limit between responses; the least that is known to show is told."""
+
+    class Sudden(FakeMeter):
+        def responses(self, effects: Sequence[ModelCorrection]) -> Sequence[Response | None]:
+            found = super().responses(effects)
+            shares = self.asked[-len(effects) :]
+            return [
+                one and replace(one, training=one.training * (1.0 if share > 0.0731 else 1e-9))
+                for one, share in zip(found, shares, strict=True)
+            ]
+
+    meter = Sudden(square=1e6, linear=False)
+    limit = only(meter)
+    assert limit.share_of_default is not None
+    assert 0.0731 < limit.share_of_default < 0.2
+    assert min(abs(np.log(share / limit.share_of_default)) for share in meter.asked) < 0.05

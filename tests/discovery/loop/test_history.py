@@ -61,6 +61,12 @@ def test_a_better_state_lowers_an_error_or_leaves_little_beyond_noise(
     assert LoopHistory((state(before),)).improves(state(after, error)) is better
 
 
+def test_what_noise_leaves_of_few_rows_at_times_is_little_beyond_noise() -> None:
+    after = state(1.45, 0.999)
+    assert not LoopHistory((state(1.7),)).improves(after)
+    assert LoopHistory((state(1.7),)).improves(replace(after, by_chance=1.5))
+
+
 @pytest.mark.parametrize(("held_out", "better"), [(0.95, True), (1.05, False)])
 def test_where_simulations_leave_noise_alone_held_out_motion_is_met_no_worse(
     held_out: float, better: bool
