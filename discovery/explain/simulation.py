@@ -258,7 +258,7 @@ def explain_screened(
     starts, parts = int(options.criteria.screening.starts), residual.in_parts()
 
     def fit(ones: Sequence[Probe]) -> Explanation:
-        after = fitted(residual, [one.start for one in ones[:starts]], parts, ones[0].gain)
+        after = fitted(residual, [one.start for one in ones[:starts]], parts)
         return replace(explanation(after.model.effects[-1], residual, after), residual=after)
 
     return fit_promising(probes, residual, options, fit)

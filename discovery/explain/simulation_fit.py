@@ -26,20 +26,13 @@ from rom.effects import ModelCorrection
 
 _DAMPINGS: Numerical[tuple[float, ...]] = (1.0, 0.5)  # shares of the dampings at which a fit starts
 _SHORT: Numerical[int] = 8  # rounds of slopes that tell which start is best
-_OF_PROMISE: Numerical[float] = 0.5  # of a gain: less is a fit that went astray
 _OF_TENSION = re.compile(r"\bT\b")
 
 
 def fitted(
-    residual: SimulationResidual,
-    starts: Sequence[ModelCorrection],
-    parts: SimulationResidual | None = None,
-    promised: float = 0.0,
+    residual: SimulationResidual, starts: Sequence[ModelCorrection], parts: SimulationResidual | None = None
 ) -> SimulationResidual:
     """Return the residual with one more effect, all numbers fitted.
-
-    What is weak shows in no part, and a fit that starts there goes astray: one that explains far less than
-    was promised starts again with all records, numbers and states as they are.
 
     Parameters
     ----------
@@ -49,16 +42,10 @@ def fitted(
         The effect at one place or more; the fit goes on from where it suits parts of the records best.
     parts : SimulationResidual or None
         ``residual.in_parts()``, where that is known.
-    promised : float
-        Gain on training records that a screen promises.
     """
     own = bool(member_of(starts[0]).starts)
     near = residual.in_first_parts() if own else parts or residual.in_parts()
-    after = together(_over_all(residual, _begun(near, starts)))
-    if cost(residual) - cost(after) >= _OF_PROMISE * promised:
-        return after
-    direct = together(replace(residual, model=residual.model.with_effect(starts[0])))
-    return min(after, direct, key=cost)
+    return together(_over_all(residual, _begun(near, starts)))
 
 
 def _over_all(residual: SimulationResidual, begun: SimulationResidual) -> SimulationResidual:
