@@ -13,7 +13,9 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from rich.console import Console
@@ -73,7 +75,8 @@ def tried(trial: Trial) -> Outcome:
             drawn(trial.seed, Path(folder) / "campaign", (hidden,), noise_of=1)
         except EscapedError:
             return Outcome(trial, "not drawn")
-        closure = close_loop(read_campaign(Path(folder) / "campaign"), jobs=1)
+        with patch.object(import_module("discovery.loop.close_loop"), "_detection_limits", lambda *_: ()):
+            closure = close_loop(read_campaign(Path(folder) / "campaign"), jobs=1)
     named = _named(closure)
     others = {f"{o.enters}.{o.name}" for one in closure.effects for o in one.look_alikes}
     alike = {f"{hidden.enters}.{other}" for other in look_alikes(hidden.name)}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,11 +30,14 @@ class DecayMeter:
     ----------
     residual : SimulationResidual
         Of the last model.
+    errors : mapping of str to mapping of str to float
+        Errors of the last model's displacements, by file and channel: what an effect must lower.
     chance : ndarray, shape (draws,), or None
         Largest gains by chance of the last screen.
     """
 
     residual: SimulationResidual
+    errors: Mapping[str, Mapping[str, float]]
     chance: FloatArray | None = None
 
     def pairs(self) -> Iterable[tuple[Member, ModelCorrection]]:
@@ -52,16 +55,20 @@ class DecayMeter:
     @cached_property
     def _judged(self) -> list[int]:
         """Places of the records whose errors must fall: those that are held out, where there are any."""
-        residual = self.residual
-        known = [place for place, shown in enumerate(residual.shown) if shown is not None]
-        return [place for place in known if residual.rings[place].hold_out] or known
+        rings, followed = self.residual.rings, [shown is not None for shown in self.residual.shown]
+        known = [
+            k
+            for k, ring in enumerate(rings)
+            if followed[k] and set(ring.channels) <= set(self.errors[ring.file])
+        ]
+        return [place for place in known if rings[place].hold_out] or known
 
     @cached_property
     def background(self) -> Background:
         """What is left of the motion."""
-        residual = self.residual
-        left = [_shares(residual.rings[k], residual.residual[residual.owner == k]) for k in self._judged]
-        return background_of(residual, {_MOTION: np.concatenate(left)}, self.chance)
+        rings = [self.residual.rings[k] for k in self._judged]
+        errors = [np.array([self.errors[ring.file][channel] for channel in ring.channels]) for ring in rings]
+        return background_of(self.residual, {_MOTION: np.concatenate(errors)}, self.chance)
 
     def squares(self, effects: Sequence[ModelCorrection]) -> list[float]:
         """Squares of what effects add to training rows."""
@@ -121,10 +128,10 @@ class DecayMeter:
 def _shares(ring: RingDown, rows: FloatArray) -> FloatArray:
     """What rows over the noise are of the displacement of each channel, (channels,), as errors are judged.
 
-    Of all channels in one where the rows are whitened by other noise than theirs, or show modes.
+    Of rows that are whitened by other noise than their own: of all channels alike.
     """
-    if ring.beside is not None or ring.shapes is not None:
-        return np.array([np.linalg.norm(rows) / np.linalg.norm(ring.whitened)])
+    if ring.beside is not None:
+        return np.full(len(ring.channels), np.linalg.norm(rows) / np.linalg.norm(ring.whitened))
     own = rows.reshape(len(ring.channels), -1) * ring.noise[:, None]
     chain, rate_hz = ring.measurement.chain, ring.row_rate_hz
     sizes = [

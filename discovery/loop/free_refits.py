@@ -183,7 +183,9 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
 
     def meters(self, history: LoopHistory) -> Sequence[Meter]:
         """Forces in the ring-downs."""
-        return [DecayMeter(self.own(history.last.residual), history.chance)]
+        judged = {one.settings.file: one.comparisons[:1] for one in history.last.evaluations}
+        errors = {file: of[0].motion_nrmse if of else {} for file, of in judged.items()}
+        return [DecayMeter(self.own(history.last.residual), errors, history.chance)]
 
     def localise(self, state: State, misfit: Sequence[Misfit] = ()) -> Localisation:
         """Where the residual lives."""

@@ -31,7 +31,7 @@ def test_a_response_tells_what_an_effect_leaves_of_training_and_of_held_out_reco
 ) -> None:
     """A cubic spring shows far less in a record of smaller amplitude than in proportion to its motion."""
     clean = started(twins.free(tmp_path / "clean", kind=kind))
-    meter = DecayMeter(clean)
+    meter = DecayMeter(clean, {file: {"m": 0.003} for file, _ in clean.held_out})
     cubic = CATALOGUE["cubic-stiffness"].at("s", ground=True)
     (response,) = meter.responses([cubic.with_values(k3=2e4)])
     hiding = started(twins.free(tmp_path / "hiding", "cubic-stiffness", kind, numbers={"k3": 2e4}))
