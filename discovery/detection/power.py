@@ -7,9 +7,9 @@ scores scatter phi times as much as those of white noise do, the fit finds the s
     gain of a record that is held out = (1 + d) (2 (|s_i|^2 + s_i . n_i) - (1 + d) |s_i|^2)
 
 with s_i . n_i ~ N(0, phi |s_i|^2), phi that of hold-out records. An effect changes the very motion along
-which s is calculated: |s|^2 is drawn too, times exp(e z). These pass what
-`discovery.decide.acceptance` asks of an explanation, and `discovery.decide.chance`: signs of whole records
-are drawn anew, with the effect in them.
+which s is calculated, and the noise is told from few samples: |s|^2 is drawn too, times exp(e z). These pass
+what `discovery.decide.acceptance` asks of an explanation, and `discovery.decide.chance`: signs of whole
+records are drawn anew, with the effect in them.
 """
 
 from __future__ import annotations
@@ -111,6 +111,8 @@ class Background:
         Least gain on training and on hold-out records.
     by_chance : float
         Mean square that noise alone leaves of so few rows at times; 1 of many.
+    noise_error : float
+        Standard error of the logarithm of the noise's mean square, as it is told from the records.
     """
 
     cost: float
@@ -121,6 +123,7 @@ class Background:
     by_signs: bool = False
     criteria: Criteria = CRITERIA
     by_chance: float = 1.0
+    noise_error: float = 0.0
 
     @property
     def spread(self) -> float:
@@ -151,10 +154,11 @@ def background_of(
     rules = residual.criteria.acceptance
     cost, rows = float(np.sum(residual.residual[residual.training] ** 2)), int(residual.training.sum())
     by_chance = noise_by_chance(rows, residual.noise_freedom, residual.criteria)
+    noise_error = float(np.sqrt(2 / residual.noise_freedom))
     return Background(
         cost, cost / rows, (rules.training_gain_motion, rules.hold_out_gain_motion),
         errors, np.zeros(0) if chance is None else chance, chance is not None, residual.criteria,
-        by_chance,
+        by_chance, noise_error,
     )  # fmt: skip
 
 
@@ -172,9 +176,12 @@ class _Test:
 
     @cached_property
     def shown(self) -> FloatArray:
-        """Square of the output over what is predicted."""
-        error = self.background.criteria.detection.prediction_error
-        return np.asarray(np.exp(error * self._noise[:, 1]))
+        """Square of the output over what is predicted, in the noise as it is told."""
+        of_prediction, of_noise = (
+            self.background.criteria.detection.prediction_error,
+            self.background.noise_error,
+        )
+        return np.asarray(np.exp(np.hypot(of_prediction, of_noise) * self._noise[:, 1]))
 
     @cached_property
     def fitted(self) -> FloatArray:

@@ -65,3 +65,9 @@ def test_an_effect_that_closes_the_residual_need_not_lower_an_error() -> None:
     errors = {"motion_nrmse": np.full(10, 0.01)}
     assert replace(OPEN, errors=errors).probability(response(500.0, error=1e-5)) > 0.99
     assert replace(OPEN, errors=errors, cost=1e4).probability(response(500.0, error=1e-5)) == 0.0
+
+
+def test_where_noise_is_told_from_few_samples_more_is_needed() -> None:
+    at_limit = response((np.sqrt(GAINS[0]) + stats.norm.ppf(0.8)) ** 2)
+    told = [replace(OPEN, noise_error=error).probability(at_limit) for error in (0.0, 0.15, 0.5)]
+    assert told[0] > told[1] > told[2] > 0.5
