@@ -43,11 +43,12 @@ class Clean:
 
 @dataclass(frozen=True)
 class Trial:
-    """An effect to be hidden in a campaign at a share of its limit."""
+    """An effect to be hidden in a campaign at a share of its limit, and which draw of noise that has."""
 
     seed: int
     limit: DetectionLimit
     share: float
+    noise_of: int
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ def tried(trial: Trial) -> Outcome:
     hidden = hidden_effect(trial.limit, trial.share)
     with tempfile.TemporaryDirectory() as folder:
         try:
-            drawn(trial.seed, Path(folder) / "campaign", (hidden,), noise_of=1)
+            drawn(trial.seed, Path(folder) / "campaign", (hidden,), trial.noise_of)
         except EscapedError:
             return Outcome(trial, "not drawn")
         with patch.object(import_module("discovery.loop.close_loop"), "_detection_limits", lambda *_: ()):
@@ -111,10 +112,10 @@ def trials(cleans: Iterable[Clean], each: int) -> Iterator[Trial]:
                 by_name.setdefault(limit.name, []).append(limit)
         rng = np.random.default_rng(clean.seed)
         names = rng.permutation(sorted(by_name)).tolist()
-        for name in sorted(names, key=lambda one: taken[one])[:each]:
+        for place, name in enumerate(sorted(names, key=lambda one: taken[one])[:each]):
             taken[name] += 1
             limit = by_name[name][int(rng.integers(len(by_name[name])))]
-            yield from (Trial(clean.seed, limit, share) for share in SHARES)
+            yield from (Trial(clean.seed, limit, share, 1 + place) for share in SHARES)
 
 
 def table(outcomes: Iterable[Outcome], by: str) -> Table:

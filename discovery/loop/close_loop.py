@@ -155,14 +155,16 @@ def _balanced(campaign: Campaign, options: Options) -> BalanceRefits | None:
 
 
 def _detection_limits(*searches: _Search) -> tuple[DetectionLimit, ...]:
-    """What the last residual would have shown of every effect that the model does not hold; the lowest."""
+    """What the last residual would have shown of every effect that no model holds; the lowest."""
+    held = {effect.path for _, history in searches for effect in history.last.model.effects}
     found: dict[tuple[str, str, str], DetectionLimit] = {}
     for refits, history in searches:
         options = refits.options
         for meter in refits.meters(history):
             for limit in limits_of(meter, options.stage("detection limits"), options.jobs):
                 key = limit.enters, limit.name, limit.parameter
-                found[key] = min(found.get(key, limit), limit, key=_lowest)
+                if f"{limit.enters}.{limit.name}" not in held:
+                    found[key] = min(found.get(key, limit), limit, key=_lowest)
     return tuple(found.values())
 
 

@@ -36,8 +36,8 @@ def test_each_campaign_tries_the_effects_that_were_tried_least() -> None:
 
 def test_the_table_counts_what_is_found_at_each_share() -> None:
     outcomes = ("found", "found", "other name", "nothing", "not drawn")
-    rows = [Outcome(Trial(1, limit("cubic-stiffness"), 1.0), one) for one in outcomes]
-    rows += [Outcome(Trial(1, limit("cubic-stiffness"), 0.3), "nothing")]
+    rows = [Outcome(Trial(1, limit("cubic-stiffness"), 1.0, 1), one) for one in outcomes]
+    rows += [Outcome(Trial(1, limit("cubic-stiffness"), 0.3, 1), "nothing")]
     shown = table(rows, "effect")
     assert [list(column.cells)[-1] for column in shown.columns] == ["all", "2, 1, 4", "0, 0, 1"]
 
