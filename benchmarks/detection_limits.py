@@ -86,11 +86,13 @@ def tried(trial: Trial) -> Outcome:
 
 
 def hidden_effect(limit: DetectionLimit, share: float) -> Effect:
-    """Return the effect of a limit at a share of it, with the shape for which the limit is."""
+    """Return the effect of a limit at a share of it, in the shape that it is of: a slider slips where it did."""
     assert limit.value is not None
-    effect = CATALOGUE[limit.name].silent(limit.enters)
+    member = CATALOGUE[limit.name]
+    effect = member.silent(limit.enters)
     assert isinstance(effect, Effect)
-    values = {**limit.shape, limit.parameter: share * limit.value}
+    shape = {name: value * (share if name in member.limits else 1.0) for name, value in limit.shape.items()}
+    values = {**shape, limit.parameter: share * limit.value}
     numbers = {
         name: replace(number, value=values.get(name, number.value), bounds=(-np.inf, np.inf))
         for name, number in effect.parameters.items()

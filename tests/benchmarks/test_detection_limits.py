@@ -23,7 +23,7 @@ def test_an_effect_is_hidden_at_a_share_of_its_limit_in_the_shape_that_the_limit
     hidden = hidden_effect(limit("jenkins-slip"), 0.3)
     assert hidden.path == "s0.jenkins-slip"
     values = {name: number.value for name, number in hidden.parameters.items()}
-    assert values == pytest.approx({"kappa": 3e-4, "F_s": 3e-9, "mu": 0.0})
+    assert values == pytest.approx({"kappa": 3e-4, "F_s": 9e-10, "mu": 0.0})
 
 
 def test_each_campaign_tries_the_effects_that_were_tried_least() -> None:
