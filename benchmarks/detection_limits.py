@@ -86,7 +86,7 @@ def tried(trial: Trial) -> Outcome:
 
 
 def hidden_effect(limit: DetectionLimit, share: float) -> Effect:
-    """Return the effect of a limit at a share of it, in the shape that it is of: a slider slips where it did."""
+    """Return the effect of a limit at a share of it, in the limit's shape: a slider slips where it did."""
     assert limit.value is not None
     member = CATALOGUE[limit.name]
     effect = member.silent(limit.enters)
