@@ -265,8 +265,8 @@ class BalanceRefits(FixedTensionRefits[ForceBalanceResidual]):
 
         It stood for that. The same object where there is none, or where the motion needs it.
         """
-        known = {effect.path: effect for effect in found.last.model.effects}
-        vanished = (p for p, one in enumerate(begun.selections) if _is_nothing(known[one.best.effect.path]))
+        nothing = {effect.path for effect in found.last.model.effects if _is_nothing(effect)}
+        vanished = (p for p, one in enumerate(begun.selections) if one.best.effect.path in nothing)
         first = next(vanished, None)
         again = None if first is None else self._searched(begun.until(first))
         if again is None:
@@ -348,7 +348,8 @@ def _largest_plausible(residual: ForceBalanceResidual) -> FloatArray:
 def _is_nothing(effect: ModelCorrection) -> bool:
     """Whether limits of all its strengths hold zero."""
     numbers = [effect.parameters[name] for name in member_of(effect).strengths if name in effect.parameters]
-    return all(n.low is not None and n.high is not None and n.low <= 0 <= n.high for n in numbers)
+    told = [(n.low, n.high) for n in numbers if n.low is not None and n.high is not None]
+    return len(told) == len(numbers) > 0 and all(low <= 0 <= high for low, high in told)
 
 
 def _together(residual: ForceBalanceResidual) -> ForceBalanceResidual:
