@@ -146,7 +146,7 @@ class _Search:
         )  # fmt: skip
 
     def _of_known(self, value: float | None, known: Sequence[tuple[float, Response]]) -> float | None:
-        """A strength between responses; the least of these that shows where none is near it."""
+        """A strength with a response near it; where none is near, the least with one that shows."""
         near = value is None or any(abs(np.log(one / value)) < _SETTLED for one, _ in known)
         if near or self.meter.is_linear(self.member):
             return value

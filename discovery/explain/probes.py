@@ -217,8 +217,8 @@ def fit_promising(
 ) -> list[Explanation]:
     """Fit what a screen promises, effects side by side; the chance of each is that of its best probe.
 
-    A grid of shapes tells a place better than a form. So where the best of the fits leaves more than noise,
-    the other effects in reach at its place are fitted too.
+    A coarse grid of shapes tells where an effect enters better than which one it is. So where the best fit
+    leaves more than noise, the other effects at its place that promise as much as a fit needs are fitted too.
 
     Parameters
     ----------

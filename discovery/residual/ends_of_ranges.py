@@ -38,7 +38,9 @@ def on_ends_that_suit(
     near: float,
     most: float,
 ) -> FloatArray:
-    """The same of those that leave hardly more there: what is small beside its range need not be nothing.
+    """Return fitted numbers, each put upon an end that it all but touches where that leaves hardly more.
+
+    What is small beside its range need not be nothing.
 
     Parameters
     ----------
