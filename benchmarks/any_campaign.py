@@ -113,10 +113,16 @@ def _outcome(closure: Closure, hidden: str, felt: float) -> str:
         return f"false name{warned}"
     if named[0] == hidden:
         return "first"
+    return "listed" if is_listed(hidden, closure) else f"wrong name{warned}"
+
+
+def is_listed(hidden: str, closure: Closure) -> bool:
+    """Whether an effect is named at its place, or a look-alike of what is."""
+    named = {one.effect.path for one in closure.effects}
     enters, _, name = hidden.rpartition(".")
     others = {f"{other.enters}.{other.name}" for one in closure.effects for other in one.look_alikes}
     alike = {f"{enters}.{other}" for other in look_alikes(name)}
-    return "listed" if hidden in {*named, *others} or alike & set(named) else f"wrong name{warned}"
+    return hidden in named | others or bool(alike & named)
 
 
 def _unsaid(closure: Closure) -> str:

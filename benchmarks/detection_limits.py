@@ -21,12 +21,13 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.any_campaign import is_listed
 from benchmarks.drawn_campaigns import KINDS, EscapedError, drawn
 from discovery.detection.limit import DetectionLimit
 from discovery.loop.close_loop import close_loop
 from discovery.loop.result import Closure
 from rom.campaign.campaign import read_campaign
-from rom.effects import CATALOGUE, Effect, look_alikes
+from rom.effects import CATALOGUE, Effect
 
 SHARES = (1.0, 0.3)
 """Of the limit."""
@@ -79,10 +80,8 @@ def tried(trial: Trial) -> Outcome:
         with patch.object(import_module("discovery.loop.close_loop"), "_detection_limits", lambda *_: ()):
             closure = close_loop(read_campaign(Path(folder) / "campaign"), jobs=1)
     named = _named(closure)
-    others = {f"{o.enters}.{o.name}" for one in closure.effects for o in one.look_alikes}
-    alike = {f"{hidden.enters}.{other}" for other in look_alikes(hidden.name)}
-    found = hidden.path in {*named, *others} or alike & set(named)
-    return Outcome(trial, "found" if found else "other name" if named else "nothing", named)
+    found = "found" if is_listed(hidden.path, closure) else "other name" if named else "nothing"
+    return Outcome(trial, found, named)
 
 
 def hidden_effect(limit: DetectionLimit, share: float) -> Effect:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -49,6 +50,12 @@ def boltlaw(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) 
         return Ran(code, *capfd.readouterr())
 
     return call
+
+
+@pytest.fixture
+def without_detection_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Up to half of a loop; others have them, as the tutorial's has, and `tests/discovery/detection`."""
+    monkeypatch.setattr(import_module("discovery.loop.close_loop"), "_detection_limits", lambda *_: ())
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -1,18 +1,11 @@
 """Random campaigns whose closures once ended wrong."""
 
-from importlib import import_module
-
 import pytest
 
 from benchmarks.any_campaign import told
 
 
-@pytest.fixture(autouse=True)
-def without_detection_limits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Up to half of a loop, and not asked for here."""
-    monkeypatch.setattr(import_module("discovery.loop.close_loop"), "_detection_limits", lambda *_: ())
-
-
+@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "name"),
