@@ -1,9 +1,11 @@
 """The closed loop on campaigns of any kind and size: ``python -m benchmarks.any_campaign --count 1000``.
 
 A seed decides all of a campaign: its kind, a chain of one to three bodies, sizes over twelve decades, noise,
-and which effect of the catalogue is undeclared, or none. The table tells by kind how often a closure was
-right, a second one how often the 95 % limits of a right name's numbers hold the truth, and the lines above
-them what must never be: a traceback, a warning of a library, a number at an end of its range without a word.
+and which effect of the catalogue is undeclared, or none. Other kinds, which no seed tells, are drawn with
+``--kind``: on a moving ground, mixed, a link that is cycled, a bolt at rest. The table tells by kind how
+often a closure was right, a second one how often the 95 % limits of a right name's numbers hold the truth,
+and the lines above them what must never be: a traceback, a warning of a library, a number at an end of its
+range without a word.
 """
 
 from __future__ import annotations
@@ -13,20 +15,23 @@ import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.drawn_campaigns import KINDS, EscapedError, drawn
+from benchmarks import drawn_bolts, drawn_campaigns, drawn_links
+from benchmarks.drawn_campaigns import KINDS, OTHER_KINDS, EscapedError
 from discovery.loop.close_loop import close_loop
 from discovery.loop.result import Closure
 from rom.campaign.campaign import read_campaign
-from rom.effects import Effect, look_alikes
+from rom.effects import ModelCorrection, look_alikes
 
 CHOICES = (0.0, -1.0, 1.0)
 """Ends of a range that tell what an effect is: nothing of it, or a side."""
@@ -65,14 +70,23 @@ class Told:
     numbers: tuple[Number, ...] = ()
 
 
-def told(seed: int) -> Told:
-    """Draw the campaign of a seed, close the loop over it, and compare."""
+Draw = Callable[[int, Path], tuple[str, ModelCorrection | None, float]]
+DRAWN: dict[str, Draw] = {
+    **{kind: partial(drawn_campaigns.drawn, kind=kind) for kind in (*KINDS, *OTHER_KINDS)},
+    "cycled link": drawn_links.drawn,
+    "bolt at rest": drawn_bolts.drawn,
+}
+"""What writes a campaign of a kind and a seed."""
+
+
+def told(seed: int, kind: str = "") -> Told:
+    """Draw the campaign of a seed, of its own kind if none is given, close the loop over it, and compare."""
     started = time.process_time()
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("error")
-        kind, hidden = KINDS[seed % len(KINDS)], ""
+        kind, hidden = kind or KINDS[seed % len(KINDS)], ""
         try:
-            kind, plant, felt = drawn(seed, Path(folder) / "campaign")
+            kind, plant, felt = DRAWN[kind](seed, Path(folder) / "campaign")
             hidden = "" if plant is None else plant.path
             closure = close_loop(read_campaign(Path(folder) / "campaign"), jobs=1)
         except EscapedError as error:
@@ -92,7 +106,7 @@ def told(seed: int) -> Told:
     return Told(seed, kind, hidden, outcome, closure.verdict, found, _unsaid(closure), cpu_s, numbers)
 
 
-def _numbers(closure: Closure, hidden: Effect) -> tuple[Number, ...]:
+def _numbers(closure: Closure, hidden: ModelCorrection) -> tuple[Number, ...]:
     """Numbers of the hidden effect that have limits, where it was named; none that is zero in truth."""
     return tuple(
         Number(hidden.name, hidden.parameters[name].value, p.value, p.low, p.high)
@@ -166,10 +180,12 @@ def main() -> None:
     )
     parser.add_argument("--count", type=int, default=1000, help="campaigns")
     parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--kind", choices=sorted(DRAWN), default="", help="that of each seed if not given")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     given, console, rows = parser.parse_args(), Console(soft_wrap=True), list[Told]()
     with ProcessPoolExecutor(given.jobs) as pool:
-        for row in pool.map(told, range(given.first, given.first + given.count)):
+        seeds = range(given.first, given.first + given.count)
+        for row in pool.map(told, seeds, repeat(given.kind)):
             rows.append(row)
             console.print(
                 f"{row.seed} {row.kind}: {row.hidden or 'nothing'} -> {row.verdict} {row.found} "

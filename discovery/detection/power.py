@@ -43,14 +43,16 @@ class Response:
         Squares of its whitened output by record.
     dispersion : float
         Variance of its score over that of white noise.
-    unseen_dispersion : float
-        The same on hold-out records.
     changes : mapping of str to ndarray
         What it adds to each error that an effect must lower, by term of the error's mean.
     phases : mapping of str to ndarray
         Cosines of the angles between these and the errors that are there; none of noise.
     felt : float
         What it changes of motion, loss or reading [%].
+    unseen_dispersion : float
+        As `dispersion`, on hold-out records.
+    phases_by_chance : mapping of str to ndarray
+        Standard deviations of the cosines over draws of the noise; none where that has many lines.
     """
 
     training: FloatArray
@@ -60,6 +62,7 @@ class Response:
     felt: float = 0.0
     phases: Mapping[str, FloatArray] = field(default_factory=dict)
     unseen_dispersion: float = 1.0
+    phases_by_chance: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def square(self) -> float:
@@ -81,13 +84,17 @@ class Response:
             both = (np.log(np.maximum(one, _TINY)) for one in (low, high))
             return np.asarray(np.exp(next(both) * (1 - share) + next(both) * share))
 
+        def straight(low: Mapping[str, FloatArray], high: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+            return {name: one * (1 - share) + high[name] * share for name, one in low.items()}
+
         felt = between(np.array(self.felt), np.array(other.felt))
         return Response(
             between(self.training, other.training), between(self.hold_out, other.hold_out),
             self.dispersion * (1 - share) + other.dispersion * share,
             {n: between(change, other.changes[n]) for n, change in self.changes.items()}, float(felt),
-            {n: one * (1 - share) + other.phases[n] * share for n, one in self.phases.items()},
+            straight(self.phases, other.phases),
             self.unseen_dispersion * (1 - share) + other.unseen_dispersion * share,
+            straight(self.phases_by_chance, other.phases_by_chance),
         )  # fmt: skip
 
 
@@ -265,14 +272,17 @@ class _Test:
 
     def _error(self, name: str, terms: FloatArray, share: FloatArray) -> FloatArray:
         """Means of errors beside a share of a change, (draws,): |e + share d|."""
-        left, phases = share[:, None] * self.response.changes[name], self.response.phases.get(name, 0.0)
+        left, spread = share[:, None] * self.response.changes[name], self.response.phases_by_chance.get(name)
+        phases = np.zeros(1) + self.response.phases.get(name, 0.0)
+        if spread is not None:
+            phases = np.clip(phases + spread * _normal(len(terms), 1), -1.0, 1.0)
         return np.asarray(np.sqrt(terms**2 + left**2 + 2 * terms * left * phases).mean(axis=1))
 
 
-@lru_cache(maxsize=4)
-def _normal(count: int) -> FloatArray:
-    """Normal numbers, (draws, count)."""
-    return np.random.default_rng(_SEED).standard_normal((_DRAWS, count))
+@lru_cache(maxsize=8)
+def _normal(count: int, of: int = 0) -> FloatArray:
+    """Normal numbers, (draws, count); others for each ``of``."""
+    return np.random.default_rng(_SEED + of).standard_normal((_DRAWS, count))
 
 
 @lru_cache(maxsize=4)

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from discovery.detection.limit import by_kind, by_piece, dispersion
 from discovery.detection.power import Background, Response, background_of
 from discovery.explain.probes import LARGEST
 from discovery.explain.simulation import candidates_in_decays, moved_little
-from discovery.residual.simulation import SimulationResidual
+from discovery.residual.simulation import OVER_NOISE, SimulationResidual, over_noise
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Member, ModelCorrection
 from rom.identification.ring_down import RingDown
@@ -68,7 +69,13 @@ class DecayMeter:
         """What is left of the motion."""
         rings = [self.residual.rings[k] for k in self._judged]
         errors = [np.array([self.errors[ring.file][channel] for channel in ring.channels]) for ring in rings]
-        return background_of(self.residual, {_MOTION: np.concatenate(errors)}, self.chance)
+        left = np.array([over_noise(self.residual.residual[self._held_out])])
+        return background_of(self.residual, {_MOTION: np.concatenate(errors), OVER_NOISE: left}, self.chance)
+
+    @cached_property
+    def _held_out(self) -> npt.NDArray[np.bool_]:
+        """Rows of the records whose errors must fall."""
+        return np.isin(self.residual.owner, self._judged)
 
     def squares(self, effects: Sequence[ModelCorrection]) -> list[float]:
         """Squares of what effects add to training rows."""
@@ -117,25 +124,46 @@ class DecayMeter:
         trained = by_piece(rows[mine] ** 2, residual.pieces)
         scores = by_piece(rows[mine] * residual.unexplained, residual.pieces)
         _, unseen = by_kind(residual.costs(rows), frozenset(file for file, held in residual.held_out if held))
-        changes = [_shares(residual.rings[k], rows[residual.owner == k]) for k in self._judged]
+        pairs = [
+            _shares(residual.rings[k], rows[at], residual.residual[at])
+            for k in self._judged
+            for at in [residual.owner == k]
+        ]
+        changes, phases = (np.concatenate(one) for one in zip(*pairs, strict=True))
+        change = np.array([over_noise(rows[self._held_out])])
         whole = np.linalg.norm(np.concatenate([residual.rings[k].whitened for k in residual.trained]))
         return Response(
             trained, unseen, dispersion(scores, float(trained.sum()), self.background.level),
-            {_MOTION: np.concatenate(changes)}, 100 * float(np.linalg.norm(output[mine]) / whole),
+            {_MOTION: changes, OVER_NOISE: change}, 100 * float(np.linalg.norm(output[mine]) / whole),
+            phases_by_chance={_MOTION: phases, OVER_NOISE: np.array([self._held_out.sum() ** -0.5])},
         )  # fmt: skip
 
 
-def _shares(ring: RingDown, rows: FloatArray) -> FloatArray:
-    """What rows over the noise are of the displacement of each channel, (channels,), as errors are judged.
+def _shares(ring: RingDown, rows: FloatArray, left: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """What rows over the noise are of the displacement of each channel, as errors are judged, (channels,).
 
+    And the cosine of the angle between these and what is ``left`` of the record, as it scatters by chance.
     Of rows that are whitened by other noise than their own: of all channels alike.
     """
+    channels = len(ring.channels)
     if ring.beside is not None:
-        return np.full(len(ring.channels), np.linalg.norm(rows) / np.linalg.norm(ring.whitened))
-    own = rows.reshape(len(ring.channels), -1) * ring.noise[:, None]
+        share = np.linalg.norm(rows) / np.linalg.norm(ring.whitened)
+        return np.full(channels, share), np.full(channels, _scatter(rows, left))
+    own, error = (one.reshape(channels, -1) * ring.noise[:, None] for one in (rows, left))
     chain, rate_hz = ring.measurement.chain, ring.row_rate_hz
-    sizes = [
-        [float(np.linalg.norm(displacement(kind, one, rate_hz, chain))) for one in pair]
-        for kind, *pair in zip(ring.kinds, own, ring.measured, strict=True)
-    ]
-    return np.array([change / max(whole, np.finfo(float).tiny) for change, whole in sizes])
+    shares, phases = [], []
+    for kind, *courses in zip(ring.kinds, own, ring.measured, error, strict=True):
+        change, whole, noise = (displacement(kind, one, rate_hz, chain) for one in courses)
+        shares.append(np.linalg.norm(change) / max(np.linalg.norm(whole), np.finfo(float).tiny))
+        phases.append(_scatter(change, noise))
+    return np.array(shares), np.array(phases)
+
+
+def _scatter(change: FloatArray, noise: FloatArray) -> float:
+    """Standard deviation of the cosine of the angle between courses whose lines have phases by chance.
+
+    sqrt(1/2 sum |c|^2 |n|^2 / (sum |c|^2 sum |n|^2))
+    """
+    squares = [np.abs(np.fft.rfft(one)) ** 2 for one in (change, noise)]
+    whole = float(np.prod([one.sum() for one in squares]))
+    return float(np.sqrt(0.5 * (squares[0] @ squares[1]) / max(whole, np.finfo(float).tiny)))

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from discovery.decide.acceptance import MaterialErrors, motion_errors
 from discovery.decide.explanation import Explanation
 from discovery.detection.limit import Meter
 from discovery.detection.simulation import DecayMeter
@@ -20,11 +23,12 @@ from discovery.options import Options
 from discovery.residual.base import Residual, cost
 from discovery.residual.course_fit import Misfit
 from discovery.residual.fitted_number import LEAST_MASS
-from discovery.residual.simulation import SimulationResidual, refitted
+from discovery.residual.simulation import OVER_NOISE, SimulationResidual, over_noise, refitted
 from rom.campaign.campaign import Campaign
 from rom.campaign.settings import RecordSettings
 from rom.criteria.number import Numerical
 from rom.effects import CATALOGUE, ModelCorrection
+from rom.evaluation.error_measures import ErrorsByKind
 from rom.identification.force_noise import with_force_noise
 from rom.identification.free_decay import fit_free_decay, free_model, ring_downs
 from rom.identification.identify import identify_campaign
@@ -137,6 +141,15 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
 
     def _model_of(self, residual: SimulationResidual) -> tuple[Model, tuple[str, ...]]:
         return residual.model, ()
+
+    def _material_errors(self, residual: SimulationResidual, errors: ErrorsByKind) -> MaterialErrors:
+        """Of displacements, and of the motion as it is measured, over its noise.
+
+        Where slow noise of an integrated motion makes most of the displacements' errors, these hardly tell.
+        """
+        held_out = np.array([ring.hold_out for ring in residual.rings])[residual.owner]
+        pairs = zip(motion_errors(errors), (held_out, ~held_out), strict=True)
+        return tuple({**of, OVER_NOISE: over_noise(residual.residual[rows])} for of, rows in pairs)
 
     def _fitted_with(self, residual: SimulationResidual, effect: ModelCorrection) -> SimulationResidual:
         return fitted(residual, [effect])

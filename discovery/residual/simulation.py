@@ -44,6 +44,9 @@ _CHANGE_TURNING: Numerical[float] = 3e-3  # the same where friction turns within
 _AT_END: Numerical[float] = 1e-4  # of an end: beyond it a fit would go on
 _WORST: Numerical[float] = 3.0  # times the motion, where a simulation does not end
 
+OVER_NOISE = "motion_over_noise"
+"""Name of the error of the motion as it is measured."""
+
 
 @dataclass(frozen=True, eq=False)
 class SimulationResidual(ProjectedResidual):
@@ -244,6 +247,11 @@ class SimulationResidual(ProjectedResidual):
 def left_over(ring: RingDown, shown: FloatArray | None) -> FloatArray:
     """Measured minus shown over the noise; far more than the motion where a simulation does not finish."""
     return ring.whitened - shown if shown is not None else _WORST * ring.whitened
+
+
+def over_noise(rows: FloatArray) -> float | None:
+    """Root mean square of what is left of some rows over the noise; None of none."""
+    return float(np.sqrt(np.mean(rows**2))) if len(rows) else None
 
 
 @dataclass(frozen=True, eq=False)

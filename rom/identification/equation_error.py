@@ -34,6 +34,7 @@ from rom.signals.processing import grows_from_rest
 TESTS = ("driven", "free", "cycled")
 # widths on each side: beyond, a Gaussian is below the digits of a displacement
 _REACH: Numerical[float] = 7.0
+_NEAR: Numerical[float] = 4.0  # the same of a motion's
 _STRIDE: Numerical[float] = 3.0  # widths from row to row: white noise is nearly independent there
 _SMALLEST: Numerical[float] = 1.4  # samples: a Gaussian of less has no accurate derivatives
 # of its power lies below the frequency at which the filter lets half the power pass
@@ -340,16 +341,26 @@ def _motion(channel: Channel, normal: Channel | None, fine_s: float) -> FloatArr
     """Displacement, velocity and normal force, along which effects act: (3, samples).
 
     Only as much is smoothed as leaves the motion alone; a motion up to near half the rate is not, and its
-    velocity is that of a quintic spline.
+    velocity is that of a quintic spline. What a Gaussian takes away is filtered again and put back (twicing;
+    J. W. Tukey, Exploratory Data Analysis, 1977, Sec. 16C): where it loses 1 % both together lose 0.01 %.
     """
     x, width = channel.samples, fine_s * channel.rate_hz
     if width >= _SMALLEST:
-        smooth = [ndimage.gaussian_filter1d(x, width, order=n, mode="nearest") for n in (0, 1)]
-        x, v = smooth[0], smooth[1] * channel.rate_hz
+        x, slope = (_smoothed(channel.samples, width, order) for order in (0, 1))
+        v = slope * channel.rate_hz
     else:
         v = interpolate.make_interp_spline(channel.time, x, k=5).derivative()(channel.time)
     held = np.zeros(len(x)) if normal is None else np.maximum(normal.samples[: len(x)], 0.0)
     return np.stack([x, v, held])
+
+
+def _smoothed(samples: FloatArray, width: float, order: int) -> FloatArray:
+    """Smoothed samples or their slope, those beyond an end the ones before it turned about it."""
+    beyond = min(len(samples) - 1, math.ceil(2 * _NEAR * width))
+    padded = np.pad(samples, beyond, mode="reflect", reflect_type="odd")
+    lost = padded - ndimage.gaussian_filter1d(padded, width, truncate=_NEAR)
+    both = (ndimage.gaussian_filter1d(x, width, order=order, truncate=_NEAR) for x in (padded, lost))
+    return np.asarray(sum(both, np.zeros(len(padded)))[beyond : beyond + len(samples)])
 
 
 def noise_of(channel: Channel) -> float:

@@ -6,6 +6,30 @@ from benchmarks.any_campaign import told
 
 
 @pytest.mark.usefixtures("without_detection_limits")
+@pytest.mark.parametrize(
+    ("kind", "seed", "name"),
+    [
+        ("cycled link", 6, "s0.two-sided-gap"),  # its clearance came out small, and a second effect made up
+        ("cycled link", 9, "s0.jenkins-slip"),
+        ("bolt at rest", 1, "tension.relaxation-stretched"),
+        ("ground displacement", 104, "body:b1.extra-mode"),
+    ],
+)
+def test_kinds_that_no_seed_tells(kind: str, seed: int, name: str) -> None:
+    row = told(seed, kind)
+    assert (row.kind, row.outcome, row.verdict, row.found) == (kind, "first", "closed", name)
+    assert row.numbers
+    assert all(number.is_held for number in row.numbers)
+
+
+@pytest.mark.usefixtures("without_detection_limits")
+@pytest.mark.parametrize("kind", ["cycled link", "bolt at rest", "ground displacement"])
+def test_nothing_is_named_where_nothing_is_hidden(kind: str) -> None:
+    row = told({"cycled link": 0, "bolt at rest": 13, "ground displacement": 106}[kind], kind)
+    assert (row.hidden, row.verdict, row.found, row.fault) == ("", "no-effect", "", "")
+
+
+@pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "name"),

@@ -15,6 +15,7 @@ from rom.identification.force_balance import balances_of, is_driven
 from rom.identification.identify import identify_campaign
 from rom.model.laws import Parameter
 from tests.discovery import driven_twins as twins
+from tests.discovery import slip_twins
 
 
 def test_the_filter_and_its_derivatives_are_exact_for_a_harmonic() -> None:
@@ -37,6 +38,18 @@ def test_rows_of_white_noise_have_the_size_that_the_filter_says() -> None:
     for terms in ((1.0,), (8000.0, 6.0, 2.0)):
         rows = sum(term * smoothing.rows(noise, 500.0, n) for n, term in enumerate(terms))
         assert np.std(rows) == pytest.approx(0.1 * smoothing.gain(terms, 500.0), rel=0.03)
+
+
+def test_the_motion_along_which_effects_act_keeps_its_size(tmp_path: Path) -> None:
+    """Of one frequency: smoothed once, a hundredth was gone, half of the velocity at the ends."""
+    campaign = slip_twins.cycled(tmp_path / "cycled", "nothing")
+    for record in balances_of(campaign)[0].records:
+        shown = campaign.load(record.settings).channels["link_displacement_damper"]
+        x, v, _ = record.motion["damper"]
+        speed = np.gradient(shown.samples, edge_order=2) * shown.rate_hz
+        for found, true in ((x, shown.samples), (v, speed)):
+            assert float(found @ true / (true @ true)) == pytest.approx(1.0, abs=1e-3)
+            assert np.abs(found - true).max() < 0.1 * np.abs(true).max()
 
 
 def test_the_declared_model_of_a_driven_oscillator(tmp_path: Path) -> None:
