@@ -61,6 +61,17 @@ def test_an_error_that_an_effect_makes_up_for_does_not_fall_without_it(cosine: f
     assert with_errors.probability(turned) == pytest.approx(found, abs=0.02)
 
 
+def test_an_error_of_slow_noise_falls_or_not_by_chance() -> None:
+    """What an effect adds is a fifth of the error: 2 % of it where their phases are at right angles."""
+    with_errors = replace(OPEN, errors={"motion_nrmse": np.full(1, 0.01)}, cost=1e4)
+    one = replace(response(1000.0), changes={"motion_nrmse": np.full(1, 0.0022)})
+    spreads = {s: replace(one, phases_by_chance={"motion_nrmse": np.full(1, s)}) for s in (0.0, 0.02, 0.3)}
+    sure, likely, open_one = (with_errors.probability(spread) for spread in spreads.values())
+    assert sure > likely > open_one
+    assert open_one == pytest.approx(0.5, abs=0.1)
+    assert spreads[0.3].towards(spreads[0.0], 0.5).phases_by_chance["motion_nrmse"] == pytest.approx(0.15)
+
+
 def test_an_effect_that_closes_the_residual_need_not_lower_an_error() -> None:
     errors = {"motion_nrmse": np.full(10, 0.01)}
     assert replace(OPEN, errors=errors).probability(response(500.0, error=1e-5)) > 0.99

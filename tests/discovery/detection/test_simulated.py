@@ -12,9 +12,10 @@ from discovery.criteria.criteria import CRITERIA
 from discovery.detection.simulation import DecayMeter
 from discovery.explain.simulation_fit import together
 from discovery.loop.free_refits import FreeRefits
+from discovery.loop.history import LoopHistory
 from discovery.options import Options, no_progress
 from discovery.residual.base import cost, level
-from discovery.residual.simulation import SimulationResidual
+from discovery.residual.simulation import OVER_NOISE, SimulationResidual, over_noise
 from rom.campaign.campaign import Campaign
 from rom.effects import CATALOGUE
 from tests.discovery import ring_down_twins as twins
@@ -23,6 +24,19 @@ from tests.discovery import ring_down_twins as twins
 def started(campaign: Campaign) -> SimulationResidual:
     refits = FreeRefits.of(campaign, Options(1, no_progress, 0, CRITERIA))
     return refits.own(refits.start().residual)
+
+
+def test_an_effect_may_show_in_what_is_measured_alone(tmp_path: Path) -> None:
+    """Where slow noise makes most of the errors of integrated accelerations."""
+    campaign = twins.free(tmp_path / "clean", kind="acceleration")
+    state = FreeRefits.of(campaign, Options(1, no_progress, 0, CRITERIA)).start()
+    training = state.residual.residual[state.residual.training]
+    unseen, seen = state.material
+    assert seen[OVER_NOISE] == pytest.approx(np.sqrt(np.mean(training**2)))
+    assert unseen[OVER_NOISE] == pytest.approx(over_noise(state.residual.residual[~state.residual.training]))
+    plainer = replace(state, material=({**unseen, OVER_NOISE: 0.97 * (unseen[OVER_NOISE] or 0.0)}, seen))
+    assert LoopHistory((state,)).improves(plainer)
+    assert not LoopHistory((state,)).improves(state)
 
 
 @pytest.mark.parametrize("kind", ["displacement", "acceleration"])
@@ -45,6 +59,10 @@ def test_a_response_tells_what_an_effect_leaves_of_training_and_of_held_out_reco
     (change,) = response.changes["motion_nrmse"]
     (error,) = meter.background.errors["motion_nrmse"]
     assert change > error
+    held = np.array([ring.hold_out for ring in clean.rings])[clean.owner]
+    ((noise,), (added,)) = (one[OVER_NOISE] for one in (meter.background.errors, response.changes))
+    assert np.hypot(noise, added) == pytest.approx(over_noise(hiding.residual[held]), rel=0.12)
+    assert response.phases_by_chance[OVER_NOISE] == pytest.approx(held.sum() ** -0.5)
 
 
 def test_a_slider_that_is_weak_beside_its_range_is_fitted_and_not_put_to_zero(tmp_path: Path) -> None:
