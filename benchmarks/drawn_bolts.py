@@ -5,7 +5,6 @@ The tension stays, creeps, relaxes or drifts, under white noise; own equations.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,20 +18,8 @@ from rom.effects import CATALOGUE, ModelCorrection
 CURVES = ("relaxation-log", "relaxation-stretched", "tension-drift")
 
 
-def drawn(
-    seed: int, folder: Path, undeclared: Sequence[ModelCorrection] | None = None
-) -> tuple[str, ModelCorrection | None, float]:
-    """Write the campaign of a seed; return its kind, what is hidden, and how much of it is felt in noise.
-
-    Parameters
-    ----------
-    seed : int
-        Decides all of it.
-    folder : Path
-        Where to write it.
-    undeclared : sequence of Effect, optional
-        One effect, or none, to hide in place of the one that is drawn.
-    """
+def drawn(seed: int, folder: Path) -> tuple[str, ModelCorrection | None, float]:
+    """Write the campaign of a seed; return its kind, what is hidden, and how much of it is felt in noise."""
     rng = np.random.default_rng([seed, 41])
     tension_n, rate_hz = 10 ** rng.uniform(2, 6), 10 ** rng.uniform(-1, 3)
     samples = int(rng.uniform(600, 4000))
@@ -40,8 +27,6 @@ def drawn(
     name = CURVES[int(rng.integers(len(CURVES)))]
     numbers = _numbers(rng, name, noise_n * 10 ** rng.uniform(0.3, 1.5), samples / rate_hz)
     hidden = _effect(name, numbers) if rng.random() < 0.7 else None
-    if undeclared is not None:
-        hidden = next(iter(undeclared), None)
     records, settings, felt = {}, [], 0.0
     for place, share in enumerate(SHARES):
         time_s = np.arange(int(samples * (1.5 - 0.5 * share))) / rate_hz

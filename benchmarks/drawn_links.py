@@ -25,19 +25,8 @@ CYCLES, LEAD = 12.0, 4.0
 """Of a record, and before it."""
 
 
-def drawn(
-    seed: int, folder: Path, undeclared: Sequence[Effect] | None = None
-) -> tuple[str, Effect | None, float]:
+def drawn(seed: int, folder: Path) -> tuple[str, Effect | None, float]:
     """Write the campaign of a seed; return its kind, what is hidden, and how much of it is felt in noise.
-
-    Parameters
-    ----------
-    seed : int
-        Decides all of it.
-    folder : Path
-        Where to write it.
-    undeclared : sequence of Effect, optional
-        One effect, or none, to hide in place of the one that is drawn.
 
     Raises
     ------
@@ -56,8 +45,6 @@ def drawn(
     rate_hz = first_hz * float(rng.uniform(60, 200))
     scale = Scale(stiffness * size_m, size_m, size_m * 2 * np.pi * first_hz)
     hidden = drawn_effect(rng, model, scale, rate_hz, ("s0",)) if rng.random() < 0.7 else None
-    if undeclared is not None:
-        hidden = next(iter(undeclared), None)
     plant = model if hidden is None else model.with_effect(hidden)
     cut, noise, felt = bool(rng.random() < 0.5), 10 ** rng.uniform(-4, -1.7), 0.0
     records, settings = {}, []
