@@ -34,11 +34,7 @@ def drawn(seed: int, folder: Path) -> tuple[str, Effect | None, float]:
         If what is hidden gives a force beyond all bounds.
     """
     rng = np.random.default_rng([seed, 40])
-    stiffness, first_hz, size_m = (
-        10 ** rng.uniform(1, 9),
-        10 ** rng.uniform(-1.5, 1.5),
-        10 ** rng.uniform(-8, -1),
-    )
+    stiffness, first_hz, size_m = (10 ** rng.uniform([1, -1.5, -8], [9, 1.5, -1])).tolist()
     damping = stiffness / (2 * np.pi * first_hz) * 10 ** rng.uniform(-2, -0.5)
     laws = {"s0": LinkLaws(constant_stiffness(stiffness), constant_damping(damping))}
     model = Model(Structure((Body("b0", 1.0),), (Link("s0", "b0", "ground", "linear"),)), laws)

@@ -14,6 +14,9 @@ from rom.evaluation.error_measures import Errors, ErrorsByKind, Kind
 
 _KNOWN: Numerical[float] = 1e9  # degrees of freedom: next to no chance is left
 
+OVER_NOISE = "motion_over_noise"
+"""Name of an error of the motion as it is measured; the others of the motion are of displacements."""
+
 MaterialErrors = Sequence[Mapping[str, float | None]]
 """Errors by name, one mapping a kind of record: of the first kind that has any are two models compared."""
 
@@ -179,9 +182,9 @@ def is_material(
         to nothing of what was; a force that is a per cent wrong leaves as much, and an effect that only mends
         another one's form lowers errors a little.
     closes : bool
-        Little of what was beyond noise is left with the effect; no error need fall by much then, and one
-        may rise, be it of few records near their noise or because another effect, still missing, makes most
-        of it.
+        Little of what was beyond noise is left with the effect; no error need fall by much then, and where
+        one of displacements falls another may rise, be it of few records near their noise or because
+        another effect, still missing, makes most of it.
     criteria : Criteria
         The numbers that decide.
 
@@ -192,11 +195,12 @@ def is_material(
     """
     rules = criteria.acceptance
     least = (0.0 if closes else rules.material_error) if least is None else least
-    rise = rules.error_rise_closing if closes else rules.material_error
     known = (pair for pair in zip(before, after, strict=True) if any(pair[0].values()))
     was, now = next(known, ({}, {}))
-    ratios = [new / old for name, old in was.items() if old and (new := now[name]) is not None]
-    return bool(ratios) and min(ratios) <= 1 - least and max(ratios) <= 1 + rise
+    ratios = {name: new / old for name, old in was.items() if old and (new := now[name]) is not None}
+    falls = any(ratio <= 1 for name, ratio in ratios.items() if name != OVER_NOISE)
+    rise = rules.error_rise_closing if closes and falls else rules.material_error
+    return bool(ratios) and min(ratios.values()) <= 1 - least and max(ratios.values()) <= 1 + rise
 
 
 def motion_errors(errors: ErrorsByKind) -> MaterialErrors:

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from scipy import special
 
 from discovery.criteria.criteria import CRITERIA, Criteria
-from discovery.decide.acceptance import closes, noise_by_chance
+from discovery.decide.acceptance import OVER_NOISE, closes, noise_by_chance
 from discovery.residual.base import ProjectedResidual
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -251,24 +251,26 @@ class _Test:
     @property
     def material(self) -> npt.NDArray[np.bool_]:
         """Whether an error of the motion falls by enough, or little is left of what exceeded noise."""
-        one, passed = self.background, np.zeros(len(self.gain), dtype=bool)
+        one = self.background
         if not one.errors:
-            return ~passed
+            return np.ones(len(self.gain), dtype=bool)
         rules = one.criteria.acceptance
         before = one.level * (1 + self.response.square * self.shown / one.cost)
         loud = max(rules.noise_level, one.by_chance)
-        closing = [
-            level > loud and closes(level, one.level, one.criteria, one.by_chance)
-            for level in before.tolist()
-        ]
-        least = np.where(closing, 0.0, rules.material_error)
-        rise = np.where(closing, rules.error_rise_closing, rules.material_error)
-        risen, root = ~passed, np.sqrt(self.shown)
-        for name, terms in one.errors.items():
-            whole, left = (self._error(name, terms, share) for share in (root, root * (1 - self.fitted)))
-            passed |= left <= (1 - least) * whole
-            risen &= left <= (1 + rise) * whole
-        return np.asarray(passed & risen)
+        closing = np.array(
+            [
+                level > loud and closes(level, one.level, one.criteria, one.by_chance)
+                for level in before.tolist()
+            ]
+        )
+        least, root = np.where(closing, 0.0, rules.material_error), np.sqrt(self.shown)
+        shares = root * (1 - self.fitted), root
+        pairs = {n: [self._error(n, terms, share) for share in shares] for n, terms in one.errors.items()}
+        ratios = {name: left / np.maximum(whole, _TINY) for name, (left, whole) in pairs.items()}
+        falls = np.any([ratio <= 1 for name, ratio in ratios.items() if name != OVER_NOISE], axis=0)
+        rise = np.where(closing & falls, rules.error_rise_closing, rules.material_error)
+        each = np.stack([*ratios.values()])
+        return np.asarray((each.min(axis=0) <= 1 - least) & (each.max(axis=0) <= 1 + rise))
 
     def _error(self, name: str, terms: FloatArray, share: FloatArray) -> FloatArray:
         """Means of errors beside a share of a change, (draws,): |e + share d|."""

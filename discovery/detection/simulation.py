@@ -9,11 +9,12 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from discovery.decide.acceptance import OVER_NOISE
 from discovery.detection.limit import by_kind, by_piece, dispersion
 from discovery.detection.power import Background, Response, background_of
 from discovery.explain.probes import LARGEST
 from discovery.explain.simulation import candidates_in_decays, moved_little
-from discovery.residual.simulation import OVER_NOISE, SimulationResidual, over_noise
+from discovery.residual.simulation import SimulationResidual, over_noise
 from rom.campaign.channels import FloatArray
 from rom.effects import CATALOGUE, Member, ModelCorrection
 from rom.identification.ring_down import RingDown

@@ -28,7 +28,7 @@ from rom.campaign.campaign import Campaign
 from rom.evaluation.noise_floor import floors_by_kind
 from rom.identification.balance_warnings import noise_warnings
 from rom.identification.force_balance import is_driven
-from rom.identification.free_decay import is_followed, is_free
+from rom.identification.free_decay import is_followed, is_free, is_mixed
 from rom.jobs import processes
 from rom.model.laws import Law
 from rom.model.model import Model
@@ -103,7 +103,7 @@ def _by_both(campaign: Campaign, refits: Refits, history: LoopHistory) -> tuple[
     simulation adds up what is small but lasts.
     """
     silent = history.at_noise_floor and not history.selections
-    if not (silent and is_driven(campaign) and is_followed(campaign)) or _is_mixed(campaign):
+    if not (silent and is_driven(campaign) and is_followed(campaign)) or is_mixed(campaign):
         return ((refits, history),)
     if isinstance(refits, BalanceRefits):
         other = _searched(FreeRefits.of_driven(campaign, refits.options))
@@ -151,16 +151,10 @@ def _balanced(campaign: Campaign, options: Options) -> BalanceRefits | None:
     Noise in what numbers multiply makes them too small, and what that leaves over passes for an effect. It
     makes them so in ring-downs and under forces by different shares, so that none suit both.
     """
-    if _is_mixed(campaign):
+    if is_mixed(campaign):
         return None
     refits = BalanceRefits.of(campaign, options)
     return None if is_followed(campaign) and noise_warnings(refits.balances) else refits
-
-
-def _is_mixed(campaign: Campaign) -> bool:
-    """Whether a campaign that simulations can follow trains on ring-downs and driven records."""
-    tests = {record.test for record in campaign.select(hold_out=False)}
-    return is_followed(campaign) and len(tests) > 1
 
 
 def _detection_limits(*searches: _Search) -> tuple[DetectionLimit, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from discovery.decide.acceptance import MaterialErrors, motion_errors
+from discovery.decide.acceptance import OVER_NOISE, MaterialErrors, motion_errors
 from discovery.decide.explanation import Explanation
 from discovery.detection.limit import Meter
 from discovery.detection.simulation import DecayMeter
@@ -23,7 +23,7 @@ from discovery.options import Options
 from discovery.residual.base import Residual, cost
 from discovery.residual.course_fit import Misfit
 from discovery.residual.fitted_number import LEAST_MASS
-from discovery.residual.simulation import OVER_NOISE, SimulationResidual, over_noise, refitted
+from discovery.residual.simulation import SimulationResidual, over_noise, refitted
 from rom.campaign.campaign import Campaign
 from rom.campaign.settings import RecordSettings
 from rom.criteria.number import Numerical

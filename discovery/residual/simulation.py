@@ -44,9 +44,6 @@ _CHANGE_TURNING: Numerical[float] = 3e-3  # the same where friction turns within
 _AT_END: Numerical[float] = 1e-4  # of an end: beyond it a fit would go on
 _WORST: Numerical[float] = 3.0  # times the motion, where a simulation does not end
 
-OVER_NOISE = "motion_over_noise"
-"""Name of the error of the motion as it is measured."""
-
 
 @dataclass(frozen=True, eq=False)
 class SimulationResidual(ProjectedResidual):

@@ -359,8 +359,8 @@ def _smoothed(samples: FloatArray, width: float, order: int) -> FloatArray:
     beyond = min(len(samples) - 1, math.ceil(2 * _NEAR * width))
     padded = np.pad(samples, beyond, mode="reflect", reflect_type="odd")
     lost = padded - ndimage.gaussian_filter1d(padded, width, truncate=_NEAR)
-    both = (ndimage.gaussian_filter1d(x, width, order=order, truncate=_NEAR) for x in (padded, lost))
-    return np.asarray(sum(both, np.zeros(len(padded)))[beyond : beyond + len(samples)])
+    found = ndimage.gaussian_filter1d(padded + lost, width, order=order, truncate=_NEAR)
+    return np.asarray(found[beyond : beyond + len(samples)])
 
 
 def noise_of(channel: Channel) -> float:

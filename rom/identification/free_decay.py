@@ -51,6 +51,11 @@ def is_followed(campaign: Campaign) -> bool:
     return bool(training) and not bolted and {record.test for record in training} <= set(TESTS)
 
 
+def is_mixed(campaign: Campaign) -> bool:
+    """Whether a campaign that simulations can follow trains on free and on driven records."""
+    return is_followed(campaign) and len({record.test for record in campaign.select(hold_out=False)}) > 1
+
+
 def is_free(campaign: Campaign) -> bool:
     """Whether a campaign without a bolt trains on ring-downs alone: free records, or driven without force."""
     return is_followed(campaign) and not any(
@@ -62,8 +67,7 @@ def is_free(campaign: Campaign) -> bool:
 
 def ring_downs(campaign: Campaign) -> tuple[tuple[RingDown, ...], tuple[Doubt, ...]]:
     """Return the sound records of a campaign as they are compared, and the doubts about the others."""
-    found: list[RingDown] = []
-    doubts: list[Doubt] = []
+    found, doubts = list[RingDown](), list[Doubt]()
     for record in campaign.select(TESTS):
         measured = measured_record(campaign, record)
         doubts += measured.doubts

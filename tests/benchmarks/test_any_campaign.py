@@ -30,9 +30,11 @@ def test_a_form_of_few_numbers_is_named_before_one_of_many_that_imitates_it() ->
 
 
 @pytest.mark.usefixtures("without_detection_limits")
-@pytest.mark.parametrize("kind", ["cycled link", "bolt at rest", "ground displacement"])
-def test_nothing_is_named_where_nothing_is_hidden(kind: str) -> None:
-    row = told({"cycled link": 0, "bolt at rest": 13, "ground displacement": 106}[kind], kind)
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("cycled link", 0), ("bolt at rest", 13), ("ground displacement", 106)]
+)
+def test_nothing_is_named_where_nothing_is_hidden(kind: str, seed: int) -> None:
+    row = told(seed, kind)
     assert (row.hidden, row.verdict, row.found, row.fault) == ("", "no-effect", "", "")
 
 

@@ -10,6 +10,7 @@ import pytest
 from benchmarks.false_alarms import null_of, rows
 from discovery.criteria.criteria import CRITERIA, Criteria
 from discovery.decide.acceptance import (
+    OVER_NOISE,
     MaterialErrors,
     at_noise_floor,
     harms,
@@ -146,6 +147,18 @@ def test_an_error_of_a_few_records_may_rise_a_little_where_little_beyond_noise_i
     assert is_material(motion(1.0), motion(1.0, 2 * 1.12), closes=True)
     assert not is_material(motion(1.0), motion(1.0, 2 * 1.3), closes=True)
     assert not is_material(motion(1.0), motion(1.0, 2 * 1.12))
+
+
+@pytest.mark.parametrize(
+    ("error", "relative", "accepted"),
+    [(1.01, 2.01, True), (1.1, 2.01, False), (1.1, 1.99, True), (1.3, 1.99, False)],
+)
+def test_what_is_measured_may_gain_but_no_displacement_is_met_much_worse_unless_another_is_met_better(
+    error: float, relative: float, accepted: bool
+) -> None:
+    before = {**motion(1.0)[0], OVER_NOISE: 1.0}
+    after = {**motion(error, relative)[0], OVER_NOISE: 0.9}
+    assert is_material([before], [after], closes=True) is accepted
 
 
 def test_an_effect_that_follows_a_strong_one_must_lower_an_error_by_more() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from discovery.decide.acceptance import OVER_NOISE
 from discovery.detection.power import Background, Response
 
 GAINS = (150.0, 20.0)
@@ -76,6 +77,19 @@ def test_an_effect_that_closes_the_residual_need_not_lower_an_error() -> None:
     errors = {"motion_nrmse": np.full(10, 0.01)}
     assert replace(OPEN, errors=errors).probability(response(500.0, error=1e-5)) > 0.99
     assert replace(OPEN, errors=errors, cost=1e4).probability(response(500.0, error=1e-5)) == 0.0
+
+
+@pytest.mark.parametrize(("cosine", "found"), [(-0.5, 0.0), (0.5, 1.0)])
+def test_a_displacement_is_not_met_much_worse_unless_another_one_is_met_better(
+    cosine: float, found: float
+) -> None:
+    """An effect that closes, shows in what is measured, and raises one error by a tenth."""
+    change = {OVER_NOISE: 1.0, "motion_nrmse": 0.002, "relative_motion_nrmse": 1e-4}
+    phase = {OVER_NOISE: 0.0, "motion_nrmse": -0.6, "relative_motion_nrmse": cosine}
+    errors = {name: np.full(1, 1.0 if name == OVER_NOISE else 0.01) for name in change}
+    one = replace(response(500.0), changes={n: np.full(1, x) for n, x in change.items()},
+                  phases={n: np.full(1, x) for n, x in phase.items()})  # fmt: skip
+    assert replace(OPEN, errors=errors).probability(one) == pytest.approx(found, abs=0.02)
 
 
 def test_where_noise_is_told_from_few_samples_more_is_needed() -> None:

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from discovery.criteria.criteria import CRITERIA
+from discovery.decide.acceptance import OVER_NOISE
 from discovery.detection.simulation import DecayMeter
 from discovery.explain.simulation_fit import together
 from discovery.loop.free_refits import FreeRefits
 from discovery.loop.history import LoopHistory
 from discovery.options import Options, no_progress
 from discovery.residual.base import cost, level
-from discovery.residual.simulation import OVER_NOISE, SimulationResidual, over_noise
+from discovery.residual.simulation import SimulationResidual, over_noise
 from rom.campaign.campaign import Campaign
 from rom.effects import CATALOGUE
 from tests.discovery import ring_down_twins as twins
