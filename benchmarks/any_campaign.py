@@ -2,7 +2,7 @@
 
 A seed decides all of a campaign: its kind, a chain of one to three bodies, sizes over twelve decades, noise,
 and which effect of the catalogue is undeclared, or none. Other kinds, which no seed tells, are drawn with
-``--kind``: on a moving ground, mixed, a link that is cycled, a bolt at rest. The table tells by kind how
+``--kind``: on a moving ground, mixed, modes, a cycled link, a bolt at rest. The table tells by kind how
 often a closure was right, a second one how often the 95 % limits of a right name's numbers hold the truth,
 and the lines above them what must never be: a traceback, a warning of a library, a number at an end of its
 range without a word.
@@ -26,7 +26,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import drawn_bolts, drawn_campaigns, drawn_links
+from benchmarks import drawn_beams, drawn_bolts, drawn_campaigns, drawn_links
 from benchmarks.drawn_campaigns import KINDS, OTHER_KINDS, EscapedError
 from discovery.loop.close_loop import close_loop
 from discovery.loop.result import Closure
@@ -73,6 +73,7 @@ class Told:
 Draw = Callable[[int, Path], tuple[str, ModelCorrection | None, float]]
 DRAWN: dict[str, Draw] = {
     **{kind: partial(drawn_campaigns.drawn, kind=kind) for kind in (*KINDS, *OTHER_KINDS)},
+    "modes": drawn_beams.drawn,
     "cycled link": drawn_links.drawn,
     "bolt at rest": drawn_bolts.drawn,
 }

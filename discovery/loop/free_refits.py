@@ -94,7 +94,8 @@ class FreeRefits(FixedTensionRefits[SimulationResidual]):
         """
         options.stage("identifying")
         found = identify_modes(campaign)
-        return cls(campaign, found.rings, found.model, found.free, found.lines, found.doubts, options)
+        rings, lines = with_force_noise(found.rings, found.model, campaign)
+        return cls(campaign, rings, found.model, found.free, (*found.lines, *lines), found.doubts, options)
 
     @classmethod
     def of_driven(cls, campaign: Campaign, options: Options) -> FreeRefits:

@@ -9,7 +9,7 @@ import numpy as np
 from rom.campaign.channels import FloatArray
 from rom.identification.ring_down import RingDown
 from rom.model.model import Model
-from rom.model.shapes import ModeShapes, compliance_path, derived, shape_path
+from rom.model.shapes import ModeShapes, compliance_path, shape_path
 
 
 class ModalSlopes:
@@ -38,10 +38,10 @@ class ModalSlopes:
         return None if rows is None else np.concatenate(rows)
 
     def _add(self, ring: RingDown, model: Model, shapes: ModeShapes, state: FloatArray) -> None:
-        response, seen = ring.response(model, state), ring.measurement
+        motion = ring.modal.of_modes(model, state, ring.tolerance)
+        still = np.zeros((len(shapes.modes), ring.measured.shape[1]))
         for kind in dict.fromkeys(ring.kinds):
-            motion = getattr(response, kind)
-            moved = ring.compared(kind, np.stack([motion[mode] for mode in shapes.modes]))
+            moved = still if motion is None else motion[kind]
             sensors = [s for s, own in enumerate(ring.kinds) if own == kind]
             for s in sensors:
                 place = ring.channels[s]
@@ -49,15 +49,10 @@ class ModalSlopes:
                     if place not in shapes.forces:
                         self._put(ring, shape_path(mode, place), s, rows)
                 for force in shapes.forces:
-                    acting = seen.applied_force.get(force)
-                    followed = (
-                        np.zeros(moved.shape[1])
-                        if acting is None
-                        else ring.compared(kind, derived(acting, kind, seen.rate_hz))
-                    )
+                    followed = ring.modal.followed[kind].get(force, still[0])
                     self._put(ring, compliance_path(place, force), s, followed)
 
     def _put(self, ring: RingDown, path: str, channel: int, rows: FloatArray) -> None:
         table = np.zeros(ring.measured.shape)
         table[channel] = rows / ring.noise[channel]
-        self._found.setdefault(path, []).append(table.ravel())
+        self._found.setdefault(path, []).append(ring.white(table))

@@ -18,7 +18,7 @@ from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import in_record
 from rom.effects.observation import motion_of
-from rom.identification.modal_sensors import as_sensors_show, forces_of
+from rom.identification.modal_sensors import as_sensors_show, by_measured_force, forces_of
 from rom.identification.ring_down import of_moving, ring_down
 from rom.identification.ring_down_states import fitted_state
 from rom.model.assembly import TOLERANCE, Response
@@ -103,6 +103,9 @@ def simulate_measurement(model: Model, measurement: Measurement) -> Response:
         return run.response
     motion = {kind: getattr(run.response, kind) for kind in ("displacement", "velocity", "acceleration")}
     seen = run.measurement
+    motion["acceleration"] = {
+        **motion["acceleration"], **by_measured_force(run.model, run.response, seen)
+    }  # fmt: skip
     shown = run.model.shapes.sensed(motion, seen.applied_force, seen.rate_hz, tuple(seen.motion))
     x, v, a = (shown[kind] for kind in motion)
     return replace(run.response, displacement=x, velocity=v, acceleration=a)

@@ -185,10 +185,11 @@ class Balances:
 
 
 def is_driven(campaign: Campaign) -> bool:
-    """Whether a campaign without a bolt trains on driven or cycled records, with free ones beside at most."""
+    """Whether bodies without a bolt train on driven or cycled records, with free ones beside at most."""
     tests = {record.test for record in campaign.select(hold_out=False)}
     bolted = any(link.law == "bolted" for link in campaign.settings.link)
-    if bolted or not tests & {"driven", "cycled"} or not tests <= set(TESTS):
+    of_bodies = campaign.settings.modes is None and not bolted
+    if not of_bodies or not tests & {"driven", "cycled"} or not tests <= set(TESTS):
         return False
     return all(_shows_displacement(campaign, record) for record in campaign.select(TESTS))
 

@@ -3,7 +3,7 @@
     S(f) = I + G(f) Q G(f)^H
 
 is the power of what the true model leaves over of a driven record, in units of the sensors' white noise: G
-what the channels show of forces on the bodies, over their noise, by the linear part of a model, and Q the
+what the channels show of forces at their places, over their noise, by the linear part of a model, and Q the
 power of the forces' own white noise. Rows times S^-1/2 are white (L. Ljung, System Identification, 1999).
 """
 
@@ -38,17 +38,26 @@ class ForceNoise:
     ----------
     system : tuple of ndarray
         Mass, damping and stiffness matrices of the moving bodies.
+    shows : ndarray, shape (channels, bodies)
+        What a channel shows of each body's motion: one of it, or modes by their shapes.
+    pushes : ndarray, shape (bodies, places)
+        How a force at a place acts on each body.
+    at_once : ndarray, shape (channels, places)
+        Compliance of modes above the band [m/N].
     orders : ndarray, shape (channels,)
         Derivative of the displacement that each channel shows.
     sensor : ndarray, shape (channels,)
         Standard deviation of a row's white noise.
-    force : ndarray, shape (bodies,)
+    force : ndarray, shape (places,)
         Standard deviation [N] of a force's noise in one row.
     row_rate_hz : float
         Rate of the rows [Hz].
     """
 
     system: tuple[FloatArray, FloatArray, FloatArray]
+    shows: FloatArray
+    pushes: FloatArray
+    at_once: FloatArray
     orders: FloatArray
     sensor: FloatArray
     force: FloatArray
@@ -86,7 +95,8 @@ class ForceNoise:
         mass, damping, stiffness = self.system
         rate = 2j * np.pi * frequency[:, None, None]
         compliance = np.linalg.pinv(mass * rate**2 + damping * rate + stiffness)
-        gain = rate ** self.orders[:, None] * compliance * self.force / self.sensor[:, None]
+        moves = self.shows @ compliance @ self.pushes + self.at_once
+        gain = rate ** self.orders[:, None] * moves * self.force / self.sensor[:, None]
         power = np.eye(len(self.sensor)) + gain @ np.conj(np.swapaxes(gain, 1, 2))
         values, vectors = np.linalg.eigh(power)
         return np.asarray((vectors / np.sqrt(values)[:, None, :]) @ np.conj(np.swapaxes(vectors, 1, 2)))
@@ -133,10 +143,11 @@ def with_force_noise(
 
 
 def _noises(ring: RingDown) -> dict[str, float]:
-    """Standard deviation [N] of the white noise of each force that acts on a body that moves."""
+    """Standard deviation [N] of the white noise of each force that acts on what moves, by its place."""
     seen = ring.measurement
-    acting = {body: force for body, force in seen.force.items() if body in ring.bodies and np.any(force)}
-    return {body: noise_of(Channel(body, force, seen.rate_hz)) for body, force in acting.items()}
+    places = seen.force if ring.shapes is not None else ring.bodies
+    acting = {place: f for place, f in seen.force.items() if place in places and np.any(f)}
+    return {place: noise_of(Channel(place, f, seen.rate_hz)) for place, f in acting.items()}
 
 
 def _force_noise(
@@ -144,13 +155,25 @@ def _force_noise(
 ) -> ForceNoise:
     seen = ring.measurement
     values = {path: number.value for path, number in model.parameters.items()}
+    of_places = np.array([*noise.values()]) * np.sqrt(ring.row_rate_hz / seen.rate_hz)
     return ForceNoise(
         matrices(settings, ring.bodies, {**_without_links(settings), **values, **seen.given}),
+        *_places(ring, tuple(noise)),
         np.array([_DERIVATIVES[kind] for kind in ring.kinds]),
         ring.noise,
-        np.array([noise.get(body, 0.0) for body in ring.bodies]) * np.sqrt(ring.row_rate_hz / seen.rate_hz),
+        of_places,
         ring.row_rate_hz,
     )
+
+
+def _places(ring: RingDown, forces: Sequence[str]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What channels show of bodies or modes, how forces at places act on these, and what follows at once."""
+    if ring.shapes is None:
+        one = np.eye(len(ring.bodies))
+        pushes = one[:, [ring.bodies.index(body) for body in forces]]
+        return one, pushes, np.zeros((len(ring.channels), len(forces)))
+    follows = [[ring.shapes.compliance(c, f) for f in forces] for c in ring.channels]
+    return ring.shapes.at(ring.channels), ring.shapes.at(forces).T, np.array(follows)
 
 
 def _without_links(settings: CampaignSettings) -> dict[str, float]:

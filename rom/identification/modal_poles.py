@@ -5,7 +5,8 @@
 for the spectra of all sensors s of all records, real coefficients, by least squares; T takes up the states at
 a record's ends, so that decays without a force count too. (Least-squares complex frequency: P. Guillaume et
 al., IMAC 21, 2003; transients as polynomials: R. Pintelon, J. Schoukens, System Identification, 2nd ed.,
-2012, Sec. 6.3.) Of the poles of all orders those are chosen, one by one, that leave least of the records.
+2012, Sec. 6.3.) Slow modes have few lines of a wide band, and are sought in its lower parts too. Of the poles
+of all orders and parts those are chosen, one by one, that leave least of the records.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from rom.campaign.channels import FloatArray
 from rom.criteria.number import Numerical
@@ -25,6 +27,9 @@ _DAMPED: Numerical[float] = 0.2  # no pole of a structure is damped more
 _LEAST_DAMPED: Numerical[float] = 1e-5
 _ALIKE: Numerical[tuple[float, float]] = (0.002, 0.5)  # poles that differ by less are one: in f, in ln zeta
 _MOST: Numerical[int] = 40  # poles that are tried
+_MOST_SLOW: Numerical[int] = 12  # of a lower part of the band
+_PART: Numerical[float] = 4.0  # of which a lower part ends
+_LINES: Numerical[float] = 1.5  # to one coefficient of a numerator or of transients, at least
 _ABOVE: Numerical[float] = 1.1  # times the band's end: f_max
 
 
@@ -107,18 +112,37 @@ class _Shares:
 
 
 def _pool(records: Sequence[ModalRecord], count: int, band_hz: tuple[float, float]) -> list[Pole]:
-    """Poles of all orders in the band; of such as are alike one."""
-    highest, orders = _ABOVE * band_hz[1], 2 * count + _MORE_ORDERS
-    tables = [_denominators(record, orders, highest, band_hz, sign) for record in records for sign in (1, -1)]
+    """Poles of all orders in the band, and in its lower parts; of such as are alike one."""
+    found = _without_twins(_in_part(records, 2 * count, 2 * count + _MORE_ORDERS, band_hz))[:_MOST]
+    low_hz, high_hz = band_hz
+    while (high_hz := high_hz / _PART) > _PART * low_hz:
+        lines = min(_lines(record, (low_hz, high_hz)).sum() for record in records)
+        most = min(2 * count + _MORE_ORDERS, int(lines / (_LINES * (1 + len(records[0].forces)))) - 1)
+        slow = _without_twins(_in_part(records, min(2 * count, most), most, (low_hz, high_hz)))[:_MOST_SLOW]
+        found += [pole for pole in slow if pole not in found]
+    return found
+
+
+def _in_part(
+    records: Sequence[ModalRecord], least: int, most: int, band_hz: tuple[float, float]
+) -> list[Pole]:
+    """Poles of all orders within a part of the band, none of an order below two."""
+    highest, found = _ABOVE * band_hz[1], list[Pole]()
+    if most < 2:
+        return found
+    tables = [_denominators(record, most, highest, band_hz, sign) for record in records for sign in (1, -1)]
     grams = [np.sum(tables[k::2], axis=0) for k in (0, 1)]
-    found: list[tuple[int, Pole]] = []
-    for (gram, sign), order in (
-        (g, o) for o in range(2 * count, orders + 1) for g in zip(grams, (1, -1), strict=True)
-    ):
-        for pole in _poles(gram, order, highest, sign):
-            if band_hz[0] <= pole[0] / 2 / np.pi <= band_hz[1]:
-                found.append((order, pole))
-    return _without_twins([pole for _, pole in found])
+    for order in range(max(least, 2), most + 1):
+        for gram, sign in zip(grams, (1, -1), strict=True):
+            poles = _poles(gram, order, highest, sign)
+            found += [pole for pole in poles if band_hz[0] <= pole[0] / 2 / np.pi <= band_hz[1]]
+    return found
+
+
+def _lines(record: ModalRecord, band_hz: tuple[float, float]) -> npt.NDArray[np.bool_]:
+    """Lines of a record's spectra within a part of the band."""
+    frequency = np.fft.rfftfreq(record.ring.measured.shape[1], 1 / record.ring.row_rate_hz)
+    return np.asarray((frequency >= band_hz[0]) & (frequency <= band_hz[1]))
 
 
 def _without_twins(poles: Sequence[Pole]) -> list[Pole]:
@@ -136,7 +160,7 @@ def _without_twins(poles: Sequence[Pole]) -> list[Pole]:
         else:
             groups.append([pole])
     groups.sort(key=lambda group: -len(group))
-    medians = (np.median(group, axis=0).tolist() for group in groups[:_MOST])
+    medians = (np.median(group, axis=0).tolist() for group in groups)
     return [(float(omega), float(ratio)) for omega, ratio in medians]
 
 
@@ -147,7 +171,7 @@ def _denominators(
     ring = record.ring
     rate, rows = ring.row_rate_hz, record.whitened
     frequency = np.fft.rfftfreq(rows.shape[1], 1 / rate)
-    inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
+    inside = _lines(record, band_hz)
     powers = np.exp(-1j * sign * np.pi * np.outer(frequency[inside] / highest_hz, np.arange(order + 1)))
     forces = [np.fft.rfft(ring.compared(record.kinds[0], record.force(p)))[inside] for p in record.forces]
     columns = np.concatenate([powers, *(f[:, None] * powers for f in forces if np.any(f))], axis=1)
@@ -170,7 +194,7 @@ def _poles(gram: FloatArray, order: int, highest_hz: float, sign: int) -> list[P
     lead = np.linalg.lstsq(gram[:order, :order], -gram[:order, order], rcond=None)[0]
     roots = np.roots([1.0, *lead[::-1]])
     roots = roots[np.abs(roots) > 0]
-    continuous = -sign * np.log(roots) * 2 * highest_hz
+    continuous = -sign * np.log(roots.astype(np.complex128)) * 2 * highest_hz
     found = []
     for pole in continuous:
         omega = abs(pole)

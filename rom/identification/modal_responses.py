@@ -2,7 +2,8 @@
 
     q'' + 2 zeta omega q' + omega^2 q = F,    F linear between its samples,
 
-solved exactly by its pole: w' = lambda w + F, q = 2 Re(w / (lambda - conj lambda)).
+solved exactly by its pole: w' = lambda w + F, q = 2 Re(w / (lambda - conj lambda)). F is sharpened for
+straight lines (`rom.signals.filters`); an accelerometer shows the force as it was sampled at once.
 """
 
 from __future__ import annotations
@@ -97,11 +98,12 @@ class ModalRecord:
             signal.lfilter([ahead, (turned - 1) / pole - ahead], [1, -turned], f, zi=[-ahead * f[0] + 0j])[0]
             for f in forces
         ]
-        acting = np.stack([*forces, *np.zeros((2, seen.samples))])
+        sampled = [seen.force.get(place, np.zeros(seen.samples)) for place in self.forces]
+        acting = np.stack([*sampled, *np.zeros((2, seen.samples))])
         if quadrature:
             rows = [turn * row for row in rows for turn in (1.0, 1j)]
             at_once = (1.0, -ratio / np.sqrt(1 - ratio**2))
-            acting = np.stack([*(f * share for f in forces for share in at_once), *acting[-2:]])
+            acting = np.stack([*(f * share for f in sampled for share in at_once), *acting[-2:]])
         own = pole.imag / omega**2 if "acceleration" in self.kinds else pole.imag
         states = scale * np.stack([*rows, 1j * own * free, own * free])
         return {

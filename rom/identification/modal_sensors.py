@@ -39,15 +39,12 @@ def as_sensors_show(
         The record, for its sensors and forces.
     """
     kinds = dict.fromkeys(motion.kind for motion in measurement.motion.values())
-    if model.shapes is None:
-        shown: dict[str, Mapping[str, FloatArray]] = {kind: getattr(response, kind) for kind in kinds}
-        if measurement.test == "driven" and "acceleration" in shown:
-            shown["acceleration"] = {
-                **shown["acceleration"],
-                **by_measured_force(model, response, measurement),
-            }
-        return shown
     motion: dict[str, Mapping[str, FloatArray]] = {kind: getattr(response, kind) for kind in kinds}
+    if measurement.test == "driven" and "acceleration" in motion:
+        by_samples = by_measured_force(model, response, measurement)
+        motion["acceleration"] = {**motion["acceleration"], **by_samples}
+    if model.shapes is None:
+        return motion
     sensors = tuple(measurement.motion)
     return model.shapes.sensed(motion, measurement.applied_force, measurement.rate_hz, sensors)
 
@@ -69,12 +66,13 @@ def by_measured_force(model: Model, response: Response, measurement: Measurement
     dict of str to ndarray
         By body [m/s2].
     """
-    applied, masses = measurement.applied_force, in_record(model, measurement.given).structure.bodies
+    masses = in_record(model, measurement.given).structure.bodies
+    blunter = {place: measurement.force[place] - f for place, f in measurement.applied_force.items()}
+    acting = blunter if model.shapes is None else model.shapes.on_modes(blunter)
     return {
-        body.name: response.acceleration[body.name]
-        + (measurement.force[body.name] - applied[body.name]) / body.mass
+        body.name: response.acceleration[body.name] + acting[body.name] / body.mass
         for body in masses
-        if body.name in applied and body.name in response.acceleration
+        if body.name in acting and body.name in response.acceleration
     }
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Protocol
 
@@ -17,6 +18,7 @@ from rom.campaign.channels import Channel, FloatArray
 from rom.criteria.number import Numerical
 from rom.effects import in_record
 from rom.identification.equation_error import noise_of
+from rom.identification.modal_motion import ModalMotion
 from rom.identification.modal_sensors import as_sensors_show, forces_of, quiet_noise, slowest_mode
 from rom.model.assembly import TOLERANCE, Response
 from rom.model.model import Model
@@ -103,9 +105,10 @@ class RingDown:
     @property
     def whitened(self) -> FloatArray:
         """What was measured over its noise, (rows of all channels,)."""
-        return self._white(self.measured / self.noise[:, None])
+        return self.white(self.measured / self.noise[:, None])
 
-    def _white(self, rows: FloatArray) -> FloatArray:
+    def white(self, rows: FloatArray) -> FloatArray:
+        """Rows over their sensors' noise, (..., channels, rows), over all noise, (..., rows of channels)."""
         return (rows if self.beside is None else self.beside.whitened(rows)).reshape(*rows.shape[:-2], -1)
 
     def shown(self, motion: Mapping[str, Mapping[str, FloatArray]]) -> FloatArray:
@@ -118,7 +121,7 @@ class RingDown:
             same = [c for c, own in zip(self.channels, self.kinds, strict=True) if own == kind]
             rows |= zip(same, self.compared(kind, np.stack([motion[kind][c] for c in same])), strict=True)
         pairs = zip(self.channels, self.noise.tolist(), strict=True)
-        return self._white(np.stack([rows[channel] / noise for channel, noise in pairs], axis=-2))
+        return self.white(np.stack([rows[channel] / noise for channel, noise in pairs], axis=-2))
 
     def compared(self, kind: str, samples: FloatArray) -> FloatArray:
         """Samples of a quantity, (..., samples), as the channels are compared, (..., rows)."""
@@ -136,12 +139,37 @@ class RingDown:
         tension : mapping of str to float or None
             Of bolted links [N].
         """
-        response = self.response(model, state, tension, self.tolerance)
-        if response.status != "ok":
-            return None
         with np.errstate(over="ignore", invalid="ignore"):  # of a motion that escapes
-            found = self.shown(as_sensors_show(model, response, self.measurement))
+            found = (
+                self._of_bodies(model, state, tension)
+                if model.shapes is None
+                else self._of_modes(model, state)
+            )
+        if found is None:
+            return None
         return found if np.all(np.abs(found) < _ESCAPED * np.abs(self.whitened).max()) else None
+
+    def _of_bodies(self, model: Model, state: FloatArray, tension: Tension) -> FloatArray | None:
+        response = self.response(model, state, tension, self.tolerance)
+        shown = as_sensors_show(model, response, self.measurement)
+        return self.shown(shown) if response.status == "ok" else None
+
+    def _of_modes(self, model: Model, state: FloatArray) -> FloatArray | None:
+        moved = self.modal.of_modes(model, state, self.tolerance)
+        if moved is None or model.shapes is None:
+            return None
+        by_kind = self.modal.of_sensors(model.shapes, moved)
+        places = {c: place for place, c in enumerate(self.measurement.motion)}
+        rows = [by_kind[kind][places[c]] for c, kind in zip(self.channels, self.kinds, strict=True)]
+        return self.white(np.stack(rows) / self.noise[:, None])
+
+    @cached_property
+    def modal(self) -> ModalMotion:
+        """Motion of its modes."""
+        return ModalMotion(self.measurement, self.compared)
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in self.__dict__.items() if name != "modal"}
 
     def response(
         self, model: Model, state: FloatArray, tension: Tension = None, tolerance: float = TOLERANCE

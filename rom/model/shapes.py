@@ -91,6 +91,11 @@ class ModeShapes:
         known_places = self._matrices.get(tuple(places))
         return self._matrix(places) if known_places is None else known_places
 
+    def compliance(self, sensor: str, place: str) -> float:
+        """What a force at a place moves a sensor by at once [m/N]; none where it is not known."""
+        known = self.numbers.get(compliance_path(sensor, place))
+        return 0.0 if known is None else known.value
+
     def on_modes(self, force: ByBody) -> dict[str, FloatArray]:
         """Forces on the modal bodies [N] of forces at places [N]; empty without any."""
         if not force:
@@ -124,10 +129,7 @@ class ModeShapes:
             rows = matrix @ np.stack([by_mode[mode] for mode in self.modes])
             for place, samples in force.items():
                 followed = derived(samples, kind, rate_hz)
-                path = [compliance_path(sensor, place) for sensor in places]
-                rows += np.outer(
-                    [self.numbers[p].value if p in self.numbers else 0.0 for p in path], followed
-                )
+                rows += np.outer([self.compliance(sensor, place) for sensor in places], followed)
             found[kind] = dict(zip(places, rows, strict=True))
         return found
 

@@ -13,6 +13,7 @@ from benchmarks.any_campaign import told
         ("bolt at rest", 1, "tension.relaxation-stretched"),
         ("ground displacement", 104, "body:b1.extra-mode"),
         ("mixed displacement", 208, "s0.microslip-softening"),  # no numbers of balances suited both tests
+        pytest.param("modes", 104, "mode_1.jenkins-slip", marks=pytest.mark.slow),
     ],
 )
 def test_kinds_that_no_seed_tells(kind: str, seed: int, name: str) -> None:
@@ -31,7 +32,14 @@ def test_a_form_of_few_numbers_is_named_before_one_of_many_that_imitates_it() ->
 
 @pytest.mark.usefixtures("without_detection_limits")
 @pytest.mark.parametrize(
-    ("kind", "seed"), [("cycled link", 0), ("bolt at rest", 13), ("ground displacement", 106)]
+    ("kind", "seed"),
+    [
+        ("cycled link", 0),
+        ("bolt at rest", 13),
+        ("ground displacement", 106),
+        ("modes", 103),  # of displacements: balances of forces, which modes have not, were asked
+        ("modes", 109),
+    ],
 )
 def test_nothing_is_named_where_nothing_is_hidden(kind: str, seed: int) -> None:
     row = told(seed, kind)

@@ -69,6 +69,7 @@ def campaign(
     each: int = 2,
     drives: tuple[str, ...] = (DRIVE,),
     without: tuple[str, ...] = (),
+    force_noise: float = 0.0,
 ) -> Campaign:
     """Write and read driven records, as many decays, and one of each held out.
 
@@ -90,6 +91,8 @@ def campaign(
         Where driven records are driven, by turns.
     without : tuple of str
         Places where no accelerometer stands.
+    force_noise : float
+        Standard deviation of the noise of a force's channel over its RMS.
     """
     rng, samples = np.random.default_rng(seed), int(SECONDS * RATE_HZ)
     (folder / "records").mkdir(parents=True)
@@ -109,7 +112,9 @@ def campaign(
         rows = accelerations(force, start, cubic, drive)
         rows = rows + noise * rows.std(axis=1, keepdims=True) * rng.normal(size=rows.shape)
         channels = {f"acceleration_{p}": row for p, row in zip(PLACES, rows, strict=True) if p not in without}
-        channels |= {f"force_{drive}": force} if kind == "driven" else {}
+        if kind == "driven":
+            of_channel = force_noise * force.std() * rng.normal(size=samples) if force_noise else 0.0
+            channels[f"force_{drive}"] = force + of_channel
         write_channels(
             folder / "records" / f"{place}.h5", {n: Channel(n, x, RATE_HZ) for n, x in channels.items()}
         )

@@ -72,7 +72,8 @@ def test_noise_of_a_force_is_white_behind_the_whitener() -> None:
     shown = np.fft.irfft(np.einsum("fij,jf->if", gain, force), count) + rng.normal(
         0, sensor[:, None], (2, count)
     )
-    noise = ForceNoise((mass, damping, stiffness), orders, sensor, np.array([0.3, 0.0]), rate)
+    system, still = (mass, damping, stiffness), np.zeros((2, 2))
+    noise = ForceNoise(system, np.eye(2), np.eye(2), still, orders, sensor, np.array([0.3, 0.0]), rate)
     lines = np.fft.rfft(noise.whitened(shown / sensor[:, None])) / np.sqrt(count)
     parts = np.array_split(lines, 40, axis=1)
     found = np.array([part @ part.conj().T / part.shape[1] for part in parts])
