@@ -98,7 +98,8 @@ class Measurement:
     @cached_property
     def applied_force(self) -> Mapping[str, FloatArray]:
         """Force [N] by body as a simulation takes it, which joins samples by straight lines."""
-        return {body: for_straight_lines(samples) for body, samples in self.force.items()}
+        terms = 4 if self.test == "driven" else 2
+        return {body: for_straight_lines(samples, terms) for body, samples in self.force.items()}
 
     def displacement(self, body: str) -> FloatArray:
         """Return the measured displacement [m] of a body after the filter chain, worked out once."""
