@@ -132,11 +132,11 @@ def _beam(rng: np.random.Generator) -> Beam:
         laws[name] = LinkLaws(constant_stiffness(stiffness), constant_damping(damping))
     sensors = count + int(rng.integers(1, 3))
     shapes = rng.uniform(0.3, 1, (sensors, count)) * rng.choice([-1, 1], (sensors, count))
-    shapes[0] = np.abs(shapes[0])  # the drive point
+    shapes /= shapes[np.abs(shapes).argmax(axis=0), np.arange(count)]  # 1 where largest, as `identify` has it
     rate_hz = float(hz[-1]) * float(rng.uniform(6, 12))
     samples = int(min(PERIODS / hz[0] * rate_hz, MOST_SAMPLES))
     model = Model(Structure(tuple(bodies), tuple(links)), laws)
-    return Beam(model, hz, shapes / np.abs(shapes).max(axis=0), rate_hz, samples, str(rng.choice(QUANTITIES)))
+    return Beam(model, hz, shapes, rate_hz, samples, str(rng.choice(QUANTITIES)))
 
 
 def _settings(beam: Beam, record: Sequence[dict[str, Any]]) -> CampaignSettings:
