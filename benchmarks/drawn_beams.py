@@ -88,7 +88,7 @@ def drawn(
     EscapedError
         If what is hidden lets the motion escape.
     """
-    rng = np.random.default_rng([seed, 42])
+    rng = _generator(seed)
     beam, size_m = _beam(rng), 10 ** rng.uniform(-6, -2)
     place = int(rng.integers(len(beam.hz)))
     omega, body = 2 * np.pi * float(beam.hz[place]), beam.model.structure.bodies[place]
@@ -116,6 +116,15 @@ def drawn(
         settings.append({"file": file, "test": test, "hold_out": number == len(SHARES) - 1})
     write_campaign(folder, _settings(beam, settings), records.items())
     return KIND, hidden, felt
+
+
+def drawn_beam(seed: int) -> Beam:
+    """The structure of a seed's campaign."""
+    return _beam(_generator(seed))
+
+
+def _generator(seed: int) -> np.random.Generator:
+    return np.random.default_rng([seed, 42])
 
 
 def _beam(rng: np.random.Generator) -> Beam:
