@@ -32,6 +32,8 @@ from rom.signals.tension_bins import (
 )
 
 _EARLY_S: Numerical[float] = 0.06
+_STILL: Numerical[float] = 1e-3  # of the largest velocity: what comes after loosens nothing
+_STILL_STRIDE: Numerical[int] = 8
 _MEDIAN_OF_EXPONENTIAL: Numerical[float] = 0.6931
 
 
@@ -303,10 +305,12 @@ def coarse(frozen: FrozenMotion, stride: int) -> FrozenMotion:
 
 
 def _thinned(nodes: FloatArray, offsets: FloatArray, small: bool) -> FloatArray:
-    """Fewer nodes, fewest for a small hit, which loosens nothing; the last one where the last bin ends."""
+    """Fewer nodes, fewest for a small hit and at rest; the last one where the last bin ends."""
     index, times, end_s = np.arange(nodes.shape[1]), times_of(offsets), float(offsets[-1])
-    time = nodes[0] / times
+    time, velocity = nodes[0] / times, np.abs(nodes[2])
     stride = np.where(time < 0.015, 2, np.where(time < _EARLY_S, 4, np.where(time < 0.5, 1, 2)))
+    still = np.maximum.accumulate(velocity[::-1])[::-1] < _STILL * velocity.max()
+    stride[still] = _STILL_STRIDE
     kept = nodes[:, (index % (stride * (3 if small else 1)) == 0) & (nodes[0] < end_s)]
     return np.concatenate([kept, [[end_s + 1e-3 * times], *kept[1:, -1:]]], axis=1)
 

@@ -76,6 +76,32 @@ def _error(rates: Any, trial: Any, scale: Any, size: float, step_s: float) -> fl
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _from_samples(
+    effects: Any, p: Any, motion: Any, i: int, step_s: float, start_s: float, state: Any, past: Any,
+    rates: Any, scale: Any, trial: Any, at: Any, spare: Any,
+) -> tuple[float, float]:  # fmt: skip
+    """Try to reach the next sample from the rates at the last three: Adams' methods of third order.
+
+    The rates at the next sample are those of the predictor (Bashforth); ``trial`` is the corrector (Moulton).
+    Their difference, as a share as in `_error`, and the force are returned.
+    """
+    h, worst = step_s / 12.0, 0.0
+    for j in range(state.size):
+        trial[j] = state[j] + h * (23.0 * rates[0, j] - 16.0 * past[0, j] + 5.0 * past[1, j])
+    at[:] = motion[:, i + 1]
+    rates[3] = 0.0
+    force = _effects(effects, p, effects[0, 2], start_s + (i + 1) * step_s, at, trial, rates[3], spare)
+    for j in range(state.size):
+        corrected = state[j] + h * (5.0 * rates[3, j] + 8.0 * rates[0, j] - past[0, j])
+        if corrected != trial[j]:
+            reached = max(scale[j], abs(corrected), abs(rates[0, j]) * step_s, abs(rates[3, j]) * step_s)
+            share = abs(corrected - trial[j]) / reached
+            worst = max(worst, share) if np.isfinite(share) else np.inf
+        trial[j] = corrected
+    return force, worst
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _accepted(rates: Any, trial: Any, scale: Any, state: Any, step_s: float) -> None:
     """Go on from the end of a step."""
     for j in range(state.size):
@@ -88,7 +114,9 @@ def force_of_effects(effects: Any, p: Any, motion: Any, step_s: float, state: An
     """Force (samples,) of one link's effects along its motion, rows x, v, T, k, c, from and to a state.
 
     The states follow by Bogacki and Shampine's method of third order, in steps that its error estimate
-    chooses and that end at the samples; ``state`` holds those at the last sample when it returns.
+    chooses and that end at the samples. Where these are whole samples and the motion does not turn in
+    between, Adams' methods are tried, which need the rates once a sample in place of three times. ``state``
+    holds the states at the last sample when it returns.
 
     Parameters
     ----------
@@ -119,9 +147,17 @@ def force_of_effects(effects: Any, p: Any, motion: Any, step_s: float, state: An
         for row in range(5):
             at[row] = motion[row, i]
         out[i] = _effects(effects, p, first, start_s + i * step_s, at, state, rates[0], spare)
-    size, steps = 1.0, 0
+    size, steps, whole, past = 1.0, 0, 0, np.zeros((2, state.size))
     for i in range(samples - 1 if remembers else 0):
-        share = 0.0
+        share, last, here = 0.0, steps, rates[0].copy()
+        v0, v1 = motion[1, i], motion[1, i + 1]
+        if whole >= 2 and (v0 * v1 > 0.0 or v0 == v1):  # rates at samples alone miss what happens at a turn
+            out[i + 1], error = _from_samples(
+                effects, p, motion, i, step_s, start_s, state, past, rates, scale, trial, at, spare
+            )
+            if error <= _ALLOWED:
+                share, steps = 1.0, steps + 1
+                _accepted(rates, trial, scale, state, step_s)
         while share < 1.0:
             steps += 1
             shortest = _SHORTEST if steps < _FINE_STEPS * i + _LEAST_FINE else _COARSE
@@ -135,6 +171,8 @@ def force_of_effects(effects: Any, p: Any, motion: Any, step_s: float, state: An
             factor = 0.9 * (_ALLOWED / max(error, 1e-12 * _ALLOWED)) ** (1.0 / 3.0)
             if now == size or factor < 1.0:
                 size = min(max(now * min(max(factor, 0.2), 5.0), shortest), 1.0)
+        whole = whole + 1 if steps == last + 1 else 0
+        past[1], past[0] = past[0], here
         if not np.isfinite(out[i + 1]):
             break
     return out
