@@ -80,13 +80,26 @@ class DecayMeter:
 
     def squares(self, effects: Sequence[ModelCorrection]) -> list[float]:
         """Squares of what effects add to training rows."""
-        return [0.0 if one is None else one.square for one in self.responses(effects)]
+        found = (self._output(effect) for effect in effects)
+        return [
+            0.0 if one is None else one[2] ** 2 * float(np.sum(self.residual.beyond(one[1]) ** 2))
+            for one in found
+        ]
 
     def responses(self, effects: Sequence[ModelCorrection]) -> list[Response | None]:
         """What effects at one place add."""
         return [self._response(effect) for effect in effects]
 
     def _response(self, effect: ModelCorrection) -> Response | None:
+        found = self._output(effect)
+        if found is None:
+            return None
+        tried, output, factor = found
+        rows = self._beyond(tried, output)
+        return None if rows is None else self._of_rows(output, rows).scaled(factor)
+
+    def _output(self, effect: ModelCorrection) -> tuple[ModelCorrection, FloatArray, float] | None:
+        """The effect as it is tried, its output, (rows,), and how many times that it is; None if lost."""
         residual, member, factor = self.residual, CATALOGUE[effect.name], 1.0
         if member.linear:
             small = moved_little(member, effect, residual)
@@ -100,18 +113,13 @@ class DecayMeter:
             if whole is None:
                 return None
             output = whole
-        if not np.abs(output).max(initial=0.0) < LARGEST:
-            return None
-        rows = self._beyond(effect, output)
-        return None if rows is None else self._of_rows(output, rows).scaled(factor)
+        return (effect, output, factor) if np.abs(output).max(initial=0.0) < LARGEST else None
 
     def _beyond(self, effect: ModelCorrection, output: FloatArray) -> FloatArray | None:
         """What no number and no state imitates, (rows,); None where a held-out record does not finish."""
-        residual, columns = self.residual, self.residual.slopes
-        found, trained = np.zeros(len(output)), output[residual.training]
+        residual, found = self.residual, np.zeros(len(output))
         found[residual.training] = residual.beyond(output)
-        size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
-        numbers = (np.linalg.lstsq(columns / size, trained, rcond=1e-10)[0] / size)[: len(residual.names)]
+        numbers = self._imitating @ output[residual.training]
         places = {file: place for place, (file, _) in enumerate(residual.held_out)}
         for one in residual.unseen:
             rows = one.beyond(residual.model, effect, numbers)
@@ -119,6 +127,14 @@ class DecayMeter:
                 return None
             found[residual.owner == places[one.record.ring.file]] = rows
         return found
+
+    @cached_property
+    def _imitating(self) -> FloatArray:
+        """What numbers of the model imitate training rows best: (numbers, training rows)."""
+        columns = self.residual.slopes
+        size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+        inverse = np.linalg.pinv(columns / size, rcond=1e-10) / size[:, None]
+        return np.asarray(inverse[: len(self.residual.names)])
 
     def _of_rows(self, output: FloatArray, rows: FloatArray) -> Response:
         residual, mine = self.residual, self.residual.training

@@ -178,7 +178,8 @@ class SimulationResidual(ProjectedResidual):
             if ring.hold_out and shown is not None:
                 one = SimulatedRecord(ring, state, shown, ring.file not in self.started)
                 table = slopes_of(self.model, [one], numbers, {}, self.change)
-                found.append(UnseenRecord(one, table[:, : len(numbers)], table[:, len(numbers) :]))
+                basis = orthonormal(table[:, len(numbers) :])
+                found.append(UnseenRecord(one, table[:, : len(numbers)], basis))
         return tuple(found)
 
     @property

@@ -31,11 +31,12 @@ class SimulatedRecord(NamedTuple):
 
 
 class UnseenRecord(NamedTuple):
-    """A record that is held out, and its slopes by the model's numbers and by its state, (rows, columns)."""
+    """A record that is held out, its slopes by the model's numbers, (rows, numbers), and what its state
+    imitates: an orthonormal basis, (rows, rank)."""
 
     record: SimulatedRecord
     by_numbers: FloatArray
-    by_state: FloatArray
+    of_state: FloatArray
 
     def beyond(self, model: Model, effect: ModelCorrection, numbers: FloatArray) -> FloatArray | None:
         """What an effect adds beyond what its own state imitates, (rows,); None where that does not finish.
@@ -54,8 +55,7 @@ class UnseenRecord(NamedTuple):
         if moved is None or shown is None:
             return None
         left = moved - shown - self.by_numbers @ numbers
-        basis = orthonormal(self.by_state)
-        return np.asarray(left - basis @ (basis.T @ left))
+        return np.asarray(left - self.of_state @ (self.of_state.T @ left))
 
 
 def orthonormal(columns: FloatArray) -> FloatArray:

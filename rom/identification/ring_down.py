@@ -102,7 +102,7 @@ class RingDown:
         """Quantity of each channel."""
         return tuple(self.measurement.motion[channel].kind for channel in self.channels)
 
-    @property
+    @cached_property
     def whitened(self) -> FloatArray:
         """What was measured over its noise, (rows of all channels,)."""
         return self.white(self.measured / self.noise[:, None])
@@ -169,7 +169,7 @@ class RingDown:
         return ModalMotion(self.measurement, self.compared)
 
     def __getstate__(self) -> dict[str, object]:
-        return {name: value for name, value in self.__dict__.items() if name != "modal"}
+        return {name: value for name, value in self.__dict__.items() if name not in ("modal", "whitened")}
 
     def response(
         self, model: Model, state: FloatArray, tension: Tension = None, tolerance: float = TOLERANCE
