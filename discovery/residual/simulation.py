@@ -39,8 +39,8 @@ _MODAL_PARTS: Numerical[int] = 8  # each has several sensors and modes
 _ROUGH_TOLERANCE: Numerical[float] = 1e-6  # of simulations of parts, which tell where a fit starts
 _LITTLE: Numerical[float] = 0.1  # gained by a step, in squares of noise: a number at its limit loses four
 _OF_NO_USE: Numerical[float] = 1e-3  # gained by a step, of the cost of a fit that leaves more than noise
-_CHANGE: Numerical[float] = 3e-4  # of the motion, by which a step for a slope moves it
-_CHANGE_TURNING: Numerical[float] = 3e-3  # the same where friction turns within a sample
+_CHANGE: Numerical[float] = 100.0  # times a simulation's tolerance: share of motion that a slope's step moves
+_CHANGE_TURNING: Numerical[float] = 3e-3  # that share where friction turns within a sample
 _AT_END: Numerical[float] = 1e-4  # of an end: beyond it a fit would go on
 _WORST: Numerical[float] = 3.0  # times the motion, where a simulation does not end
 
@@ -85,7 +85,7 @@ class SimulationResidual(ProjectedResidual):
     @property
     def change(self) -> float:
         """Share of the motion by which a step for a slope moves it."""
-        return _CHANGE_TURNING if self.turning else _CHANGE
+        return _CHANGE_TURNING if self.turning else _CHANGE * max(ring.tolerance for ring in self.rings)
 
     def little(self, cost: float) -> float:
         """What a fit's last step lowers a cost by: a tenth of a row's mean square, more of a rough fit's."""
