@@ -117,11 +117,10 @@ def errors_of(fit: Fit) -> dict[str, float]:
 def _errors_of(fit: Fit, columns: npt.NDArray[np.int64]) -> FloatArray:
     """Standard errors of the numbers of some columns of the slopes, the others held."""
     slopes = fit.slopes[:, columns]
-    largest = np.maximum(np.abs(slopes).max(axis=0, initial=0.0), np.finfo(float).tiny)
-    size = largest * np.linalg.norm(
-        slopes / largest, axis=0
-    )  # squares of a slope by what is next to zero overflow
-    size = np.maximum(size, np.finfo(float).tiny)
+    tiny = np.finfo(float).tiny
+    largest = np.maximum(np.abs(slopes).max(axis=0, initial=0.0), tiny)
+    # squares of slopes by a number next to zero overflow
+    size = np.maximum(largest * np.linalg.norm(slopes / largest, axis=0), tiny)
     table = slopes / size
     inverse = np.asarray(np.linalg.pinv(table.T @ table, rcond=1e-12, hermitian=True))
     spread = max(float(fit.rows @ fit.rows) / len(fit.rows), 1.0)

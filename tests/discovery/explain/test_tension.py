@@ -106,6 +106,15 @@ def test_thinned_motion_leaves_the_exposures_of_the_whole_alone() -> None:
     np.testing.assert_array_equal(fresh.exposure(factor), expected)
 
 
+def test_a_joint_at_rest_needs_few_nodes() -> None:
+    made, factor = frozen().without_cache(), velocity_power()
+    still = replace(made, nodes=made.nodes.copy())
+    still.nodes[2, made.nodes[0] > 0.1] *= 1e-5
+    expected, thin = still.exposure(factor), whole(still)
+    assert thin.nodes.shape[1] < 0.8 * whole(made).nodes.shape[1]
+    np.testing.assert_allclose(thin.exposure(factor)[:, -1], expected[:, -1], rtol=0.01)
+
+
 def test_a_general_law_is_followed_as_its_exposures_are() -> None:
     held = whole(frozen())
     candidate = law_candidate(rom.paper_model(), None, _NUMBERS)

@@ -59,17 +59,34 @@ def test_a_slider_turns_between_samples(stiffness: float, most: float) -> None:
     values = {"k_t": stiffness, "F_s": 4e3, "b": 2.6e-3}
     known = CATALOGUE["backlash-slip"].at("spring", ground=True)
     wide = {n: replace(p, value=values.get(n, 0.0), bounds=(0.0, 1e12)) for n, p in known.parameters.items()}
-    slider, forces = replace(known, parameters=wide), []
+    slider = replace(known, parameters=wide)
     assert isinstance(slider, Effect)
+    coarse, fine = at_both_rates(slider, 0.0128, 1.0, 0.0, rate_hz=256.0, length_s=2.0)
+    assert np.abs(coarse - fine).max() < most * np.ptp(fine)
+
+
+def test_a_slider_that_slips_between_two_samples_alone_is_followed() -> None:
+    """At ten samples a period: a decaying motion passes the limit near its turns, not at any sample."""
+    slider = CATALOGUE["jenkins-slip"].at("joint")
+    assert isinstance(slider, Effect)
+    coarse, fine = at_both_rates(slider, 1e-4, 100.0, 0.01, rate_hz=1000.0, length_s=1.0)
+    assert np.sqrt(np.mean((coarse - fine) ** 2)) < 0.02 * np.sqrt(np.mean(fine**2))
+
+
+def at_both_rates(
+    slider: Effect, size_m: float, hz: float, damping: float, rate_hz: float, length_s: float
+) -> list[np.ndarray]:
+    """Force along a decaying sine at a rate, and at the same samples of one 64 times finer."""
+    forces, pole = [], 2 * np.pi * hz * (1j - damping)
     for times in (1, 64):
-        time = np.arange(512 * times) / (256.0 * times)
-        turned = 2 * np.pi * time
-        motion = np.zeros((5, len(time)))
-        motion[:2] = 0.0128 * np.sin(turned), 0.0128 * 2 * np.pi * np.cos(turned)
+        time = np.arange(int(length_s * rate_hz) * times) / (rate_hz * times)
+        turned = size_m * np.exp(pole * time)
+        level = np.multiply.outer([300.0, 8e5, 60.0], np.ones(len(time)))
+        motion = np.vstack([turned.imag, (pole * turned).imag, level])
         table = np.array([[slider.address, 0, 0]])
         found = force_along(table, np.append(slider.values, 0.0), motion, time[1], (slider,), settled=False)
         forces.append(found[::times])
-    assert np.abs(forces[0] - forces[1]).max() < most * np.ptp(forces[1])
+    return forces
 
 
 def test_a_mass_on_a_body_starts_with_it() -> None:
